@@ -1,0 +1,106 @@
+"""The native ``cam.yaml``: one file a rig, versioned, metres, nothing implied."""
+
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from calibration.errors import CalibrationError
+from calibration.rig import Camera, CameraModel, Medium, StereoRig
+
+FORMAT = "stereo-seecolor/rig"
+VERSION = 1
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class _CameraModel(_Strict):
+    model: CameraModel = "pinhole"
+    image_size: tuple[int, int]
+    K: list[list[float]]
+    distortion: list[float] = Field(default_factory=list)
+
+
+class _RigModel(_Strict):
+    format: Literal["stereo-seecolor/rig"]
+    version: Literal[1]
+    medium: Medium = "water"
+    rms_px: float | None = None
+    left: _CameraModel
+    right: _CameraModel
+    T_right_left: list[list[float]]
+
+
+def read(path: Path) -> StereoRig:
+    """Read a native rig file.
+
+    Raises CalibrationError, naming the file, the key and the value, if it is not YAML, misses a key, or is no rig.
+    """
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise CalibrationError(f"{path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise CalibrationError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+    try:
+        return _to_rig(_RigModel.model_validate(content))
+    except ValidationError as error:
+        raise CalibrationError(f"{path}: {_first_problem(error)}") from error
+    except (CalibrationError, ValueError) as error:
+        raise CalibrationError(f"{path}: {error}") from error
+
+
+def write(rig: StereoRig, path: Path) -> None:
+    """Write ``rig`` so that ``read`` gives back the same numbers exactly."""
+    content = {
+        "format": FORMAT,
+        "version": VERSION,
+        "medium": rig.medium,
+        "rms_px": rig.rms_px,
+        "left": _camera_content(rig.left),
+        "right": _camera_content(rig.right),
+        "T_right_left": rig.T_right_left.tolist(),
+    }
+    path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+def _camera_content(camera: Camera) -> dict[str, Any]:
+    return {
+        "model": camera.model,
+        "image_size": list(camera.image_size),
+        "K": camera.K.tolist(),
+        "distortion": camera.distortion.tolist(),
+    }
+
+
+def _to_rig(content: _RigModel) -> StereoRig:
+    return StereoRig(
+        left=_to_camera(content.left, "left"),
+        right=_to_camera(content.right, "right"),
+        T_right_left=np.array(content.T_right_left, dtype=np.float64),
+        medium=content.medium,
+        rms_px=content.rms_px,
+    )
+
+
+def _to_camera(content: _CameraModel, side: str) -> Camera:
+    try:
+        return Camera(
+            K=np.array(content.K, dtype=np.float64),
+            distortion=np.array(content.distortion, dtype=np.float64),
+            image_size=content.image_size,
+            model=content.model,
+        )
+    except ValueError as error:
+        raise CalibrationError(f"{side}: {error}") from error
+
+
+def _first_problem(error: ValidationError) -> str:
+    problem = error.errors()[0]
+    key = ".".join(str(part) for part in problem["loc"]) or "the file"
+    got = "" if problem["type"] == "missing" else f" (got {str(problem['input'])[:80]!r})"
+    return f"{key}: {problem['msg'][0].lower()}{problem['msg'][1:]}{got}; see docs/calibration.md for the format"

@@ -1,0 +1,70 @@
+"""Disparity -> depth -> range -> points, and back, for a rectified pair.
+
+Axes of the rectified left camera: x right, y down, z forward. ``depth_m`` is Z, the distance along the optical axis;
+``range_m`` is the distance along the ray, which is what water acts on. NaN is unknown and stays NaN.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Map = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class RectifiedPair:
+    """The pinhole geometry that both rectified images share.
+
+    focal_px: focal length; cx_left_px, cx_right_px, cy_px: principal points; baseline_m: distance of the optical centres;
+    image_size: (width, height).
+    """
+
+    focal_px: float
+    cx_left_px: float
+    cx_right_px: float
+    cy_px: float
+    baseline_m: float
+    image_size: tuple[int, int]
+
+    @property
+    def P_left(self) -> NDArray[np.float64]:
+        """Projection (3, 3) of the rectified left camera: pixel = P_left @ (x, y, z) / z."""
+        return np.array([[self.focal_px, 0, self.cx_left_px], [0, self.focal_px, self.cy_px], [0, 0, 1]], dtype=np.float64)
+
+    @cached_property
+    def ray_length(self) -> Map:
+        """(H, W) range_m / depth_m for each pixel of the left image, at least 1."""
+        width, height = self.image_size
+        x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
+        y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
+        return np.sqrt(1 + x**2 + y**2).astype(np.float32)
+
+    def depth_from_disparity(self, disparity: Map) -> Map:
+        """Z = f B / (d - (cx_left - cx_right)), metres; NaN where the disparity is unknown or at or beyond infinity."""
+        shifted = disparity - np.float32(self.cx_left_px - self.cx_right_px)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth_m = np.float32(self.focal_px * self.baseline_m) / shifted
+        return np.where(shifted > 0, depth_m, np.float32(np.nan)).astype(np.float32)
+
+    def disparity_from_depth(self, depth_m: Map) -> Map:
+        """d = f B / Z + (cx_left - cx_right), pixels; NaN where the depth is unknown."""
+        shift_px = np.float32(self.cx_left_px - self.cx_right_px)
+        return (np.float32(self.focal_px * self.baseline_m) / depth_m + shift_px).astype(np.float32)
+
+    def range_from_depth(self, depth_m: Map) -> Map:
+        """Distance along the ray in metres, from Z."""
+        return depth_m * self.ray_length
+
+    def depth_from_range(self, range_m: Map) -> Map:
+        """Z in metres, from the distance along the ray."""
+        return range_m / self.ray_length
+
+    def points_from_range(self, range_m: Map) -> NDArray[np.float32]:
+        """(H, W, 3) points in the rectified left camera, metres; NaN where the range is unknown."""
+        width, height = self.image_size
+        depth_m = self.depth_from_range(range_m)
+        x = ((np.arange(width, dtype=np.float32) - np.float32(self.cx_left_px)) / np.float32(self.focal_px))[None, :]
+        y = ((np.arange(height, dtype=np.float32) - np.float32(self.cy_px)) / np.float32(self.focal_px))[:, None]
+        return np.stack([x * depth_m, y * depth_m, depth_m], axis=-1)

@@ -1,0 +1,137 @@
+"""The camera pair in clear terms: what each camera is, and where the right one stands."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+
+CameraModel = Literal["pinhole", "fisheye"]
+Medium = Literal["water", "air"]
+
+ORTHONORMAL_TOLERANCE = 1e-3
+MAX_BASELINE_M = 5.0
+MIN_BASELINE_M = 0.005
+DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """One camera as OpenCV describes it.
+
+    K: (3, 3) float64, pixels, centre of the top left pixel at (0, 0).
+    distortion: (n,) float64 in OpenCV's order; n in {0, 4, 5, 8, 12, 14} for pinhole, 4 for fisheye.
+    image_size: (width, height) in pixels.
+
+    Raises CalibrationError if a number is not finite or a shape is wrong.
+    """
+
+    K: NDArray[np.float64]
+    distortion: NDArray[np.float64]
+    image_size: tuple[int, int]
+    model: CameraModel = "pinhole"
+
+    def __post_init__(self) -> None:
+        if self.K.shape != (3, 3) or not np.isfinite(self.K).all():
+            raise CalibrationError(f"camera matrix K must be 3x3 and finite, got shape {self.K.shape}: {self.K.tolist()}")
+        if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
+            raise CalibrationError(f"focal lengths must be positive, got fx={self.K[0, 0]:g}, fy={self.K[1, 1]:g}")
+        if self.distortion.ndim != 1 or self.distortion.size not in DISTORTION_LENGTHS[self.model]:
+            raise CalibrationError(
+                f"{self.model} distortion takes {DISTORTION_LENGTHS[self.model]} coefficients, got {self.distortion.size}"
+            )
+        if not np.isfinite(self.distortion).all():
+            raise CalibrationError(f"distortion holds a number that is not finite: {self.distortion.tolist()}")
+        if min(self.image_size) < 1:
+            raise CalibrationError(f"image_size must be (width, height) in pixels, both positive, got {self.image_size}")
+
+
+@dataclass(frozen=True, eq=False)
+class StereoRig:
+    """Two cameras and the rigid transform between them.
+
+    T_right_left: (4, 4) float64, metres: p_right = T_right_left @ p_left (R and T of OpenCV's stereoCalibrate).
+    medium: where the calibration was made; air calibrations of cameras behind a flat port are wrong under water.
+    rms_px: reprojection error of the calibration, None where the file does not say.
+
+    Raises CalibrationError for a rotation that is not one, a baseline that is zero or absurd, and left and right swapped.
+    """
+
+    left: Camera
+    right: Camera
+    T_right_left: NDArray[np.float64]
+    medium: Medium = "water"
+    rms_px: float | None = None
+
+    def __post_init__(self) -> None:
+        T = self.T_right_left
+        if T.shape != (4, 4) or not np.isfinite(T).all():
+            raise CalibrationError(f"T_right_left must be 4x4 and finite, got shape {T.shape}")
+        _check_rotation(self.R)
+        _check_baseline(T[:3, 3], self.R)
+
+    @property
+    def R(self) -> NDArray[np.float64]:
+        """Rotation (3, 3) from left to right camera axes."""
+        return self.T_right_left[:3, :3]
+
+    @cached_property
+    def baseline_m(self) -> float:
+        """Distance between the two optical centres in metres."""
+        return float(np.linalg.norm(self.T_right_left[:3, 3]))
+
+    @property
+    def is_rectified(self) -> bool:
+        """True if rows correspond already: no distortion, no rotation, one focal length and cy, baseline along x.
+
+        The principal points cx may differ (Middlebury's doffs); Rectification honours that.
+        """
+        same_lens = np.allclose(self.left.K[[0, 1, 1], [0, 1, 2]], self.right.K[[0, 1, 1], [0, 1, 2]], atol=1e-6)
+        no_distortion = not self.left.distortion.any() and not self.right.distortion.any()
+        pinhole = self.left.model == self.right.model == "pinhole"
+        return bool(
+            pinhole
+            and same_lens
+            and no_distortion
+            and np.allclose(self.R, np.eye(3), atol=1e-9)
+            and np.allclose(self.T_right_left[1:3, 3], 0.0, atol=1e-9)
+        )
+
+
+def _check_rotation(R: NDArray[np.float64]) -> None:
+    error = float(np.abs(R @ R.T - np.eye(3)).max())
+    if error > ORTHONORMAL_TOLERANCE or np.linalg.det(R) < 0:
+        raise CalibrationError(
+            f"T_right_left: the rotation is not one (R R^T differs from identity by {error:.3g}, "
+            f"det {np.linalg.det(R):.3g}): copy R again from the calibration's output"
+        )
+
+
+def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) -> None:
+    baseline_m = float(np.linalg.norm(translation_m))
+    if baseline_m < 1e-9:
+        raise CalibrationError("T_right_left: the baseline is zero: two single-camera calibrations hold no stereo geometry")
+    if baseline_m > MAX_BASELINE_M:
+        raise CalibrationError(
+            f"T_right_left: a baseline of {baseline_m:g} m cannot be: if the file is in millimetres, "
+            f"write {baseline_m / 1000:g} m instead"
+        )
+    if baseline_m < MIN_BASELINE_M:
+        raise CalibrationError(
+            f"T_right_left: a baseline of {baseline_m:g} m cannot be: the unit must be metres "
+            "(OpenCV's stereo_calib sample writes board squares unless told their size)"
+        )
+    centre_right_in_left = -R.T @ translation_m
+    if abs(centre_right_in_left[1]) > abs(centre_right_in_left[0]):
+        raise CalibrationError(
+            f"T_right_left: the second camera stands {centre_right_in_left[1]:+.3f} m along y (a vertical pair): "
+            "turn the images by 90 degrees and calibrate again, vertical pairs are not supported"
+        )
+    if centre_right_in_left[0] < 0:
+        raise CalibrationError(
+            f"T_right_left: the right camera stands {-centre_right_in_left[0]:.3f} m to the LEFT of the left one: "
+            "left and right are swapped, or the transform is inverted"
+        )

@@ -1,0 +1,1 @@
+"""Images and ranges -> the water, and the image without it."""

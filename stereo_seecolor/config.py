@@ -1,0 +1,131 @@
+"""All settings: one small frozen model a stage, with the reason for each default in its description."""
+
+import difflib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from stereo_seecolor.errors import ConfigError
+
+
+class _Stage(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class InputConfig(_Stage):
+    """How files become pairs and images."""
+
+    pairing: Literal["auto", "name", "timestamp"] = Field(
+        "auto",
+        description="Match left and right by name stem, by the time stamp in the name, or by name and else by time stamp.",
+    )
+    timestamp_tolerance_s: float = Field(0.01, ge=0, description="Largest difference of the two time stamps of a pair, seconds.")
+
+
+class MatchingConfig(_Stage):
+    """Stereo matching: StereoFrame -> RangeMap."""
+
+    min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, metres; sets the largest disparity searched.")
+    max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, metres.")
+
+
+class ColorConfig(_Stage):
+    """The water and how it is fitted: images and range maps -> corrected images."""
+
+    solver: Literal["table", "dense"] = Field(
+        default="dense", description="dense: the paper's per-pixel Adam, the reference. table: the same losses from moment tables."
+    )
+    lock: Literal["frame", "survey"] = Field(
+        default="frame", description="frame: each frame its own water. survey: one water for all frames, each its exposure."
+    )
+    device: Literal["auto", "cpu", "cuda"] = Field(
+        default="auto", description="Where torch runs; auto takes CUDA where there is one."
+    )
+
+
+class MappingConfig(_Stage):
+    """Odometry, fusion and the map products."""
+
+    voxel_m: float = Field(default=0.01, gt=0, description="Edge of a fusion voxel, metres.")
+
+
+class OutputConfig(_Stage):
+    """What is written, and how."""
+
+    image_format: Literal["png", "png16", "tiff32", "jpg"] = Field(
+        default="png", description="Corrected images: png keeps the input's bit depth; tiff32 is linear and unclipped."
+    )
+    clouds: bool = Field(default=True, description="Write a coloured cloud for each pair.")
+
+
+class RunConfig(_Stage):
+    """The whole configuration of a run."""
+
+    input: InputConfig = InputConfig()
+    matching: MatchingConfig = MatchingConfig()
+    color: ColorConfig = ColorConfig()
+    mapping: MappingConfig = MappingConfig()
+    output: OutputConfig = OutputConfig()
+
+
+def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
+    """Defaults, then the YAML file, then ``section.key=value`` overrides (values are read as YAML).
+
+    Raises ConfigError for an unreadable file, a key that does not exist (the nearest known one is suggested), a bad value.
+    """
+    content = _read(path) if path else {}
+    for override in overrides:
+        _apply_override(content, override)
+    try:
+        return RunConfig.model_validate(content)
+    except ValidationError as error:
+        raise ConfigError(_first_problem(error, str(path) if path else "--set")) from error
+
+
+def known_keys() -> list[str]:
+    """Every ``section.key`` that a configuration may hold."""
+    sections = {name: info.default for name, info in RunConfig.model_fields.items()}
+    return [f"{section}.{key}" for section, model in sections.items() for key in type(model).model_fields]
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path}: cannot be read: {error}") from error
+    except yaml.YAMLError as error:
+        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: must hold sections ({', '.join(RunConfig.model_fields)}), got a {type(content).__name__}")
+    return content
+
+
+def _apply_override(content: dict[str, Any], override: str) -> None:
+    key, equals, value = override.partition("=")
+    section, dot, name = key.strip().partition(".")
+    if not (equals and dot):
+        raise ConfigError(f"--set {override}: write it as section.key=value, for example color.lock=survey")
+    if f"{section}.{name}" not in known_keys():
+        raise ConfigError(f"--set {override}: there is no setting {key.strip()!r}{_suggestion(key.strip())}")
+    try:
+        content.setdefault(section, {})[name] = yaml.safe_load(value)
+    except (yaml.YAMLError, TypeError, AttributeError) as error:
+        raise ConfigError(f"--set {override}: the value cannot be read: {' '.join(str(error).split())}") from error
+
+
+def _suggestion(key: str) -> str:
+    near = difflib.get_close_matches(key, [*known_keys(), *RunConfig.model_fields], n=1, cutoff=0.5)
+    return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known_keys())}"
+
+
+def _first_problem(error: ValidationError, where: str) -> str:
+    problem = error.errors()[0]
+    key = ".".join(str(part) for part in problem["loc"])
+    if problem["type"] == "extra_forbidden":
+        return f"{where}: there is no setting {key!r}{_suggestion(key)}"
+    return f"{where}: {key}: {problem['msg'][0].lower()}{problem['msg'][1:]} (got {str(problem['input'])[:80]!r})"

@@ -1,0 +1,159 @@
+"""What the stages exchange: frozen, units and shapes on every field, NaN for unknown."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+"""(H, W, 3) RGB at the camera's own bit depth, 0..255 or 0..65535."""
+
+Map = NDArray[np.float32]
+"""(H, W) float32, NaN = unknown."""
+
+Mask = NDArray[np.bool_]
+"""(H, W) bool."""
+
+PerChannel = NDArray[np.float64]
+"""(3,) float64 in the order R, G, B."""
+
+
+@dataclass(frozen=True, eq=False)
+class StereoFrame:
+    """One pair: as read, or rectified.
+
+    name: what the outputs are called; left, right: Image; timestamp_s: seconds, or None where the name holds no time.
+    """
+
+    name: str
+    left: Image
+    right: Image
+    timestamp_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RangeMap:
+    """What stereo knows of the distance of each pixel of the rectified left image.
+
+    disparity: pixels, x_left - x_right. depth_m: Z along the optical axis. range_m: distance along the ray (what water acts on).
+    range_std_m: standard error of range_m. confidence: [0, 1], 0 where unknown.
+    filled: True where the value was invented from its neighbours, not measured; such pixels have confidence 0.
+    """
+
+    disparity: Map
+    depth_m: Map
+    range_m: Map
+    range_std_m: Map
+    confidence: Map
+    filled: Mask
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def measured_m(self) -> Map:
+        """range_m with everything that was filled in taken out again."""
+        return np.where(self.filled, np.float32(np.nan), self.range_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Water:
+    """The water between camera and reef, one value a channel (R, G, B); COLOR.md's model, with a white point.
+
+    I_c = J_c white_c A_c(z) + B_c(z)
+    B_c(z) = gamma_inf (1 - exp(-beta z)) + eta exp(-alpha z)       (paper eq. sea-thru-backscatter-residual)
+    A_c(z) = exp(-z (w exp(-v z) + y exp(-x z)))                      (paper eq. sea-thru-atten-coeff)
+
+    gamma_inf, eta, white: intensities as a share of full scale. beta, alpha, v, x, w, y: 1/m.
+    standard_errors: name of a parameter -> (3,) standard error, NaN where the data could not tell.
+    """
+
+    gamma_inf: PerChannel
+    beta: PerChannel
+    eta: PerChannel
+    alpha: PerChannel
+    w: PerChannel
+    v: PerChannel
+    y: PerChannel
+    x: PerChannel
+    white: PerChannel = field(default_factory=lambda: np.ones(3))
+    standard_errors: dict[str, PerChannel] = field(default_factory=dict)
+
+    def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """B_c(z), shape (..., 3), as a share of full scale."""
+        z = np.asarray(range_m, dtype=np.float64)[..., None]
+        return np.asarray(self.gamma_inf * -np.expm1(-self.beta * z) + self.eta * np.exp(-self.alpha * z))
+
+    def attenuation(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """A_c(z) in (0, 1], shape (..., 3); the white point is not in it."""
+        z = np.asarray(range_m, dtype=np.float64)[..., None]
+        return np.asarray(np.exp(-z * (self.w * np.exp(-self.v * z) + self.y * np.exp(-self.x * z))))
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """A frame in its true colours.
+
+    image: J at the input's bit depth; where the range is unknown see ``unknown``.
+    unknown: True where no range was known. unrecoverable: True where a channel's gain hit its noise-tied cap.
+    clipped_share: share of valid pixels with a channel at full scale. water: the water that was taken out.
+    """
+
+    image: Image
+    unknown: Mask
+    unrecoverable: Mask
+    clipped_share: float
+    water: Water
+    exposure: float = 1.0
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """A pair through all stages: the rectified pair, its range map, its colours; seconds a stage."""
+
+    frame: StereoFrame
+    range_map: RangeMap
+    correction: Correction
+    seconds: dict[str, float]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that the stages had to say about this pair."""
+        return self.range_map.warnings + self.correction.warnings
+
+
+@dataclass(frozen=True, eq=False)
+class ColoredCloud:
+    """points_m (N, 3) float32 metres; colors (N, 3) uint8; frame: left rectified camera, or world."""
+
+    points_m: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    frame: Literal["camera", "world"] = "camera"
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyFrame:
+    """A finished pair as the map sees it: corrected colours and ranges of the rectified left camera.
+
+    name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m, confidence: Map, measured pixels only.
+    """
+
+    name: str
+    timestamp_s: float | None
+    color: NDArray[np.uint8]
+    range_m: Map
+    range_std_m: Map
+    confidence: Map
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Where the rectified left camera stood: p_world = T_world_camera @ p_camera, metres.
+
+    names: (N,) frame names ("" where the file names none). timestamps_s: (N,) float64, NaN where the file holds no time.
+    T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world east-north-up when georeferenced.
+    """
+
+    names: tuple[str, ...]
+    timestamps_s: NDArray[np.float64]
+    T_world_camera: NDArray[np.float64]

@@ -1,0 +1,1 @@
+"""How good is it: colour charts, known truth, range and cloud errors."""

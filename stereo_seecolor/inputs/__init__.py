@@ -1,0 +1,1 @@
+"""Folders, images, pairs and trajectories in."""

@@ -1,0 +1,1 @@
+"""Frames and poses -> one map of the reef."""

@@ -1,0 +1,1 @@
+"""StereoFrame -> RangeMap."""

@@ -1,0 +1,1 @@
+"""A reef with known truth, seen through known water."""
