@@ -1,0 +1,180 @@
+"""What a corrected image is worth: on neutral targets, against known truth, over range, across frames.
+
+Images are float arrays (..., 3), RGB, as a share of full scale, in the encoding that they are looked at in (sRGB for PNG),
+unless said. Unknown pixels are NaN in any channel, and take part in nothing. A measure of nothing is NaN.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Pixels = NDArray[np.floating]
+"""(..., 3) RGB as a share of full scale, NaN = unknown."""
+
+CLIPPED = 254 / 255
+"""A channel at or above this share of full scale tells nothing any more."""
+
+_XYZ_FROM_LINEAR = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])  # IEC 61966-2-1
+_WHITE = _XYZ_FROM_LINEAR.sum(axis=1)
+
+
+@dataclass(frozen=True)
+class NeutralScore:
+    """A neutral target: psi_deg in degrees; clipped_share of its pixels in [0, 1]; pixels counted."""
+
+    psi_deg: float
+    clipped_share: float
+    pixels: int
+
+
+@dataclass(frozen=True)
+class TruthScore:
+    """An image against its truth: angles in degrees, CIEDE2000 after one exposure gain, range_consistency 1 = no trend."""
+
+    angle_deg: float
+    angle_after_gains_deg: float
+    ciede2000: float
+    range_consistency: float
+    clipped_share: float
+    pixels: int
+
+
+def gray_angle_deg(pixels: Pixels) -> NDArray[np.float64]:
+    """Angle of each colour to gray (the paper's psi), degrees, shape (...); NaN where black or unknown."""
+    return angle_deg(pixels, np.ones(3))
+
+
+def angle_deg(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
+    """Angle between two colours, degrees, shape (...); NaN where either is black or unknown."""
+    a, b = np.asarray(pixels, dtype=np.float64), np.asarray(truth, dtype=np.float64)
+    cross = np.linalg.norm(np.cross(a, b), axis=-1)  # atan2 keeps the small angles that arccos rounds away
+    dot = (a * b).sum(axis=-1)
+    known = (np.linalg.norm(a, axis=-1) > 0) & (np.linalg.norm(b, axis=-1) > 0)
+    return np.where(known, np.degrees(np.arctan2(cross, dot)), np.nan)
+
+
+def clipped(pixels: Pixels) -> NDArray[np.bool_]:
+    """True where any channel is at full scale, shape (...)."""
+    return np.asarray((np.asarray(pixels) >= CLIPPED).any(axis=-1))
+
+
+def score_neutral(pixels: Pixels) -> NeutralScore:
+    """Score of a neutral target's pixels (N, 3): psi averaged over them, and the share blown out, without which psi means nothing."""
+    known = np.isfinite(pixels).all(axis=-1)
+    angles = gray_angle_deg(pixels[known])
+    if not np.isfinite(angles).any():
+        return NeutralScore(float("nan"), float("nan"), 0)
+    return NeutralScore(float(np.nanmean(angles)), float(clipped(pixels[known]).mean()), int(known.sum()))
+
+
+def score_truth(
+    image: Pixels, truth: Pixels, range_m: NDArray[np.floating] | None = None, darkest: float = 0.06, linear: bool = False
+) -> TruthScore:
+    """Score of an image (..., 3) against its truth (..., 3), both in the same encoding: sRGB, or linear light where so said.
+
+    range_m (...): metres, for the range consistency. darkest: pixels whose brightest true channel is below this share of full scale
+    are left out, as their colour is noise; so are those that the truth has clipped.
+    """
+    lit = np.isfinite(image).all(axis=-1) & (truth.max(axis=-1) >= darkest) & ~clipped(truth)
+    if not lit.any():
+        return TruthScore(*[float("nan")] * 5, 0)
+    known, true = np.asarray(image[lit], dtype=np.float64), np.asarray(truth[lit], dtype=np.float64)
+    decode = (lambda pixels: pixels) if linear else linear_from_srgb
+    exposed = decode(known) * exposure_gain(decode(known), decode(true))
+    consistency = range_consistency(known, true, range_m[lit]) if range_m is not None else float("nan")
+    return TruthScore(
+        angle_deg=float(np.nanmean(angle_deg(known, true))),
+        angle_after_gains_deg=float(np.nanmean(angle_deg(known * channel_gains(known, true), true))),
+        ciede2000=float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(decode(true))))),
+        range_consistency=consistency,
+        clipped_share=float(clipped(known).mean()),
+        pixels=int(lit.sum()),
+    )
+
+
+def channel_gains(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
+    """(3,) the gain a channel that brings an image nearest to its truth: the median ratio, which dark noise does not pull."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratios = np.where(pixels > 0, truth / pixels, np.nan).reshape(-1, 3)
+    return np.nan_to_num(np.nanmedian(ratios, axis=0), nan=1.0) if np.isfinite(ratios).any(axis=0).all() else np.ones(3)
+
+
+def exposure_gain(pixels: Pixels, truth: Pixels) -> float:
+    """The one gain for all channels that gives an image (linear light) its truth's median brightness: exposure is no color error."""
+    brightness, true = pixels.sum(axis=-1), truth.sum(axis=-1)
+    bright = brightness > 0
+    return float(np.median(true[bright] / brightness[bright])) if bright.any() else 1.0
+
+
+def range_consistency(pixels: Pixels, truth: Pixels | None, range_m: NDArray[np.floating]) -> float:
+    """Bias of red/blue in the farthest third against the nearest third: 1 = no trend, below 1 = the distance is too blue.
+
+    truth None: the image's own ratios, which hold the scene's trend as well.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = pixels[..., 0] / pixels[..., 2] / (1.0 if truth is None else truth[..., 0] / truth[..., 2])
+    good = np.isfinite(ratio) & (ratio > 0) & np.isfinite(range_m)
+    if good.sum() < 3:
+        return float("nan")
+    near, far = np.quantile(range_m[good], [1 / 3, 2 / 3])
+    return float(np.median(ratio[good & (range_m >= far)]) / np.median(ratio[good & (range_m <= near)]))
+
+
+def cross_frame_spread(samples: Pixels) -> float:
+    """Spread of the same surface's colour in overlapping frames, as a share of its mean.
+
+    samples: (points, frames, 3), NaN where a frame does not see the point. The standard deviation over frames divided by the mean,
+    root mean square over channels, median over the points that two frames or more see.
+    """
+    seen = np.isfinite(samples).all(axis=-1).sum(axis=1) >= 2
+    if not seen.any():
+        return float("nan")
+    whole = np.where(np.isfinite(samples).all(axis=-1, keepdims=True), samples, np.nan)[seen]
+    mean = np.nanmean(whole, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = np.nanstd(whole, axis=1) / mean
+    return float(np.nanmedian(np.sqrt((relative**2).mean(axis=-1))))
+
+
+def linear_from_srgb(encoded: Pixels) -> NDArray[np.float64]:
+    """sRGB -> linear light (IEC 61966-2-1); negative values stay linear."""
+    values = np.asarray(encoded, dtype=np.float64)
+    return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_from_linear(linear: Pixels) -> NDArray[np.float64]:
+    """Linear light -> sRGB (IEC 61966-2-1); values above 1 go on along the curve, so that nothing is clipped here."""
+    values = np.asarray(linear, dtype=np.float64)
+    return np.where(values <= 0.0031308, values * 12.92, 1.055 * np.maximum(values, 0.0031308) ** (1 / 2.4) - 0.055)
+
+
+def lab_from_linear(linear: Pixels) -> NDArray[np.float64]:
+    """CIE L*a*b* under D65 of linear sRGB primaries, shape (..., 3)."""
+    t = np.maximum(np.asarray(linear, dtype=np.float64), 0) @ _XYZ_FROM_LINEAR.T / _WHITE
+    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t / (3 * (6 / 29) ** 2) + 4 / 29)
+    x, y, z = np.moveaxis(f, -1, 0)
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def ciede2000(lab: Pixels, other: Pixels) -> NDArray[np.float64]:
+    """CIEDE2000 colour difference of L*a*b* colours (..., 3), shape (...) (Sharma, Wu and Dalal 2005, equations 2 to 22)."""
+    (L1, a1, b1), (L2, a2, b2) = np.moveaxis(np.asarray(lab, float), -1, 0), np.moveaxis(np.asarray(other, float), -1, 0)
+    chroma7 = ((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2) ** 7
+    stretch = 1.5 - 0.5 * np.sqrt(chroma7 / (chroma7 + 25.0**7))
+    C1, C2 = np.hypot(stretch * a1, b1), np.hypot(stretch * a2, b2)
+    h1, h2 = np.degrees(np.arctan2(b1, stretch * a1)) % 360, np.degrees(np.arctan2(b2, stretch * a2)) % 360
+    colorless = C1 * C2 == 0
+    turn = np.where(colorless, 0.0, (h2 - h1 + 180) % 360 - 180)
+    turn = np.where((turn == -180) & (h2 > h1), 180.0, turn)
+    dL, dC, dH = L2 - L1, C2 - C1, 2 * np.sqrt(C1 * C2) * np.sin(np.radians(turn) / 2)
+    L, C = (L1 + L2) / 2, (C1 + C2) / 2
+    h = np.where(colorless, h1 + h2, (h1 + h2) / 2 + np.where(np.abs(h1 - h2) > 180, np.where(h1 + h2 < 360, 180, -180), 0))
+    cos = np.cos(np.radians(np.stack([h - 30, 2 * h, 3 * h + 6, 4 * h - 63])))
+    T = 1 - 0.17 * cos[0] + 0.24 * cos[1] + 0.32 * cos[2] - 0.20 * cos[3]
+    turned = np.radians(60 * np.exp(-(((h - 275) / 25) ** 2)))
+    R_T = -np.sin(turned) * 2 * np.sqrt(C**7 / (C**7 + 25.0**7))
+    lightness = dL / (1 + 0.015 * (L - 50) ** 2 / np.sqrt(20 + (L - 50) ** 2))
+    chroma, hue = dC / (1 + 0.045 * C), dH / (1 + 0.015 * C * T)
+    squared = lightness**2 + chroma**2 + hue**2 + R_T * chroma * hue
+    return np.asarray(np.sqrt(np.maximum(squared, 0)))
