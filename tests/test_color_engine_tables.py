@@ -1,0 +1,80 @@
+"""Moment tables hold all that the losses need: every pixel with a range, at its level and value, exactly."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stereo_seecolor.color.tables import LEVELS, MomentTable, level_edges_m, measure
+from stereo_seecolor.errors import ColorError
+
+
+def random_frame(seed, shape=(23, 17), depth=8):
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 2**depth, (*shape, 3)).astype(np.uint8 if depth == 8 else np.uint16)
+    range_m = rng.uniform(0.05, 40, shape).astype(np.float32)
+    range_m[rng.random(shape) < 0.2] = rng.choice([np.nan, np.inf, -np.inf, 0, -1])
+    return image, range_m
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([8, 16]))
+@settings(max_examples=20, deadline=None)
+def test_counts_are_the_plain_histogram(seed, depth):
+    image, range_m = random_frame(seed, depth=depth)
+    table = measure(image, range_m)
+    known = np.isfinite(range_m) & (range_m > 0)
+    z = range_m[known].clip(0.125, np.nextafter(np.float32(32), np.float32(0)))
+    level = np.searchsorted(level_edges_m(), z, side="right") - 1
+    shift = 0 if depth == 8 else 4
+    for channel in range(3):
+        plain = np.zeros_like(table.counts[0])
+        np.add.at(plain, (level, image[known][:, channel] >> shift), 1)
+        assert np.array_equal(table.counts[channel], plain)
+    sums = np.bincount(level, z.astype(np.float64), LEVELS)
+    occupied = table.pixels > 0
+    assert np.allclose(table.range_m[occupied], (sums / np.maximum(table.pixels, 1))[occupied], rtol=1e-12)
+
+
+def test_tables_add_and_subtract():
+    image, range_m = random_frame(1)
+    top, bottom, whole = measure(image[:9], range_m[:9]), measure(image[9:], range_m[9:]), measure(image, range_m)
+    both = top + bottom
+    assert np.array_equal(both.counts, whole.counts)
+    assert np.array_equal(both.range_m, whole.range_m)
+    assert np.array_equal((whole - top).counts, bottom.counts)
+    assert np.array_equal((MomentTable.empty() + top).offset_sum, top.offset_sum)
+
+
+def test_same_table_whatever_the_thread_count():
+    numba = pytest.importorskip("numba")
+    image, range_m = random_frame(2, (301, 207))
+    threads = numba.get_num_threads()
+    try:
+        numba.set_num_threads(1)
+        one = measure(image, range_m)
+    finally:
+        numba.set_num_threads(threads)
+    many = measure(image, range_m)
+    assert np.array_equal(one.counts, many.counts)
+    assert np.array_equal(one.offset_sum, many.offset_sum)
+
+
+def test_save_and_load(tmp_path):
+    table = measure(*random_frame(3, depth=16))
+    table.save(tmp_path / "table.npz")
+    again = MomentTable.load(tmp_path / "table.npz")
+    assert np.array_equal(again.counts, table.counts)
+    assert again.bit_depth == 16
+    (tmp_path / "other.npz").write_bytes(b"no table")
+    with pytest.raises(ColorError, match="is not a moment table"):
+        MomentTable.load(tmp_path / "other.npz")
+
+
+def test_what_does_not_belong_together_is_named():
+    image, range_m = random_frame(4)
+    with pytest.raises(ColorError, match="must be the same size"):
+        measure(image, range_m[:-1])
+    with pytest.raises(ColorError, match="needs \\(H, W, 3\\)"):
+        measure(image.astype(np.float32), range_m)
+    with pytest.raises(ColorError, match="cannot be added"):
+        measure(image, range_m) + MomentTable.empty(16)
