@@ -26,7 +26,8 @@ class Matcher:
     def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
         self._pair = pair
         self._seen_left = seen_left
-        near, far = (float(pair.disparity_from_depth(np.float32(m))) for m in (config.min_range_m, config.max_range_m))
+        limits = pair.disparity_from_depth(np.array([config.min_range_m, config.max_range_m], dtype=np.float32))
+        near, far = float(limits[0]), float(limits[1])
         self._lowest = int(np.floor(far))
         width = pair.image_size[0]
         self._count = max(16, -(-(min(int(np.ceil(near)) + 1, width) - self._lowest) // 16) * 16)
@@ -85,7 +86,7 @@ def _gray(image: Image) -> Gray:
 
 def _left_right_difference(left: Map, right: Map) -> Map:
     """|d_left(x) - d_right(x - d_left)| in pixels; inf where either is unknown."""
-    height, width = left.shape
+    width = left.shape[1]
     known = np.isfinite(left)
     target = np.rint(np.arange(width) - np.where(known, left, 0)).astype(np.intp)
     inside = known & (target >= 0) & (target < width)
