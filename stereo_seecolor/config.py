@@ -23,6 +23,13 @@ class InputConfig(_Stage):
         description="Match left and right by name stem, by the time stamp in the name, or by name and else by time stamp.",
     )
     timestamp_tolerance_s: float = Field(0.01, ge=0, description="Largest difference of the two time stamps of a pair, seconds.")
+    bayer: Literal["none", "rggb", "bggr", "gbrg", "grbg"] = Field(
+        default="none",
+        description="Colour filter pattern of single-channel raw images, by the first two pixels of the first two rows.",
+    )
+    significant_bits: Literal[None, 10, 12, 14] = Field(
+        default=None, description="Bits that a 16-bit file really uses (12 for a 12-bit sensor stored unshifted); scaled to full."
+    )
 
 
 class MatchingConfig(_Stage):

@@ -1,0 +1,83 @@
+"""Look at an image file before decoding it: is it whole, and how large would it be?
+
+OpenCV decodes a truncated PNG or JPEG to a picture that is partly gray or black and says nothing. Such pixels would be
+matched, coloured and mapped; so wholeness is checked here, from the file formats' own marks, before any pixel is decoded.
+"""
+
+import struct
+import zlib
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+JPEG_SIGNATURE = b"\xff\xd8"
+TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
+TIFF_WIDTH, TIFF_HEIGHT = 256, 257
+JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+
+
+def image_size(content: bytes) -> tuple[int, int]:
+    """(width, height) that the file's header states, for a whole PNG, JPEG or TIFF.
+
+    Raises ValueError, saying what is wrong, if the file is none of these, or is truncated or damaged.
+    """
+    if content.startswith(PNG_SIGNATURE):
+        return _png_size(content)
+    if content.startswith(JPEG_SIGNATURE):
+        return _jpeg_size(content)
+    if content.startswith(TIFF_SIGNATURES):
+        return _tiff_size(content)
+    if not content:
+        raise ValueError("is empty")
+    raise ValueError("is no PNG, TIFF or JPEG image")
+
+
+def _png_size(content: bytes) -> tuple[int, int]:
+    position = len(PNG_SIGNATURE)
+    width_height = None
+    while position + 12 <= len(content):
+        length, kind = struct.unpack_from(">I4s", content, position)
+        end = position + 12 + length
+        if end > len(content):
+            break
+        if zlib.crc32(content[position + 4 : end - 4]) != struct.unpack_from(">I", content, end - 4)[0]:
+            raise ValueError(f"is damaged (PNG chunk {kind.decode('latin1')!r} at byte {position} has a wrong checksum)")
+        if kind == b"IHDR" and length == 13:
+            width_height = struct.unpack_from(">II", content, position + 8)
+        if kind == b"IEND" and width_height:
+            return width_height[0], width_height[1]
+        position = end
+    raise ValueError("is truncated (the PNG ends before its end mark)")
+
+
+def _jpeg_size(content: bytes) -> tuple[int, int]:
+    position = len(JPEG_SIGNATURE)
+    size = None
+    while position + 4 <= len(content):
+        marker, length = struct.unpack_from(">xBH", content, position)
+        if content[position] != 0xFF or length < 2:
+            raise ValueError(f"is damaged (no JPEG marker at byte {position})")
+        if marker in JPEG_FRAME_MARKERS and position + 9 <= len(content):
+            height, width = struct.unpack_from(">HH", content, position + 5)
+            size = (width, height)
+        if marker == 0xDA and size:  # the scan follows; inside it every 0xFF is escaped, so an end mark is an end mark
+            if content.find(b"\xff\xd9", position) < 0:
+                raise ValueError("is truncated (the JPEG ends before its end mark)")
+            return size
+        position += 2 + length
+    raise ValueError("is truncated (the JPEG ends before its picture)")
+
+
+def _tiff_size(content: bytes) -> tuple[int, int]:
+    order = "<" if content[:1] == b"I" else ">"
+    size = {}
+    try:
+        (directory,) = struct.unpack_from(order + "I", content, 4)
+        (count,) = struct.unpack_from(order + "H", content, directory)
+        for entry in range(count):
+            tag, kind = struct.unpack_from(order + "HH", content, directory + 2 + 12 * entry)
+            if tag in (TIFF_WIDTH, TIFF_HEIGHT):
+                (size[tag],) = struct.unpack_from(order + ("H" if kind == 3 else "I"), content, directory + 10 + 12 * entry)
+    except struct.error as error:
+        raise ValueError("is truncated (the TIFF's directory lies beyond the end of the file)") from error
+    if len(size) != 2:
+        raise ValueError("is damaged (the TIFF states no width and height)")
+    return size[TIFF_WIDTH], size[TIFF_HEIGHT]

@@ -1,0 +1,100 @@
+"""Image files to RGB arrays at the camera's own bit depth."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.data import Image, Map
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.headers import image_size
+
+EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg"})
+MAX_PIXELS = 150_000_000
+BAYER_CODES = {
+    "rggb": cv2.COLOR_BayerRGGB2RGB,
+    "bggr": cv2.COLOR_BayerBGGR2RGB,
+    "gbrg": cv2.COLOR_BayerGBRG2RGB,
+    "grbg": cv2.COLOR_BayerGRBG2RGB,
+}
+
+
+def read_image(path: Path, config: InputConfig | None = None) -> Image:
+    """Read an 8- or 16-bit PNG, TIFF or JPEG as (H, W, 3) RGB; gray is repeated, alpha dropped, EXIF orientation applied.
+
+    Raises InputError if the file is missing, truncated, damaged, too large, or holds no 8- or 16-bit picture.
+    """
+    return decode_image(read_bytes(path), path, config or InputConfig())
+
+
+def read_bytes(path: Path) -> bytes:
+    """The file's content. Raises InputError if it cannot be read."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
+    """As read_image, from the file's content; ``path`` is for the messages."""
+    pixels = _decode(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    if pixels.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel")
+    if config.significant_bits:
+        pixels = _scale_to_full(pixels, config.significant_bits, path)
+    if config.bayer != "none":
+        if pixels.ndim != 2:
+            raise InputError(
+                f"{path}: has {pixels.shape[2]} channels, but input.bayer={config.bayer} needs a single-channel raw image"
+            )
+        code = BAYER_CODES[config.bayer]
+    else:
+        code = cv2.COLOR_GRAY2RGB if pixels.ndim == 2 else cv2.COLOR_BGR2RGB
+    rgb: Image = cv2.cvtColor(pixels, code)
+    return rgb
+
+
+def read_range_map(path: Path) -> Map:
+    """Read a range map in metres along the ray: float32 TIFF in metres, or 16-bit PNG in millimetres; (H, W) float32.
+
+    Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such map.
+    """
+    pixels = _decode(read_bytes(path), path, cv2.IMREAD_UNCHANGED)
+    if pixels.ndim != 2:
+        raise InputError(f"{path}: has {pixels.shape[2]} channels, a range map has one")
+    if pixels.dtype == np.uint16:
+        range_m = pixels.astype(np.float32) / 1000
+    elif pixels.dtype in (np.float32, np.float64):
+        range_m = pixels.astype(np.float32)
+    else:
+        raise InputError(f"{path}: holds {pixels.dtype} pixels, a range map is float32 metres or 16-bit millimetres")
+    with np.errstate(invalid="ignore"):
+        return np.where(np.isfinite(range_m) & (range_m > 0), range_m, np.float32(np.nan))
+
+
+def _decode(content: bytes, path: Path, flags: int) -> NDArray[np.generic]:
+    try:
+        width, height = image_size(content)
+    except ValueError as error:
+        raise InputError(f"{path}: {error}: copy it again from the vehicle, or leave it out") from error
+    if width * height > MAX_PIXELS:
+        raise InputError(f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not read")
+    try:
+        pixels: NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
+    except cv2.error as error:
+        raise InputError(f"{path}: cannot be decoded: {error.err}") from error
+    if pixels is None:
+        raise InputError(f"{path}: cannot be decoded (damaged, or of a kind that OpenCV does not read)")
+    return pixels
+
+
+def _scale_to_full(pixels: NDArray[np.generic], significant_bits: int, path: Path) -> NDArray[np.uint16]:
+    """Bring e.g. 12-bit values in a 16-bit file to full scale, so that 1.0 is the sensor's own white."""
+    if pixels.dtype != np.uint16:
+        raise InputError(f"{path}: has 8 bits a channel, but input.significant_bits={significant_bits} needs a 16-bit file")
+    top = (1 << significant_bits) - 1
+    if int(pixels.max(initial=0)) > top:
+        raise InputError(f"{path}: holds {int(pixels.max())}, more than input.significant_bits={significant_bits} allow ({top})")
+    return np.round(pixels.astype(np.float32) * (65535 / top)).astype(np.uint16)
