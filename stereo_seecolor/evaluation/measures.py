@@ -60,7 +60,7 @@ def clipped(pixels: Pixels) -> NDArray[np.bool_]:
 
 
 def score_neutral(pixels: Pixels) -> NeutralScore:
-    """Score of a neutral target's pixels (N, 3): psi averaged over them, and the share blown out, without which psi means nothing."""
+    """Score of a neutral target's pixels (N, 3): psi averaged over them, and the share blown out, without which it means nothing."""
     known = np.isfinite(pixels).all(axis=-1)
     angles = gray_angle_deg(pixels[known])
     if not np.isfinite(angles).any():
@@ -77,12 +77,13 @@ def score_truth(
     are left out, as their colour is noise; so are those that the truth has clipped.
     """
     lit = np.isfinite(image).all(axis=-1) & (truth.max(axis=-1) >= darkest) & ~clipped(truth)
+    nan = float("nan")
     if not lit.any():
-        return TruthScore(*[float("nan")] * 5, 0)
+        return TruthScore(nan, nan, nan, nan, nan, 0)
     known, true = np.asarray(image[lit], dtype=np.float64), np.asarray(truth[lit], dtype=np.float64)
     decode = (lambda pixels: pixels) if linear else linear_from_srgb
     exposed = decode(known) * exposure_gain(decode(known), decode(true))
-    consistency = range_consistency(known, true, range_m[lit]) if range_m is not None else float("nan")
+    consistency = range_consistency(known, true, range_m[lit]) if range_m is not None else nan
     return TruthScore(
         angle_deg=float(np.nanmean(angle_deg(known, true))),
         angle_after_gains_deg=float(np.nanmean(angle_deg(known * channel_gains(known, true), true))),
@@ -101,7 +102,7 @@ def channel_gains(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
 
 
 def exposure_gain(pixels: Pixels, truth: Pixels) -> float:
-    """The one gain for all channels that gives an image (linear light) its truth's median brightness: exposure is no color error."""
+    """The one gain for all channels that gives an image (linear light) its truth's median brightness: exposure is no error."""
     brightness, true = pixels.sum(axis=-1), truth.sum(axis=-1)
     bright = brightness > 0
     return float(np.median(true[bright] / brightness[bright])) if bright.any() else 1.0
