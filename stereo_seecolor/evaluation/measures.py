@@ -60,7 +60,7 @@ def clipped(pixels: Pixels) -> NDArray[np.bool_]:
 
 
 def score_neutral(pixels: Pixels) -> NeutralScore:
-    """Score of a neutral target's pixels (N, 3): psi averaged over them, and the share blown out, without which it means nothing."""
+    """Score of a neutral target's pixels (N, 3): psi averaged over them, and the share blown out, without which psi is no score."""
     known = np.isfinite(pixels).all(axis=-1)
     angles = gray_angle_deg(pixels[known])
     if not np.isfinite(angles).any():
