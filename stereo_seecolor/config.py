@@ -42,21 +42,76 @@ class MatchingConfig(_Stage):
 class ColorConfig(_Stage):
     """The water and how it is fitted: images and range maps -> corrected images."""
 
+    objective: Literal["paper", "robust"] = Field(
+        default="paper",
+        description="paper: DeepSeeColor's losses and model. robust: the same physics with a white point, fitted to order statistics.",
+    )
     solver: Literal["table", "dense"] = Field(
-        default="dense", description="dense: the paper's per-pixel Adam, the reference. table: the same losses from moment tables."
+        default="table",
+        description="How the paper's losses are minimised. table: quasi-Newton on moment tables. dense: per-pixel Adam, the reference.",
     )
-    lock: Literal["frame", "survey"] = Field(
-        default="frame", description="frame: each frame its own water. survey: one water for all frames, each its exposure."
+    lock: Literal["frame", "sliding", "survey"] = Field(
+        default="frame",
+        description="frame: each frame its own water. sliding: the water of the last frames. survey: one water for all frames.",
     )
+    sliding_frames: int = Field(default=20, ge=1, description="Frames that share a water where lock is sliding.")
     device: Literal["auto", "cpu", "cuda"] = Field(
-        default="auto", description="Where torch runs; auto takes CUDA where there is one."
+        default="auto", description="Where torch runs (solver dense); auto takes CUDA where there is one."
     )
+    input_encoding: Literal["srgb", "linear", "as-is"] = Field(
+        default="srgb",
+        description="srgb: decoded to linear light, corrected there, encoded again. linear: values are linear light already, encoded "
+        "for the output. as-is: corrected as they are, whatever they mean.",
+    )
+    penalty: float = Field(
+        default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."
+    )
+    first_steps: int = Field(default=500, ge=1, description="Adam steps on a first frame (solver dense).")
+    next_steps: int = Field(default=20, ge=1, description="Adam steps on a frame that starts from another's water (solver dense).")
+    learning_rate: float = Field(default=0.01, gt=0, description="Adam's learning rate (solver dense).")
+    clipped_share: float = Field(
+        default=0.005,
+        ge=0,
+        lt=1,
+        description="Exposure is set so that at most this share of the pixels has a channel at full scale.",
+    )
+    input_noise: float = Field(
+        default=0.006, gt=0, lt=1, description="Noise of a pixel as a share of full scale, standard deviation: 1.5 of 255."
+    )
+    output_noise: float = Field(
+        default=0.05, gt=0, description="A channel's gain stops where its noise would pass this share of full scale (linear light)."
+    )
+    unknown_pixels: Literal["black", "raw"] = Field(
+        default="black", description="What is painted where no range is known: black, or the pixel as the camera saw it."
+    )
+
+
+class MountConfig(_Stage):
+    """How the left camera sits on the vehicle, for navigation that gives the vehicle's pose and not the camera's.
+
+    Vehicle axes: x forward, y starboard, z down. The camera (x right, y down, z along the optical axis) is turned by
+    Rz(yaw) Ry(pitch) Rx(roll): all zero looks down with the image's right towards the bow.
+    """
+
+    surge_m: float = Field(default=0.0, description="Camera forward of the vehicle's reference point, metres.")
+    sway_m: float = Field(default=0.0, description="Camera to starboard of it, metres.")
+    heave_m: float = Field(default=0.0, description="Camera below it, metres.")
+    roll_deg: float = Field(default=0.0, description="Turn about the vehicle's x axis, degrees.")
+    pitch_deg: float = Field(default=0.0, description="Turn about the vehicle's y axis, degrees.")
+    yaw_deg: float = Field(default=90.0, description="Turn about the vehicle's z axis; 90: the top of the image is the bow.")
 
 
 class MappingConfig(_Stage):
     """Odometry, fusion and the map products."""
 
     voxel_m: float = Field(default=0.01, gt=0, description="Edge of a fusion voxel, metres.")
+    tile_m: float = Field(default=6.0, gt=0, description="Edge of a tile of the map, metres; memory grows with its square.")
+    mount: MountConfig = MountConfig()
+    max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
+    max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")
+    mosaic_m: float = Field(default=0.005, gt=0, description="Pixel of the orthomosaic, metres.")
+    dem_m: float = Field(default=0.01, gt=0, description="Pixel of the terrain model, metres.")
+    metrics_m: float = Field(default=1.0, gt=0, description="Edge of a square of the structural metrics, metres.")
 
 
 class OutputConfig(_Stage):
@@ -66,6 +121,7 @@ class OutputConfig(_Stage):
         default="png", description="Corrected images: png keeps the input's bit depth; tiff32 is linear and unclipped."
     )
     clouds: bool = Field(default=True, description="Write a coloured cloud for each pair.")
+    range_std: bool = Field(default=True, description="Write the standard error of each range beside the range maps.")
 
 
 class RunConfig(_Stage):

@@ -65,6 +65,7 @@ class Water:
 
     gamma_inf, eta, white: intensities as a share of full scale. beta, alpha, v, x, w, y: 1/m.
     standard_errors: name of a parameter -> (3,) standard error, NaN where the data could not tell.
+    input_encoding: how the images were read that it was fitted to. warnings: what the fit had to say.
     """
 
     gamma_inf: PerChannel
@@ -77,6 +78,8 @@ class Water:
     x: PerChannel
     white: PerChannel = field(default_factory=lambda: np.ones(3))
     standard_errors: dict[str, PerChannel] = field(default_factory=dict)
+    input_encoding: Literal["srgb", "linear", "as-is"] = "srgb"
+    warnings: tuple[str, ...] = ()
 
     def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """B_c(z), shape (..., 3), as a share of full scale."""
@@ -146,14 +149,26 @@ class SurveyFrame:
     confidence: Map
 
 
+@dataclass(frozen=True)
+class GeoOrigin:
+    """Where the map's (0, 0, 0) lies: WGS84 degrees, at the water's surface (z is minus the depth)."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """Where the rectified left camera stood: p_world = T_world_camera @ p_camera, metres.
 
     names: (N,) frame names ("" where the file names none). timestamps_s: (N,) float64, NaN where the file holds no time.
     T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world east-north-up when georeferenced.
+    up: "z" where the world's z axis points up; "unknown" where the format does not say (KITTI: the first camera's axes).
+    origin: where the world's origin lies on Earth, None for a local map.
     """
 
     names: tuple[str, ...]
     timestamps_s: NDArray[np.float64]
     T_world_camera: NDArray[np.float64]
+    up: Literal["z", "unknown"] = "z"
+    origin: GeoOrigin | None = None

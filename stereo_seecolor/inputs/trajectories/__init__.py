@@ -1,0 +1,41 @@
+"""Trajectories as vehicles and other programs write them: one file a format, ``read_trajectory`` finds out which it is."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.config import MountConfig
+from stereo_seecolor.data import Trajectory
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.trajectories import acfr, colmap, kitti, matisse, oplab, orca, tum
+from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
+
+FORMATS = "TUM, KITTI, COLMAP images.txt, oplab, ACFR stereo_pose_est.data, ORCA, Matisse (CSV and dim2)"
+
+_Reader = Callable[[Lines, MountConfig], Trajectory]
+_FORMATS: tuple[tuple[Callable[[Lines], bool], _Reader], ...] = tuple(
+    (module.recognizes, module.read) for module in (acfr, colmap, oplab, orca, matisse, kitti, tum)
+)
+
+
+def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
+    """Read the poses of the left camera from any known format.
+
+    mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude (oplab, ORCA, Matisse).
+    A pose that is not finite is kept as NaN, so that the map can name the frame that has none.
+
+    Raises InputError for a file that cannot be read, is of no known format, or holds no pose.
+    """
+    lines = read_lines(path)
+    trajectory = _reader(lines)(lines, mount or MountConfig())
+    if not np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).any():
+        raise InputError(f"{path}: holds no finite pose")
+    return trajectory
+
+
+def _reader(lines: Lines) -> _Reader:
+    for recognizes, read in _FORMATS:
+        if recognizes(lines):
+            return read
+    raise InputError(f"{lines.path}: is no trajectory that is known here ({FORMATS}); first line: {lines.first[:60]!r}")

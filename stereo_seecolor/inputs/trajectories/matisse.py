@@ -1,0 +1,58 @@
+"""Matisse: navigation CSV with a header, and ``;``-separated dim2; the vehicle's position and attitude."""
+
+import re
+from datetime import UTC, datetime
+
+import numpy as np
+
+from stereo_seecolor.config import MountConfig
+from stereo_seecolor.data import Trajectory
+from stereo_seecolor.inputs.trajectories.table import Lines, Table
+from stereo_seecolor.inputs.trajectories.vehicle import camera_trajectory
+
+_NEEDED = ("date", "time", "latitude", "longitude", "depth", "heading", "pitch", "roll")
+_DIM2 = ["dive", "date", "time", "source", "format", "filename", "latitude", "longitude"]
+_DIM2 += ["depth", "altitude", "heading", "roll", "pitch"]
+
+
+def recognizes(lines: Lines) -> bool:
+    """A header with date, time and latitude, or 13 fields and more between semicolons."""
+    return _is_dim2(lines) or {"date", "time", "latitude", "heading"} <= set(_header(lines))
+
+
+def read(lines: Lines, mount: MountConfig) -> Trajectory:
+    """Times are UTC. dim2 gives heading, then ROLL, then pitch; the CSV's order is its header's."""
+    if _is_dim2(lines):
+        table = Table.read(lines, ";", _DIM2, lines.content)
+    else:
+        header = _header(lines)
+        rows = tuple(row for row in lines.content if not row[1].lower().startswith("date"))
+        table = Table.read(lines, ",", header, rows)
+    times = [_seconds(lines, number, row["date"], row["time"]) for number, row in table.rows]
+    latitude, longitude, depth_m, heading, pitch, roll = (np.array(table.column(name)) for name in _NEEDED[2:])
+    attitude_deg = np.stack([roll, pitch, heading], axis=-1)
+    return camera_trajectory(
+        tuple(table.text("filename")), np.array(times), latitude, longitude, np.abs(depth_m), attitude_deg, mount
+    )
+
+
+def _is_dim2(lines: Lines) -> bool:
+    return lines.first.count(";") >= len(_DIM2) - 1
+
+
+def _header(lines: Lines) -> list[str]:
+    """``##date_dd/MM/yyyy,time,...`` or ``DATE,TIME,...``: the names without the hash and the date's pattern."""
+    names = [name.strip().lower() for name in lines.all[0].lstrip("# ").split(",")]
+    return [re.sub(r"^date_.*$", "date", name) for name in names]
+
+
+def _seconds(lines: Lines, number: int, date: str, time: str) -> float:
+    """d/m/Y or Y/m/d with slashes or dashes, and h:m:s with a fraction or without."""
+    parts = re.split(r"[/-]", date)
+    try:
+        day, month, year = (int(part) for part in (parts if len(parts[2]) == 4 else parts[::-1]))
+        hours, minutes, seconds = time.split(":")
+        midnight = datetime(year, month, day, tzinfo=UTC).timestamp()
+        return midnight + 3600 * int(hours) + 60 * int(minutes) + float(seconds)
+    except (ValueError, IndexError) as error:
+        raise lines.error(number, f"no date and time in {date!r}, {time!r}: write d/m/Y or Y/m/d and h:m:s") from error

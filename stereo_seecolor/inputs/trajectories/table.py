@@ -1,0 +1,87 @@
+"""The text of a trajectory file: lines with their numbers, and numbers that name the line they fail on."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from stereo_seecolor.errors import InputError
+
+
+def is_number(field: str) -> bool:
+    """True if ``field`` reads as a float."""
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True
+
+
+@dataclass(frozen=True)
+class Lines:
+    """All lines that are not empty; content: those that are no comment either, each with its line number in the file."""
+
+    path: Path
+    all: tuple[str, ...]
+    content: tuple[tuple[int, str], ...]
+
+    @property
+    def first(self) -> str:
+        """The first line with content, "" where there is none."""
+        return self.content[0][1] if self.content else ""
+
+    def error(self, number: int, what: str) -> InputError:
+        """An error that names file and line."""
+        return InputError(f"{self.path}: line {number}: {what}")
+
+    def numbers(self, number: int, fields: list[str]) -> list[float]:
+        """Fields as floats ("nan" is one). Raises InputError naming the line."""
+        try:
+            return [float(field) for field in fields]
+        except ValueError as error:
+            raise self.error(number, f"expected numbers, got {' '.join(fields)[:60]!r}") from error
+
+
+def read_lines(path: Path) -> Lines:
+    """Read a text file; ``#`` and ``%`` start a comment. Raises InputError if that fails."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: the trajectory cannot be read: {error}") from error
+    numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    content = tuple((i, line) for i, line in numbered if not line.startswith(("#", "%")))
+    if not numbered:
+        raise InputError(f"{path}: the trajectory is empty")
+    return Lines(path, tuple(line for _, line in numbered), content)
+
+
+@dataclass(frozen=True)
+class Table:
+    """A file with a header: columns by their lower-case names."""
+
+    lines: Lines
+    rows: tuple[tuple[int, dict[str, str]], ...]
+
+    @classmethod
+    def read(cls, lines: Lines, separator: str, header: list[str], rows: tuple[tuple[int, str], ...]) -> "Table":
+        """Split the rows. Raises InputError for a row of another length than the header."""
+        split = []
+        for number, line in rows:
+            fields = [field.strip() for field in line.split(separator)]
+            if len(fields) < len(header):
+                raise lines.error(number, f"has {len(fields)} columns, the header has {len(header)}")
+            split.append((number, dict(zip(header, fields, strict=False))))
+        return cls(lines, tuple(split))
+
+    def column(self, name: str, default: float | None = None) -> list[float]:
+        """A column as floats; empty and "None" are NaN, or ``default`` where the whole column is absent."""
+        if self.rows and name not in self.rows[0][1]:
+            if default is None:
+                raise InputError(f"{self.lines.path}: has no column {name!r}")
+            return [default] * len(self.rows)
+        return [self._number(number, row[name]) for number, row in self.rows]
+
+    def text(self, name: str) -> list[str]:
+        """A column as text; "" where it is absent."""
+        return [row.get(name, "") for _, row in self.rows]
+
+    def _number(self, number: int, field: str) -> float:
+        return float("nan") if field.lower() in ("", "none") else self.lines.numbers(number, [field])[0]
