@@ -13,8 +13,9 @@ CameraModel = Literal["pinhole", "fisheye"]
 Medium = Literal["water", "air"]
 
 ORTHONORMAL_TOLERANCE = 1e-3
-MAX_BASELINE_M = 5.0
+MAX_BASELINE_M = 2.0
 MIN_BASELINE_M = 0.005
+MAX_IMAGE_SIDE_PX = 32767  # cv2.remap's limit
 DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 
@@ -39,14 +40,16 @@ class Camera:
             raise CalibrationError(f"camera matrix K must be 3x3 and finite, got shape {self.K.shape}: {self.K.tolist()}")
         if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
             raise CalibrationError(f"focal lengths must be positive, got fx={self.K[0, 0]:g}, fy={self.K[1, 1]:g}")
+        if not np.array_equal(self.K[2], [0, 0, 1]) or self.K[1, 0] != 0:
+            raise CalibrationError(f"camera matrix K must be [fx s cx; 0 fy cy; 0 0 1], got {self.K.tolist()}")
         if self.distortion.ndim != 1 or self.distortion.size not in DISTORTION_LENGTHS[self.model]:
             raise CalibrationError(
                 f"{self.model} distortion takes {DISTORTION_LENGTHS[self.model]} coefficients, got {self.distortion.size}"
             )
         if not np.isfinite(self.distortion).all():
             raise CalibrationError(f"distortion holds a number that is not finite: {self.distortion.tolist()}")
-        if min(self.image_size) < 1:
-            raise CalibrationError(f"image_size must be (width, height) in pixels, both positive, got {self.image_size}")
+        if min(self.image_size) < 1 or max(self.image_size) > MAX_IMAGE_SIDE_PX:
+            raise CalibrationError(f"image_size must be (width, height) in pixels, 1 to {MAX_IMAGE_SIDE_PX}, got {self.image_size}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +73,8 @@ class StereoRig:
         T = self.T_right_left
         if T.shape != (4, 4) or not np.isfinite(T).all():
             raise CalibrationError(f"T_right_left must be 4x4 and finite, got shape {T.shape}")
+        if not np.array_equal(T[3], [0, 0, 0, 1]):
+            raise CalibrationError(f"T_right_left: the last row must be 0 0 0 1, got {T[3].tolist()}")
         _check_rotation(self.R)
         _check_baseline(T[:3, 3], self.R)
 
@@ -101,13 +106,27 @@ class StereoRig:
         )
 
 
+def inverse_transform(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The inverse of a rigid transform (4, 4)."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = T[:3, :3].T
+    inverse[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return inverse
+
+
 def _check_rotation(R: NDArray[np.float64]) -> None:
-    error = float(np.abs(R @ R.T - np.eye(3)).max())
-    if error > ORTHONORMAL_TOLERANCE or np.linalg.det(R) < 0:
+    error = float(np.abs(R @ R.T - np.eye(3)).max()) if np.abs(R).max() < 2 else np.inf
+    if not error <= ORTHONORMAL_TOLERANCE or np.linalg.det(R) < 0:
         raise CalibrationError(
             f"T_right_left: the rotation is not one (R R^T differs from identity by {error:.3g}, "
             f"det {np.linalg.det(R):.3g}): copy R again from the calibration's output"
         )
+
+
+def _unit_guess(baseline: float) -> str:
+    if baseline < 20:
+        return f"centimetres it is {baseline / 100:g} m, and if it is in board squares, multiply by the size of one"
+    return f"millimetres it is {baseline / 1000:g} m"
 
 
 def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) -> None:
@@ -116,8 +135,8 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
         raise CalibrationError("T_right_left: the baseline is zero: two single-camera calibrations hold no stereo geometry")
     if baseline_m > MAX_BASELINE_M:
         raise CalibrationError(
-            f"T_right_left: a baseline of {baseline_m:g} m cannot be: if the file is in millimetres, "
-            f"write {baseline_m / 1000:g} m instead"
+            f"T_right_left: a baseline of {baseline_m:g} m cannot be: if the file is in {_unit_guess(baseline_m)}; "
+            "divide the translation, or calibrate again with the size of a square in metres"
         )
     if baseline_m < MIN_BASELINE_M:
         raise CalibrationError(
@@ -125,6 +144,11 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
             "(OpenCV's stereo_calib sample writes board squares unless told their size)"
         )
     centre_right_in_left = -R.T @ translation_m
+    if abs(centre_right_in_left[2]) > 2 * np.hypot(*centre_right_in_left[:2]):
+        raise CalibrationError(
+            f"T_right_left: the second camera stands {centre_right_in_left[2]:+.3f} m along the optical axis of the first: "
+            "no stereo pair stands so; check the order and the axes of the translation"
+        )
     if abs(centre_right_in_left[1]) > abs(centre_right_in_left[0]):
         raise CalibrationError(
             f"T_right_left: the second camera stands {centre_right_in_left[1]:+.3f} m along y (a vertical pair): "

@@ -8,6 +8,8 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calibration.errors import CalibrationError
+from calibration.formats.document import load_document
+from calibration.formats.section import Section, naming
 from calibration.rig import Camera, CameraModel, Medium, StereoRig
 
 FORMAT = "stereo-seecolor/rig"
@@ -40,18 +42,25 @@ def read(path: Path) -> StereoRig:
 
     Raises CalibrationError, naming the file, the key and the value, if it is not YAML, misses a key, or is no rig.
     """
+    with naming(str(path)):
+        return parse(load_document(path))
+
+
+def matches(document: Section) -> bool:
+    """True for a native rig file, of any version."""
+    return document.content.get("format") == FORMAT
+
+
+def parse(document: Section) -> StereoRig:
+    """The rig of a native file."""
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise CalibrationError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise CalibrationError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
-    try:
-        return _to_rig(_RigModel.model_validate(content))
+        return _to_rig(_RigModel.model_validate(document.content))
     except ValidationError as error:
-        raise CalibrationError(f"{path}: {_first_problem(error)}") from error
-    except (CalibrationError, ValueError) as error:
-        raise CalibrationError(f"{path}: {error}") from error
+        raise CalibrationError(_first_problem(error)) from error
+    except CalibrationError:
+        raise
+    except ValueError as error:
+        raise CalibrationError(f"rows of a matrix differ in length: {error}") from error
 
 
 def write(rig: StereoRig, path: Path) -> None:
@@ -88,15 +97,13 @@ def _to_rig(content: _RigModel) -> StereoRig:
 
 
 def _to_camera(content: _CameraModel, side: str) -> Camera:
-    try:
+    with naming(side):
         return Camera(
             K=np.array(content.K, dtype=np.float64),
             distortion=np.array(content.distortion, dtype=np.float64),
             image_size=content.image_size,
             model=content.model,
         )
-    except ValueError as error:
-        raise CalibrationError(f"{side}: {error}") from error
 
 
 def _first_problem(error: ValidationError) -> str:

@@ -1,0 +1,154 @@
+"""A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML, JSON, or ``key=value`` lines.
+
+Bounded on purpose: a calibration is a few kilobytes, so larger files, deep nesting and alias bombs are refused before they
+cost time, and only plain data is ever built (no tags that run code, no XML entities).
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import yaml
+
+from calibration.errors import CalibrationError
+from calibration.formats.section import Section
+
+MAX_BYTES = 256 * 1024
+MAX_VALUES = 50_000
+MAX_DEPTH = 20
+
+
+def load_document(path: Path) -> Section:
+    """Read ``path`` into a Section, its values still unchecked.
+
+    Raises CalibrationError if the file is not there, not text, too large, or in no notation known here.
+    """
+    text = _read_text(path)
+    try:
+        content = _parse(text)
+        _check_bounded(content)
+    except CalibrationError as error:
+        raise CalibrationError(f"{path}: {error}") from error
+    except RecursionError as error:
+        raise CalibrationError(f"{path}: is nested too deeply for a calibration") from error
+    except (yaml.YAMLError, ValueError, ElementTree.ParseError) as error:
+        raise CalibrationError(f"{path}: cannot be parsed: {_one_line(error)}") from error
+    return Section(str(path), content)
+
+
+def _read_text(path: Path) -> str:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise CalibrationError(
+                f"{path}: is larger than {MAX_BYTES // 1024} kB: a calibration file holds a few kB, is it the right file?"
+            )
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise CalibrationError(
+            f"{path}: is not UTF-8 text (byte {error.start}): a calibration is a text file, is it the right one?"
+        ) from error
+    if not text.strip():
+        raise CalibrationError(f"{path}: is empty")
+    return text
+
+
+def _parse(text: str) -> dict[str, Any]:
+    start = text.lstrip()
+    if start.startswith("<"):
+        content = _parse_xml(start)
+    elif start.startswith("{"):
+        content = _parse_json(start)
+    elif re.search(r"^cam0\s*=\s*\[", text, re.MULTILINE):
+        content = _parse_lines(text)
+    else:
+        content = yaml.load(_repair(text), Loader=_Loader)
+    if not isinstance(content, dict):
+        raise CalibrationError(f"is no calibration: it holds {type(content).__name__} where keys and values are expected")
+    return {str(key): value for key, value in content.items()}
+
+
+class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
+    """PyYAML's safe loader, in C where it can be; knows OpenCV's matrices and refuses keys given twice."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        mapping: dict[Any, Any] = super().construct_mapping(node, deep)
+        if isinstance(node, yaml.MappingNode) and len(mapping) < len(node.value):
+            names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
+            twice = next((name for name in names if names.count(name) > 1), "a key")
+            raise CalibrationError(f"{twice!r} is given twice (line {node.start_mark.line + 1} and below): keep one")
+        return mapping
+
+
+def _opencv_matrix(loader: _Loader, node: yaml.Node) -> dict[Any, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
+_Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _opencv_matrix)
+
+
+def _repair(text: str) -> str:
+    """Make YAML of what OpenCV and oplab write: `%YAML:1.0`, `data:[1,2]`, `extrinsics:  rotation_matrix:` on one line."""
+    text = re.sub(r"\A\s*%YAML.*\n", "", text)
+    text = re.sub(r"^(\s*[\w.]+):\[", r"\1: [", text, flags=re.MULTILINE)
+    indent = re.search(r"^( +)translation_vector:", text, re.MULTILINE)
+    if indent:
+        text = re.sub(r"^extrinsics: +rotation_matrix:", f"extrinsics:\n{indent[1]}rotation_matrix:", text, flags=re.MULTILINE)
+    return text
+
+
+def _parse_json(text: str) -> Any:
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError:
+        return yaml.load(text, Loader=_Loader)
+
+
+def _parse_xml(text: str) -> dict[str, Any]:
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise CalibrationError("its XML declares entities, which no calibration needs: remove the DOCTYPE")
+    root = ElementTree.fromstring(text.encode())
+    content = _xml_value(root)
+    if not isinstance(content, dict):
+        raise CalibrationError(f"is no calibration: its XML holds nothing but <{root.tag}>")
+    return content
+
+
+def _xml_value(element: ElementTree.Element, depth: int = 0) -> Any:
+    if depth > MAX_DEPTH:
+        raise CalibrationError("is nested too deeply for a calibration")
+    if len(element):
+        return {child.tag: _xml_value(child, depth + 1) for child in element}
+    words = (element.text or "").split()
+    return words[0] if len(words) == 1 else words
+
+
+def _parse_lines(text: str) -> dict[str, Any]:
+    """Middlebury's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``."""
+    pairs = (line.split("=", 1) for line in text.splitlines() if "=" in line)
+    return {key.strip(): value.strip().strip("[]").replace(";", " ").replace(",", " ").split() for key, value in pairs}
+
+
+def _check_bounded(content: Any) -> None:
+    """Walk as a reader would, following YAML aliases, and stop at the limit."""
+    pending = [(content, 0)]
+    seen = 0
+    while pending:
+        value, depth = pending.pop()
+        seen += 1
+        if seen > MAX_VALUES or depth > MAX_DEPTH:
+            raise CalibrationError(
+                f"holds more than {MAX_VALUES} values or {MAX_DEPTH} levels: no calibration does (an alias bomb?)"
+            )
+        if isinstance(value, dict):
+            pending.extend((child, depth + 1) for child in value.values())
+        elif isinstance(value, list):
+            pending.extend((child, depth + 1) for child in value)
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200]

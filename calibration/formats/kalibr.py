@@ -1,0 +1,92 @@
+"""Kalibr's camchain: pinhole cameras with radtan or equidistant distortion, metres, x_cam1 = T_cn_cnm1 x_cam0."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from calibration.errors import CalibrationError
+from calibration.formats.ros import make_camera
+from calibration.formats.section import Section, naming
+from calibration.rig import Camera, CameraModel, StereoRig, inverse_transform
+
+DISTORTION_MODELS: dict[str, CameraModel] = {"radtan": "pinhole", "equidistant": "fisheye", "none": "pinhole"}
+
+
+def matches(document: Section) -> bool:
+    """True for a camchain, of any number of cameras."""
+    content = document.content.get("cam0")
+    return isinstance(content, dict) and ("intrinsics" in content or "camera_model" in content)
+
+
+def parse(document: Section) -> StereoRig:
+    """The rig of cam0 and cam1. Where cam1 stands to the left of cam0, it becomes the left camera."""
+    if document.has("cam2"):
+        raise CalibrationError(f"{document.where}: holds more than two cameras: keep the two of the stereo pair, as cam0 and cam1")
+    if not document.has("cam1"):
+        raise CalibrationError(f"{document.where}: holds cam0 alone: calibrate both cameras together")
+    sections = [document.section("cam0"), document.section("cam1")]
+    cameras = [_parse_camera(section) for section in sections]
+    T = sections[1].matrix("T_cn_cnm1", 4, 4)
+    topics = [section.text("rostopic") if section.has("rostopic") else "" for section in sections]
+    with naming(sections[1].where + ": T_cn_cnm1"):
+        if (T[:3, :3].T @ T[:3, 3])[0] > 0:
+            _check_topics(topics[::-1])
+            return StereoRig(cameras[1], cameras[0], inverse_transform(T))
+        _check_topics(topics)
+        return StereoRig(cameras[0], cameras[1], T)
+
+
+def write(rig: StereoRig, path: Path) -> None:
+    """Write a camchain.
+
+    Raises CalibrationError for a camera that Kalibr has no model for (skew, k3, rational or thin prism distortion).
+    """
+    left = _camera_content(rig.left, "left") | {"cam_overlaps": [1], "rostopic": "/left/image_raw"}
+    right = {"T_cn_cnm1": rig.T_right_left.tolist()} | _camera_content(rig.right, "right")
+    content = {"cam0": left, "cam1": right | {"cam_overlaps": [0], "rostopic": "/right/image_raw"}}
+    path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")
+
+
+def _parse_camera(section: Section) -> Camera:
+    model = section.text("camera_model") if section.has("camera_model") else "pinhole"
+    if model != "pinhole":
+        raise CalibrationError(
+            f"{section.where}: camera_model: {model!r} is not supported: calibrate with pinhole-radtan or pinhole-equi"
+        )
+    name = section.text("distortion_model") if section.has("distortion_model") else "none"
+    if name not in DISTORTION_MODELS:
+        raise CalibrationError(
+            f"{section.where}: distortion_model: {name!r} is not supported: calibrate with radtan or equidistant"
+        )
+    fx, fy, cx, cy = section.numbers("intrinsics", 4)
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    distortion = np.zeros(0) if name == "none" else section.numbers("distortion_coeffs", 4)
+    width, height = section.numbers("resolution", 2)
+    return make_camera(section.where, K, distortion, (int(width), int(height)), DISTORTION_MODELS[name])
+
+
+def _check_topics(topics: list[str]) -> None:
+    if "right" in topics[0].lower() and "left" in topics[1].lower():
+        raise CalibrationError(
+            f"the camera of topic {topics[0]!r} stands to the left of {topics[1]!r}: "
+            "left and right are swapped, or the transform is inverted"
+        )
+
+
+def _camera_content(camera: Camera, side: str) -> dict[str, Any]:
+    K, distortion = camera.K, camera.distortion
+    if K[0, 1] != 0:
+        raise CalibrationError(f"{side}: Kalibr has no skew, and this camera's K has one")
+    if camera.model == "pinhole" and distortion[4:].any():
+        raise CalibrationError(
+            f"{side}: Kalibr's radtan has k1 k2 p1 p2 alone, and this camera has more coefficients: write another format"
+        )
+    return {
+        "camera_model": "pinhole",
+        "intrinsics": [float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])],
+        "distortion_model": "equidistant" if camera.model == "fisheye" else "radtan",
+        "distortion_coeffs": np.pad(distortion[:4], (0, 4 - distortion[:4].size)).tolist(),
+        "resolution": list(camera.image_size),
+    }

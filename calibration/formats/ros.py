@@ -1,0 +1,144 @@
+"""ROS camera_info: two YAML files, one a camera, whose projection matrices hide the baseline.
+
+Follows sensor_msgs/CameraInfo: a rectified right camera has P[0, 3] = -fx' B, so with both rectifying rotations
+R = R_r^T R_l and T = R_r^T [-B, 0, 0]. Dumps of the message itself (D, K, R, P) are read too.
+"""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.formats.section import Section, naming
+from calibration.rig import Camera, CameraModel, StereoRig
+
+DISTORTION_MODELS: dict[str, CameraModel] = {
+    "plumb_bob": "pinhole",
+    "rational_polynomial": "pinhole",
+    "equidistant": "fisheye",
+    "fisheye": "fisheye",
+}
+
+
+def matches(document: Section) -> bool:
+    """True for one camera's camera_info."""
+    return document.has("projection_matrix", "camera_matrix") or document.has("P", "K", "D") or document.has("p", "k", "d")
+
+
+def parse(left: Section, right: Section) -> StereoRig:
+    """The rig of a left and a right camera_info."""
+    rotations = [_rotation(side) for side in (left, right)]
+    projections = [side.matrix(side.first("projection_matrix", "P", "p"), 3, 4) for side in (left, right)]
+    return rig_from_projections(parse_camera(left), parse_camera(right), rotations, projections)
+
+
+def parse_camera(section: Section) -> Camera:
+    """K, distortion and size of one camera_info (oplab's cameras have the same keys)."""
+    name = section.text("distortion_model") if section.has("distortion_model") else "plumb_bob"
+    if name not in DISTORTION_MODELS:
+        known = ", ".join(DISTORTION_MODELS)
+        raise CalibrationError(f"{section.where}: distortion_model: {name!r} is not supported: calibrate with one of {known}")
+    size = section.image_size(section.first("image_width", "width"), section.first("image_height", "height"))
+    K = section.matrix(section.first("camera_matrix", "K", "k"), 3, 3)
+    distortion = section.numbers(section.first("distortion_coefficients", "D", "d"))
+    return make_camera(section.where, K, distortion, size, DISTORTION_MODELS[name])
+
+
+def make_camera(
+    where: str, K: NDArray[np.float64], distortion: NDArray[np.float64], size: tuple[int, int], model: CameraModel
+) -> Camera:
+    """A Camera whose complaints name the file."""
+    with naming(where):
+        return Camera(K, distortion, size, model)
+
+
+def rig_from_projections(
+    left: Camera, right: Camera, rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]
+) -> StereoRig:
+    """The exact rig behind two rectifying rotations (3, 3) and projections (3, 4), left first."""
+    centres = [np.linalg.solve(P[:, :3], P[:, 3]) if P[0, 0] > 0 and P[1, 1] > 0 else None for P in projections]
+    if centres[0] is None or centres[1] is None:
+        raise CalibrationError("a projection matrix has no focal length: calibrate the two cameras as a stereo pair")
+    offset = centres[1] - centres[0]
+    if not offset.any():
+        raise CalibrationError(
+            "both projection matrices have P[0, 3] = 0: these are two single-camera calibrations without a baseline; "
+            "calibrate the two cameras as a stereo pair"
+        )
+    T = np.eye(4)
+    T[:3, :3] = rotations[1].T @ rotations[0]
+    T[:3, 3] = rotations[1].T @ offset
+    return StereoRig(left, right, T)
+
+
+def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:
+    """Write both camera_info files.
+
+    Raises CalibrationError for a distortion that ROS has no name for.
+    """
+    T = rig.T_right_left
+    R_left, R_right = rectifying_rotations(rig)
+    K_new = (rig.left.K + rig.right.K) / 2
+    focal_px = K_new[1, 1]
+    baseline_term = (R_right @ T[:3, 3])[0] * focal_px
+    for camera, R, term, path, side in (
+        (rig.left, R_left, 0.0, left_path, "left"),
+        (rig.right, R_right, baseline_term, right_path, "right"),
+    ):
+        cx_px = camera.K[0, 2] if rig.is_rectified else K_new[0, 2]
+        P = np.array([[focal_px, 0, cx_px, term], [0, focal_px, K_new[1, 2], 0], [0, 0, 1, 0]])
+        path.write_text(_camera_text(camera, R, P, side), encoding="utf-8")
+
+
+def rectifying_rotations(rig: StereoRig) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(3, 3) rotations from each camera's axes to common ones whose x axis is the baseline, each camera turned equally.
+
+    Bouguet's construction, as in Learning OpenCV (Bradski and Kaehler 2008), ch. 12: halve the rotation between the cameras,
+    then turn both so that the translation lies along x.
+    """
+    half, _ = cv2.Rodrigues(cv2.Rodrigues(rig.R)[0] / 2)
+    along = -(half.T @ rig.T_right_left[:3, 3])
+    turn = _rotation_onto_x(along)
+    return turn @ half, turn @ half.T
+
+
+def _rotation_onto_x(vector: NDArray[np.float64]) -> NDArray[np.float64]:
+    x = vector / np.linalg.norm(vector)
+    axis = np.cross(x, [1.0, 0.0, 0.0])
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-15:
+        return np.eye(3)
+    rotation: NDArray[np.float64] = cv2.Rodrigues(axis / sine * np.arctan2(sine, x[0]))[0]
+    return rotation
+
+
+def _rotation(section: Section) -> NDArray[np.float64]:
+    return section.matrix(section.first("rectification_matrix", "R", "r"), 3, 3)
+
+
+def _camera_text(camera: Camera, R: NDArray[np.float64], P: NDArray[np.float64], side: str) -> str:
+    name, coefficients = _named_distortion(camera)
+    width, height = camera.image_size
+    return (
+        f"image_width: {width}\nimage_height: {height}\ncamera_name: {side}\n"
+        f"camera_matrix:\n{_matrix_text(camera.K)}"
+        f"distortion_model: {name}\ndistortion_coefficients:\n{_matrix_text(coefficients[None])}"
+        f"rectification_matrix:\n{_matrix_text(R)}projection_matrix:\n{_matrix_text(P)}"
+    )
+
+
+def _matrix_text(matrix: NDArray[np.float64]) -> str:
+    data = ", ".join(repr(float(value)) for value in matrix.ravel())
+    return f"  rows: {matrix.shape[0]}\n  cols: {matrix.shape[1]}\n  data: [{data}]\n"
+
+
+def _named_distortion(camera: Camera) -> tuple[str, NDArray[np.float64]]:
+    if camera.model == "fisheye":
+        return "equidistant", camera.distortion
+    if camera.distortion.size <= 5:
+        return "plumb_bob", np.pad(camera.distortion, (0, 5 - camera.distortion.size))
+    if not camera.distortion[8:].any():
+        return "rational_polynomial", camera.distortion[:8]
+    raise CalibrationError(f"ROS has no distortion model of {camera.distortion.size} coefficients: calibrate with 8 or fewer")

@@ -1,0 +1,118 @@
+"""Keys of a calibration file, read with the type that is expected and the place named when it is something else."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+
+
+@contextmanager
+def naming(where: str) -> Iterator[None]:
+    """Put ``where`` (a file, a key) before the message of a CalibrationError that does not name it yet."""
+    try:
+        yield
+    except CalibrationError as error:
+        if str(error).startswith(where):
+            raise
+        raise CalibrationError(f"{where}: {error}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A mapping in a calibration file. where: the file and the keys that lead here, for messages."""
+
+    where: str
+    content: Mapping[str, Any]
+
+    def has(self, *keys: str) -> bool:
+        """True if every key is there."""
+        return all(key in self.content for key in keys)
+
+    def first(self, *keys: str) -> str:
+        """The first of these names that the file uses for one thing; CalibrationError if it uses none."""
+        for key in keys:
+            if key in self.content:
+                return key
+        others = f" (nor {', '.join(keys[1:])})" if len(keys) > 1 else ""
+        raise CalibrationError(f"{self.where}: no {keys[0]!r}{others}: the file is incomplete or of another kind")
+
+    def section(self, key: str) -> "Section":
+        """The mapping under ``key``."""
+        value = self._value(key)
+        if not isinstance(value, Mapping):
+            raise CalibrationError(f"{self.where}: {key}: expected keys and values, got {_shown(value)}")
+        return Section(f"{self.where}: {key}", {str(name): inner for name, inner in value.items()})
+
+    def text(self, key: str) -> str:
+        """The word under ``key``."""
+        value = self._value(key)
+        if not isinstance(value, str):
+            raise CalibrationError(f"{self.where}: {key}: expected a word, got {_shown(value)}")
+        return value.strip()
+
+    def number(self, key: str) -> float:
+        """The one finite number under ``key``."""
+        return float(self.numbers(key, 1)[0])
+
+    def whole_number(self, key: str) -> int:
+        """The one whole number under ``key``."""
+        value = self.number(key)
+        if value != round(value):
+            raise CalibrationError(f"{self.where}: {key}: expected a whole number, got {value:g}")
+        return round(value)
+
+    def numbers(self, key: str, *counts: int) -> NDArray[np.float64]:
+        """(n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with ``data``.
+
+        counts: the lengths allowed; any if none is given. The length of the data counts, not the ``rows`` and ``cols`` written
+        beside it (several tools write those wrong).
+        """
+        value = self._value(key)
+        if isinstance(value, Mapping):
+            if "data" not in value:
+                raise CalibrationError(f"{self.where}: {key}: a matrix without 'data'")
+            value = value["data"]
+        numbers = np.array([self._finite(key, item) for item in _flat(value)], dtype=np.float64)
+        if counts and numbers.size not in counts:
+            expected = " or ".join(str(count) for count in counts)
+            raise CalibrationError(f"{self.where}: {key}: expected {expected} numbers, got {numbers.size}")
+        return numbers
+
+    def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
+        """(rows, columns) finite numbers under ``key``."""
+        return self.numbers(key, rows * columns).reshape(rows, columns)
+
+    def image_size(self, width_key: str, height_key: str) -> tuple[int, int]:
+        """(width, height) from two keys."""
+        return self.whole_number(width_key), self.whole_number(height_key)
+
+    def _value(self, key: str) -> Any:
+        return self.content[self.first(key)]
+
+    def _finite(self, key: str, item: Any) -> float:
+        try:
+            number = float("bool") if isinstance(item, bool) else float(item)
+        except (TypeError, ValueError, OverflowError):
+            raise CalibrationError(f"{self.where}: {key}: expected a number, got {_shown(item)}") from None
+        if not np.isfinite(number):
+            raise CalibrationError(f"{self.where}: {key}: {number} is not a finite number")
+        return number
+
+
+def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, list):
+        for item in value:
+            yield from _flat(item)
+    else:
+        yield value
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, (Mapping, list)):
+        return f"a {'mapping' if isinstance(value, Mapping) else 'list'} of {len(value)}"
+    return repr(value)[:60]
