@@ -72,7 +72,7 @@ def _pair(K_left: NDArray[np.float64], cx_right_px: float, baseline_m: float, im
 def _rectify(rig: StereoRig) -> tuple[NDArray[np.float64], ...]:
     if rig.left.model != rig.right.model:
         raise CalibrationError(f"cameras of two models: left is {rig.left.model}, right is {rig.right.model}")
-    translation = rig.T_right_left[:3, 3:]  # (3, 1): OpenCV 5 refuses a flat one
+    translation = rig.T_right_left[:3, 3:].copy()  # (3, 1): OpenCV 5 refuses a flat or a strided one
     lenses = (rig.left.K, rig.left.distortion, rig.right.K, rig.right.distortion, rig.left.image_size, rig.R, translation)
     if rig.left.model == "fisheye":
         matrices = cv2.fisheye.stereoRectify(*lenses, flags=cv2.CALIB_ZERO_DISPARITY, balance=0.0)[:4]
