@@ -66,6 +66,7 @@ class Water:
     gamma_inf, eta, white: intensities as a share of full scale. beta, alpha, v, x, w, y: 1/m.
     standard_errors: name of a parameter -> (3,) standard error, NaN where the data could not tell.
     input_encoding: how the images were read that it was fitted to. warnings: what the fit had to say.
+    exposure: the brightness that its frames are shown at, None where each frame has its own.
     """
 
     gamma_inf: PerChannel
@@ -80,6 +81,7 @@ class Water:
     standard_errors: dict[str, PerChannel] = field(default_factory=dict)
     input_encoding: Literal["srgb", "linear", "as-is"] = "srgb"
     warnings: tuple[str, ...] = ()
+    exposure: float | None = None
 
     def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """B_c(z), shape (..., 3), as a share of full scale."""

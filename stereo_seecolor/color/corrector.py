@@ -1,0 +1,88 @@
+"""The colour stage: images and range maps in, corrected images out. numpy at its face; numba and torch load when first used."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color import tables
+from stereo_seecolor.color.apply import correct, correct_linear
+from stereo_seecolor.color.parameters import clear_water
+from stereo_seecolor.color.survey import SurveyFitter
+from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.data import Correction, Image, Map, Water
+from stereo_seecolor.errors import ColorError
+
+
+class Corrector:
+    """Measures, fits and takes out water. Holds nothing but its settings: every method may be called from many threads."""
+
+    def __init__(self, config: ColorConfig | None = None) -> None:
+        self.config = config or ColorConfig()
+
+    def measure(self, image: Image, range_m: Map) -> MomentTable:
+        """What the fits need to know of an image: its pixels with a known range, counted by channel, range and value.
+
+        image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 metres along the ray, unknown where not finite or not above 0.
+        Raises ColorError where the two do not belong together.
+        """
+        return tables.measure(image, range_m)
+
+    def fit(self, table: MomentTable, start: Water | None = None) -> Water:
+        """The water of a frame's table, or of the sum of many frames'. start: a water found before, to begin from."""
+        if not table.pixels.any():
+            return self._fallback(start)
+        from stereo_seecolor.color import table_solver
+
+        return table_solver.fit(table, self.config, start)
+
+    def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
+        """The water of one frame, by the config's solver."""
+        if self.config.objective == "paper" and self.config.solver == "dense":
+            return self.fit_dense(image, range_m, start)
+        return self.fit(self.measure(image, range_m), start)
+
+    def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
+        """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""
+        from stereo_seecolor.color import dense
+
+        known = tables.range_bits(image, range_m) > 0
+        known &= np.isfinite(range_m.reshape(-1))
+        if not known.any():
+            return self._fallback(start)
+        return dense.fit(image.reshape(-1, 3)[known], range_m.reshape(-1)[known], self.config, start)
+
+    def survey_fitter(self) -> SurveyFitter:
+        """Frames in, one at a time; a water for each of them out."""
+        return SurveyFitter(self.config, self.fit, self.fit_dense)
+
+    def apply(
+        self, image: Image, range_m: Map, water: Water, table: MomentTable | None = None, exposure: float | None = None
+    ) -> Correction:
+        """The image in its true colours, at its own size and bit depth.
+
+        table: what ``measure`` gave for this image, if at hand. exposure: the brightness; None lets ``config.clipped_share`` of the
+        pixels clip. Raises ColorError where image and range map do not belong together, or the water is of another encoding.
+        """
+        self._check(water)
+        return correct(image, range_m, water, table or self.measure(image, range_m), self.config, exposure)
+
+    def apply_linear(
+        self, image: Image, range_m: Map, water: Water, table: MomentTable | None = None, exposure: float = 1.0
+    ) -> NDArray[np.float32]:
+        """(H, W, 3) float32 corrected linear light, unclipped and not encoded; 0 where the range is unknown."""
+        self._check(water)
+        return correct_linear(image, range_m, water, table or self.measure(image, range_m), self.config, exposure)
+
+    def _check(self, water: Water) -> None:
+        if water.input_encoding != self.config.input_encoding:
+            raise ColorError(
+                f"water: was fitted to images read as {water.input_encoding}, and these are read as {self.config.input_encoding}; "
+                f"set color.input_encoding={water.input_encoding}"
+            )
+
+    def _fallback(self, start: Water | None) -> Water:
+        if start is not None:
+            return replace(start, warnings=("no pixel with a known range: another frame's water is used",))
+        return replace(clear_water(self.config), warnings=("no pixel with a known range: colours are left as they are",))

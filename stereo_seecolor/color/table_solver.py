@@ -1,0 +1,166 @@
+"""The paper's fit from moment tables: for each channel four numbers of backscatter, then four of attenuation, by quasi-Newton.
+
+No loss of the paper couples two channels, so what looks like 24 parameters are six problems of four.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.encoding import decoded_bins
+from stereo_seecolor.color.parameters import ATTENUATION, BACKSCATTER, rates, raw_rates, raw_shares, shares, water_of
+from stereo_seecolor.color.table_losses import Channel, Direct, attenuation_loss, backscatter_loss, direct_sums, sums_below
+from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.data import Water
+
+COLD_STEPS, WARM_STEPS = 120, 25
+CLAMP_DEVIATIONS = 5.0
+"""The direct signal is clamped to this many standard deviations about its mean before attenuation is fitted."""
+
+NOTHING = Direct(np.zeros(0), np.zeros((0, 2)), 0.0, 1.0, 0.0)
+
+LONGEST_STEP = 2.0
+"""No raw weight moves farther at once: beyond, a sigmoid or softplus is flat and a weight may not come back."""
+
+
+def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
+    """The water that minimises the paper's losses over the table's pixels, of which there must be some."""
+    occupied = np.flatnonzero(table.pixels)
+    z = table.range_m[occupied]
+    light = decoded_bins(table.bit_depth, config.input_encoding)
+    scale = 1.0 / (3.0 * table.pixels.sum())
+    found = np.empty((8, 3))
+    for c in range(3):
+        channel = Channel(z, light, sums_below(table.counts[c, occupied], light), scale)
+        found[:4, c] = _fit_backscatter(channel, config.penalty, _parameters(start, BACKSCATTER, c))
+        direct = direct_signal(channel, found[:4, c])
+        found[4:, c] = _fit_attenuation(channel, direct, _parameters(start, ATTENUATION, c))
+    return water_of(found, config)
+
+
+def direct_signal(channel: Channel, parameters: NDArray[np.float64]) -> Direct:
+    """D = I - B, clamped to five standard deviations about its mean, then to [0, 1], with what the losses need of it."""
+    gamma, beta, eta, alpha = parameters
+    backscatter = gamma * -np.expm1(-beta * channel.z) + eta * np.exp(-alpha * channel.z)
+    number = 1.0 / (3.0 * channel.scale)
+    total = channel.below[:, -1]
+    mean = float((total[:, 1] - backscatter * total[:, 0]).sum() / number)
+    square = float((total[:, 2] - 2 * backscatter * total[:, 1] + backscatter**2 * total[:, 0]).sum() / number)
+    width = CLAMP_DEVIATIONS * np.sqrt(max(square - mean**2, 0.0))
+    floor, ceiling = (float(np.clip(limit, 0.0, 1.0)) for limit in (mean - width, mean + width))
+    sums = direct_sums(channel, backscatter, floor, ceiling)
+    mean, square = sums.sum(axis=0) / number
+    return Direct(backscatter, sums, floor, ceiling, float(np.sqrt(max(square - mean**2, 0.0))))
+
+
+def _parameters(water: Water | None, names: tuple[str, ...], channel: int) -> NDArray[np.float64] | None:
+    return None if water is None else np.array([getattr(water, name)[channel] for name in names])
+
+
+def _fit_backscatter(channel: Channel, penalty: float, start: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    starts = [start] if start is not None else _backscatter_starts(channel, penalty)
+    raws = [np.where([True, False, True, False], raw_shares(p), raw_rates(p)) for p in starts]
+    steps = WARM_STEPS if start is not None else COLD_STEPS
+    best = min((minimise(0, raw, channel, NOTHING, penalty, steps) for raw in raws), key=_loss_of)[1]
+    return np.where([True, False, True, False], shares(best), rates(best))
+
+
+def _backscatter_starts(channel: Channel, penalty: float) -> list[NDArray[np.float64]]:
+    """Guesses from the darkest of each level, which is what the loss looks for: its optimum at one level is a quantile."""
+    number = channel.below[:, -1, 0]
+    reached = channel.below[:, 1:, 0] > (number / (1 + penalty))[:, None]
+    darkest = channel.light[reached.argmax(axis=1)]
+    middle = float(np.average(channel.z, weights=number))
+    low = float(np.average(darkest, weights=number))
+    return [np.array([low + 0.02, 1 / middle, low, 1 / middle]), np.array([low + 0.02, 0.2 / middle, 0.5 * low, 0.2 / middle])]
+
+
+def _fit_attenuation(channel: Channel, direct: Direct, start: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    middle = float(np.average(channel.z, weights=channel.below[:, -1, 0]))
+    mean = direct.sums[:, 0].sum() * 3 * channel.scale
+    rate = max(float(np.log(0.5 / max(mean, 1e-3))), 0.1) / middle
+    cold = [
+        np.array([0.5 * rate, 0.1 / middle, 0.5 * rate, 0.1 / middle]),
+        np.array([0.3 * rate, 0.02 / middle, 2 * rate, 2 / middle]),
+    ]
+    starts = [start] if start is not None else cold
+    steps = WARM_STEPS if start is not None else COLD_STEPS
+    best = min((minimise(1, raw_rates(p), channel, direct, 0.0, steps) for p in starts), key=_loss_of)[1]
+    return rates(best)
+
+
+def _loss_of(minimum: tuple[float, NDArray[np.float64], int]) -> float:
+    return minimum[0]
+
+
+@njit(cache=True, nogil=True)
+def _loss(which, raw, channel, direct, penalty, gradient):  # type: ignore[no-untyped-def]
+    if which == 0:
+        return backscatter_loss(raw, channel, penalty, gradient)
+    return attenuation_loss(raw, channel, direct, gradient)
+
+
+@njit(cache=True, nogil=True)
+def minimise(which, raw, channel, direct, penalty, most_steps):  # type: ignore[no-untyped-def]
+    """BFGS with a weak Wolfe line search, which also holds on losses with kinks (Lewis and Overton 2013).
+
+    Gives the loss, the raw weights and the number of evaluations.
+    """
+    n = raw.size
+    x, gradient = raw.copy(), np.empty(n)
+    loss = _loss(which, x, channel, direct, penalty, gradient)
+    inverse = np.eye(n) * (0.2 / max(np.sqrt(np.sum(gradient * gradient)), 1e-12))
+    trial_gradient, evaluations, small = np.empty(n), 1, 0
+    for _ in range(most_steps):
+        direction = -_times(inverse, gradient)
+        longest = np.max(np.abs(direction))
+        if longest > LONGEST_STEP:
+            direction *= LONGEST_STEP / longest
+        slope = np.sum(direction * gradient)
+        if not slope < 0.0:
+            break
+        step, low, high = 1.0, 0.0, np.inf
+        trial, trial_loss = x, loss
+        for _ in range(25):
+            trial = x + step * direction
+            trial_loss = _loss(which, trial, channel, direct, penalty, trial_gradient)
+            evaluations += 1
+            if trial_loss > loss + 1e-4 * step * slope:
+                high = step
+            elif np.sum(trial_gradient * direction) < 0.9 * slope and step * longest < 10 * LONGEST_STEP:
+                low = step
+            else:
+                break
+            step = 0.5 * (low + high) if high < np.inf else 2.0 * step
+        if not trial_loss < loss:
+            break
+        small = small + 1 if loss - trial_loss <= 1e-7 * abs(loss) else 0
+        _update(inverse, trial - x, trial_gradient - gradient)
+        x, loss = trial, trial_loss
+        gradient[:] = trial_gradient
+        if small == 2:
+            break
+    return loss, x, evaluations
+
+
+@njit(cache=True, nogil=True)
+def _times(matrix, vector):  # type: ignore[no-untyped-def]
+    out = np.zeros(vector.size)
+    for i in range(vector.size):
+        for j in range(vector.size):
+            out[i] += matrix[i, j] * vector[j]
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _update(inverse, step, change):  # type: ignore[no-untyped-def]
+    """The BFGS update of the inverse Hessian, left out where the curvature is not positive."""
+    curvature = np.sum(step * change)
+    if curvature <= 1e-14 * np.sqrt(np.sum(step * step) * np.sum(change * change)):
+        return
+    across = _times(inverse, change)
+    weight = (1.0 + np.sum(change * across) / curvature) / curvature
+    for i in range(step.size):
+        for j in range(step.size):
+            inverse[i, j] += weight * step[i] * step[j] - (across[i] * step[j] + step[i] * across[j]) / curvature
