@@ -130,7 +130,7 @@ def _unit_guess(baseline: float) -> str:
 
 
 def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) -> None:
-    baseline_m = float(np.linalg.norm(translation_m))
+    baseline_m = float(np.linalg.norm(np.clip(translation_m, -1e9, 1e9)))
     if baseline_m < 1e-9:
         raise CalibrationError("T_right_left: the baseline is zero: two single-camera calibrations hold no stereo geometry")
     if baseline_m > MAX_BASELINE_M:

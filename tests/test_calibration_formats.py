@@ -1,15 +1,30 @@
 """Every format gives back the rays that went in; the traps of each, by hand-written files."""
 
+from collections.abc import Callable
 from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
+from calibration_texts import (
+    KALIBR,
+    MIDDLEBURY,
+    NATIVE,
+    OPENCV,
+    OPENCV_EXTRINSICS,
+    OPENCV_INTRINSICS,
+    OPLAB,
+    ORBSLAM_NEW,
+    ROS_LEFT,
+    ROS_RIGHT,
+    WHOLE_RIGS,
+)
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.strategies import DrawFn, floats, integers
 
-from calibration import Camera, StereoRig
+from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.formats import WritableFormat, load_rig, write_rig
 
 FORMATS: dict[WritableFormat, str] = {"native": "cam.yaml", "ros": "pair", "kalibr": "camchain.yaml", "opencv": "stereo.xml"}
@@ -60,3 +75,191 @@ def test_every_pair_of_formats_reproduces_rays(rig: StereoRig, tmp_path: Path) -
         np.testing.assert_allclose(seen(again), seen(rig), rtol=0, atol=1e-9)
         assert again.left.image_size == rig.left.image_size
         assert again.left.model == rig.left.model
+
+
+@pytest.mark.parametrize("name", WHOLE_RIGS)
+def test_format_is_found_by_content(name: str, tmp_path: Path) -> None:
+    file = tmp_path / "calibration.dat"
+    file.write_text(WHOLE_RIGS[name])
+    assert load_rig(file).baseline_m == pytest.approx(0.1, abs=1e-7)
+
+
+@pytest.mark.parametrize("name", WHOLE_RIGS)
+@pytest.mark.parametrize("encode", [lambda t: b"\xef\xbb\xbf" + t.encode(), lambda t: t.replace("\n", "\r\n").encode()])
+def test_byte_order_mark_and_crlf_are_harmless(name: str, encode: Callable[[str], bytes], tmp_path: Path) -> None:
+    file = tmp_path / "cam"
+    file.write_bytes(encode(WHOLE_RIGS[name]))
+    assert load_rig(file).baseline_m == pytest.approx(0.1, abs=1e-7)
+
+
+def write_ros(folder: Path, left: str = ROS_LEFT, right: str = ROS_RIGHT) -> Path:
+    (folder / "left.yaml").write_text(left)
+    (folder / "right.yaml").write_text(right)
+    return folder
+
+
+def test_ros_pair_as_folder_and_as_two_files(tmp_path: Path) -> None:
+    write_ros(tmp_path)
+    for path in (tmp_path, f"{tmp_path}/left.yaml,{tmp_path}/right.yaml"):
+        assert load_rig(path).baseline_m == pytest.approx(0.1, abs=1e-12)
+
+
+def test_ros_rotations_become_extrinsics(tmp_path: Path) -> None:
+    """R = R_r^T R_l and T = R_r^T [-B, 0, 0]: the rectifying rotations must be undone."""
+    R_left, R_right = (cv2.Rodrigues(np.array(v))[0] for v in ([0.01, 0.05, -0.02], [0.0, -0.03, 0.01]))
+    unit = "[1, 0, 0, 0, 1, 0, 0, 0, 1]"
+    write_ros(
+        tmp_path, ROS_LEFT.replace(unit, str(R_left.ravel().tolist())), ROS_RIGHT.replace(unit, str(R_right.ravel().tolist()))
+    )
+    rig = load_rig(tmp_path)
+    np.testing.assert_allclose(rig.R, R_right.T @ R_left, atol=1e-12)
+    np.testing.assert_allclose(rig.T_right_left[:3, 3], R_right.T @ [-0.1, 0, 0], atol=1e-12)
+
+
+def test_ros_rectified_topics_are_a_rectified_rig(tmp_path: Path) -> None:
+    def rectified(text: str) -> str:
+        text = text.replace("[1000, 0, 640, 0, 1000, 512, 0, 0, 1]", "[980, 0, 640, 0, 980, 512, 0, 0, 1]")
+        return text.replace("[-0.2, 0.05, 0, 0, 0]", "[0, 0, 0, 0, 0]")
+
+    assert load_rig(write_ros(tmp_path, rectified(ROS_LEFT), rectified(ROS_RIGHT))).is_rectified
+
+
+@pytest.mark.parametrize(
+    ("model", "coefficients", "expected"),
+    [("rational_polynomial", 8, "pinhole"), ("equidistant", 4, "fisheye"), ("plumb_bob", 5, "pinhole")],
+)
+def test_ros_distortion_models(model: str, coefficients: int, expected: str, tmp_path: Path) -> None:
+    def change(text: str) -> str:
+        return text.replace("plumb_bob", model).replace("[-0.2, 0.05, 0, 0, 0]", str([0.01] * coefficients))
+
+    rig = load_rig(write_ros(tmp_path, change(ROS_LEFT), change(ROS_RIGHT)))
+    assert (rig.left.model, rig.left.distortion.size) == (expected, coefficients)
+
+
+def test_opencv_two_files_in_any_order_and_the_size_of_the_images(tmp_path: Path) -> None:
+    intrinsics, extrinsics = tmp_path / "intrinsics.yml", tmp_path / "extrinsics.yml"
+    intrinsics.write_text(OPENCV_INTRINSICS)
+    extrinsics.write_text(OPENCV_EXTRINSICS)
+    for path in (f"{intrinsics},{extrinsics}", f"{extrinsics},{intrinsics}", tmp_path):
+        assert load_rig(path, image_size=(640, 480)).left.image_size == (640, 480)
+    with pytest.raises(CalibrationError, match="no image size"):
+        load_rig(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", [".yml", ".xml", ".json"])
+def test_opencv_notations(suffix: str, tmp_path: Path) -> None:
+    native = tmp_path / "cam.yaml"
+    native.write_text(NATIVE)
+    rig = load_rig(native)
+    write_rig(rig, tmp_path / f"stereo{suffix}", "opencv")
+    again = load_rig(tmp_path / f"stereo{suffix}")
+    np.testing.assert_array_equal(again.left.K, rig.left.K)
+    np.testing.assert_array_equal(again.right.distortion, rig.right.distortion)
+    np.testing.assert_array_equal(again.T_right_left, rig.T_right_left)
+
+
+def test_kalibr_with_the_right_camera_first(tmp_path: Path) -> None:
+    file = tmp_path / "camchain.yaml"
+    file.write_text(KALIBR.replace("-0.1]", "0.1]"))
+    rig = load_rig(file)
+    assert rig.left.K[0, 0] == 457.6
+    assert rig.T_right_left[0, 3] == pytest.approx(-0.1)
+
+
+def test_oplab_trusts_the_length_of_the_data(tmp_path: Path) -> None:
+    file = tmp_path / "stereo_LC_RC.yaml"
+    file.write_text(OPLAB)
+    assert load_rig(file).left.distortion.size == 8
+
+
+def test_oplab_invalid_line_is_tolerated(tmp_path: Path) -> None:
+    file = tmp_path / "stereo_LC_RC.yaml"
+    file.write_text(OPLAB.replace("extrinsics:\n   rotation_matrix", "extrinsics:  rotation_matrix"))
+    assert load_rig(file).baseline_m == pytest.approx(0.1)
+
+
+def test_orbslam_new_transform_is_inverted(tmp_path: Path) -> None:
+    file = tmp_path / "EuRoC.yaml"
+    file.write_text(ORBSLAM_NEW)
+    assert load_rig(file).T_right_left[0, 3] == pytest.approx(-0.1)
+
+
+def test_middlebury_doffs_and_millimetres(tmp_path: Path) -> None:
+    file = tmp_path / "calib.txt"
+    file.write_text(MIDDLEBURY)
+    rig = load_rig(file)
+    assert rig.is_rectified
+    pair = Rectification.from_rig(rig).pair
+    disparity = np.full((1988, 2964), 100.0, dtype=np.float32)
+    assert pair.depth_from_disparity(disparity)[0, 0] == pytest.approx(3997.684 * 0.1 / (100 + 131.111), rel=1e-6)
+
+
+REFUSED = {
+    "omni": (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "'omni' is not supported"),
+    "ds": (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "'ds' is not supported"),
+    "eucm": (KALIBR.replace("camera_model: pinhole", "camera_model: eucm"), "'eucm' is not supported"),
+    "fov": (KALIBR.replace("radtan", "fov"), "'fov' is not supported"),
+    "millimetres": (KALIBR.replace("-0.1]", "-94.0]"), "millimetres it is 0.094 m"),
+    "squares": (KALIBR.replace("-0.1]", "-3.88]"), "in board squares"),
+    "swapped": (NATIVE.replace("-0.1]", "0.1]"), "left and right are swapped"),
+    "swapped by topic": (
+        KALIBR.replace("-0.1]", "0.1]").replace("/cam0/", "/left/").replace("/cam1/", "/right/"),
+        "left and right are swapped",
+    ),
+    "vertical": (
+        NATIVE.replace("[1.0, 0.0, 0.0, -0.1], [0.0, 1.0, 0.0, 0.0]", "[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, -0.1]"),
+        "vertical",
+    ),
+    "rotation": (NATIVE.replace("[[1.0, 0.0, 0.0, -0.1]", "[[1.1, 0.0, 0.0, -0.1]"), "the rotation is not one"),
+    "mono": (ROS_LEFT, "one camera of a ROS pair"),
+    "intrinsics alone": (OPENCV_INTRINSICS, "extrinsics file too"),
+    "extrinsics alone": (OPENCV_EXTRINSICS, "intrinsics file too"),
+    "four coefficients": (
+        OPENCV.replace("[ -2.8e-01, 2.5e-02, 1.2e-03, -1.3e-04, 1.6e-01 ]", "[ 0.1, 0.01, 0.0, 0.0 ]"),
+        "pinhole or fisheye",
+    ),
+    "three cameras": (KALIBR + "cam2:\n  camera_model: pinhole\n", "more than two cameras"),
+    "doffs": (MIDDLEBURY.replace("131.111\n", "31.1\n"), "one is wrong"),
+    "other": ("name: something\nkeys: 3\n", "no calibration known here"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_by_name(case: str, tmp_path: Path) -> None:
+    text, message = REFUSED[case]
+    file = tmp_path / "cam.yaml"
+    file.write_text(text)
+    with pytest.raises(CalibrationError, match=message):
+        load_rig(file)
+
+
+def test_two_mono_calibrations_hold_no_baseline(tmp_path: Path) -> None:
+    with pytest.raises(CalibrationError, match="two single-camera calibrations"):
+        load_rig(write_ros(tmp_path, ROS_LEFT, ROS_LEFT.replace("/left", "/right")))
+
+
+def test_swapped_ros_files(tmp_path: Path) -> None:
+    write_ros(tmp_path)
+    with pytest.raises(CalibrationError, match="left and right are swapped"):
+        load_rig(f"{tmp_path}/right.yaml,{tmp_path}/left.yaml")
+
+
+def test_folder_with_two_rigs_is_ambiguous(tmp_path: Path) -> None:
+    (tmp_path / "a.yaml").write_text(KALIBR)
+    (tmp_path / "b.yaml").write_text(NATIVE)
+    with pytest.raises(CalibrationError, match="name the file"):
+        load_rig(tmp_path)
+
+
+def test_writers_refuse_what_their_format_cannot_hold(tmp_path: Path) -> None:
+    K = np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]])
+    T = np.eye(4)
+    T[0, 3] = -0.1
+    tilted = Camera(K, np.full(14, 0.01), (640, 480))
+    with pytest.raises(CalibrationError, match="no distortion model of 14"):
+        write_rig(StereoRig(tilted, tilted, T), tmp_path / "pair", "ros")
+    five = Camera(K, np.full(5, 0.01), (640, 480))
+    with pytest.raises(CalibrationError, match="radtan has k1 k2 p1 p2 alone"):
+        write_rig(StereoRig(five, five, T), tmp_path / "camchain.yaml", "kalibr")
+    with pytest.raises(CalibrationError, match="two files: give"):
+        write_rig(StereoRig(five, five, T), tmp_path / "one.yaml", "ros")

@@ -74,8 +74,8 @@ def _parse_one(document: Section, image_size: tuple[int, int] | None) -> StereoR
         raise CalibrationError("is one camera of a ROS pair: give both files, as left.yaml,right.yaml")
     if opencv.matches(document):
         return opencv.parse(document, image_size)
-    keys = ", ".join(list(document.content)[:6])[:120]
-    raise CalibrationError(f"is no calibration known here (its keys: {keys}); see docs/calibration.md for the formats")
+    keys = ", ".join(map(repr, list(document.content)[:6]))
+    raise CalibrationError(f"is no calibration known here (its keys: {keys:.120}); see docs/calibration.md for the formats")
 
 
 def _kind(document: Section) -> str:

@@ -6,6 +6,8 @@ cost time, and only plain data is ever built (no tags that run code, no XML enti
 
 import json
 import re
+from collections import Counter
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -18,6 +20,8 @@ from calibration.formats.section import Section
 MAX_BYTES = 256 * 1024
 MAX_VALUES = 50_000
 MAX_DEPTH = 20
+MAX_INTEGER = 10**18
+TOO_MUCH = f"holds more than {MAX_VALUES} values or {MAX_DEPTH} levels, which no calibration does: is it the right file?"
 
 
 def load_document(path: Path) -> Section:
@@ -32,7 +36,7 @@ def load_document(path: Path) -> Section:
     except CalibrationError as error:
         raise CalibrationError(f"{path}: {error}") from error
     except RecursionError as error:
-        raise CalibrationError(f"{path}: is nested too deeply for a calibration") from error
+        raise CalibrationError(f"{path}: {TOO_MUCH}") from error
     except (yaml.YAMLError, ValueError, ElementTree.ParseError) as error:
         raise CalibrationError(f"{path}: cannot be parsed: {_one_line(error)}") from error
     return Section(str(path), content)
@@ -65,7 +69,7 @@ def _parse(text: str) -> dict[str, Any]:
     elif re.search(r"^cam0\s*=\s*\[", text, re.MULTILINE):
         content = _parse_lines(text)
     else:
-        content = yaml.load(_repair(text), Loader=_Loader)
+        content = _parse_yaml(_repair(text))
     if not isinstance(content, dict):
         raise CalibrationError(f"is no calibration: it holds {type(content).__name__} where keys and values are expected")
     return {str(key): value for key, value in content.items()}
@@ -77,8 +81,8 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         mapping: dict[Any, Any] = super().construct_mapping(node, deep)
         if isinstance(node, yaml.MappingNode) and len(mapping) < len(node.value):
-            names = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
-            twice = next((name for name in names if names.count(name) > 1), "a key")
+            names = Counter(key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode))
+            twice, _ = max(names.items(), key=itemgetter(1), default=("a key", 2))
             raise CalibrationError(f"{twice!r} is given twice (line {node.start_mark.line + 1} and below): keep one")
         return mapping
 
@@ -89,6 +93,16 @@ def _opencv_matrix(loader: _Loader, node: yaml.Node) -> dict[Any, Any]:
 
 _Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _opencv_matrix)
 _Loader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _opencv_matrix)
+
+
+def _parse_yaml(text: str) -> Any:
+    """Parse, after a look at the events alone: the C composer overflows its stack on deep nesting."""
+    depth = 0
+    for count, event in enumerate(yaml.parse(text, Loader=_Loader)):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > MAX_DEPTH or count > MAX_VALUES:
+            raise CalibrationError(TOO_MUCH)
+    return yaml.load(text, Loader=_Loader)
 
 
 def _repair(text: str) -> str:
@@ -105,7 +119,7 @@ def _parse_json(text: str) -> Any:
     try:
         return json.loads(text)
     except json.JSONDecodeError:
-        return yaml.load(text, Loader=_Loader)
+        return _parse_yaml(text)  # a YAML flow mapping starts like JSON
 
 
 def _parse_xml(text: str) -> dict[str, Any]:
@@ -120,7 +134,7 @@ def _parse_xml(text: str) -> dict[str, Any]:
 
 def _xml_value(element: ElementTree.Element, depth: int = 0) -> Any:
     if depth > MAX_DEPTH:
-        raise CalibrationError("is nested too deeply for a calibration")
+        raise CalibrationError(TOO_MUCH)
     if len(element):
         return {child.tag: _xml_value(child, depth + 1) for child in element}
     words = (element.text or "").split()
@@ -141,9 +155,9 @@ def _check_bounded(content: Any) -> None:
         value, depth = pending.pop()
         seen += 1
         if seen > MAX_VALUES or depth > MAX_DEPTH:
-            raise CalibrationError(
-                f"holds more than {MAX_VALUES} values or {MAX_DEPTH} levels: no calibration does (an alias bomb?)"
-            )
+            raise CalibrationError(TOO_MUCH)
+        if isinstance(value, int) and abs(value) > MAX_INTEGER:
+            raise CalibrationError("holds a whole number of more than 18 digits, which no calibration does")
         if isinstance(value, dict):
             pending.extend((child, depth + 1) for child in value.values())
         elif isinstance(value, list):
@@ -151,4 +165,4 @@ def _check_bounded(content: Any) -> None:
 
 
 def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:200]
+    return " ".join(str(error).replace(' in "<unicode string>",', "").split())[:200]

@@ -63,8 +63,7 @@ def _parse_camera(section: Section) -> Camera:
     fx, fy, cx, cy = section.numbers("intrinsics", 4)
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     distortion = np.zeros(0) if name == "none" else section.numbers("distortion_coeffs", 4)
-    width, height = section.numbers("resolution", 2)
-    return make_camera(section.where, K, distortion, (int(width), int(height)), DISTORTION_MODELS[name])
+    return make_camera(section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name])
 
 
 def _check_topics(topics: list[str]) -> None:

@@ -90,8 +90,7 @@ def _stored_size(document: Section) -> Size | None:
             return document.image_size(width, height)
     for key in ("image_size", "imageSize", "image_Size", "size"):
         if document.has(key):
-            width_px, height_px = document.numbers(key, 2)
-            return int(width_px), int(height_px)
+            return document.image_size(key)
     return None
 
 

@@ -59,12 +59,12 @@ class Section:
         """The one finite number under ``key``."""
         return float(self.numbers(key, 1)[0])
 
-    def whole_number(self, key: str) -> int:
-        """The one whole number under ``key``."""
-        value = self.number(key)
-        if value != round(value):
-            raise CalibrationError(f"{self.where}: {key}: expected a whole number, got {value:g}")
-        return round(value)
+    def image_size(self, *keys: str) -> tuple[int, int]:
+        """(width, height), whole numbers, from two keys or from one that holds both."""
+        values = np.concatenate([self.numbers(key, 2 // len(keys)) for key in keys])
+        if (values != np.round(values)).any():
+            raise CalibrationError(f"{self.where}: {' '.join(keys)}: expected whole numbers of pixels, got {values.tolist()}")
+        return int(values[0]), int(values[1])
 
     def numbers(self, key: str, *counts: int) -> NDArray[np.float64]:
         """(n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with ``data``.
@@ -86,10 +86,6 @@ class Section:
     def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
         """(rows, columns) finite numbers under ``key``."""
         return self.numbers(key, rows * columns).reshape(rows, columns)
-
-    def image_size(self, width_key: str, height_key: str) -> tuple[int, int]:
-        """(width, height) from two keys."""
-        return self.whole_number(width_key), self.whole_number(height_key)
 
     def _value(self, key: str) -> Any:
         return self.content[self.first(key)]
