@@ -1,1 +1,1 @@
-"""A reef with known truth, seen through known water."""
+"""A reef with known truth, rendered through the water: for the samples, the tests, the benchmarks."""

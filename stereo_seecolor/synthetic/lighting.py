@@ -1,0 +1,47 @@
+"""Light that arrives at the reef: the sun through the water, the waves' moving caustics, the rig's own lamps."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.synthetic.survey import SurveySpec
+from stereo_seecolor.synthetic.waters import LitWater
+
+Points = NDArray[np.float32]
+
+LAMPS_M = np.array([[-0.30, -0.12, -0.10], [0.42, -0.12, -0.10]])
+"""Where the lamps sit in the axes of the rectified left camera: either side of the pair, slightly above and behind."""
+LAMP_BEAM_EXPONENT = 3.0
+
+
+def sunlight(water: LitWater, points_m: Points) -> NDArray[np.float32]:
+    """(..., 3) light of the sun at world points, 1 = full scale from a white surface: each channel falls off with depth."""
+    depth_m = water.depth_m - points_m[..., 2:3]
+    fall_off = np.exp(-water.sun_attenuation.astype(np.float32) * (depth_m - np.float32(water.depth_m)))
+    return np.asarray(water.water.white.astype(np.float32) * fall_off)
+
+
+def caustics(spec: SurveySpec, points_m: Points, time_s: float) -> NDArray[np.float32]:
+    """(...,) factor on the sunlight, mean about 1: bright lines where waves of several directions focus it, moving with time."""
+    rng = np.random.default_rng([spec.seed, 3])
+    total = np.zeros(points_m.shape[:-1], np.float32)
+    for _ in range(5):
+        angle, wavelength_m = rng.uniform(0, 2 * np.pi), rng.uniform(0.25, 0.7)
+        phase = 2 * np.pi * (time_s * rng.uniform(0.4, 1.0) + rng.random())
+        along = points_m[..., 0] * np.cos(angle) + points_m[..., 1] * np.sin(angle)
+        total += np.sin(2 * np.pi * along / wavelength_m + phase).astype(np.float32)
+    lines = np.exp(-(total**2)) - 0.38  # bright where the waves cancel; 0.38 is about its mean
+    return np.maximum(1.0 + np.float32(spec.caustic_contrast) * lines, 0.1)
+
+
+def lamplight(spec: SurveySpec, water: LitWater, points_m: Points, T_world_camera: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(..., 3) light of the rig's lamps at world points: beam shape, 1 / distance squared, and the water on the way."""
+    brightness = spec.lamp_intensity * float(water.water.white.max())
+    axis = T_world_camera[:3, 2].astype(np.float32)
+    total = np.zeros(points_m.shape, np.float32)
+    for lamp_m in LAMPS_M:
+        position = (T_world_camera[:3, :3] @ lamp_m + T_world_camera[:3, 3]).astype(np.float32)
+        away = points_m - position
+        distance_m = np.linalg.norm(away, axis=-1)
+        beam = np.maximum(away @ axis / distance_m, 0.0) ** LAMP_BEAM_EXPONENT
+        total += (brightness * beam / distance_m**2)[..., None] * water.water.attenuation(distance_m).astype(np.float32)
+    return total / len(LAMPS_M)

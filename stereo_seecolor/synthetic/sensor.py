@@ -1,0 +1,29 @@
+"""The camera's sensor: light to electrons to numbers."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.data import Image
+
+
+def expose(
+    light: NDArray[np.float32], full_well_e: float, read_noise_e: float, bits: int, rng: np.random.Generator | None
+) -> Image:
+    """Linear light (H, W, 3), 1 = full scale, to an image: shot and read noise, clipping, then 8-bit sRGB or 16-bit linear.
+
+    Without a random generator the sensor is perfect: no noise.
+    """
+    seen = light.astype(np.float32, copy=True)
+    if rng is not None:
+        spread = np.sqrt(np.maximum(seen, 0) / np.float32(full_well_e) + np.float32((read_noise_e / full_well_e) ** 2))
+        seen += spread * rng.standard_normal(seen.shape, dtype=np.float32)
+    seen = np.clip(seen, 0.0, 1.0)
+    if bits == 16:
+        return np.round(seen * 65535.0).astype(np.uint16)
+    return np.round(encode_srgb(seen) * 255.0).astype(np.uint8)
+
+
+def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
+    """sRGB's transfer curve (IEC 61966-2-1), linear [0, 1] to encoded [0, 1]."""
+    curved = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
+    return np.where(linear <= 0.0031308, 12.92 * linear, curved).astype(np.float32)
