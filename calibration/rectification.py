@@ -52,6 +52,15 @@ class Rectification:
         """Rectify a right image; as apply_left."""
         return _remap(image, self.maps_right, self.pair.image_size, "right")
 
+    def rectified_rig(self) -> StereoRig:
+        """The rig that the rectified images look taken by: no distortion, no rotation, one focal length."""
+        right_of_left = np.eye(4)
+        right_of_left[0, 3] = -self.pair.baseline_m
+        K_right = self.pair.P_left.copy()
+        K_right[0, 2] = self.pair.cx_right_px
+        none, size = np.zeros(0), self.pair.image_size
+        return StereoRig(Camera(self.pair.P_left, none, size), Camera(K_right, none, size), right_of_left)
+
     def seen_left(self) -> NDArray[np.bool_]:
         """(H, W) True where the rectified left image shows something that the left camera saw."""
         width, height = self.pair.image_size

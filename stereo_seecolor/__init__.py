@@ -1,1 +1,23 @@
-"""Stereo pairs of a reef in, metric range maps, true-colour images and coloured 3-D maps out."""
+"""Stereo pairs of a reef in, metric range maps, true-colour images and coloured 3-D maps out.
+
+>>> from stereo_seecolor import Pipeline, run  # doctest: +SKIP
+"""
+
+from importlib.metadata import version
+from typing import Any
+
+__version__ = version("stereo-seecolor")
+__all__ = ["Pipeline", "__version__", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    """Load the pipeline (OpenCV, torch, numba) only when it is used, so that ``--help`` answers at once."""
+    if name == "Pipeline":
+        from stereo_seecolor.pipeline import Pipeline
+
+        return Pipeline
+    if name == "run":
+        from stereo_seecolor.jobs import run
+
+        return run
+    raise AttributeError(name)

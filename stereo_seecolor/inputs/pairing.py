@@ -84,8 +84,8 @@ def pair_folders(left: Path, right: Path, config: InputConfig) -> Pairing:
         pairs += timed
     if not pairs:
         raise InputError(
-            f"{left} and {right}: no left image matches a right one by name or time stamp, for example "
-            f"{(lefts or [left])[0].name} and {(rights or [right])[0].name}: give both the same stem, or set input.timestamp_tolerance_s"
+            f"{left} and {right}: no left image matches a right one by name or time stamp, for example {(lefts or [left])[0].name} "
+            f"and {(rights or [right])[0].name}: give both the same stem, or set input.timestamp_tolerance_s"
         )
     unpaired += [Unpaired(path, "no right image matches") for path in lefts]
     unpaired += [Unpaired(path, "no left image matches") for path in rights]
@@ -134,13 +134,19 @@ def _keys(paths: list[Path], side: str) -> dict[str, list[Path]]:
 def _keys_within_affixes(paths: list[Path]) -> dict[str, list[Path]]:
     """Stems without the letters that all files of the folder begin or end with (``fwd_0001`` and ``aft_0001``)."""
     stems = [path.stem for path in paths]
-    prefix = re.sub(r"\d+$", "", os.path.commonprefix(stems))
-    suffix = re.sub(r"\d+$", "", os.path.commonprefix([stem[::-1] for stem in stems]))
+    prefix = re.sub(r"\d+$", "", _common_prefix(stems))
+    suffix = re.sub(r"\d+$", "", _common_prefix([stem[::-1] for stem in stems]))
     keys: dict[str, list[Path]] = defaultdict(list)
     for path in paths:
         key = path.stem[len(prefix) : len(path.stem) - len(suffix)].strip(_SEPARATORS)
         keys[key or path.stem].append(path)
     return keys
+
+
+def _common_prefix(stems: list[str]) -> str:
+    first, last = min(stems), max(stems)
+    length = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
+    return first[:length]
 
 
 def _by_timestamp(lefts: list[Path], rights: list[Path], tolerance_s: float) -> tuple[list[Pair], list[Path], list[Path]]:

@@ -1,0 +1,233 @@
+"""The command line: the only place that prints, parses and exits.
+
+Exit codes: 0 all done; 1 a known error, in one line; 2 wrong usage; 3 finished, but some pairs failed or had no partner;
+130 interrupted. Unknown errors keep their traceback. Heavy libraries are imported inside the commands that use them.
+"""
+
+import json
+import os
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from stereo_seecolor.config import RunConfig
+    from stereo_seecolor.outputs.frames_table import RunSummary
+    from stereo_seecolor.pipeline import RunOptions
+
+app = typer.Typer(
+    name="stereo-seecolor",
+    help="Stereo pairs of a reef in, metric range maps, true-colour images and coloured 3-D maps out.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Left = Annotated[Path, typer.Option("--left", help="Folder of left images.")]
+Right = Annotated[Path, typer.Option("--right", help="Folder of right images.")]
+Calib = Annotated[str, typer.Option("--calib", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")]
+Out = Annotated[Path, typer.Option("--out", help="Output folder; run again on the same one to go on where it stopped.")]
+ConfigFile = Annotated[Path | None, typer.Option("--config", help="YAML file of settings (docs/configuration.md).")]
+Settings = Annotated[list[str] | None, typer.Option("--set", help="One setting, as section.key=value; may be repeated.")]
+WaterFile = Annotated[Path | None, typer.Option("--water", help="water.json of an earlier run, used instead of a fit.")]
+Workers = Annotated[int, typer.Option("--workers", min=1, help="Pairs under way at once.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Begin anew in a used output folder.")]
+Strict = Annotated[bool, typer.Option("--strict", help="Stop at the first bad pair.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, for scripts.")]
+
+EXIT_KNOWN_ERROR, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 1, 3, 130
+DEFAULT_WORKERS = min(os.cpu_count() or 1, 8)
+
+
+@app.callback(invoke_without_command=True)
+def version_option(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
+    """Options before a command."""
+    if version:
+        from stereo_seecolor import __version__
+
+        print(__version__)
+        raise typer.Exit
+
+
+@app.command()
+def run(
+    left: Left,
+    right: Right,
+    calib: Calib,
+    out: Out = Path("out"),
+    config: ConfigFile = None,
+    settings: Settings = None,
+    water: WaterFile = None,
+    poses: Annotated[Path | None, typer.Option("--poses", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")] = None,
+    fuse: Annotated[bool, typer.Option("--fuse", help="Fuse the frames into one map of the dive (OUT/map).")] = False,
+    workers: Workers = DEFAULT_WORKERS,
+    overwrite: Overwrite = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+) -> None:
+    """The whole job: stereo pairs in; range maps, true-colour frames and coloured clouds out."""
+    from stereo_seecolor import jobs
+
+    _report(
+        lambda options: jobs.run(left, right, calib, out, _config(config, settings), options, water=water),
+        out,
+        (workers, overwrite, strict, as_json),
+    )
+
+
+@app.command()
+def correct(
+    images: Annotated[Path, typer.Option("--images", help="Folder of images.")],
+    ranges: Annotated[Path, typer.Option("--range", help="Folder of range maps: float32 TIFF in metres, or 16-bit PNG in mm.")],
+    out: Out = Path("out"),
+    config: ConfigFile = None,
+    settings: Settings = None,
+    water: WaterFile = None,
+    workers: Workers = DEFAULT_WORKERS,
+    overwrite: Overwrite = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+) -> None:
+    """Colour alone: for images that have range maps already."""
+    from stereo_seecolor import jobs
+
+    _report(
+        lambda options: jobs.correct(images, ranges, out, _config(config, settings), options, water=water),
+        out,
+        (workers, overwrite, strict, as_json),
+    )
+
+
+@app.command("range")
+def range_(
+    left: Left,
+    right: Right,
+    calib: Calib,
+    out: Out = Path("out"),
+    config: ConfigFile = None,
+    settings: Settings = None,
+    workers: Workers = DEFAULT_WORKERS,
+    overwrite: Overwrite = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+) -> None:
+    """Range maps alone: stereo pairs in, metres along the ray out."""
+    from stereo_seecolor import jobs
+
+    _report(
+        lambda options: jobs.run(left, right, calib, out, _config(config, settings), options, ranges_only=True),
+        out,
+        (workers, overwrite, strict, as_json),
+    )
+
+
+@app.command()
+def rectify(
+    left: Left,
+    right: Right,
+    calib: Calib,
+    out: Out = Path("out"),
+    config: ConfigFile = None,
+    settings: Settings = None,
+    workers: Workers = DEFAULT_WORKERS,
+    overwrite: Overwrite = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+) -> None:
+    """Rectified images alone, and the calibration that they have."""
+    from stereo_seecolor import jobs
+
+    _report(
+        lambda options: jobs.rectify(left, right, calib, out, _config(config, settings), options),
+        out,
+        (workers, overwrite, strict, as_json),
+    )
+
+
+@app.command()
+def doctor() -> None:
+    """What this machine has, what it lacks, and the command that mends it."""
+    from stereo_seecolor.doctor import examine
+
+    findings = examine()
+    for finding in findings:
+        print(f"{'ok  ' if finding.ok else 'LACK'}  {finding.what}: {finding.detail}")
+        if finding.mend:
+            print(f"      mend it with: {finding.mend}")
+    if any(not finding.ok and finding.needed for finding in findings):
+        raise typer.Exit(EXIT_KNOWN_ERROR)
+
+
+def main() -> None:
+    """Run the command line; a known error becomes one line and exit code 1."""
+    from calibration.errors import CalibrationError
+    from stereo_seecolor.errors import SeeColorError
+
+    try:
+        app()
+    except (SeeColorError, CalibrationError) as error:
+        print(f"stereo-seecolor: {error}", file=sys.stderr)
+        sys.exit(EXIT_KNOWN_ERROR)
+    except KeyboardInterrupt:
+        print("stereo-seecolor: interrupted", file=sys.stderr)
+        sys.exit(EXIT_INTERRUPTED)
+
+
+def _config(path: Path | None, settings: list[str] | None) -> "RunConfig":
+    from stereo_seecolor.config import load_config
+
+    return load_config(path, settings or [])
+
+
+def _report(job: "Callable[[RunOptions], RunSummary]", out: Path, how: tuple[int, bool, bool, bool]) -> None:
+    """Run a job with its progress shown, then say what came of it; the exit code tells too."""
+    from stereo_seecolor.pipeline import RunOptions
+    from stereo_seecolor.progress import progress
+
+    workers, overwrite, strict, as_json = how
+    with progress(quiet=as_json) as listener:
+        summary = job(RunOptions(workers, overwrite, strict, listener))
+    print(json.dumps(_summary_content(summary, out))) if as_json else _print_summary(summary, out)
+    if summary.stopped:
+        raise typer.Exit(EXIT_INTERRUPTED)
+    if not summary.all_done:
+        raise typer.Exit(EXIT_SOME_FAILED)
+
+
+def _summary_content(summary: "RunSummary", out: Path) -> dict[str, Any]:
+    return {"out": str(out), **summary.totals(), "failed_pairs": [asdict(row) for row in summary.rows if row.status != "ok"]}
+
+
+def _print_summary(summary: "RunSummary", out: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from stereo_seecolor.outputs.run_folder import WHAT_IS_WHERE
+
+    console = Console(soft_wrap=True, highlight=False)
+    for row in summary.rows:
+        if row.status != "ok":
+            console.print(f"{row.status}: {row.error}", markup=False)
+    for note in summary.notes:
+        console.print(f"note: {note}", markup=False)
+    problems = summary.problems()
+    if problems:
+        table = Table("what went wrong", "times", "first in", box=None, header_style="")
+        for what, often, first in problems:
+            table.add_row(what, str(often), first)
+        console.print(table)
+    kept = f", {summary.kept} of them kept from an earlier run" if summary.kept else ""
+    slowest = next(iter(summary.stage_seconds().items()), None)
+    slow = f"; the slowest stage was {slowest[0]} ({slowest[1]:.1f} s of work)" if slowest else ""
+    console.print(
+        f"{'stopped early: ' if summary.stopped else ''}{summary.count('ok')} pairs done{kept}, {summary.count('failed')} failed, "
+        f"{summary.count('unpaired')} files without a partner, in {summary.wall_seconds:.1f} s{slow}",
+        markup=False,
+    )
+    for name, what in WHAT_IS_WHERE.items():
+        if (out / name).exists():
+            console.print(f"  {out / name}: {what}", markup=False)

@@ -1,0 +1,153 @@
+"""What the commands do: each the same stages, entered at another point."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from calibration import RectifiedPair, StereoRig
+from calibration.formats import load_rig, write_rig
+from stereo_seecolor import __version__
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_by_stem, pair_folders
+from stereo_seecolor.outputs.atomic import write_atomic
+from stereo_seecolor.outputs.frames_table import FrameRow, RunSummary, frames_csv
+from stereo_seecolor.outputs.run_folder import RunFolder, content_key
+from stereo_seecolor.outputs.water_file import read_waters, write_waters
+from stereo_seecolor.pipeline import Pipeline, RunOptions, Survey
+from stereo_seecolor.sources import RangedSource, StereoSource
+
+
+def run(
+    left: Path,
+    right: Path,
+    calib: str | Path,
+    out: Path,
+    config: RunConfig | None = None,
+    options: RunOptions | None = None,
+    *,
+    water: Path | None = None,
+    ranges_only: bool = False,
+) -> RunSummary:
+    """Stereo pairs in; range maps, true-colour frames, clouds and tables out, in ``out``.
+
+    left, right: folders of images. calib: any calibration that load_rig reads. water: the water.json of an earlier dive, to
+    be used instead of a fit. ranges_only: stop after the range maps.
+    Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
+    """
+    config, options = config or RunConfig(), options or RunOptions()
+    pairing = pair_folders(left, right, config.input)
+    pipeline = Pipeline(load_rig_for(calib, pairing, config), config)
+    identity = content_key("stereo", str(left.resolve()), str(right.resolve()))
+    with RunFolder(out, identity, config.output.image_format, options.overwrite) as folder:
+        source = StereoSource(pipeline, folder)
+        job = _Job(folder, Survey(source, config, folder, options), pairing, config)
+        job.inputs = {"left": str(left), "right": str(right), "calib": str(calib)}
+        job.geometry = source.geometry
+        if ranges_only:
+            return job.go(lambda survey: survey.match(pairing.pairs))
+        return job.go(lambda survey: _color(survey, folder, pairing.pairs, water))
+
+
+def correct(
+    images: Path,
+    ranges: Path,
+    out: Path,
+    config: RunConfig | None = None,
+    options: RunOptions | None = None,
+    *,
+    water: Path | None = None,
+) -> RunSummary:
+    """Colour alone: images and their range maps (float32 TIFF in metres or 16-bit PNG in millimetres) in, corrected images out."""
+    config, options = config or RunConfig(), options or RunOptions()
+    pairing = pair_by_stem(images, ranges)
+    identity = content_key("ranged", str(images.resolve()), str(ranges.resolve()))
+    with RunFolder(out, identity, config.output.image_format, options.overwrite) as folder:
+        survey = Survey(RangedSource(config), config, folder, options)
+        job = _Job(folder, survey, pairing, config)
+        job.inputs = {"images": str(images), "range": str(ranges)}
+        return job.go(lambda survey: _color(survey, folder, pairing.pairs, water))
+
+
+def rectify(
+    left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
+) -> RunSummary:
+    """Rectified pairs as PNG in ``rectified_left`` and ``rectified_right``; ``rectified.yaml``, the calibration they have now."""
+    config, options = config or RunConfig(), options or RunOptions()
+    pairing = pair_folders(left, right, config.input)
+    pipeline = Pipeline(load_rig_for(calib, pairing, config), config)
+    with RunFolder(out, content_key("rectify", str(left.resolve()), str(right.resolve())), overwrite=options.overwrite) as folder:
+        source = StereoSource(pipeline, folder)
+        job = _Job(folder, Survey(source, config, folder, options), pairing, config)
+        job.inputs = {"left": str(left), "right": str(right), "calib": str(calib)}
+        job.geometry = source.geometry
+        write_rig(pipeline.rectification.rectified_rig(), folder.root / "rectified.yaml")
+        return job.go(lambda survey: survey.each("rectified", pairing.pairs, source.write_rectified))
+
+
+def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> StereoRig:
+    """The rig, for images as large as the first that can be read (some calibration files do not say)."""
+    for pair in pairing.pairs:
+        try:
+            height, width = read_image(pair.left, config.input).shape[:2]
+        except InputError:
+            continue
+        return load_rig(calib, (width, height))
+    raise InputError(f"{pairing.pairs[0].left.parent}: none of the {len(pairing.pairs)} left images can be read")
+
+
+def _color(survey: Survey, folder: RunFolder, pairs: Sequence[Pair], water: Path | None) -> None:
+    """Both passes; only the second where the water is known already."""
+    waters = read_waters(water, [pair.name for pair in pairs]) if water else survey.fit(pairs)
+    if waters:
+        write_waters(folder.root / "water.json", waters)
+    survey.correct(pairs, waters)
+
+
+class _Job:
+    """One job over all pairs: its passes, and the files that tell of it, also when it is stopped midway."""
+
+    geometry: RectifiedPair | None = None
+    inputs: dict[str, str]
+
+    def __init__(self, folder: RunFolder, survey: Survey, pairing: Pairing, config: RunConfig) -> None:
+        self._folder, self._survey, self._pairing, self._config = folder, survey, pairing, config
+        self._start = time.perf_counter()
+
+    def go(self, passes: Callable[[Survey], None]) -> RunSummary:
+        """All passes; Ctrl-C ends them early, with everything told that was done."""
+        stopped = True
+        self._tell(stopped)
+        try:
+            passes(self._survey)
+            stopped = False
+        except KeyboardInterrupt:
+            pass
+        finally:
+            summary = self._tell(stopped)
+        return summary
+
+    def _tell(self, stopped: bool) -> RunSummary:
+        """frames.csv and run.json, of all that is known by now."""
+        unpaired = [
+            FrameRow(u.path.stem, status="unpaired", left=str(u.path), error=f"{u.path}: {u.reason}")
+            for u in self._pairing.unpaired
+        ]
+        rows = (*self._survey.rows.values(), *unpaired)
+        summary = RunSummary(rows, self._pairing.notes, time.perf_counter() - self._start, stopped)
+        self._folder.write_json("run.json", self._content(summary))
+        write_atomic(self._folder.root / "frames.csv", frames_csv(rows))
+        return summary
+
+    def _content(self, summary: RunSummary) -> dict[str, Any]:
+        return {
+            "format": "stereo-seecolor/run",
+            "version": __version__,
+            "inputs": {**self.inputs, "files": {row.name: row.hashes for row in summary.rows if row.hashes}},
+            "config": self._config.model_dump(),
+            "geometry": asdict(self.geometry) if self.geometry else None,
+            "totals": summary.totals(),
+        }

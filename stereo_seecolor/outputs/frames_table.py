@@ -1,0 +1,122 @@
+"""frames.csv: a row for each pair and each file without a partner; nothing is left out."""
+
+import csv
+import io
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
+
+Status = Literal["ok", "failed", "unpaired"]
+
+
+@dataclass(frozen=True)
+class FrameRow:
+    """What became of one pair, or of one file without a partner.
+
+    kept: an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds: a stage's name -> seconds.
+    facts: shares and parameters, by column.
+    """
+
+    name: str
+    status: Status = "ok"
+    left: str = ""
+    right: str = ""
+    timestamp_s: float | None = None
+    error: str = ""
+    warnings: tuple[str, ...] = ()
+    kept: bool = False
+    hashes: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    facts: dict[str, float] = field(default_factory=dict)
+
+    def then(self, later: "FrameRow") -> "FrameRow":
+        """This row after a later stage: times add up, what a stage says again is said once, kept only if both were."""
+        seconds = {key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0) for key in self.seconds | later.seconds}
+        return replace(
+            later,
+            left=later.left or self.left,
+            right=later.right or self.right,
+            timestamp_s=self.timestamp_s if later.timestamp_s is None else later.timestamp_s,
+            warnings=tuple(dict.fromkeys(self.warnings + later.warnings)),
+            kept=self.kept and later.kept,
+            hashes=self.hashes | later.hashes,
+            seconds=seconds,
+            facts=self.facts | later.facts,
+        )
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """The end of a run. wall_seconds: from start to end; stopped: it was interrupted; notes: what concerns the whole dive."""
+
+    rows: tuple[FrameRow, ...]
+    notes: tuple[str, ...] = ()
+    wall_seconds: float = 0.0
+    stopped: bool = False
+
+    @property
+    def all_done(self) -> bool:
+        """True if every file found its partner and every pair went through."""
+        return not self.stopped and all(row.status == "ok" for row in self.rows)
+
+    def count(self, status: Status) -> int:
+        """Rows of that status."""
+        return sum(row.status == status for row in self.rows)
+
+    @property
+    def kept(self) -> int:
+        """Pairs that an earlier run had finished."""
+        return sum(row.kept for row in self.rows)
+
+    def totals(self) -> dict[str, Any]:
+        """The numbers that a script wants, as JSON holds them."""
+        return {
+            "pairs": self.count("ok") + self.count("failed"),
+            "ok": self.count("ok"),
+            "failed": self.count("failed"),
+            "unpaired_files": self.count("unpaired"),
+            "kept": self.kept,
+            "stopped": self.stopped,
+            "wall_seconds": round(self.wall_seconds, 3),
+            "stage_seconds": {stage: round(seconds, 3) for stage, seconds in self.stage_seconds().items()},
+            "notes": list(self.notes),
+        }
+
+    def problems(self) -> list[tuple[str, int, str]]:
+        """(what, how often, first name) of errors and warnings, the most frequent first; numbers in them are left out."""
+        seen: Counter[str] = Counter()
+        first: dict[str, str] = {}
+        for row in self.rows:
+            for what in (*((row.error,) if row.error else ()), *row.warnings):
+                kind = what.split(": ", 1)[-1] if row.error == what else what
+                seen[kind] += 1
+                first.setdefault(kind, row.name)
+        return [(what, often, first[what]) for what, often in seen.most_common()]
+
+    def stage_seconds(self) -> dict[str, float]:
+        """Seconds a stage over all pairs, the slowest first."""
+        total: Counter[str] = Counter()
+        for row in self.rows:
+            total.update(row.seconds)
+        return dict(total.most_common())
+
+
+def frames_csv(rows: Iterable[FrameRow]) -> bytes:
+    """The rows as UTF-8 CSV, columns in a fixed order, one ``<stage>_s`` column a stage."""
+    rows = list(rows)
+    facts = sorted({key for row in rows for key in row.facts})
+    stages = sorted({key for row in rows for key in row.seconds})
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        ["name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings", *facts, *(f"{stage}_s" for stage in stages)]
+    )
+    for row in rows:
+        writer.writerow(
+            [row.name, row.status, int(row.kept), row.left, row.right, "" if row.timestamp_s is None else f"{row.timestamp_s:.9f}"]
+            + [row.error, "; ".join(row.warnings)]
+            + [f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts]
+            + [f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages]
+        )
+    return text.getvalue().encode()

@@ -1,0 +1,209 @@
+"""START HERE: one pair through all stages (Pipeline), and all pairs of a dive (Survey).
+
+A dive takes two passes. The first measures: each pair is read, rectified and matched, and its colours are counted over range.
+From the counts follows the water: one for the dive, or one a frame. The second pass takes the water out of each frame and
+writes it. Whatever an earlier run finished with the same inputs and settings is kept, in either pass.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+import numpy as np
+
+from calibration import CalibrationError, Rectification, RectifiedPair, StereoRig
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.data import FrameResult, Image, RangeMap, StereoFrame, Water
+from stereo_seecolor.errors import OutputError, SeeColorError
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.outputs.frames_table import FrameRow
+from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
+from stereo_seecolor.outputs.water_file import water_content
+from stereo_seecolor.outputs.write import write_correction
+from stereo_seecolor.schedule import Clock, in_order
+
+
+class Pipeline:
+    """One pair through all stages, in memory. Built once for a rig; every method may be called from many threads."""
+
+    def __init__(self, rig: StereoRig, config: RunConfig | None = None) -> None:
+        self.config = config or RunConfig()
+        self.rectification = Rectification.from_rig(rig)
+        self.matcher = Matcher(self.rectification.pair, self.config.matching, self.rectification.seen_left())
+        self.corrector = Corrector(self.config.color)
+
+    def rectify(self, frame: StereoFrame) -> StereoFrame:
+        """Both images onto one image plane. Raises CalibrationError if their size is not the calibration's."""
+        left, right = self.rectification.apply_left(frame.left), self.rectification.apply_right(frame.right)
+        return StereoFrame(frame.name, left, right, frame.timestamp_s)
+
+    def match(self, frame: StereoFrame) -> RangeMap:
+        """The range map of a rectified pair."""
+        return self.matcher.match(frame)
+
+    def process(self, frame: StereoFrame, water: Water | None = None) -> FrameResult:
+        """A pair as the cameras gave it through all stages; ``water`` is fitted to this one frame if not given."""
+        clock = Clock()
+        with clock("rectify"):
+            frame = self.rectify(frame)
+        with clock("match"):
+            range_map = self.match(frame)
+        with clock("color"):
+            water = water or self.corrector.fit_frame(frame.left, range_map.measured_m)
+            correction = self.corrector.apply(frame.left, range_map.range_m, water)
+        return FrameResult(frame, range_map, correction, clock.seconds)
+
+
+@dataclass(frozen=True, eq=False)
+class Ranged:
+    """An image and its range map. key: hash of all they depend on; hashes: their files'; kept: an earlier run had matched them."""
+
+    image: Image
+    range_map: RangeMap
+    key: str
+    hashes: dict[str, str]
+    kept: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Done:
+    """What one pass made of one pair: its row, and what the next step needs of it."""
+
+    row: FrameRow
+    ranged: Ranged | None = None
+    table: MomentTable | None = None
+
+
+class Source(Protocol):
+    """Where a survey's images and ranges come from; see sources.py."""
+
+    geometry: RectifiedPair | None
+
+    def ranged(self, pair: Pair, clock: Clock) -> Ranged:
+        """The pair's image and range map, from any thread."""
+
+
+class Listener(Protocol):
+    """Who wants to know how far a survey is; see cli.py."""
+
+    def begin(self, stage: str, total: int) -> None:
+        """A pass over ``total`` pairs begins."""
+
+    def advance(self, row: FrameRow) -> None:
+        """One more pair is through the pass."""
+
+
+class Silence:
+    """A listener that nobody hears."""
+
+    def begin(self, stage: str, total: int) -> None:
+        """Say nothing."""
+
+    def advance(self, row: FrameRow) -> None:
+        """Say nothing."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a job goes about it, not what it makes.
+
+    workers: pairs under way at once. overwrite: begin anew in a used folder. strict: stop at the first bad pair.
+    """
+
+    workers: int = 2
+    overwrite: bool = False
+    strict: bool = False
+    listener: Listener = field(default_factory=Silence)
+
+
+class Survey:
+    """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
+
+    rows: what became of each pair so far, by name.
+    """
+
+    def __init__(self, source: Source, config: RunConfig, folder: RunFolder, options: RunOptions) -> None:
+        self._source, self._config, self._folder, self._options = source, config, folder, options
+        self._corrector = Corrector(config.color)
+        self.rows: dict[str, FrameRow] = {}
+
+    def match(self, pairs: Sequence[Pair]) -> None:
+        """The range maps alone."""
+        self.each("ranges", pairs, self._range)
+
+    def fit(self, pairs: Sequence[Pair]) -> dict[str, Water]:
+        """First pass: range maps, and from all colours over range each frame's water, by name."""
+        fitter = self._corrector.survey_fitter()
+        for done in self._pass("ranges", pairs, self._count):
+            if done.ranged and done.table:
+                fitter.add(done.row.name, done.table, done.ranged.image, done.ranged.range_map.measured_m)
+        return fitter.waters()
+
+    def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
+        """Second pass: each frame that has a water without it, and its cloud."""
+        fitted = [pair for pair in pairs if pair.name in waters]
+        self.each("colors", fitted, lambda pair, clock: self._correct(pair, waters[pair.name], clock))
+
+    def each(self, stage: str, pairs: Sequence[Pair], work: Callable[[Pair, Clock], Done]) -> None:
+        """A pass of which nothing but the rows is wanted."""
+        for _ in self._pass(stage, pairs, work):
+            pass
+
+    def _pass(self, stage: str, pairs: Sequence[Pair], work: Callable[[Pair, Clock], Done]) -> Iterator[Done]:
+        """``work`` on all pairs by many threads; what is wrong with one pair becomes its row, and ends no pass."""
+
+        def one(pair: Pair) -> Done:
+            clock = Clock()
+            try:
+                done = work(pair, clock)
+            except OutputError:
+                raise  # a full disk or a lost folder is every pair's trouble
+            except (SeeColorError, CalibrationError) as error:
+                if self._options.strict:
+                    raise
+                done = Done(FrameRow(pair.name, status="failed", error=str(error)))
+            row = replace(done.row, left=str(pair.left), right=str(pair.right), timestamp_s=pair.timestamp_s, seconds=clock.seconds)
+            return replace(done, row=row)
+
+        self._options.listener.begin(stage, len(pairs))
+        for done in in_order(one, pairs, self._options.workers):
+            earlier = self.rows.get(done.row.name)
+            self.rows[done.row.name] = earlier.then(done.row) if earlier else done.row
+            self._options.listener.advance(done.row)
+            yield done
+
+    def _range(self, pair: Pair, clock: Clock) -> Done:
+        ranged = self._source.ranged(pair, clock)
+        measured_m = ranged.range_map.measured_m
+        facts = {"coverage": float(np.isfinite(measured_m).mean())}
+        if facts["coverage"] > 0:
+            facts["median_range_m"] = float(np.nanmedian(measured_m))
+        row = FrameRow(pair.name, kept=ranged.kept, warnings=ranged.range_map.warnings, hashes=ranged.hashes, facts=facts)
+        return Done(row, ranged)
+
+    def _count(self, pair: Pair, clock: Clock) -> Done:
+        done = self._range(pair, clock)
+        assert done.ranged
+        with clock("color"):
+            table = self._corrector.measure(done.ranged.image, done.ranged.range_map.measured_m)
+        return replace(done, table=table)
+
+    def _correct(self, pair: Pair, water: Water, clock: Clock) -> Done:
+        done = self._range(pair, clock)
+        assert done.ranged
+        image, range_map = done.ranged.image, done.ranged.range_map
+        key = content_key(done.ranged.key, self._config.color.model_dump(), self._config.output.model_dump(), water_content(water))
+        finished = self._folder.finished("corrected", pair.name, key)
+        kept = finished is not None
+        if finished is None:
+            with clock("color"):
+                correction = self._corrector.apply(image, range_map.range_m, water)
+            with clock("write"):
+                write_correction(self._folder, pair.name, correction, range_map, self._source.geometry, self._config.output)
+                facts = {"clipped_share": correction.clipped_share, "unrecoverable_share": float(correction.unrecoverable.mean())}
+                finished = Finished(key, {"exposure": correction.exposure, **facts}, correction.warnings)
+                self._folder.finish("corrected", pair.name, finished)
+        return Done(done.row.then(FrameRow(pair.name, kept=kept, warnings=finished.warnings, facts=dict(finished.facts))))
