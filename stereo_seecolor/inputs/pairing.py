@@ -133,20 +133,22 @@ def _keys(paths: list[Path], side: str) -> dict[str, list[Path]]:
 
 def _keys_within_affixes(paths: list[Path]) -> dict[str, list[Path]]:
     """Stems without the letters that all files of the folder begin or end with (``fwd_0001`` and ``aft_0001``)."""
-    stems = [path.stem for path in paths]
-    prefix = re.sub(r"\d+$", "", _common_prefix(stems))
-    suffix = re.sub(r"\d+$", "", _common_prefix([stem[::-1] for stem in stems]))
+    prefix = _common_prefix([path.stem for path in paths])
+    rests = [path.stem[len(prefix) :] for path in paths]
+    suffix = _common_prefix([rest[::-1] for rest in rests])
     keys: dict[str, list[Path]] = defaultdict(list)
-    for path in paths:
-        key = path.stem[len(prefix) : len(path.stem) - len(suffix)].strip(_SEPARATORS)
-        keys[key or path.stem].append(path)
+    for path, rest in zip(paths, rests, strict=True):
+        keys[rest[: len(rest) - len(suffix)].strip(_SEPARATORS) or path.stem].append(path)
     return keys
 
 
-def _common_prefix(stems: list[str]) -> str:
-    first, last = min(stems), max(stems)
+def _common_prefix(texts: list[str]) -> str:
+    """What all texts begin with, less the digits at its end, which are the beginning of a number; of one text, its letters."""
+    first, last = min(texts), max(texts)
+    if first == last:
+        return re.match(r"\D*", first)[0]  # type: ignore[index]  # matches anything
     length = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
-    return first[:length]
+    return re.sub(r"\d+$", "", first[:length])
 
 
 def _by_timestamp(lefts: list[Path], rights: list[Path], tolerance_s: float) -> tuple[list[Pair], list[Path], list[Path]]:

@@ -1,0 +1,131 @@
+"""Which file belongs to which: by name, by time stamp, and what belongs to none."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.pairing import list_files, pair_by_stem, pair_folders
+from stereo_seecolor.inputs.timestamps import timestamp_from_name
+
+
+def folders(tmp_path: Path, lefts: list[str], rights: list[str]) -> tuple[Path, Path]:
+    for side, names in (("L", lefts), ("R", rights)):
+        (tmp_path / side).mkdir()
+        for name in names:
+            (tmp_path / side / name).touch()
+    return tmp_path / "L", tmp_path / "R"
+
+
+def names(tmp_path: Path, lefts: list[str], rights: list[str], **config: object) -> list[tuple[str, str, str]]:
+    pairing = pair_folders(*folders(tmp_path, lefts, rights), InputConfig.model_validate(config))
+    return [(pair.name, pair.left.name, pair.right.name) for pair in pairing.pairs]
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "name"),
+    [
+        ("0001.png", "0001.png", "0001"),
+        ("0001.png", "0001.TIFF", "0001"),
+        ("left_0001.png", "right_0001.png", "0001"),
+        ("left1.jpg", "right1.jpg", "1"),
+        ("0001_L.png", "0001_R.png", "0001"),
+        ("0001L.png", "0001R.png", "0001"),
+        ("dive 3-left-07.png", "dive 3-right-07.png", "dive 3-07"),
+        ("PR_20180811_153729_762_LC16.tif", "PR_20180811_153729_762_RC16.tif", "PR_20180811_153729_762_16"),
+        ("fwd_0001.png", "aft_0001.png", "0001"),
+        ("récif_links_5.png", "récif_rechts_5.png", "5"),
+    ],
+)
+def test_pairs_by_name(tmp_path: Path, left: str, right: str, name: str) -> None:
+    assert names(tmp_path, [left], [right]) == [(name, left, right)]
+
+
+def test_names_beginning_with_a_side_letter_are_left_alone(tmp_path: Path) -> None:
+    files = ["reef_l_1.png", "rock_2.png"]
+    assert [n for n, _, _ in names(tmp_path, files, ["reef_r_1.png", "rock_2.png"])] == ["reef_1", "rock_2"]
+
+
+def test_unpaired_files_are_named_with_the_reason(tmp_path: Path) -> None:
+    pairing = pair_folders(*folders(tmp_path, ["1.png", "2.png", "2.jpg"], ["1.png", "2.png", "3.png"]), InputConfig())
+    assert [pair.name for pair in pairing.pairs] == ["1"]
+    reasons = {u.path.parent.name + "/" + u.path.name: u.reason for u in pairing.unpaired}
+    assert reasons.keys() == {"L/2.jpg", "L/2.png", "R/2.png", "R/3.png"}
+    assert "several files are called '2'" in reasons["L/2.png"]
+    assert reasons["R/3.png"] == "no left image matches"
+
+
+def test_pairs_by_timestamp_with_tolerance(tmp_path: Path) -> None:
+    lefts = ["100000000.500000.png".replace("100000000", "1000000000"), "1000000001.500000.png", "1000000002.500000.png"]
+    rights = ["1000000000.504000.png", "1000000001.520000.png", "1000000002.499000.png"]
+    found = names(tmp_path, lefts, rights)
+    assert [(left, right) for _, left, right in found] == [(lefts[0], rights[0]), (lefts[2], rights[2])]
+
+
+def test_wider_tolerance_takes_the_nearest(tmp_path: Path) -> None:
+    found = names(
+        tmp_path, ["1000000000.000000.png"], ["1000000000.100000.png", "1000000000.050000.png"], timestamp_tolerance_s=0.2
+    )
+    assert [right for _, _, right in found] == ["1000000000.050000.png"]
+
+
+def test_clocks_that_drift_are_reported(tmp_path: Path) -> None:
+    lefts = [f"10000000{i:02d}.000000.png" for i in range(12)]
+    rights = [f"10000000{i:02d}.{i * 700:06d}.png" for i in range(12)]
+    pairing = pair_folders(*folders(tmp_path, lefts, rights), InputConfig())
+    assert len(pairing.pairs) == 12
+    assert pairing.notes
+    assert "clock moved by +6" in pairing.notes[0]
+
+
+def test_nothing_matches(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no left image matches a right one.*a1\.png and b2\.png.*timestamp_tolerance_s"):
+        pair_folders(*folders(tmp_path, ["a1.png"], ["b2.png"]), InputConfig())
+
+
+@pytest.mark.parametrize(("make", "message"), [(False, "does not exist"), (True, "holds no left images")])
+def test_missing_or_empty_folder(tmp_path: Path, make: bool, message: str) -> None:
+    if make:
+        (tmp_path / "L").mkdir()
+        (tmp_path / "L" / "notes.txt").touch()
+    with pytest.raises(InputError, match=message):
+        list_files(tmp_path / "L", "left images")
+
+
+def test_a_file_instead_of_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "x.png").touch()
+    with pytest.raises(InputError, match="is a file"):
+        list_files(tmp_path / "x.png", "left images")
+
+
+def test_own_range_maps_pair_by_stem(tmp_path: Path) -> None:
+    pairing = pair_by_stem(*folders(tmp_path, ["a.tiff", "b.png"], ["a.tif", "c.tif"]))
+    assert [pair.name for pair in pairing.pairs] == ["a"]
+    assert [(u.path.name, u.reason) for u in pairing.unpaired] == [("b.png", "no range map matches"), ("c.tif", "no image matches")]
+
+
+@pytest.mark.parametrize(
+    ("stem", "seconds"),
+    [
+        ("1317354879.544786", 1317354879.544786),
+        ("1659471354-0395682455-warpauv_2.left", 1659471354.395682455),
+        ("1403636579763555584", 1403636579.763555584),
+        ("1403636579763_left", 1403636579.763),
+        ("PR_20180811_153729_762_LC16", 1534001849.762),
+        ("2022-08-01T12-34-56.250", 1659357296.25),
+        ("frame_000123", None),
+        ("20221399_999999", None),
+    ],
+)
+def test_timestamps(stem: str, seconds: float | None) -> None:
+    found = timestamp_from_name(stem)
+    assert found == (None if seconds is None else pytest.approx(seconds, abs=1e-6))
+
+
+@given(st.text(max_size=40))
+def test_any_name_is_survived(stem: str) -> None:
+    found = timestamp_from_name(stem)
+    assert found is None or found > -1e11
