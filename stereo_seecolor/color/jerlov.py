@@ -1,0 +1,95 @@
+"""What is known of water before any image: daylight that came down through Jerlov's water types and on to the camera, as a prior.
+
+Spectra of many waters, depths and cameras are put through the equations of image formation (Akkaynak and Treibitz, CVPR 2018),
+each becomes the fifteen numbers of the model, and the prior is the Gaussian of these. So a fit that sees little relief leans on
+water that exists, and a white point on light that such water lets through.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+_TABLE_NM = np.arange(400, 701, 25)
+# Diffuse attenuation Kd, 1/m: Jerlov, Marine Optics (1976), table XXVII, from the clearest ocean to turbid coast.
+_KD = np.array(
+    [
+        [0.027, 0.022, 0.019, 0.018, 0.027, 0.043, 0.063, 0.089, 0.235, 0.305, 0.36, 0.42, 0.56],  # I
+        [0.038, 0.031, 0.026, 0.025, 0.032, 0.048, 0.067, 0.094, 0.24, 0.31, 0.37, 0.43, 0.57],  # IA
+        [0.051, 0.042, 0.036, 0.033, 0.042, 0.054, 0.072, 0.099, 0.245, 0.315, 0.375, 0.435, 0.58],  # IB
+        [0.096, 0.081, 0.068, 0.062, 0.07, 0.076, 0.089, 0.115, 0.26, 0.335, 0.4, 0.465, 0.61],  # II
+        [0.185, 0.16, 0.135, 0.116, 0.115, 0.116, 0.12, 0.148, 0.295, 0.375, 0.445, 0.52, 0.66],  # III
+        [0.51, 0.36, 0.25, 0.17, 0.14, 0.13, 0.12, 0.15, 0.3, 0.37, 0.45, 0.51, 0.65],  # 1C
+        [0.78, 0.54, 0.39, 0.29, 0.22, 0.2, 0.19, 0.21, 0.33, 0.4, 0.46, 0.56, 0.71],  # 3C
+        [1.1, 0.78, 0.56, 0.43, 0.36, 0.31, 0.3, 0.33, 0.4, 0.48, 0.54, 0.65, 0.8],  # 5C
+        [1.6, 1.2, 0.89, 0.71, 0.58, 0.49, 0.46, 0.46, 0.48, 0.54, 0.63, 0.78, 0.92],  # 7C
+    ]
+)
+_WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
+_PEAKS_NM, _WIDTHS_NM = np.array([605.0, 535.0, 460.0]), np.array([30.0, 35.0, 30.0])  # Jiang et al., WACV 2013, their 28 cameras
+_RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
+_SAMPLES = 400
+
+
+@lru_cache
+def water_prior(depth_m: float | None = None) -> tuple[Vector, Vector]:
+    """Mean (15,) and covariance (15, 15) of log w, v, log beta, log(gamma_inf / white), log white, each R, G, B.
+
+    a_c(z) = w exp(-v z). White is known up to the exposure, which is given a wide spread. depth_m: how far below the surface the
+    scene lies, where it is known; else anything from the surface to where little red is left.
+    """
+    draws = _low_discrepancy(_SAMPLES, 10)
+    samples = np.stack([_water(draw, depth_m) for draw in draws])
+    spread = np.repeat(_UNEXPLAINED, 3) ** 2
+    covariance = np.cov(samples.T) + np.diag(spread)
+    covariance[12:, 12:] += 4.0  # the exposure
+    return samples.mean(axis=0), covariance
+
+
+_UNEXPLAINED = np.array([0.3, 0.02, 0.4, 0.5, 0.15])
+"""Standard deviations of what the ensemble leaves out, for each of the five kinds of number."""
+
+
+def _water(draw: Vector, depth_m: float | None) -> Vector:
+    """Fifteen numbers of one water from ten draws in [0, 1)."""
+    at = draw[0] * (len(_KD) - 1)
+    kd_table = _KD[int(at)] * (1 - at % 1) + _KD[min(int(at) + 1, len(_KD) - 1)] * (at % 1)
+    kd = np.interp(_WAVELENGTH_NM, _TABLE_NM, kd_table)
+    # Of the light scattered out of the ray most goes on nearly straight: what an image loses lies between Kd and beam attenuation.
+    scattering = max(
+        (np.interp(535.0, _WAVELENGTH_NM, kd) - 0.04) / 0.2 - np.interp(535.0, _WAVELENGTH_NM, kd), 0.02
+    )  # Shannon 1975
+    beam = kd + draw[1] * 0.4 * scattering
+    deepest_m = min(15.0, 2.0 / kd.min())
+    sunlight = np.exp(-kd * (draw[2] * deepest_m if depth_m is None else depth_m))
+    channels = _channels(draw[3:7])
+    white = channels @ sunlight
+    transmission = np.stack([channels @ (sunlight * np.exp(-beam * z)) / white for z in _RANGE_M])
+    log_rate = np.log(-np.log(transmission) / _RANGE_M[:, None])
+    slope, log_w = np.polyfit(_RANGE_M, log_rate, 1)
+    veil_spectrum = sunlight * np.exp((draw[7] - 0.5) * 2 * kd) * (_WAVELENGTH_NM / 535.0) ** -draw[8] / beam * scattering
+    veil = channels @ veil_spectrum
+    reached = channels @ (veil_spectrum * -np.expm1(-beam * 2.0)) / veil
+    log_beta = np.log(-np.log1p(-reached) / 2.0)
+    level = np.log(0.02) + draw[9] * np.log(12.0)
+    log_white = np.log(white)
+    return np.concatenate([log_w, -slope, log_beta, np.log(veil) - log_white + level, log_white - log_white.mean()])
+
+
+def _channels(draw: Vector) -> NDArray[np.float64]:
+    """(3, wavelengths) a camera's filters, of unit sum; peaks and widths a little off the usual."""
+    peaks = _PEAKS_NM + 15.0 * (2 * draw[:3] - 1)
+    widths = _WIDTHS_NM * (0.8 + 0.4 * draw[3])
+    filters = np.exp(-0.5 * ((_WAVELENGTH_NM - peaks[:, None]) / widths[:, None]) ** 2)
+    return np.asarray(filters / filters.sum(axis=1, keepdims=True))
+
+
+def _low_discrepancy(number: int, dimensions: int) -> NDArray[np.float64]:
+    """(number, dimensions) points that fill the unit cube evenly: Kronecker's sequence on roots of the generalised golden ratio."""
+    ratio = 1.5
+    for _ in range(40):
+        ratio = (1 + ratio) ** (1 / (dimensions + 1))
+    steps = ratio ** -np.arange(1.0, dimensions + 1)
+    return np.asarray((0.5 + np.arange(1, number + 1)[:, None] * steps) % 1.0)

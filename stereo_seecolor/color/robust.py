@@ -1,0 +1,218 @@
+"""The default fit: the water under which the same reef, dark to bright, is seen at every range.
+
+    quantile_p of channel c at range z = B_c(z) + white_c A_c(z) exp(reflectance_cp + brightness_z),
+    B_c(z) = gamma_inf_c (1 - exp(-beta_c z)),  A_c(z) = exp(-z w_c exp(-v_c z))
+
+Content and light may change with range (brightness_z) as long as they change alike in all channels. Reflectances are nearly
+those of natural scenes, a little warm, and the brighter the nearer to gray. Water is near water that exists (``jerlov``). All of
+this is one regularised least squares over at most 20 ranges, solved by Gauss-Newton steps; its curvature gives the errors.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.jerlov import water_prior
+from stereo_seecolor.color.order_statistics import SHARES, summarize
+from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.data import Water
+
+Vector = NDArray[np.float64]
+
+WATER = 15
+"""Parameters of the water: log w, v, log beta, log(gamma_inf / white), log white, each for R, G, B."""
+
+REFLECTANCE = np.log([0.012, 0.022, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0])
+NATURAL = np.array([0.12, 0.0, -0.15])
+NATURAL_SHARE = np.array([1, 1, 1, 1, 1, 0.8, 0.5, 0.2])
+CAST = 2 * np.array([0.5, 0.35, 0.25, 0.2, 0.18, 0.15, 0.13, 0.12])
+TOGETHER = 0.7
+CONTENT = 0.1
+BRIGHTNESS = 0.5
+FLOOR = 0.002
+STEPS = 40
+NOTHING_LEARNED = 0.9
+NO_RELIEF = "too little relief to measure attenuation: it is taken from known waters (Jerlov's types)"
+
+
+def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
+    """The water of a table with at least one pixel, with standard errors; warnings where the table cannot carry its own.
+
+    start: a water to begin from; it changes the time the fit takes, not where it ends. The white point's level is such that
+    a scene's brightest thousandth is near full scale at exposure 1.
+    """
+    seen = summarize(table, config.input_encoding)
+    scale = max(float(seen.light[..., -2].max()), 1e-6)
+    light = seen.light / scale
+    mean, precision = _prior(len(seen.range_m))
+    x = mean.copy()
+    x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + FLOOR)
+    if start is not None and (start.w > 0).all() and (start.gamma_inf > 0).all():
+        x[:WATER] = _numbers(start, scale)
+    x, curvature = _minimise(x, seen.range_m, light, mean, precision)
+    return _water(x, curvature, scale, precision, config)
+
+
+def _numbers(water: Water, scale: float) -> Vector:
+    """The fifteen numbers of a water, its intensities as shares of ``scale``."""
+    veil = np.log(water.gamma_inf / water.white)
+    return np.concatenate([np.log(water.w), water.v, np.log(water.beta), veil, np.log(water.white / scale)])
+
+
+def _water(x: Vector, curvature: NDArray[np.float64], scale: float, precision: NDArray[np.float64], config: ColorConfig) -> Water:
+    log_w, v, log_beta, log_veil, log_white = x[:WATER].reshape(5, 3)
+    known = np.linalg.inv(curvature)[:WATER, :WATER]
+    before = np.linalg.inv(precision)[:WATER, :WATER]
+    level = np.eye(3) - 1 / 3  # a white point's own level is exposure
+    known[12:, 12:], before[12:, 12:] = (level @ matrix[12:, 12:] @ level for matrix in (known, before))
+    error, learned = (
+        np.sqrt(np.diag(known)).reshape(5, 3),
+        np.sqrt(np.diag(known) / np.diag(before)).reshape(5, 3) < NOTHING_LEARNED,
+    )
+    white = np.exp(log_white) * scale
+    values = [np.exp(log_w), v, np.exp(log_beta), np.exp(log_veil) * white, white]
+    unit = [values[0], np.ones(3), *values[2:]]
+    names = ("w", "v", "beta", "gamma_inf", "white")
+    standard_errors = {name: np.where(learned[i], error[i] * unit[i], np.nan) for i, name in enumerate(names)}
+    zero = np.zeros(3)
+    warnings = () if learned[0].any() else (NO_RELIEF,)
+    return Water(
+        w=values[0],
+        v=values[1],
+        beta=values[2],
+        gamma_inf=values[3],
+        white=white,
+        eta=zero,
+        alpha=np.ones(3),
+        y=zero,
+        x=zero,
+        standard_errors=standard_errors,
+        input_encoding=config.input_encoding,
+        warnings=warnings,
+    )
+
+
+def _prior(groups: int) -> tuple[Vector, Vector]:
+    """Mean and precision of all parameters: the water's, the reflectances', the brightnesses'."""
+    number = SHARES.size
+    water_mean, water_covariance = water_prior()
+    reflectance = (REFLECTANCE + NATURAL[:, None] * NATURAL_SHARE).ravel()
+    covariance = np.kron(np.eye(3), np.diag(CAST**2)) + TOGETHER**2 * np.kron(np.ones((3, 3)), np.eye(number))
+    size = WATER + 3 * number + groups
+    mean, precision = np.zeros(size), np.zeros((size, size))
+    mean[:WATER], mean[WATER : WATER + 3 * number] = water_mean, reflectance
+    precision[:WATER, :WATER] = np.linalg.inv(water_covariance)
+    inside = slice(WATER, WATER + 3 * number)
+    precision[inside, inside] = np.linalg.inv(covariance)
+    last = slice(WATER + 3 * number, None)
+    precision[last, last] = np.eye(groups) / BRIGHTNESS**2 + 100.0
+    return mean, precision
+
+
+@njit(cache=True, nogil=True)
+def _minimise(x, z, light, mean, precision):  # type: ignore[no-untyped-def]  # pragma: no cover
+    n = x.size
+    normal, slope = np.zeros((n, n)), np.zeros(n)
+    cost = _cost(x, z, light, mean, precision, normal, slope, True)
+    damping = 1e-3
+    steps = 0
+    trial = x.copy()
+    unused_normal, unused_slope = np.zeros((1, 1)), np.zeros(1)
+    while steps < STEPS:
+        steps += 1
+        damped = normal.copy()
+        for i in range(n):
+            damped[i, i] *= 1 + damping
+        move = _solve(damped, slope)
+        for i in range(n):
+            trial[i] = x[i] - min(max(move[i], -1.0), 1.0)
+        new = _cost(trial, z, light, mean, precision, unused_normal, unused_slope, False)
+        if new < cost:
+            small = cost - new < 1e-4 * cost
+            x[:] = trial
+            damping = max(damping * 0.2, 1e-6)
+            cost = _cost(x, z, light, mean, precision, normal, slope, True)
+            if small:
+                break
+        else:
+            damping *= 8
+            if damping > 1e8:
+                break
+    return x, normal
+
+
+@njit(cache=True, nogil=True)
+def _cost(x, z, light, mean, precision, normal, slope, derivatives):  # type: ignore[no-untyped-def]  # noqa: C901  # pragma: no cover
+    """Half the sum of squares; into ``normal`` and ``slope`` the Gauss-Newton matrix and the gradient."""
+    channels, groups, shares = light.shape
+    n = x.size
+    weight = 1.0 / (CONTENT * CONTENT * shares)
+    cost = 0.0
+    if derivatives:
+        normal[:] = precision
+    for i in range(n):
+        pull = 0.0
+        for j in range(n):
+            pull += precision[i, j] * (x[j] - mean[j])
+        cost += 0.5 * pull * (x[i] - mean[i])
+        if derivatives:
+            slope[i] = pull
+    at, d = np.zeros(7, np.int64), np.zeros(7)
+    for c in range(channels):
+        w, v, beta, veil, white = np.exp(x[c]), x[3 + c], np.exp(x[6 + c]), np.exp(x[9 + c]), np.exp(x[12 + c])
+        for k in range(5):
+            at[k] = 3 * k + c
+        for g in range(groups):
+            loss = w * np.exp(-v * z[g]) * z[g]
+            fog = np.exp(-beta * z[g])
+            backscatter = veil * white * (1 - fog)
+            at[6] = WATER + channels * shares + g
+            for p in range(shares):
+                at[5] = WATER + c * shares + p
+                direct = np.exp(min(x[12 + c] - loss + x[at[5]] + x[at[6]], 20.0))
+                model = direct + backscatter + FLOOR
+                r = np.log(model / (light[c, g, p] + FLOOR))
+                cost += 0.5 * weight * r * r
+                if not derivatives:
+                    continue
+                d[0] = -direct * loss
+                d[1] = direct * loss * z[g]
+                d[2] = veil * white * fog * beta * z[g]
+                d[3] = backscatter
+                d[4] = direct + backscatter
+                d[5] = direct
+                d[6] = direct
+                for i in range(7):
+                    scaled = weight * d[i] / model
+                    slope[at[i]] += scaled * r
+                    for j in range(7):
+                        normal[at[i], at[j]] += scaled * d[j] / model
+    return cost
+
+
+@njit(cache=True, nogil=True)
+def _solve(matrix, vector):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Solves a symmetric positive definite system by Cholesky's factors, in place."""
+    n = vector.size
+    out = vector.copy()
+    for j in range(n):
+        s = matrix[j, j]
+        for k in range(j):
+            s -= matrix[j, k] * matrix[j, k]
+        root = np.sqrt(max(s, 1e-300))
+        matrix[j, j] = root
+        for i in range(j + 1, n):
+            s = matrix[i, j]
+            for k in range(j):
+                s -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = s / root
+    for i in range(n):
+        for k in range(i):
+            out[i] -= matrix[i, k] * out[k]
+        out[i] /= matrix[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            out[i] -= matrix[k, i] * out[k]
+        out[i] /= matrix[i, i]
+    return out
