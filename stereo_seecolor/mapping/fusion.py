@@ -1,0 +1,112 @@
+"""A tile's frames into a surface: Open3D's voxel block grid holds and meshes it, our weights fill it."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.data import SurveyFrame
+from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.mapping.kernels import BLOCK, integrate
+from stereo_seecolor.mapping.poses import inverse
+from stereo_seecolor.mapping.tiles import TRUNCATION_VOXELS, Tile, Tiling
+
+MIN_WEIGHT = 0.05
+"""A surface is kept where the weights add up to this: a standard error of some four voxels, seen once."""
+
+LIBRARIES = "apt-get install libusb-1.0-0 libgl1 libgomp1"
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A triangle mesh. points_m, normals: (V, 3) float32; colors: (V, 3) uint8; triangles: (T, 3) int32."""
+
+    points_m: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+
+    @classmethod
+    def empty(cls) -> "Surface":
+        """No points."""
+        none = np.zeros((0, 3), np.float32)
+        return cls(none, none, np.zeros((0, 3), np.uint8), np.zeros((0, 3), np.int32))
+
+
+def check_available() -> None:
+    """Raise DeviceError, with the command that mends it, where Open3D cannot be imported; call before the first frame."""
+    _open3d()
+
+
+def _open3d() -> Any:
+    try:
+        import open3d
+    except ModuleNotFoundError as error:
+        raise DeviceError(f"the map needs Open3D, which is not installed ({error}): pip install open3d") from error
+    except (ImportError, OSError) as error:
+        raise DeviceError(f"the map needs Open3D, which lacks a system library ({error}): {LIBRARIES}") from error
+    return open3d
+
+
+def fuse_tile(
+    tile: Tile, tiling: Tiling, frames: Iterable[tuple[SurveyFrame, NDArray[np.float64]]], pair: RectifiedPair
+) -> Surface:
+    """Integrate frames (each with its T_world_camera) into the tile and extract the triangles that belong to it alone."""
+    o3d = _open3d()
+    grid, keys = _grid(o3d, tile, tiling.voxel_m)
+    tsdf, weight, color = (grid.attribute(name).numpy()[: len(keys)] for name in ("tsdf", "weight", "color"))
+    color_weight = np.zeros(weight.shape[:4], np.float32)
+    for frame, T_world_camera in frames:
+        camera = np.array([pair.focal_px, pair.cx_left_px, pair.cy_px, _farthest(frame)])
+        integrate(
+            keys,
+            tsdf[..., 0],
+            weight[..., 0],
+            color,
+            color_weight,
+            frame.color,
+            frame.range_m,
+            frame.range_std_m,
+            frame.confidence,
+            camera,
+            inverse(T_world_camera),
+            tiling.voxel_m,
+            TRUNCATION_VOXELS * tiling.voxel_m,
+        )
+    if not (weight > MIN_WEIGHT).any():
+        return Surface.empty()
+    return _cut_to_tile(grid.extract_triangle_mesh(MIN_WEIGHT), tile, tiling)
+
+
+def _grid(o3d: Any, tile: Tile, voxel_m: float) -> tuple[Any, NDArray[np.int32]]:
+    """A voxel block grid with all blocks of the tile, and their coordinates in the order of its buffers."""
+    float32 = o3d.core.float32
+    grid = o3d.t.geometry.VoxelBlockGrid(
+        ("tsdf", "weight", "color"), (float32,) * 3, ((1), (1), (3)), voxel_m, BLOCK, len(tile.blocks), o3d.core.Device("CPU:0")
+    )
+    buffers, _ = grid.hashmap().activate(o3d.core.Tensor(np.ascontiguousarray(tile.blocks)))
+    keys = np.empty_like(tile.blocks)
+    keys[buffers.numpy()] = tile.blocks
+    return grid, keys
+
+
+def _farthest(frame: SurveyFrame) -> float:
+    known = frame.range_m[np.isfinite(frame.range_m)]
+    return float(known.max()) if known.size else 0.0
+
+
+def _cut_to_tile(mesh: Any, tile: Tile, tiling: Tiling) -> Surface:
+    """Keep the triangles whose centre lies in the tile: each belongs to one tile, whichever extracted it."""
+    points = mesh.vertex.positions.numpy()
+    triangles = mesh.triangle.indices.numpy()
+    if not len(triangles):
+        return Surface.empty()
+    centers = np.sort(points[triangles][..., :2].astype(np.float64), axis=1).mean(axis=1)
+    own = (np.floor(centers / tiling.tile_m) == tile.column).all(axis=1)
+    used, renumbered = np.unique(triangles[own], return_inverse=True)
+    colors = np.clip(np.rint(mesh.vertex.colors.numpy()[used] * 255), 0, 255).astype(np.uint8)
+    normals = mesh.vertex.normals.numpy()[used]
+    return Surface(points[used], normals, colors, renumbered.reshape(-1, 3).astype(np.int32))

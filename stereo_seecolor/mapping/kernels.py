@@ -1,0 +1,94 @@
+"""Weighted TSDF integration of one frame into voxel blocks, on all cores."""
+
+from typing import Any
+
+import numba
+import numpy as np
+
+BLOCK = 8
+"""Voxels along the edge of a block."""
+
+CLIPPED_WEIGHT = 0.02
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def integrate(
+    keys: Any,  # (B, 3) int32 block coordinates
+    tsdf: Any,  # (B, 8, 8, 8) float32 in units of the truncation, index z, y, x
+    weight: Any,  # (B, 8, 8, 8) float32
+    color: Any,  # (B, 8, 8, 8, 3) float32, 0..255
+    color_weight: Any,  # (B, 8, 8, 8) float32
+    rgb: Any,  # (H, W, 3) uint8
+    range_m: Any,  # (H, W) float32
+    range_std_m: Any,  # (H, W) float32
+    confidence: Any,  # (H, W) float32
+    camera: Any,  # (4,) float64: focal_px, cx, cy, farthest range
+    T_camera_world: Any,  # (4, 4) float64
+    voxel_m: float,
+    truncation_m: float,
+) -> None:
+    """Update every voxel that projects onto a measured pixel and does not lie deeper behind it than the truncation.
+
+    Curless and Levoy's (1996) running weighted mean with weight = confidence (voxel / standard error)^2 a pixel. Voxels in
+    front of the surface are updated as well: that carves away what other frames saw only once, such as fish.
+    """
+    height, width = range_m.shape
+    for b in numba.prange(keys.shape[0]):
+        corner = np.array([keys[b, 0] * BLOCK * voxel_m, keys[b, 1] * BLOCK * voxel_m, keys[b, 2] * BLOCK * voxel_m])
+        if _out_of_sight(corner, camera, T_camera_world, width, height, voxel_m, truncation_m):
+            continue
+        for k, j, i in np.ndindex((BLOCK, BLOCK, BLOCK)):
+            x, y, z = _in_camera(T_camera_world, corner[0] + i * voxel_m, corner[1] + j * voxel_m, corner[2] + k * voxel_m)
+            if z <= 0.05:
+                continue
+            column = int(np.floor(camera[0] * x / z + camera[1] + 0.5))
+            row = int(np.floor(camera[0] * y / z + camera[2] + 0.5))
+            if column < 0 or row < 0 or column >= width or row >= height:
+                continue
+            measured, trust, std = range_m[row, column], confidence[row, column], range_std_m[row, column]
+            distance = np.sqrt(x * x + y * y + z * z)
+            if not (measured > 0 and trust > 0) or measured - distance < -truncation_m:
+                continue
+            w = trust * (voxel_m / std) ** 2 if std > 0 else trust
+            total = weight[b, k, j, i] + w
+            value = min(1.0, (measured - distance) / truncation_m)
+            tsdf[b, k, j, i] += (value - tsdf[b, k, j, i]) * w / total
+            weight[b, k, j, i] = total
+            if measured - distance <= truncation_m:
+                vertical = abs(T_camera_world[0, 2] * x + T_camera_world[1, 2] * y + T_camera_world[2, 2] * z) / distance
+                _mix(color[b, k, j, i], color_weight[b, k, j], i, rgb[row, column], vertical / distance)
+
+
+@numba.njit(cache=True, nogil=True)
+def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
+    return (
+        T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
+        T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
+        T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
+    )
+
+
+@numba.njit(cache=True, nogil=True)
+def _out_of_sight(corner: Any, camera: Any, T: Any, width: int, height: int, voxel_m: float, truncation_m: float) -> bool:
+    """True for a block whose enclosing sphere lies behind the camera, beyond the farthest range, or beside the image."""
+    half, radius = BLOCK / 2 * voxel_m, 0.87 * BLOCK * voxel_m
+    x, y, z = _in_camera(T, corner[0] + half, corner[1] + half, corner[2] + half)
+    if z < -radius or z - radius > camera[3] + truncation_m:
+        return True
+    if z < 2 * radius:
+        return False
+    margin = 2 * camera[0] * radius / (z - radius)
+    u, v = camera[0] * x / z + camera[1], camera[0] * y / z + camera[2]
+    return bool(u < -margin or v < -margin or u > width + margin or v > height + margin)
+
+
+@numba.njit(cache=True, nogil=True)
+def _mix(color: Any, color_weight: Any, i: int, rgb: Any, nearness: float) -> None:
+    """Weight (cosine from the vertical / range)^4: near and nadir views; hardly anything where a channel is clipped."""
+    w = nearness**4 + 1e-9
+    brightest = max(rgb[0], rgb[1], rgb[2])
+    if brightest >= 254 or brightest == 0:
+        w *= CLIPPED_WEIGHT
+    color_weight[i] += w
+    for c in range(3):
+        color[c] += (rgb[c] - color[c]) * w / color_weight[i]

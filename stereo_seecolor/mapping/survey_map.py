@@ -1,0 +1,123 @@
+"""START HERE: a survey's finished frames into the map of a reef."""
+
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.data import SurveyFrame, Trajectory
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.mapping.files import whole
+from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
+from stereo_seecolor.mapping.fusion import check_available, fuse_tile
+from stereo_seecolor.mapping.join import write_map
+from stereo_seecolor.mapping.placement import Placement, Unplaced, place, upright
+from stereo_seecolor.mapping.tile_store import TileStore
+from stereo_seecolor.mapping.tiles import Tile, cut
+from stereo_seecolor.mapping.tum_file import write_tum
+
+MIN_PIECE_FRAMES = 2
+
+
+@dataclass(frozen=True, eq=False)
+class MapSummary:
+    """What became of a survey.
+
+    frames, placed: how many there were, and how many found their place. pieces: frames in each piece, the main one first.
+    unplaced: the others, each with the reason. files: all that was written. points: of the main cloud.
+    """
+
+    frames: int
+    placed: int
+    pieces: tuple[int, ...]
+    unplaced: tuple[Unplaced, ...]
+    files: tuple[Path, ...]
+    points: int
+    seconds: float
+    warnings: tuple[str, ...]
+
+
+def build_map(
+    frames: Sequence[SurveyFrame],
+    pair: RectifiedPair,
+    out_dir: Path,
+    config: MappingConfig,
+    trajectory: Trajectory | None = None,
+    progress: Progress = silent,
+) -> MapSummary:
+    """Place the frames, fuse them and write all map products into ``out_dir``.
+
+    frames: read lazily, several times, one at a time. trajectory: poses from a file; None: own stereo odometry.
+    Piece 0, the one with most frames, is written to out_dir itself, others to out_dir/piece_<n>.
+
+    Raises DeviceError before the first frame if Open3D is missing; MappingError if nothing can be placed; OutputError if the
+    disk is full: finished tiles are kept, and the next run goes on from them.
+    """
+    check_available()
+    started = time.perf_counter()
+    index = FrameIndex.build(frames, pair, progress)
+    if trajectory is None:
+        raise MappingError("a map without a trajectory is not built yet: give --poses")
+    placement = upright(place(index, trajectory, config), index, trajectory.up)
+    sizes = np.bincount(placement.pieces[placement.pieces >= 0])
+    files: list[Path] = []
+    points = 0
+    for number in range(len(sizes)):
+        folder = out_dir if number == 0 else out_dir / f"piece_{number}"
+        written, count = _build_piece(frames, pair, folder, config, index, placement, number, progress)
+        files += written
+        points = points or count
+    return MapSummary(
+        frames=len(index.names),
+        placed=int(sizes.sum()),
+        pieces=tuple(sizes.tolist()),
+        unplaced=placement.unplaced,
+        files=tuple(files),
+        points=points,
+        seconds=time.perf_counter() - started,
+        warnings=placement.warnings,
+    )
+
+
+def _build_piece(
+    frames: Sequence[SurveyFrame],
+    pair: RectifiedPair,
+    folder: Path,
+    config: MappingConfig,
+    index: FrameIndex,
+    placement: Placement,
+    number: int,
+    progress: Progress,
+) -> tuple[list[Path], int]:
+    chosen = np.flatnonzero(placement.pieces == number)
+    trajectory, cloud, mesh = folder / "trajectory.tum", folder / "cloud.ply", folder / "mesh.ply"
+    with whole(trajectory) as path:
+        write_tum(path, index, placement.T_world_camera, chosen)
+    tiling = cut(index, placement.T_world_camera, chosen, config.voxel_m, config.tile_m)
+    store = TileStore(folder / ".tiles", tiling, placement.T_world_camera[chosen])
+    for done, tile in enumerate(tiling.tiles):
+        if not store.has(tile):
+            store.save(tile, fuse_tile(tile, tiling, _read(frames, tile, placement.T_world_camera), pair))
+        progress("fusing tiles", done + 1, len(tiling.tiles))
+    points, _ = write_map((store.load(tile) for tile in tiling.tiles), tiling.tile_m, cloud, mesh)
+    store.clear()
+    return [trajectory, cloud, mesh], points
+
+
+def _read(
+    frames: Sequence[SurveyFrame], tile: Tile, T_world_camera: NDArray[np.float64]
+) -> Iterator[tuple[SurveyFrame, NDArray[np.float64]]]:
+    """The tile's frames, the next one being read while one is fused."""
+    with ThreadPoolExecutor(max_workers=1) as reader:
+        upcoming = reader.submit(frames.__getitem__, tile.frames[0])
+        for i, following in zip(tile.frames, (*tile.frames[1:], None), strict=True):
+            frame = upcoming.result()
+            if following is not None:
+                upcoming = reader.submit(frames.__getitem__, following)
+            yield frame, T_world_camera[i]

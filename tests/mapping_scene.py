@@ -1,0 +1,75 @@
+"""A reef with known truth as the map's stages see it: frames with exact colours and ranges of known noise, without stereo."""
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import RectifiedPair
+from stereo_seecolor.data import SurveyFrame, Trajectory
+from stereo_seecolor.synthetic.casting import cast, look_up
+from stereo_seecolor.synthetic.reef import CELL_M, Reef, build_reef
+from stereo_seecolor.synthetic.survey import SurveySpec, track
+
+
+class ReefFrames(Sequence[SurveyFrame]):
+    """A survey's frames, made when asked for. noise_px: standard deviation of the disparity, correlated over a few pixels."""
+
+    def __init__(self, spec: SurveySpec, noise_px: float = 0.2) -> None:
+        width, height = spec.image_size
+        self.spec = spec
+        self.pair = RectifiedPair(0.83 * width, width / 2, width / 2, height / 2, 0.12, spec.image_size)
+        self.trajectory: Trajectory = track(spec)
+        self._noise_px = noise_px
+
+    @cached_property
+    def reef(self) -> Reef:
+        return build_reef(self.spec)
+
+    def __len__(self) -> int:
+        return self.spec.pairs
+
+    def __getitem__(self, index: int) -> SurveyFrame:  # type: ignore[override]
+        if not 0 <= index < len(self):
+            raise IndexError(index)
+        rays = self._rays
+        T = self.trajectory.T_world_camera[index]
+        range_m = cast(self.reef, T, rays)
+        linear = look_up(self.reef, T, rays, range_m, 1 / self.pair.focal_px)[:, :, 0]
+        rng = np.random.default_rng([self.spec.seed, index])
+        color = 255 * np.clip(linear, 0, 1) ** (1 / 2.2) + rng.normal(0, 2, linear.shape)
+        depth_m = range_m[..., 0] / self.pair.ray_length
+        std_m = depth_m * range_m[..., 0] / (self.pair.focal_px * self.pair.baseline_m) * max(self._noise_px, 0.01)
+        noise = cv2.GaussianBlur(rng.standard_normal(std_m.shape).astype(np.float32), (0, 0), 1.5)
+        noisy_m = range_m[..., 0] + (noise / noise.std() * std_m if self._noise_px else 0)
+        return SurveyFrame(
+            name=self.trajectory.names[index],
+            timestamp_s=float(self.trajectory.timestamps_s[index]),
+            color=np.clip(np.rint(color), 0, 255).astype(np.uint8),
+            range_m=noisy_m.astype(np.float32),
+            range_std_m=std_m.astype(np.float32),
+            confidence=np.ones(std_m.shape, np.float32),
+        )
+
+    @cached_property
+    def _rays(self) -> NDArray[np.float32]:
+        width, height = self.pair.image_size
+        column, row = np.meshgrid(np.arange(width), np.arange(height))
+        rays = np.stack(
+            [(column - self.pair.cx_left_px) / self.pair.focal_px, (row - self.pair.cy_px) / self.pair.focal_px, np.ones_like(row)],
+            -1,
+        )
+        return (rays / np.linalg.norm(rays, axis=-1, keepdims=True))[:, :, None].astype(np.float32)
+
+
+def height_at(reef: Reef, points_m: NDArray[np.floating]) -> NDArray[np.float32]:
+    """True height of the reef below points (N, 2 or more)."""
+    column = ((points_m[:, 0] - reef.origin_m[0]) / CELL_M).astype(np.float32)
+    row = ((points_m[:, 1] - reef.origin_m[1]) / CELL_M).astype(np.float32)
+    heights = [
+        cv2.remap(reef.height_m, c, r, cv2.INTER_LINEAR)
+        for c, r in zip(np.array_split(column, 1 + len(column) // 30000), np.array_split(row, 1 + len(row) // 30000), strict=True)
+    ]
+    return np.concatenate([h.ravel() for h in heights])

@@ -1,0 +1,147 @@
+"""Poses find their frames; what is damaged is named and left out, and nothing is joined that does not belong together."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.data import Trajectory
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.placement import place, upright
+from stereo_seecolor.mapping.poses import interpolate, inverse, rotation_from_vector, rotation_vector
+
+CONFIG = MappingConfig()
+DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
+BELOW = np.stack([*(a.ravel() for a in np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-1, 1, 5))), np.full(25, 2.0)], -1)
+
+
+def line(count: int = 10, step_m: float = 0.5, looking: NDArray[np.float64] = DOWN) -> NDArray[np.float64]:
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, :3] = looking
+    T[:, 0, 3] = np.arange(count) * step_m
+    return T
+
+
+def index(count: int = 10, names: tuple[str, ...] | None = None) -> FrameIndex:
+    names = names or tuple(f"f{i:02d}" for i in range(count))
+    return FrameIndex(names, np.arange(count, dtype=float), (BELOW.astype(np.float32),) * count)
+
+
+def by_name(T: NDArray[np.float64], names: tuple[str, ...] | None = None) -> Trajectory:
+    names = names or tuple(f"left/f{i:02d}.png" for i in range(len(T)))
+    return Trajectory(names, np.full(len(T), np.nan), T)
+
+
+def by_time(T: NDArray[np.float64], times: NDArray[np.float64] | None = None) -> Trajectory:
+    return Trajectory(("",) * len(T), np.arange(len(T), dtype=float) if times is None else times, T)
+
+
+def test_names_match_without_folder_and_suffix() -> None:
+    placement = place(index(), by_name(line()), CONFIG)
+    np.testing.assert_array_equal(placement.T_world_camera, line())
+    assert placement.pieces.tolist() == [0] * 10
+    assert not placement.unplaced
+
+
+def test_time_between_two_poses_is_interpolated() -> None:
+    trajectory = by_time(line(6, step_m=1.0), np.arange(6) * 2.0)
+    placement = place(index(), trajectory, CONFIG)
+    np.testing.assert_allclose(placement.T_world_camera[:, 0, 3], np.arange(10) * 0.5)
+
+
+def test_poses_out_of_order_are_sorted_by_time() -> None:
+    shuffle = np.random.default_rng(1).permutation(10)
+    placement = place(index(), by_time(line()[shuffle], shuffle.astype(float)), CONFIG)
+    np.testing.assert_allclose(placement.T_world_camera, line())
+    assert "out of order" in placement.warnings[0]
+
+
+def test_a_gap_leaves_its_frames_out_and_names_them() -> None:
+    keep = [0, 1, 8, 9]
+    placement = place(index(), by_time(line()[keep], np.array(keep, dtype=float)), CONFIG)
+    assert [u.name for u in placement.unplaced] == ["f02", "f03", "f04", "f05", "f06", "f07"]
+    assert "no pose within 5 s" in placement.unplaced[0].reason
+    assert placement.pieces.tolist() == [0, 0, -1, -1, -1, -1, -1, -1, 0, 0]
+
+
+def test_a_jump_that_stays_breaks_the_map() -> None:
+    T = line()
+    T[6:, 1, 3] += 50
+    placement = place(index(), by_name(T), CONFIG)
+    assert placement.pieces.tolist() == [0] * 6 + [1] * 4
+    assert "jumps 50.0 m between f05 and f06" in placement.warnings[0]
+
+
+def test_a_pose_that_jumps_away_and_back_is_left_out() -> None:
+    T = line()
+    T[4, 1, 3] += 50
+    placement = place(index(), by_name(T), CONFIG)
+    assert placement.pieces.tolist() == [0, 0, 0, 0, -1, 0, 0, 0, 0, 0]
+    assert placement.unplaced[0].name == "f04"
+    assert "jumps 50.0 m away and back" in placement.unplaced[0].reason
+
+
+def test_a_pose_that_is_not_finite_leaves_its_frame_out() -> None:
+    T = line()
+    T[3, 0, 3] = np.nan
+    assert place(index(), by_name(T), CONFIG).unplaced[0].reason == "its pose is not finite"
+    placement = place(index(), by_time(T), CONFIG)
+    assert not placement.unplaced  # its neighbours in time stand in for it
+    assert "1 poses of the trajectory are not finite" in placement.warnings[0]
+
+
+def test_duplicate_time_stamps_count_once() -> None:
+    T, times = line(11), np.array([0, 1, 1, 2, 3, 4, 5, 6, 7, 8, 9.0])
+    T[3:, 0, 3] -= 0.5
+    placement = place(index(), by_time(T, times), CONFIG)
+    assert "1 poses repeat a time stamp" in placement.warnings[0]
+    np.testing.assert_allclose(placement.T_world_camera[:, 0, 3], np.arange(10) * 0.5)
+
+
+def test_two_pairs_of_one_name_are_told_apart_by_time_or_named() -> None:
+    names = ("f00", "f01", "f01", *(f"f{i:02d}" for i in range(3, 10)))
+    trajectory = by_name(line(), tuple(f"{n}.png" for n in names))
+    placement = place(index(names=names), trajectory, CONFIG)
+    assert "2 pairs are called f01" in placement.warnings[0]
+    assert [u.name for u in placement.unplaced] == ["f01", "f01"]
+    timed = Trajectory(trajectory.names, np.arange(10.0), trajectory.T_world_camera)
+    np.testing.assert_allclose(place(index(names=names), timed, CONFIG).T_world_camera, line())
+
+
+def test_poses_without_names_and_times_are_taken_in_order() -> None:
+    nothing = np.full(10, np.nan)
+    assert "taken in order" in place(index(), by_time(line(), nothing), CONFIG).warnings[0]
+    with pytest.raises(MappingError, match="9 poses of the trajectory cannot be matched to the 10 frames"):
+        place(index(), by_time(line(9), nothing[:9]), CONFIG)
+
+
+def test_a_trajectory_of_another_dive_is_refused() -> None:
+    with pytest.raises(MappingError, match="no frame has a pose"):
+        place(index(), by_time(line(), np.arange(10) + 1e6), CONFIG)
+
+
+def test_a_map_upside_down_is_refused() -> None:
+    placement = place(index(), by_name(line(looking=np.eye(3))), CONFIG)
+    with pytest.raises(MappingError, match=r"the bottom 2.0 m above the cameras"):
+        upright(placement, index(), "z")
+
+
+def test_a_world_that_does_not_know_up_is_levelled() -> None:
+    tilt = np.eye(4)
+    tilt[:3, :3] = rotation_from_vector(np.array([2.0, 0.7, -0.3]))
+    placement = upright(place(index(), by_name(tilt @ line()), CONFIG), index(), "unknown")
+    np.testing.assert_allclose(placement.T_world_camera[:, :3, 2] @ [0, 0, 1], -1, atol=1e-6)
+
+
+@given(st.lists(st.floats(-3.1, 3.1), min_size=3, max_size=3), st.floats(0, 1))
+def test_rotations_and_their_vectors_agree(vector: list[float], share: float) -> None:
+    R = rotation_from_vector(np.array(vector))
+    np.testing.assert_allclose(rotation_from_vector(rotation_vector(R)), R, atol=1e-5)
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, vector
+    np.testing.assert_allclose(T @ inverse(T), np.eye(4), atol=1e-9)
+    there = interpolate(np.eye(4), T, share)
+    np.testing.assert_allclose(interpolate(T, np.eye(4), 1 - share)[:3], there[:3], atol=1e-4)
