@@ -52,7 +52,7 @@ class Bottom:
         rock = _mix(_mix(_mix(np.zeros((*shape, 3), np.float32) + 0, 1, ROCK), turf, TURF), crust, CORALLINE)
         speckle = np.exp(0.25 * fractal_noise(shape, 0.06 / cell_m, 3, rng))
         albedo = rock * rocky[..., None] + np.array(SAND, np.float32) * (1 - rocky[..., None]) * (1 + 0.06 * rough[..., None])
-        texture = (0.16 + 0.16 * rocky).astype(np.float32)
+        texture = (0.12 + 0.12 * rocky).astype(np.float32)
         shade = 1 + (speckle - 1) * (0.35 + 0.65 * rocky)
         return cls(cell_m, origin_m, height_m.astype(np.float32), (albedo * shade[..., None]).astype(np.float32), texture)
 
@@ -79,7 +79,7 @@ class Bottom:
         column = int(np.clip((x_m - self.origin_m[0]) / self.cell_m, 0, self.height_m.shape[1] - 1))
         return float(self.height_m[row, column])
 
-    def raise_to(self, patch: Patch, top_m: Grid, albedo: Grid, texture: float) -> None:
+    def raise_to(self, patch: Patch, top_m: NDArray[np.floating], albedo: Grid, texture: float) -> None:
         """Put a thing there: wherever its top stands above what is there, height, colour and grain become its own."""
         window = patch.rows, patch.columns
         above = top_m > self.height_m[window]

@@ -1,9 +1,16 @@
-"""Rays against the reef: where each meets it, and what colour is there; the same on any number of threads."""
+"""Rays against the reef: where each meets it, and what colour is there; the same on any number of threads.
 
+Compiled without numba's own threads, whose simplest layer must not be entered twice at once: ``in_rows`` spreads the rows.
+"""
+
+import itertools
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-import numba
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.synthetic.reef import BLOCK_CELLS, CELL_M, DETAIL_TEXEL_M, MAX_STEEPNESS, Reef
@@ -11,27 +18,36 @@ from stereo_seecolor.synthetic.reef import BLOCK_CELLS, CELL_M, DETAIL_TEXEL_M, 
 Rays = NDArray[np.float32]
 """(H, W, S, 3) unit directions in the camera's axes, S samples a pixel."""
 
+compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(nogil=True, cache=True, error_model="numpy")
+
 
 def cast(reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays) -> NDArray[np.float32]:
     """(H, W, S) distance along each ray to the reef, metres, infinite where a ray never meets it."""
-    x0, y0 = reef.origin_m
-    return np.asarray(_cast(reef.height_m, x0, y0, reef.blocks, T_world_camera, rays))
+    range_m = np.empty(rays.shape[:3], np.float32)
+    low, high = float(reef.height_m.min()), float(reef.height_m.max())
+    in_rows(_cast, len(rays), reef.height_m, *reef.origin_m, reef.blocks, low, high, T_world_camera, rays, range_m)
+    return range_m
 
 
 def look_up(
     reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays, range_m: NDArray[np.float32], sample_angle: float
 ) -> NDArray[np.float32]:
     """(H, W, S, 3) linear colour of the lit reef where each ray meets it, filtered to ``sample_angle``, radians between rays."""
-    x0, y0 = reef.origin_m
-    color, detail = numba.typed.List(reef.color), numba.typed.List(reef.detail)
-    return np.asarray(_look_up(color, detail, x0, y0, T_world_camera, rays, range_m, sample_angle))
+    out = np.zeros(rays.shape, np.float32)
+    in_rows(_look_up, len(rays), reef.color, reef.detail, *reef.origin_m, T_world_camera, rays, range_m, sample_angle, out)
+    return out
 
 
-def _compiled(function: Any) -> Any:
-    return numba.njit(function, cache=True, error_model="numpy")
+def in_rows(kernel: Callable[..., Any], rows: int, *arguments: Any) -> None:
+    """Run a compiled ``kernel(first_row, end_row, *arguments)`` over all rows, a share to each core."""
+    threads = min(os.cpu_count() or 1, 8)
+    bounds = np.linspace(0, rows, 4 * threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads) as pool:
+        for part in [pool.submit(kernel, first, end, *arguments) for first, end in itertools.pairwise(bounds)]:
+            part.result()
 
 
-@_compiled
+@compiled
 def _mirror(index: int, size: int) -> int:
     """Beyond its edge the reef goes on as its own mirror image."""
     period = 2 * size - 2
@@ -39,8 +55,8 @@ def _mirror(index: int, size: int) -> int:
     return index if index < size else period - index
 
 
-@_compiled
-def _height(height_m: Any, column: float, row: float) -> float:
+@compiled
+def _height(height_m: Any, column: float, row: float) -> Any:
     c, r = int(np.floor(column)), int(np.floor(row))
     fc, fr = column - c, row - r
     ny, nx = height_m.shape
@@ -53,18 +69,18 @@ def _height(height_m: Any, column: float, row: float) -> float:
     return top * (1 - fr) + bottom * fr
 
 
-@_compiled
+@compiled
 def _to_block_edge(place: float, step: float) -> float:
     """Ray length until ``place`` (in blocks), moving ``step`` blocks a metre, leaves its block."""
     if step > 1e-9:
-        return (np.floor(place) + 1 - place) / step
+        return float((np.floor(place) + 1 - place) / step)
     if step < -1e-9:
-        return (place - np.floor(place)) / -step
+        return float((place - np.floor(place)) / -step)
     return np.inf
 
 
-@_compiled
-def _march(height_m: Any, x0: float, y0: float, blocks: Any, low: float, high: float, start: Any, ray: Any) -> float:
+@compiled
+def _march(height_m: Any, x0: float, y0: float, blocks: Any, low: float, high: float, start: Any, ray: Any) -> Any:
     """Distance to the first crossing: to the block's top at once, then steps that its steepest slope allows, then bisection."""
     fall = -ray[2]
     if fall <= 1e-6:
@@ -73,7 +89,7 @@ def _march(height_m: Any, x0: float, y0: float, blocks: Any, low: float, high: f
     last = (start[2] - low) / fall + 0.01
     level = max(np.hypot(ray[0], ray[1]), 1e-6)
     block_m = CELL_M * BLOCK_CELLS
-    shortest = min(max(0.0006, 0.3 * CELL_M / level), 0.004)  # a smooth surface has nothing between two points of a third of a cell
+    shortest = min(max(0.0006, 0.3 * CELL_M / level), 0.004)  # a smooth surface hides nothing within a third of a cell
     before = reach
     while reach < last:
         x, y = start[0] + reach * ray[0] - x0, start[1] + reach * ray[1] - y0
@@ -102,22 +118,31 @@ def _march(height_m: Any, x0: float, y0: float, blocks: Any, low: float, high: f
     return 0.5 * (before + reach)
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
-def _cast(height_m: Any, x0: float, y0: float, blocks: Any, pose: Any, rays: Any) -> Any:
-    rows, columns, samples, _ = rays.shape
-    low, high = height_m.min(), height_m.max()
-    range_m = np.empty((rows, columns, samples), np.float32)
-    for i in numba.prange(rows):
-        ray = np.empty(3)
+@compiled
+def _cast(
+    first: int,
+    end: int,
+    height_m: Any,
+    x0: float,
+    y0: float,
+    blocks: Any,
+    low: float,
+    high: float,
+    pose: Any,
+    rays: Any,
+    range_m: Any,
+) -> None:
+    _, columns, samples, _ = rays.shape
+    ray = np.empty(3)
+    for i in range(first, end):
         for j in range(columns):
             for s in range(samples):
                 for k in range(3):
                     ray[k] = pose[k, 0] * rays[i, j, s, 0] + pose[k, 1] * rays[i, j, s, 1] + pose[k, 2] * rays[i, j, s, 2]
                 range_m[i, j, s] = _march(height_m, x0, y0, blocks, low, high, pose[:3, 3], ray)
-    return range_m
 
 
-@_compiled
+@compiled
 def _bilinear(image: Any, column: float, row: float, out: Any) -> None:
     c, r = int(np.floor(column)), int(np.floor(row))
     fc, fr = column - c, row - r
@@ -129,8 +154,8 @@ def _bilinear(image: Any, column: float, row: float, out: Any) -> None:
         out[k] = top * (1 - fr) + bottom * fr
 
 
-@_compiled
-def _wrapped(tile: Any, x: float, y: float) -> float:
+@compiled
+def _wrapped(tile: Any, x: float, y: float) -> Any:
     size = tile.shape[0]
     c, r = int(np.floor(x)), int(np.floor(y))
     fc, fr = x - c, y - r
@@ -141,27 +166,27 @@ def _wrapped(tile: Any, x: float, y: float) -> float:
     return top * (1 - fr) + bottom * fr
 
 
-@_compiled
-def _level(footprint: float, cell: float, levels: int) -> float:
-    return min(max(np.log2(max(footprint / cell, 1e-6)), 0.0), levels - 1.001)
+@compiled
+def _level(footprint_m: float, cell_m: float, levels: int) -> Any:
+    return min(max(np.log2(max(footprint_m / cell_m, 1e-6)), 0.0), levels - 1.001)
 
 
-@_compiled
+@compiled
 def _lit_color(
-    color: Any, detail: Any, x: float, y: float, z: float, x0: float, y0: float, footprint: float, near: Any, far: Any
+    color: Any, detail: Any, x: float, y: float, z: float, x0: float, y0: float, footprint_m: float, near: Any, far: Any
 ) -> None:
     """Trilinear colour into ``near[:3]``, with the grain that this footprint resolves; height moves the grain, for walls."""
-    level = _level(footprint, CELL_M, len(color))
+    level = _level(footprint_m, CELL_M, len(color))
     k, share = int(level), level - int(level)
     scale = 2.0**k
-    column, row = (x - x0) / CELL_M, (y - y0) / CELL_M
-    _bilinear(color[k], (column + 0.5) / scale - 0.5, (row + 0.5) / scale - 0.5, near)
+    column, row = (x - x0) / CELL_M + 0.5, (y - y0) / CELL_M + 0.5
+    _bilinear(color[k], column / scale - 0.5, row / scale - 0.5, near)
     if share > 0.0:
-        _bilinear(color[k + 1], (column + 0.5) / (2 * scale) - 0.5, (row + 0.5) / (2 * scale) - 0.5, far)
+        _bilinear(color[k + 1], column / (2 * scale) - 0.5, row / (2 * scale) - 0.5, far)
         for c in range(4):
             near[c] = near[c] * (1 - share) + far[c] * share
     if near[3] > 0.0:
-        level = _level(footprint, DETAIL_TEXEL_M, len(detail))
+        level = _level(footprint_m, DETAIL_TEXEL_M, len(detail))
         k, share = int(level), level - int(level)
         u, v = (x + 0.7 * z) / DETAIL_TEXEL_M + 0.5, (y - 0.6 * z) / DETAIL_TEXEL_M + 0.5
         grain = (1 - share) * _wrapped(detail[k], u / 2.0**k - 0.5, v / 2.0**k - 0.5)
@@ -170,12 +195,23 @@ def _lit_color(
             near[c] = near[c] * max(1.0 + near[3] * grain, 0.1)
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
-def _look_up(color: Any, detail: Any, x0: float, y0: float, pose: Any, rays: Any, range_m: Any, sample_angle: float) -> Any:
-    rows, columns, samples, _ = rays.shape
-    out = np.zeros((rows, columns, samples, 3), np.float32)
-    for i in numba.prange(rows):
-        near, far = np.empty(4), np.empty(4)
+@compiled
+def _look_up(
+    first: int,
+    end: int,
+    color: Any,
+    detail: Any,
+    x0: float,
+    y0: float,
+    pose: Any,
+    rays: Any,
+    range_m: Any,
+    sample_angle: float,
+    out: Any,
+) -> None:
+    _, columns, samples, _ = rays.shape
+    near, far = np.empty(4), np.empty(4)
+    for i in range(first, end):
         for j in range(columns):
             for s in range(samples):
                 reach = range_m[i, j, s]
@@ -188,4 +224,3 @@ def _look_up(color: Any, detail: Any, x0: float, y0: float, pose: Any, rays: Any
                 _lit_color(color, detail, x, y, z, x0, y0, reach * sample_angle, near, far)
                 for c in range(3):
                     out[i, j, s, c] = near[c]
-    return out

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.data import Mask
+from stereo_seecolor.synthetic.casting import compiled, in_rows
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 
@@ -46,15 +46,15 @@ class School:
         """Write range and colour of the fish over what lies behind them, in place; (H, W, S) True where a fish is."""
         moving = np.zeros(range_m.shape, np.bool_)
         if len(self.centres_m):
-            _cover(self.centres_m, self.axes, T_world_camera, rays, range_m, color, moving)
+            in_rows(_cover, len(rays), self.centres_m, self.axes, T_world_camera, rays, range_m, color, moving)
         return moving
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
-def _cover(centres_m: Any, axes: Any, pose: Any, rays: Any, range_m: Any, color: Any, moving: Any) -> None:
+@compiled
+def _cover(first: int, end: int, centres_m: Any, axes: Any, pose: Any, rays: Any, range_m: Any, color: Any, moving: Any) -> None:
     """First crossing of each ray with each ellipsoid |axes (p - centre)| = 1."""
-    rows, columns, samples = range_m.shape
-    for i in numba.prange(rows):
+    _, columns, samples = range_m.shape
+    for i in range(first, end):
         ray, from_centre, direction = np.empty(3), np.empty(3), np.empty(3)
         for j in range(columns):
             for s in range(samples):

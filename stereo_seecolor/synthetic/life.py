@@ -29,7 +29,8 @@ def settle(bottom: Bottom, spec: SurveySpec, rng: np.random.Generator) -> NDArra
 
     def places(per_m2: float) -> NDArray[np.float64]:
         corner = np.array(bottom.origin_m)
-        return corner + rng.random((round(per_m2 * area_m2), 2)) * np.array([nx, ny]) * bottom.cell_m
+        size_m = np.array([nx, ny]) * bottom.cell_m
+        return np.asarray(corner + rng.random((round(per_m2 * area_m2), 2)) * size_m)
 
     for x, y in places(0.22):
         _boulder(bottom, x, y, rng)
@@ -60,7 +61,7 @@ def _boulder(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> No
     albedo = _painted(patch.u_m, ROCK) * np.exp(0.25 * patchy)[..., None]
     albedo = _blend(albedo, np.clip(noise - 0.3, 0, 1), TURF)
     albedo = _blend(albedo, np.clip(2 * patchy - 1.2, 0, 0.9), CORALLINE)
-    bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), albedo, texture=0.34)
+    bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), albedo, texture=0.25)
 
 
 def _massive_coral(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> None:
@@ -68,10 +69,10 @@ def _massive_coral(bottom: Bottom, x: float, y: float, rng: np.random.Generator)
     patch = bottom.patch(x, y, 1.2 * radius_m)
     noise = fractal_noise(patch.u_m.shape, 0.7 * radius_m / bottom.cell_m, 3, rng)
     distance = np.hypot(patch.u_m, patch.v_m) / radius_m * (1 + 0.07 * noise)
-    grooves = np.sin(2 * np.pi * (patch.u_m / 0.04 + 1.1 * fractal_noise(patch.u_m.shape, 0.07 / bottom.cell_m, 2, rng)))
+    grooves: Grid = np.sin(2 * np.pi * (patch.u_m / 0.04 + 1.1 * fractal_noise(patch.u_m.shape, 0.07 / bottom.cell_m, 2, rng)))
     top_m = bottom.ground_m(x, y) + 0.75 * radius_m * _dome(distance, 2.2) + 0.004 * grooves
-    albedo = _painted(patch.u_m, _pick(_MASSIVE, rng)) * (1 + 0.3 * grooves)[..., None]
-    bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), albedo, texture=0.22)
+    albedo = _painted(patch.u_m, _pick(_MASSIVE, rng)) * (np.float32(1) + np.float32(0.3) * grooves)[..., None]
+    bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), albedo, texture=0.18)
 
 
 def _table_coral(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> None:
@@ -84,7 +85,7 @@ def _table_coral(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -
     top_m = bottom.ground_m(x, y) + (0.45 * radius_m + 0.06 * radius_m * distance) * edge**0.5 + 0.008 * bumps
     rim = np.clip((distance - 0.85) / 0.12, 0, 1)
     albedo = _painted(patch.u_m, _pick(_BRANCHING, rng)) * np.exp(0.28 * bumps)[..., None]
-    bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), _blend(albedo, 0.5 * rim, (0.62, 0.55, 0.42)), texture=0.26)
+    bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), _blend(albedo, 0.5 * rim, (0.62, 0.55, 0.42)), texture=0.2)
 
 
 def _branching_thicket(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> None:
@@ -99,7 +100,7 @@ def _branching_thicket(bottom: Bottom, x: float, y: float, rng: np.random.Genera
             continue
         distance = np.hypot(patch.u_m, patch.v_m) / radius_m
         top_m = bottom.ground_m(x, y) + height_m * _dome(distance, 1.5)
-        albedo = _painted(patch.u_m, color) * rng.uniform(0.8, 1.2)
+        albedo = _painted(patch.u_m, color) * np.float32(rng.uniform(0.8, 1.2))
         tip = _blend(albedo, 0.6 * np.clip(1 - 2.2 * distance, 0, 1), (0.66, 0.58, 0.44))
         bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), tip, texture=0.2)
 
@@ -137,7 +138,7 @@ def _bare_patch(bottom: Bottom, x: float, y: float, radius_m: float) -> None:
 
 
 def _chart(bottom: Bottom, x: float, y: float) -> NDArray[np.float64]:
-    """A 6x4 chart of 8 cm patches on a black board, lying level just above what is under it."""
+    """A 6x4 chart of 8 cm patches on a black board, lying level where its weight has flattened what was there."""
     width_m, depth_m = CHART_SIZE_M
     patch = bottom.patch(x, y, width_m)
     turn = np.radians(12.0)
@@ -150,26 +151,30 @@ def _chart(bottom: Bottom, x: float, y: float) -> NDArray[np.float64]:
     inside = board & in_patch & (column >= 0) & (column < 6) & (row >= 0) & (row < 4)
     albedo = _painted(patch.u_m, (0.02, 0.02, 0.02))
     albedo[inside] = np.array(CHART, np.float32)[row[inside] * 6 + column[inside]]
-    top_m = float(bottom.height_m[patch.rows, patch.columns][board].max()) + 0.01
+    ground_m = bottom.height_m[patch.rows, patch.columns]
+    top_m = float(np.median(ground_m[board])) + 0.02
+    around = (np.abs(u - width_m / 2) < width_m / 2 + 0.06) & (np.abs(v - depth_m / 2) < depth_m / 2 + 0.06)
+    ground_m[around] = np.minimum(ground_m[around], top_m - 0.01)
     bottom.raise_to(patch, np.where(board, np.float32(top_m), -np.inf), albedo, texture=0.0)
     local = np.array([[0, depth_m], [width_m, depth_m], [width_m, 0], [0, 0]]) - np.array([width_m, depth_m]) / 2
     return np.asarray(local @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) + [x, y])
 
 
-def _dome(distance: Grid, power: float) -> Grid:
-    return np.sqrt(np.clip(1 - np.clip(distance, 0, 1) ** power, 0, 1))
+def _dome(distance: NDArray[np.floating], power: float) -> Grid:
+    return np.asarray(np.sqrt(np.clip(1 - np.clip(distance, 0, 1) ** power, 0, 1)), dtype=np.float32)
 
 
 def _turned(u: Grid, v: Grid, rng: np.random.Generator) -> tuple[Grid, Grid]:
     angle = rng.uniform(0, np.pi)
-    return np.cos(angle) * u + np.sin(angle) * v, -np.sin(angle) * u + np.cos(angle) * v
+    c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
+    return c * u + s * v, c * v - s * u
 
 
 def _painted(like: Grid, color: Color) -> Grid:
-    return np.broadcast_to(np.array(color, np.float32), (*like.shape, 3)).copy()
+    return np.full((*like.shape, 3), np.array(color, np.float32))
 
 
-def _blend(albedo: Grid, share: Grid, color: Color) -> Grid:
+def _blend(albedo: Grid, share: NDArray[np.floating], color: Color) -> Grid:
     return np.asarray(albedo * (1 - share[..., None]) + np.array(color, np.float32) * share[..., None], dtype=np.float32)
 
 

@@ -30,7 +30,7 @@ def caustics(spec: SurveySpec, points_m: Points, time_s: float) -> NDArray[np.fl
         along = points_m[..., 0] * np.cos(angle) + points_m[..., 1] * np.sin(angle)
         total += np.sin(2 * np.pi * along / wavelength_m + phase).astype(np.float32)
     lines = np.exp(-(total**2)) - 0.38  # bright where the waves cancel; 0.38 is about its mean
-    return np.maximum(1.0 + np.float32(spec.caustic_contrast) * lines, 0.1)
+    return np.asarray(np.maximum(1.0 + spec.caustic_contrast * lines, 0.1), dtype=np.float32)
 
 
 def lamplight(spec: SurveySpec, water: LitWater, points_m: Points, T_world_camera: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -44,4 +44,4 @@ def lamplight(spec: SurveySpec, water: LitWater, points_m: Points, T_world_camer
         distance_m = np.linalg.norm(away, axis=-1)
         beam = np.maximum(away @ axis / distance_m, 0.0) ** LAMP_BEAM_EXPONENT
         total += (brightness * beam / distance_m**2)[..., None] * water.water.attenuation(distance_m).astype(np.float32)
-    return total / len(LAMPS_M)
+    return np.asarray(total / len(LAMPS_M), dtype=np.float32)

@@ -72,28 +72,27 @@ def _shading(height_m: Grid) -> Grid:
     slope_y, slope_x = np.gradient(height_m, CELL_M)
     sun_x, sun_y, sun_z = SUN_DIRECTION
     facing = (sun_z - slope_x * sun_x - slope_y * sun_y) / np.sqrt(1.0 + slope_x**2 + slope_y**2) / sun_z
-    openness = np.ones_like(height_m)
+    openness: Grid = np.ones_like(height_m)
     for radius_m in (0.03, 0.1, 0.3):
         below = cv2.GaussianBlur(height_m, (0, 0), radius_m / CELL_M, borderType=cv2.BORDER_REFLECT) - height_m
         openness *= np.exp(-np.maximum(below, 0.0) / radius_m)
     sun = np.clip(facing, 0.0, 1.1) * (0.3 + 0.7 * openness)
-    return np.clip(0.6 * sun + 0.4 * openness, 0.02, 1.05).astype(np.float32)
+    return np.asarray(np.clip(0.6 * sun + 0.4 * openness, 0.02, 1.05), dtype=np.float32)
 
 
 def _detail_tile(rng: np.random.Generator) -> Grid:
     """A tile of fine grain that wraps around, mean 0, about unit spread."""
     white = rng.standard_normal((DETAIL_TILE, DETAIL_TILE)).astype(np.float32)
-    tile = np.zeros_like(white)
     spectrum = np.fft.rfft2(white)
     frequency = np.hypot(np.fft.fftfreq(DETAIL_TILE)[:, None], np.fft.rfftfreq(DETAIL_TILE)[None, :])
     band = np.where((frequency > 1 / 64) & (frequency < 0.45), 1.0 / np.maximum(frequency, 1 / 64), 0.0)
     tile = np.fft.irfft2(spectrum * band, s=white.shape)
-    return np.clip(tile / tile.std(), -2.5, 2.5).astype(np.float32)
+    return np.asarray(np.clip(tile / tile.std(), -2.5, 2.5), dtype=np.float32)
 
 
 def _mips(image: Grid) -> tuple[Grid, ...]:
     levels = [np.ascontiguousarray(image)]
-    while min(levels[-1].shape[:2]) >= 16 and len(levels) < 8:
+    for _ in range(7):
         height, width = levels[-1].shape[:2]
         halved = cv2.resize(
             levels[-1][: height // 2 * 2, : width // 2 * 2], (width // 2, height // 2), interpolation=cv2.INTER_AREA

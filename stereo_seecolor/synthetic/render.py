@@ -2,15 +2,15 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any, Literal
 
 import cv2
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
 from stereo_seecolor.data import Image, Mask, RangeMap, StereoFrame, Trajectory
-from stereo_seecolor.synthetic.casting import Rays, cast, look_up
+from stereo_seecolor.synthetic.casting import Rays, cast, compiled, in_rows, look_up
 from stereo_seecolor.synthetic.fish import School
 from stereo_seecolor.synthetic.lighting import caustics, lamplight, sunlight
 from stereo_seecolor.synthetic.reef import Reef, build_reef
@@ -66,7 +66,8 @@ class Scene:
         """The reef, the rig, the track and the water of a survey."""
         stereo_rig = rig(spec)
         camera_depth_m = spec.bottom_depth_m - float(np.mean(spec.altitude_m))
-        water = lit_water(spec.water, spec.bottom_depth_m, camera_depth_m, spec.exposure_range_m)
+        encoding: Literal["srgb", "linear"] = "srgb" if spec.bits == 8 else "linear"
+        water = lit_water(spec.water, spec.bottom_depth_m, camera_depth_m, spec.exposure_range_m, encoding)
         return cls(spec, build_reef(spec), stereo_rig, Rectification.from_rig(stereo_rig), track(spec), water)
 
     def render(self, index: int) -> RenderedPair:
@@ -125,7 +126,8 @@ class Scene:
         if self.spec.lamp_intensity > 0:
             light += lamplight(self.spec, self.water, points_m, rig_pose)
         transmission, veil = self._water_tables
-        seen = _through_water(color, light, range_m, transmission, veil, _TABLE_STEP_M)
+        seen = np.zeros((*range_m.shape[:2], 3), np.float32)
+        in_rows(_through_water, len(rays), color, light, range_m, transmission, veil, seen)
         rng = np.random.default_rng([self.spec.seed, 4, *noise_seed])
         return expose(seen, self.spec.full_well_e, self.spec.read_noise_e, self.spec.bits, rng)
 
@@ -194,7 +196,8 @@ def _raw_rays(camera: Camera) -> Rays:
     flat = cv2.undistortPoints(pixels, camera.K, camera.distortion, criteria=settled)
     rays = np.concatenate([flat[:, 0], np.ones((len(flat), 1))], axis=1)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    return rays.astype(np.float32).reshape(height, width, _GRID * _GRID, 3)
+    samples: Rays = rays.astype(np.float32).reshape(height, width, _GRID * _GRID, 3)
+    return samples
 
 
 def _pixel_rays(P: NDArray[np.float64], image_size: tuple[int, int]) -> Rays:
@@ -202,7 +205,8 @@ def _pixel_rays(P: NDArray[np.float64], image_size: tuple[int, int]) -> Rays:
     width, height = image_size
     row, column = np.meshgrid(np.arange(height), np.arange(width), indexing="ij")
     rays = np.stack([(column - P[0, 2]) / P[0, 0], (row - P[1, 2]) / P[1, 1], np.ones_like(row, np.float64)], axis=-1)
-    return (rays / np.linalg.norm(rays, axis=-1, keepdims=True))[:, :, None, :].astype(np.float32)
+    unit: Rays = (rays / np.linalg.norm(rays, axis=-1, keepdims=True))[:, :, None, :].astype(np.float32)
+    return unit
 
 
 def _points(T_world_camera: NDArray[np.float64], rays: Rays, range_m: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -212,16 +216,15 @@ def _points(T_world_camera: NDArray[np.float64], rays: Rays, range_m: NDArray[np
     return np.asarray(turned * reach + T_world_camera[:3, 3].astype(np.float32))
 
 
-@numba.njit(parallel=True, cache=True, error_model="numpy")
-def _through_water(color, light, range_m, transmission, veil, step_m):  # type: ignore[no-untyped-def]
-    """(H, W, 3) what the pixel gathers: I = J light A(z) + B(z), averaged over its samples."""
-    rows, columns, samples, _ = color.shape
-    seen = np.zeros((rows, columns, 3), np.float32)
+@compiled
+def _through_water(first: int, end: int, color: Any, light: Any, range_m: Any, transmission: Any, veil: Any, seen: Any) -> None:
+    """What a pixel gathers: I = J light A(z) + B(z), averaged over its samples."""
+    _, columns, samples, _ = color.shape
     last = transmission.shape[0] - 1
-    for i in numba.prange(rows):
+    for i in range(first, end):
         for j in range(columns):
             for s in range(samples):
-                place = min(range_m[i, j, s] / step_m, last - 1.001)
+                place = min(range_m[i, j, s] / _TABLE_STEP_M, last - 1.001)
                 k = int(place) if np.isfinite(range_m[i, j, s]) else last
                 share = place - k if k < last else 0.0
                 after = min(k + 1, last)
@@ -229,4 +232,3 @@ def _through_water(color, light, range_m, transmission, veil, step_m):  # type: 
                     a = transmission[k, c] * (1 - share) + transmission[after, c] * share
                     b = veil[k, c] * (1 - share) + veil[after, c] * share
                     seen[i, j, c] += (color[i, j, s, c] * light[i, j, s, c] * a + b) / samples
-    return seen

@@ -52,10 +52,13 @@ class LitWater:
     sun_attenuation: PerChannel
 
 
-def lit_water(name: WaterName, depth_m: float, camera_depth_m: float, exposure_range_m: float) -> LitWater:
+def lit_water(
+    name: WaterName, depth_m: float, camera_depth_m: float, exposure_range_m: float, encoding: Literal["srgb", "linear"] = "srgb"
+) -> LitWater:
     """The named water over a bottom at ``depth_m``, seen from ``camera_depth_m``.
 
     Exposure is set as a camera would: a white patch at ``exposure_range_m`` just fits its brightest channel.
+    encoding: of the images; the water itself acts in linear light.
     """
     kd = np.interp(_WAVELENGTH_NM, _TABLE_NM, _KD[name])
     kd_535 = float(np.interp(535.0, _TABLE_NM, _KD[name]))
@@ -77,6 +80,7 @@ def lit_water(name: WaterName, depth_m: float, camera_depth_m: float, exposure_r
         y=zero,
         x=zero,
         white=exposure * _band(sunlight),
+        input_encoding=encoding,
     )
     deeper = _band(sunlight * np.exp(-0.5 * kd))
     return LitWater(water, depth_m, 2.0 * np.log(_band(sunlight) / deeper))

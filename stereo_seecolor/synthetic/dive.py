@@ -1,0 +1,110 @@
+"""A whole synthetic dive on disk: what a vehicle would bring home, and beside it the truth."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.formats import native
+from stereo_seecolor.data import Trajectory, Water
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.synthetic.reef import CELL_M, Reef
+from stereo_seecolor.synthetic.render import RenderedPair, Scene
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+_FOLDERS = ("left", "right", "truth/range", "truth/color", "truth/visible")
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 9]
+_FLOAT_TIFF = [cv2.IMWRITE_TIFF_COMPRESSION, 8, cv2.IMWRITE_TIFF_PREDICTOR, 3]  # deflate, floating point
+_RANGE_STEPS_PER_M = 8192
+"""Ranges are rounded to 0.12 mm, a hundredth of what stereo can tell, so that they compress."""
+
+
+def synthesize(spec: SurveySpec, out: Path, done: Callable[[int, int], None] = lambda finished, pairs: None) -> None:
+    """Render the survey into ``out``; docs/synthetic.md lists the files. ``done(finished, pairs)`` is called after each pair.
+
+    Raises OutputError if the folder cannot be written.
+    """
+    scene = Scene.from_spec(spec)
+    try:
+        for folder in _FOLDERS:
+            (out / folder).mkdir(parents=True, exist_ok=True)
+        native.write(scene.rig, out / "cam.yaml")
+        _write_tum(out / "trajectory.tum", scene.trajectory)
+        _write_json(out / "truth/water.json", _water_content(scene))
+        _write_surface(out / "truth/surface.npz", scene.reef)
+        for index in range(spec.pairs):
+            _write_pair(out, scene.render(index))
+            done(index + 1, spec.pairs)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {error.strerror or error}: give another folder") from error
+
+
+def _write_pair(out: Path, pair: RenderedPair) -> None:
+    name = pair.frame.name
+    _write_image(out / "left" / f"{name}.png", pair.frame.left)
+    _write_image(out / "right" / f"{name}.png", pair.frame.right)
+    _write_image(out / "truth/color" / f"{name}.png", pair.color_image)
+    _write(out / "truth/visible" / f"{name}.png", (pair.visible & ~pair.moving).astype(np.uint8) * 255, _PNG)
+    range_m = np.round(pair.range_map.range_m * _RANGE_STEPS_PER_M) / np.float32(_RANGE_STEPS_PER_M)
+    _write(out / "truth/range" / f"{name}.tiff", range_m.astype(np.float32), _FLOAT_TIFF)
+
+
+def _write_image(path: Path, rgb: NDArray[Any]) -> None:
+    _write(path, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), _PNG)
+
+
+def _write(path: Path, pixels: NDArray[Any], parameters: list[int]) -> None:
+    _, content = cv2.imencode(path.suffix, pixels, parameters)
+    path.write_bytes(content.tobytes())
+
+
+def _write_tum(path: Path, trajectory: Trajectory) -> None:
+    lines = ["# timestamp tx ty tz qx qy qz qw: the rectified left camera in the world (east, north, up), metres"]
+    for time_s, T in zip(trajectory.timestamps_s, trajectory.T_world_camera, strict=True):
+        numbers = [*T[:3, 3], *_quaternion(T[:3, :3])]
+        lines.append(f"{time_s:.6f} " + " ".join(f"{number:.9f}" for number in numbers))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _quaternion(R: NDArray[np.float64]) -> NDArray[np.float64]:
+    """x, y, z, w of a rotation: the eigenvector of Bar-Itzhack's matrix (J. Guidance 23, 2000), good for any rotation."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
+    K = np.array(
+        [
+            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
+            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
+            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
+            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
+        ]
+    )
+    quaternion: NDArray[np.float64] = np.linalg.eigh(K)[1][:, 3]
+    return quaternion if quaternion[3] >= 0 else -quaternion
+
+
+def _water_content(scene: Scene) -> dict[str, Any]:
+    """As OUT/water.json, with what else is true of the light, and the specification that made it all."""
+    values = {field.name: getattr(scene.water.water, field.name) for field in fields(Water)}
+    return {
+        "format": "stereo-seecolor/water",
+        "version": 1,
+        "water": {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in values.items()},
+        "sun_attenuation": scene.water.sun_attenuation.tolist(),
+        "white_at_depth_m": scene.water.depth_m,
+        "chart_corners_m": scene.reef.chart_corners_m.round(6).tolist(),
+        "survey": asdict(scene.spec),
+    }
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _write_surface(path: Path, reef: Reef) -> None:
+    """The ground itself at 1 cm: height_m (ny, nx), up; origin_m (x, y) of its first row and column; cell_m."""
+    height_m = np.round(reef.height_m[::2, ::2] * 4096) / 4096
+    np.savez_compressed(path, height_m=height_m.astype(np.float32), origin_m=np.array(reef.origin_m), cell_m=np.array(2 * CELL_M))
