@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from stereo_seecolor.color.encoding import decoded_values
 from stereo_seecolor.color.losses import attenuation_loss, backscatter_loss, clamp_direct
-from stereo_seecolor.color.model import AttenuationNet, BackscatterNet, Scale
+from stereo_seecolor.color.model import AttenuationNet, BackscatterNet, Scale, Spread
 from stereo_seecolor.color.parameters import ATTENUATION, BACKSCATTER, cold_water, raw_rates, raw_shares, water_of
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Water
@@ -63,8 +63,9 @@ def load(network: nn.Module, water: Water) -> None:
     """Set the network's raw weights to give the water's parameters."""
     with torch.no_grad():
         for name, layer in network.named_children():
-            if hasattr(layer, "weight"):
-                raw = (raw_shares if isinstance(layer, Scale) and layer.share else raw_rates)(getattr(water, name))
+            if isinstance(layer, Scale | Spread):
+                share = isinstance(layer, Scale) and layer.share
+                raw = (raw_shares if share else raw_rates)(getattr(water, name))
                 layer.weight.copy_(torch.from_numpy(raw).reshape(3, 1, 1, 1))
 
 

@@ -18,6 +18,7 @@ COLD_STEPS, WARM_STEPS = 120, 25
 CLAMP_DEVIATIONS = 5.0
 """The direct signal is clamped to this many standard deviations about its mean before attenuation is fitted."""
 
+IS_SHARE = np.array([True, False, True, False])
 NOTHING = Direct(np.zeros(0), np.zeros((0, 2)), 0.0, 1.0, 0.0)
 
 LONGEST_STEP = 2.0
@@ -26,17 +27,37 @@ LONGEST_STEP = 2.0
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
     """The water that minimises the paper's losses over the table's pixels, of which there must be some."""
+    found = np.empty((8, 3))
+    for c, channel in enumerate(channels(table, config)):
+        guesses = [_raw_backscatter(guess) for guess in _backscatter_guesses(channel, config.penalty)]
+        warm = None if start is None else _raw_backscatter(_parameters(start, BACKSCATTER, c))
+        raw = _best(0, warm, guesses, channel, NOTHING, config.penalty)
+        found[:4, c] = np.where(IS_SHARE, shares(raw), rates(raw))
+        direct = direct_signal(channel, found[:4, c])
+        guesses = [raw_rates(guess) for guess in _attenuation_guesses(channel, direct)]
+        warm = None if start is None else raw_rates(_parameters(start, ATTENUATION, c))
+        found[4:, c] = rates(_best(1, warm, guesses, channel, direct, 0.0))
+    return water_of(found, config)
+
+
+def losses(table: MomentTable, water: Water, config: ColorConfig) -> tuple[float, float]:
+    """The paper's backscatter and attenuation losses of a water over the table's pixels, of which there must be some."""
+    backscatter, attenuation, gradient = 0.0, 0.0, np.empty(4)
+    for c, channel in enumerate(channels(table, config)):
+        four = _parameters(water, BACKSCATTER, c)
+        backscatter += backscatter_loss(_raw_backscatter(four), channel, config.penalty, gradient)
+        direct = direct_signal(channel, four)
+        attenuation += attenuation_loss(raw_rates(_parameters(water, ATTENUATION, c)), channel, direct, gradient)
+    return backscatter, attenuation
+
+
+def channels(table: MomentTable, config: ColorConfig) -> list[Channel]:
+    """The table's three channels, in linear light, with their running sums."""
     occupied = np.flatnonzero(table.pixels)
-    z = table.range_m[occupied]
     light = decoded_bins(table.bit_depth, config.input_encoding)
     scale = 1.0 / (3.0 * table.pixels.sum())
-    found = np.empty((8, 3))
-    for c in range(3):
-        channel = Channel(z, light, sums_below(table.counts[c, occupied], light), scale)
-        found[:4, c] = _fit_backscatter(channel, config.penalty, _parameters(start, BACKSCATTER, c))
-        direct = direct_signal(channel, found[:4, c])
-        found[4:, c] = _fit_attenuation(channel, direct, _parameters(start, ATTENUATION, c))
-    return water_of(found, config)
+    z = table.range_m[occupied]
+    return [Channel(z, light, sums_below(table.counts[c, occupied], light), scale) for c in range(3)]
 
 
 def direct_signal(channel: Channel, parameters: NDArray[np.float64]) -> Direct:
@@ -54,20 +75,31 @@ def direct_signal(channel: Channel, parameters: NDArray[np.float64]) -> Direct:
     return Direct(backscatter, sums, floor, ceiling, float(np.sqrt(max(square - mean**2, 0.0))))
 
 
-def _parameters(water: Water | None, names: tuple[str, ...], channel: int) -> NDArray[np.float64] | None:
-    return None if water is None else np.array([getattr(water, name)[channel] for name in names])
+def _best(
+    which: int, warm: NDArray[np.float64] | None, guesses: list[NDArray[np.float64]], channel: Channel, direct: Direct, penalty: float
+) -> NDArray[np.float64]:
+    """The lowest minimum: from ``warm`` in a few steps where it begins lower than every guess, else from each of the guesses."""
+    gradient = np.empty(4)
+    begin = [_loss(which, raw, channel, direct, penalty, gradient) for raw in guesses]
+    if warm is not None and _loss(which, warm, channel, direct, penalty, gradient) <= min(begin):
+        starts, steps = [warm], WARM_STEPS
+    else:
+        starts, steps = guesses, COLD_STEPS
+    minima = [minimise(which, raw, channel, direct, penalty, steps) for raw in starts]
+    best: NDArray[np.float64] = min(minima, key=lambda minimum: minimum[0])[1]
+    return best
 
 
-def _fit_backscatter(channel: Channel, penalty: float, start: NDArray[np.float64] | None) -> NDArray[np.float64]:
-    starts = [start] if start is not None else _backscatter_starts(channel, penalty)
-    raws = [np.where([True, False, True, False], raw_shares(p), raw_rates(p)) for p in starts]
-    steps = WARM_STEPS if start is not None else COLD_STEPS
-    best = min((minimise(0, raw, channel, NOTHING, penalty, steps) for raw in raws), key=_loss_of)[1]
-    return np.where([True, False, True, False], shares(best), rates(best))
+def _parameters(water: Water, names: tuple[str, ...], channel: int) -> NDArray[np.float64]:
+    return np.array([getattr(water, name)[channel] for name in names])
 
 
-def _backscatter_starts(channel: Channel, penalty: float) -> list[NDArray[np.float64]]:
-    """Guesses from the darkest of each level, which is what the loss looks for: its optimum at one level is a quantile."""
+def _raw_backscatter(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(IS_SHARE, raw_shares(parameters), raw_rates(parameters))
+
+
+def _backscatter_guesses(channel: Channel, penalty: float) -> list[NDArray[np.float64]]:
+    """From the darkest of each level, which is what the loss looks for: at one level its optimum is the 1 / (1 + k) quantile."""
     number = channel.below[:, -1, 0]
     reached = channel.below[:, 1:, 0] > (number / (1 + penalty))[:, None]
     darkest = channel.light[reached.argmax(axis=1)]
@@ -76,22 +108,13 @@ def _backscatter_starts(channel: Channel, penalty: float) -> list[NDArray[np.flo
     return [np.array([low + 0.02, 1 / middle, low, 1 / middle]), np.array([low + 0.02, 0.2 / middle, 0.5 * low, 0.2 / middle])]
 
 
-def _fit_attenuation(channel: Channel, direct: Direct, start: NDArray[np.float64] | None) -> NDArray[np.float64]:
+def _attenuation_guesses(channel: Channel, direct: Direct) -> list[NDArray[np.float64]]:
+    """From the rate that would lift the mean to a half at the mean range."""
     middle = float(np.average(channel.z, weights=channel.below[:, -1, 0]))
-    mean = direct.sums[:, 0].sum() * 3 * channel.scale
+    mean = float(direct.sums[:, 0].sum()) * 3 * channel.scale
     rate = max(float(np.log(0.5 / max(mean, 1e-3))), 0.1) / middle
-    cold = [
-        np.array([0.5 * rate, 0.1 / middle, 0.5 * rate, 0.1 / middle]),
-        np.array([0.3 * rate, 0.02 / middle, 2 * rate, 2 / middle]),
-    ]
-    starts = [start] if start is not None else cold
-    steps = WARM_STEPS if start is not None else COLD_STEPS
-    best = min((minimise(1, raw_rates(p), channel, direct, 0.0, steps) for p in starts), key=_loss_of)[1]
-    return rates(best)
-
-
-def _loss_of(minimum: tuple[float, NDArray[np.float64], int]) -> float:
-    return minimum[0]
+    flat, steep = [0.5 * rate, 0.1 / middle, 0.5 * rate, 0.1 / middle], [0.3 * rate, 0.02 / middle, 2 * rate, 2 / middle]
+    return [np.array(flat), np.array(steep)]
 
 
 @njit(cache=True, nogil=True)
