@@ -11,7 +11,10 @@ from calibration.geometry import RectifiedPair
 from calibration.rig import Camera, StereoRig
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
+Array = NDArray[np.float64]
 RemapTables = tuple[NDArray[np.int16], NDArray[np.uint16]]
+WIDEST_SLOPE = 2.0  # tan of 63 degrees: a pinhole image of more spends its pixels on the rim
+BORDER_STEPS = 33
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,24 +28,18 @@ class Rectification:
     """
 
     pair: RectifiedPair
-    R_left: NDArray[np.float64]
-    R_right: NDArray[np.float64]
+    R_left: Array
+    R_right: Array
     maps_left: RemapTables | None
     maps_right: RemapTables | None
 
     @classmethod
     def from_rig(cls, rig: StereoRig) -> "Rectification":
-        """Rectify ``rig`` onto images of the left camera's size (OpenCV's stereoRectify, or its fisheye twin)."""
-        if rig.left.image_size != rig.right.image_size:
-            raise CalibrationError(f"left and right images differ in size: {rig.left.image_size} and {rig.right.image_size}")
+        """Rectify ``rig`` onto images of the left camera's size, as wide as both cameras see without empty corners."""
+        pair, R_left, R_right = _plan(rig)
         if rig.is_rectified:
-            pair = _pair(rig.left.K, rig.right.K[0, 2], rig.baseline_m, rig.left.image_size)
-            return cls(pair, np.eye(3), np.eye(3), None, None)
-        R_left, R_right, P_left, P_right = _rectify(rig)
-        pair = _pair(P_left[:, :3], P_right[0, 2], rig.baseline_m, rig.left.image_size)
-        maps_left = _maps(rig.left, R_left, P_left)
-        maps_right = _maps(rig.right, R_right, P_right)
-        return cls(pair, R_left, R_right, maps_left, maps_right)
+            return cls(pair, R_left, R_right, None, None)
+        return cls(pair, R_left, R_right, _maps(rig.left, R_left, pair), _maps(rig.right, R_right, pair))
 
     def apply_left(self, image: Image) -> Image:
         """Rectify a left image (H, W) or (H, W, C); dtype kept, black where the camera saw nothing."""
@@ -67,33 +64,96 @@ class Rectification:
         return np.asarray(self.apply_left(np.full((height, width), 255, np.uint8)) == 255)
 
 
-def _pair(K_left: NDArray[np.float64], cx_right_px: float, baseline_m: float, image_size: tuple[int, int]) -> RectifiedPair:
-    return RectifiedPair(
-        focal_px=float(K_left[0, 0]),
-        cx_left_px=float(K_left[0, 2]),
-        cx_right_px=float(cx_right_px),
-        cy_px=float(K_left[1, 2]),
-        baseline_m=baseline_m,
-        image_size=image_size,
-    )
+def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
+    """Where pixels (n, 2) of the raw left and right images lie in the rectified ones; NaN where a lens does not reach."""
+    pair, R_left, R_right = _plan(rig)
+    rectified = []
+    for camera, R, pixels in ((rig.left, R_left, left), (rig.right, R_right, right)):
+        x, y, z = (camera.rays(pixels) @ R.T).T
+        rectified.append(np.column_stack([x / z * pair.focal_px + pair.cx_left_px, y / z * pair.focal_px + pair.cy_px]))
+    if rig.is_rectified:
+        rectified[1][:, 0] += pair.cx_right_px - pair.cx_left_px
+    return rectified[0], rectified[1]
 
 
-def _rectify(rig: StereoRig) -> tuple[NDArray[np.float64], ...]:
-    if rig.left.model != rig.right.model:
-        raise CalibrationError(f"cameras of two models: left is {rig.left.model}, right is {rig.right.model}")
-    translation = rig.T_right_left[:3, 3:].copy()  # (3, 1): OpenCV 5 refuses a flat or a strided one
-    lenses = (rig.left.K, rig.left.distortion, rig.right.K, rig.right.distortion, rig.left.image_size, rig.R, translation)
-    if rig.left.model == "fisheye":
-        matrices = cv2.fisheye.stereoRectify(*lenses, flags=cv2.CALIB_ZERO_DISPARITY, balance=0.0)[:4]
-    else:
-        matrices = cv2.stereoRectify(*lenses, flags=cv2.CALIB_ZERO_DISPARITY, alpha=0)[:4]
-    R_left, R_right, P_left, P_right = (np.asarray(m, dtype=np.float64) for m in matrices)
-    return R_left, R_right, P_left, P_right
+def rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
+    """(3, 3) rotations from each camera's axes to common ones whose x axis is the baseline, each camera turned equally.
+
+    Bouguet's construction, as in Learning OpenCV (Bradski and Kaehler 2008), ch. 12: halve the rotation between the cameras,
+    then turn both so that the translation lies along x.
+    """
+    half, _ = cv2.Rodrigues(cv2.Rodrigues(rig.R)[0] / 2)
+    turn = _rotation_onto_x(-(half.T @ rig.T_right_left[:3, 3]))
+    return turn @ half, turn @ half.T
 
 
-def _maps(camera: Camera, R: NDArray[np.float64], P: NDArray[np.float64]) -> RemapTables:
+def _rotation_onto_x(vector: Array) -> Array:
+    x = vector / np.linalg.norm(vector)
+    axis = np.cross(x, [1.0, 0.0, 0.0])
+    sine = float(np.linalg.norm(axis))
+    if sine < 1e-15:
+        return np.eye(3)
+    return np.asarray(cv2.Rodrigues(axis / sine * np.arctan2(sine, x[0]))[0], dtype=np.float64)
+
+
+def _plan(rig: StereoRig) -> tuple[RectifiedPair, Array, Array]:
+    """The rectified geometry, and the rotations onto it."""
+    if rig.left.image_size != rig.right.image_size:
+        raise CalibrationError(f"left and right images differ in size: {rig.left.image_size} and {rig.right.image_size}")
+    if rig.is_rectified:
+        K = rig.left.K
+        pair = RectifiedPair(K[0, 0], K[0, 2], rig.right.K[0, 2], K[1, 2], rig.baseline_m, rig.left.image_size)
+        return pair, np.eye(3), np.eye(3)
+    R_left, R_right = rectifying_rotations(rig)
+    focal_px, cx_px, cy_px = _common_view([(rig.left, R_left), (rig.right, R_right)])
+    return RectifiedPair(focal_px, cx_px, cx_px, cy_px, rig.baseline_m, rig.left.image_size), R_left, R_right
+
+
+def _common_view(cameras: list[tuple[Camera, Array]]) -> tuple[float, float, float]:
+    """Focal length and principal point of the widest image, of the cameras' size, that both fill without an empty corner."""
+    bounds = np.array([_inner_bounds(camera, R) for camera, R in cameras])
+    x0, y0 = bounds[:, 0].max(axis=0)
+    x1, y1 = bounds[:, 1].min(axis=0)
+    if not (x1 > x0 and y1 > y0):
+        raise CalibrationError("the cameras share no field of view after rectification: check the rotation and the focal lengths")
+    width, height = cameras[0][0].image_size
+    focal_px = max((width - 1) / (x1 - x0), (height - 1) / (y1 - y0))
+    return focal_px, (width - 1) / 2 - focal_px * (x0 + x1) / 2, (height - 1) / 2 - focal_px * (y0 + y1) / 2
+
+
+def _inner_bounds(camera: Camera, R: Array) -> Array:
+    """((x0, y0), (x1, y1)) slopes of the largest upright rectangle found inside the camera's rectified outline."""
+    width, height = camera.image_size
+    along = np.linspace(0, 1, BORDER_STEPS)[:, None]
+    centre = np.array([(width - 1) / 2, (height - 1) / 2])
+    corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64)
+    edges = [_outermost(camera, R, centre, corners[i] + along * (corners[(i + 1) % 4] - corners[i])) for i in range(4)]
+    top, right, bottom, left = edges
+    return np.array([[left[:, 0].max(), top[:, 1].max()], [right[:, 0].min(), bottom[:, 1].min()]])
+
+
+def _outermost(camera: Camera, R: Array, centre: Array, border: Array) -> Array:
+    """(n, 2) slopes, in rectified axes, of the outermost ray on the way from the centre to each border pixel.
+
+    A lens model may reach no further (its polynomial turns back), and a fisheye sees wider than an image plane can show.
+    """
+    inwards = np.linspace(0, 1, BORDER_STEPS)[1:, None, None]
+    pixels = centre + inwards * (border - centre)
+    x, y, z = np.moveaxis((camera.rays(pixels.reshape(-1, 2)) @ R.T).reshape(*pixels.shape[:2], 3), 2, 0)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        slopes = np.stack([x / z, y / z], axis=-1)
+        usable = (z > 0) & (np.abs(slopes).max(axis=-1) < WIDEST_SLOPE)
+    reached = np.cumprod(usable, axis=0).sum(axis=0) - 1
+    if (reached < 0).any():
+        raise CalibrationError(
+            "a camera's lens model reaches no pixel near the middle of the image: check focal lengths and distortion"
+        )
+    return np.asarray(slopes[reached, np.arange(len(border))])
+
+
+def _maps(camera: Camera, R: Array, pair: RectifiedPair) -> RemapTables:
     build = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
-    table, fraction = build(camera.K, camera.distortion, R, P, camera.image_size, cv2.CV_16SC2)
+    table, fraction = build(camera.K, camera.distortion, R, pair.P_left, camera.image_size, cv2.CV_16SC2)
     return table, fraction
 
 

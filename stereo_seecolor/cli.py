@@ -164,17 +164,19 @@ def doctor() -> None:
 
 def main() -> None:
     """Run the command line; a known error becomes one line and exit code 1."""
-    from calibration.errors import CalibrationError
-    from stereo_seecolor.errors import SeeColorError
-
     try:
         app()
-    except (SeeColorError, CalibrationError) as error:
-        print(f"stereo-seecolor: {error}", file=sys.stderr)
-        sys.exit(EXIT_KNOWN_ERROR)
     except KeyboardInterrupt:
         print("stereo-seecolor: interrupted", file=sys.stderr)
         sys.exit(EXIT_INTERRUPTED)
+    except Exception as error:
+        from calibration import CalibrationError
+        from stereo_seecolor.errors import SeeColorError
+
+        if not isinstance(error, (SeeColorError, CalibrationError)):
+            raise
+        print(f"stereo-seecolor: {error}", file=sys.stderr)
+        sys.exit(EXIT_KNOWN_ERROR)
 
 
 def _config(path: Path | None, settings: list[str] | None) -> "RunConfig":

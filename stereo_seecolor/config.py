@@ -148,10 +148,13 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunC
         raise ConfigError(_first_problem(error, str(path) if path else "--set")) from error
 
 
-def known_keys() -> list[str]:
+def known_keys(model: type[BaseModel] = RunConfig, prefix: str = "") -> list[str]:
     """Every ``section.key`` that a configuration may hold."""
-    sections = {name: info.default for name, info in RunConfig.model_fields.items()}
-    return [f"{section}.{key}" for section, model in sections.items() for key in type(model).model_fields]
+    keys: list[str] = []
+    for name, field in model.model_fields.items():
+        nested = isinstance(field.default, BaseModel)
+        keys += known_keys(type(field.default), f"{prefix}{name}.") if nested else [prefix + name]
+    return keys
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -170,13 +173,15 @@ def _read(path: Path) -> dict[str, Any]:
 
 def _apply_override(content: dict[str, Any], override: str) -> None:
     key, equals, value = override.partition("=")
-    section, dot, name = key.strip().partition(".")
-    if not (equals and dot):
+    *sections, name = key.strip().split(".")
+    if not (equals and sections):
         raise ConfigError(f"--set {override}: write it as section.key=value, for example color.lock=survey")
-    if f"{section}.{name}" not in known_keys():
+    if key.strip() not in known_keys():
         raise ConfigError(f"--set {override}: there is no setting {key.strip()!r}{_suggestion(key.strip())}")
     try:
-        content.setdefault(section, {})[name] = yaml.safe_load(value)
+        for section in sections:
+            content = content.setdefault(section, {})
+        content[name] = yaml.safe_load(value)
     except (yaml.YAMLError, TypeError, AttributeError) as error:
         raise ConfigError(f"--set {override}: the value cannot be read: {' '.join(str(error).split())}") from error
 

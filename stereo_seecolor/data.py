@@ -101,6 +101,7 @@ class Correction:
     image: J at the input's bit depth; where the range is unknown see ``unknown``.
     unknown: True where no range was known. unrecoverable: True where a channel's gain hit its noise-tied cap.
     clipped_share: share of valid pixels with a channel at full scale. water: the water that was taken out.
+    linear: (H, W, 3) float32 linear light, unclipped, where it was asked for.
     """
 
     image: Image
@@ -110,6 +111,7 @@ class Correction:
     water: Water
     exposure: float = 1.0
     warnings: tuple[str, ...] = ()
+    linear: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,14 +16,17 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.tables import MomentTable
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.data import FrameResult, Image, RangeMap, StereoFrame, Water
-from stereo_seecolor.errors import OutputError, SeeColorError
+from stereo_seecolor.errors import MatchingError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.outputs.frames_table import FrameRow
 from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
 from stereo_seecolor.outputs.water_file import water_content
-from stereo_seecolor.outputs.write import write_correction
+from stereo_seecolor.outputs.write import correction_outputs, write_correction
 from stereo_seecolor.schedule import Clock, in_order
+
+SUSPICIOUS_COVERAGE = 0.35
+"""With fewer pixels matched than this, it is worth looking whether left and right are swapped."""
 
 
 class Pipeline:
@@ -41,8 +44,17 @@ class Pipeline:
         return StereoFrame(frame.name, left, right, frame.timestamp_s)
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """The range map of a rectified pair."""
-        return self.matcher.match(frame)
+        """The range map of a rectified pair. Raises MatchingError if left and right are swapped."""
+        range_map = self.matcher.match(frame)
+        coverage = np.isfinite(range_map.measured_m).mean()
+        if coverage < SUSPICIOUS_COVERAGE:
+            swapped = self.matcher.match(StereoFrame(frame.name, frame.right, frame.left))
+            if (other := np.isfinite(swapped.measured_m).mean()) > 3 * coverage + 0.1:
+                raise MatchingError(
+                    f"{frame.name}: left and right look swapped: {coverage:.0%} of the pixels match as given and {other:.0%} the "
+                    "other way round: exchange --left and --right"
+                )
+        return range_map
 
     def process(self, frame: StereoFrame, water: Water | None = None) -> FrameResult:
         """A pair as the cameras gave it through all stages; ``water`` is fitted to this one frame if not given."""
@@ -196,11 +208,15 @@ class Survey:
         assert done.ranged
         image, range_map = done.ranged.image, done.ranged.range_map
         key = content_key(done.ranged.key, self._config.color.model_dump(), self._config.output.model_dump(), water_content(water))
-        finished = self._folder.finished("corrected", pair.name, key)
+        outputs = correction_outputs(self._folder, pair.name, self._source.geometry, self._config.output)
+        finished = self._folder.finished("corrected", pair.name, key, outputs)
         kept = finished is not None
         if finished is None:
             with clock("color"):
                 correction = self._corrector.apply(image, range_map.range_m, water)
+                if self._config.output.image_format == "tiff32":
+                    linear = self._corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure)
+                    correction = replace(correction, linear=linear)
             with clock("write"):
                 write_correction(self._folder, pair.name, correction, range_map, self._source.geometry, self._config.output)
                 facts = {"clipped_share": correction.clipped_share, "unrecoverable_share": float(correction.unrecoverable.mean())}

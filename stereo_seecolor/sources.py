@@ -1,6 +1,7 @@
 """Where a survey's images and ranges come from: stereo pairs that are matched, or images with range maps that people bring."""
 
 import hashlib
+from pathlib import Path
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.encode import encode_image
 from stereo_seecolor.outputs.frames_table import FrameRow
 from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
-from stereo_seecolor.outputs.write import write_range
+from stereo_seecolor.outputs.write import range_outputs, write_range
 from stereo_seecolor.pipeline import Done, Pipeline, Ranged
 from stereo_seecolor.schedule import Clock
 
@@ -45,9 +46,12 @@ class StereoSource:
             left, right = read_bytes(pair.left), read_bytes(pair.right)
             hashes = {"left": hashlib.sha256(left).hexdigest(), "right": hashlib.sha256(right).hexdigest()}
             key = content_key(hashes, self._settings)
-            done = self._folder.finished("range", pair.name, key)
+            done = self._folder.finished("range", pair.name, key, self._outputs(pair))
         image, range_map = self._kept(pair, left, done, clock) if done else self._match(pair, left, right, key, clock)
         return Ranged(image, range_map, key, hashes, kept=pair.name not in self._matched)
+
+    def _outputs(self, pair: Pair) -> list[Path]:
+        return range_outputs(self._folder, pair.name, self._pipeline.config.output)
 
     def _kept(self, pair: Pair, left: bytes, done: Finished, clock: Clock) -> tuple[Image, RangeMap]:
         with clock("read"):

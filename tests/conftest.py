@@ -1,8 +1,15 @@
 """Fixtures that many tests share."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+
+from calibration import Camera, StereoRig
+from calibration.formats import native
 
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -13,3 +20,53 @@ def real_data() -> Path:
     if not REAL_DATA.is_dir():
         pytest.skip(f"real frames are not in the repository, and {REAL_DATA} does not exist here")
     return REAL_DATA
+
+
+@dataclass(frozen=True)
+class Dive:
+    """A small dive on disk: two folders, a calibration, and the true range of all its pairs."""
+
+    root: Path
+    range_m: np.ndarray
+
+    def command(self, out: Path, *more: str, command: str = "run") -> list[str]:
+        sides = ["--left", str(self.root / "L"), "--right", str(self.root / "R")]
+        return [command, *sides, "--calib", str(self.root / "cam.yaml"), "--out", str(out), *more]
+
+
+FOCAL_PX, BASELINE_M, WIDTH, HEIGHT = 150.0, 0.1, 176, 128
+
+
+@pytest.fixture
+def make_dive(tmp_path: Path) -> Callable[..., Dive]:
+    """Make a dive of rectified pairs: a slope from 1 to 2 m, seen through green water. Cheap, and its range is known."""
+
+    def make(pairs: int = 3, seed: int = 0, dtype: type = np.uint8) -> Dive:
+        root = tmp_path / "dive"
+        for side in "LR":
+            (root / side).mkdir(parents=True)
+        K = np.array([[FOCAL_PX, 0, WIDTH / 2], [0, FOCAL_PX, HEIGHT / 2], [0, 0, 1]])
+        T = np.eye(4)
+        T[0, 3] = -BASELINE_M
+        camera = Camera(K, np.zeros(0), (WIDTH, HEIGHT))
+        native.write(StereoRig(camera, camera, T), root / "cam.yaml")
+        y, x = np.mgrid[:HEIGHT, :WIDTH].astype(np.float32)
+        depth_m = np.linspace(2, 1, HEIGHT, dtype=np.float32)[:, None] * np.ones((1, WIDTH), np.float32)
+        ray = np.sqrt(1 + ((x - WIDTH / 2) / FOCAL_PX) ** 2 + ((y - HEIGHT / 2) / FOCAL_PX) ** 2)
+        range_m = depth_m * ray
+        for i in range(pairs):
+            rng = np.random.default_rng(seed * 1000 + i)
+            texture = cv2.GaussianBlur(rng.uniform(0, 1.2, (HEIGHT, WIDTH + 32, 3)).astype(np.float32), (0, 0), 0.8)
+            reef = np.clip(texture * 2 - 0.6, 0, 1)
+            seen = [
+                cv2.remap(reef, x + 8 - shift * FOCAL_PX * BASELINE_M / depth_m, y, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+                for shift in (1, 0)
+            ]
+            attenuation = np.exp(-range_m[..., None] * np.array([0.5, 0.1, 0.15]))
+            for side, image in zip("LR", seen, strict=True):
+                water = np.clip(image * attenuation + 0.15 * (1 - attenuation), 0, 1)
+                full = np.iinfo(dtype).max
+                cv2.imwrite(str(root / side / f"{i:04d}.png"), np.round(water * full).astype(dtype)[..., ::-1])
+        return Dive(root, range_m)
+
+    return make

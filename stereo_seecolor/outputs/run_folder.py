@@ -3,7 +3,7 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -125,10 +125,10 @@ class RunFolder:
         """A rectified image of one side, left or right."""
         return self.root / f"rectified_{side}" / f"{name}.png"
 
-    def finished(self, stage: str, name: str, key: str) -> Finished | None:
-        """What an earlier run finished of this pair's stage with the same key, None if there is no such thing."""
+    def finished(self, stage: str, name: str, key: str, outputs: Iterable[Path] = ()) -> Finished | None:
+        """What an earlier run finished of this pair's stage with the same key; None if it did not, or an output is gone."""
         path = self._state(stage, name)
-        if not path.exists():
+        if not path.exists() or not all(output.exists() for output in outputs):
             return None
         content = _read_json(path)
         if content.get("key") != key:

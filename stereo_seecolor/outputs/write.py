@@ -1,16 +1,23 @@
 """The files of one pair: its range map, and its frame in true colours with the cloud."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import OutputConfig
-from stereo_seecolor.data import ColoredCloud, Correction, RangeMap
+from stereo_seecolor.data import ColoredCloud, Correction, Image, RangeMap
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.encode import encode_cloud, encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.outputs.run_folder import RunFolder
 
 MASK_CODES = {"good": 0, "range unknown": 1, "range filled in": 2, "color beyond recovery": 3}
+
+
+def range_outputs(folder: RunFolder, name: str, config: OutputConfig) -> list[Path]:
+    """What write_range writes."""
+    return [folder.range(name), folder.confidence(name), *([folder.range_std(name)] if config.range_std else [])]
 
 
 def write_range(folder: RunFolder, name: str, range_map: RangeMap, config: OutputConfig) -> None:
@@ -19,6 +26,11 @@ def write_range(folder: RunFolder, name: str, range_map: RangeMap, config: Outpu
     write_atomic(folder.confidence(name), encode_confidence(range_map.confidence))
     if config.range_std:
         write_atomic(folder.range_std(name), encode_map(range_map.range_std_m))
+
+
+def correction_outputs(folder: RunFolder, name: str, geometry: RectifiedPair | None, config: OutputConfig) -> list[Path]:
+    """What write_correction writes."""
+    return [folder.corrected(name), folder.mask(name), *([folder.cloud(name)] if config.clouds and geometry else [])]
 
 
 def write_correction(
@@ -30,7 +42,8 @@ def write_correction(
     config: OutputConfig,
 ) -> None:
     """Write OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds of one pair."""
-    write_atomic(folder.corrected(name), encode_image(correction.image, config.image_format))
+    pixels = correction.image if correction.linear is None else correction.linear
+    write_atomic(folder.corrected(name), encode_image(pixels, config.image_format))
     write_atomic(folder.mask(name), encode_mask(_mask(correction, range_map)))
     if config.clouds and geometry is not None:
         write_atomic(folder.cloud(name), encode_cloud(colored_cloud(correction, range_map, geometry)))
@@ -43,12 +56,8 @@ def colored_cloud(correction: Correction, range_map: RangeMap, geometry: Rectifi
     return ColoredCloud(geometry.points_from_range(range_m)[known], _to_8_bit(correction.image)[known])
 
 
-def _to_8_bit(image: NDArray[np.generic]) -> NDArray[np.uint8]:
-    if image.dtype == np.uint8:
-        return image.astype(np.uint8, copy=False)
-    if image.dtype == np.uint16:
-        return (image.astype(np.uint16, copy=False) >> 8).astype(np.uint8)
-    return np.round(np.clip(image.astype(np.float32), 0, 1) * 255).astype(np.uint8)
+def _to_8_bit(image: Image) -> NDArray[np.uint8]:
+    return image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)  # type: ignore[return-value]
 
 
 def _mask(correction: Correction, range_map: RangeMap) -> NDArray[np.uint8]:

@@ -1,0 +1,212 @@
+"""What is written is what is read, whole or not at all, and a folder belongs to one dive."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor.data import ColoredCloud, Water
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.outputs.atomic import write_atomic
+from stereo_seecolor.outputs.encode import encode_cloud, encode_confidence, encode_image, encode_map
+from stereo_seecolor.outputs.frames_table import FrameRow, RunSummary, frames_csv
+from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
+from stereo_seecolor.outputs.water_file import read_waters, write_waters
+
+RNG = np.random.default_rng(1)
+
+
+def decoded(content: bytes) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+def test_images_keep_their_bit_depth() -> None:
+    for dtype in (np.uint8, np.uint16):
+        rgb = RNG.integers(0, np.iinfo(dtype).max, (6, 7, 3), dtype=dtype)
+        np.testing.assert_array_equal(decoded(encode_image(rgb, "png"))[..., ::-1], rgb)
+    np.testing.assert_array_equal(decoded(encode_image(np.full((2, 2, 3), 255, np.uint8), "png16")), 65535)
+    linear = RNG.normal(size=(4, 5, 3)).astype(np.float32)
+    np.testing.assert_array_equal(decoded(encode_image(linear, "tiff32"))[..., ::-1], linear)
+    assert decoded(encode_image(np.full((8, 8, 3), 65535, np.uint16), "jpg")).mean() > 250
+
+
+def test_range_maps_keep_every_bit_and_nan() -> None:
+    range_m = RNG.uniform(0, 9, (5, 6)).astype(np.float32)
+    range_m[1, 2] = np.nan
+    np.testing.assert_array_equal(decoded(encode_map(range_m)), range_m)
+
+
+def test_small_confidence_is_not_taken_for_none() -> None:
+    assert decoded(encode_confidence(np.array([[0, 1e-4, 1]], np.float32))).tolist() == [[0, 1, 255]]
+
+
+def test_cloud_is_binary_float_ply() -> None:
+    points = RNG.normal(size=(4, 3)).astype(np.float32)
+    colors = RNG.integers(0, 256, (4, 3), dtype=np.uint8)
+    header, _, body = encode_cloud(ColoredCloud(points, colors)).partition(b"end_header\n")
+    assert b"format binary_little_endian 1.0" in header
+    assert b"element vertex 4" in header
+    vertices = np.frombuffer(body, np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)]))
+    np.testing.assert_array_equal(vertices["xyz"], points)
+    np.testing.assert_array_equal(vertices["rgb"], colors)
+
+
+def test_no_temporary_file_is_left_and_failure_keeps_the_old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_atomic(tmp_path / "a" / "b.txt", b"old")
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(Path, "replace", full)
+    with pytest.raises(OutputError, match=r"b\.txt: cannot be written: No space left"):
+        write_atomic(tmp_path / "a" / "b.txt", b"new")
+    assert [p.name for p in (tmp_path / "a").iterdir()] == ["b.txt"]
+    assert (tmp_path / "a" / "b.txt").read_bytes() == b"old"
+
+
+def test_folder_of_another_dive_is_refused_unless_overwritten(tmp_path: Path) -> None:
+    with RunFolder(tmp_path / "out", "dive 1") as folder:
+        write_atomic(folder.range("a"), b"1")
+        folder.finish("range", "a", Finished("key"))
+    with pytest.raises(OutputError, match="results of another dive"), RunFolder(tmp_path / "out", "dive 2"):
+        pass
+    with RunFolder(tmp_path / "out", "dive 2", overwrite=True) as folder:
+        assert not folder.range("a").exists()
+        assert folder.finished("range", "a", "key") is None
+
+
+def test_folder_with_other_files_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").touch()
+    with pytest.raises(OutputError, match=r"holds other files \(thesis\.tex\)"), RunFolder(tmp_path, "dive"):
+        pass
+
+
+def test_overwrite_does_not_touch_other_files(tmp_path: Path) -> None:
+    with RunFolder(tmp_path, "dive"):
+        (tmp_path / "notes.txt").write_text("mine")
+    with RunFolder(tmp_path, "dive", overwrite=True):
+        assert (tmp_path / "notes.txt").read_text() == "mine"
+
+
+def test_second_run_is_refused_and_a_crash_leaves_no_lock(tmp_path: Path) -> None:
+    code = (
+        "import os, sys; from pathlib import Path; from stereo_seecolor.outputs.run_folder import RunFolder\n"
+        f"folder = RunFolder(Path({str(tmp_path / 'out')!r}), 'dive')\n"
+        "folder.__enter__(); print('in', flush=True); sys.stdin.read()"
+    )
+    with subprocess.Popen([sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout
+        assert other.stdout.readline() == b"in\n"
+        with pytest.raises(OutputError, match="another run is writing"), RunFolder(tmp_path / "out", "dive"):
+            pass
+        other.kill()
+    with RunFolder(tmp_path / "out", "dive"):
+        pass
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(OutputError, match="cannot be written"), RunFolder(tmp_path / "out", "dive"):
+        pass
+
+
+def test_out_that_is_a_file(tmp_path: Path) -> None:
+    (tmp_path / "out").touch()
+    with (
+        pytest.raises(OutputError, match=r"out: cannot be written: (Not a directory|File exists)"),
+        RunFolder(tmp_path / "out", "dive"),
+    ):
+        pass
+
+
+def test_leftovers_of_a_killed_run_are_cleared(tmp_path: Path) -> None:
+    with RunFolder(tmp_path, "dive") as folder:
+        folder.range("a").parent.mkdir()
+        (folder.range("a").parent / ".writing-1-2-a.tiff").touch()
+    with RunFolder(tmp_path, "dive") as folder:
+        assert list(folder.range("a").parent.iterdir()) == []
+
+
+def test_finished_stage_is_known_by_its_key(tmp_path: Path) -> None:
+    with RunFolder(tmp_path, "dive") as folder:
+        folder.finish("range", "a", Finished("k1", {"coverage": 0.5}, ("dim",)))
+        assert folder.finished("range", "a", "k1") == Finished("k1", {"coverage": 0.5}, ("dim",))
+        assert folder.finished("range", "a", "k2") is None
+        assert folder.finished("range", "b", "k1") is None
+
+
+def test_keys_tell_parts_apart() -> None:
+    assert content_key("ab", "c") != content_key("a", "bc")
+    assert content_key(b"x", {"a": 1, "b": 2}) == content_key(b"x", {"b": 2, "a": 1})
+
+
+def some_water(seed: int) -> Water:
+    values = np.random.default_rng(seed).uniform(0, 1, (9, 3))
+    return Water(*values, standard_errors={"beta": np.array([0.1, np.nan, 0.2])}, warnings=("little relief",))
+
+
+def test_water_comes_back_and_serves_other_frames(tmp_path: Path) -> None:
+    water = some_water(1)
+    write_waters(tmp_path / "water.json", {"a": water, "b": water})
+    json.loads((tmp_path / "water.json").read_text(), parse_constant=pytest.fail)
+    back = read_waters(tmp_path / "water.json", ["c"])["c"]
+    np.testing.assert_array_equal(back.white, water.white)
+    np.testing.assert_array_equal(back.standard_errors["beta"], water.standard_errors["beta"])
+    assert back.warnings == water.warnings
+
+
+def test_waters_of_single_frames_serve_only_those(tmp_path: Path) -> None:
+    path = tmp_path / "water.json"
+    write_waters(path, {"a": some_water(1), "b": some_water(2)})
+    np.testing.assert_array_equal(read_waters(path, ["b"])["b"].x, some_water(2).x)
+    with pytest.raises(InputError, match=r"none for 'c': fit it with color\.lock=survey"):
+        read_waters(path, ["c"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "is not JSON"),
+        ("{}", "is no stereo-seecolor/water version 1"),
+        ('{"format": "stereo-seecolor/water", "version": 1, "water": {"beta": 3}}', "is damaged"),
+        ('{"format": "stereo-seecolor/water", "version": 1, "water": 5}', "is damaged"),
+    ],
+)
+def test_files_that_hold_no_water(tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "water.json").write_text(content)
+    with pytest.raises(InputError, match=message):
+        read_waters(tmp_path / "water.json", ["a"])
+
+
+def test_water_file_missing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"water\.json: cannot be read"):
+        read_waters(tmp_path / "water.json", ["a"])
+
+
+def test_summary_counts_problems() -> None:
+    rows = (
+        FrameRow("a", warnings=("dark",), seconds={"match": 2.0}, facts={"coverage": 0.5}),
+        FrameRow("b", warnings=("dark",), seconds={"match": 1.0, "read": 9.0}),
+        FrameRow("c", status="failed", error="/x/c.png: is truncated"),
+    )
+    summary = RunSummary(rows)
+    assert not summary.all_done
+    assert summary.problems() == [("dark", 2, "a"), ("is truncated", 1, "c")]
+    assert summary.stage_seconds() == {"read": 9.0, "match": 3.0}
+    table = frames_csv(rows).decode().splitlines()
+    assert table[0] == "name,status,kept,left,right,timestamp_s,error,warnings,coverage,match_s,read_s"
+    assert table[3].startswith("c,failed,0,,,,/x/c.png: is truncated,")
+
+
+def test_rows_of_two_passes_become_one() -> None:
+    first = FrameRow("a", left="l", timestamp_s=1.0, warnings=("dim",), kept=True, seconds={"read": 1.0}, facts={"coverage": 1.0})
+    row = first.then(FrameRow("a", warnings=("dim", "red"), seconds={"read": 1.0, "color": 2.0}))
+    assert row.warnings == ("dim", "red")
+    assert row.seconds == {"read": 2.0, "color": 2.0}
+    assert (row.left, row.timestamp_s, row.kept, row.facts) == ("l", 1.0, False, {"coverage": 1.0})
