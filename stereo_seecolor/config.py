@@ -43,12 +43,12 @@ class ColorConfig(_Stage):
     """The water and how it is fitted: images and range maps -> corrected images."""
 
     objective: Literal["paper", "robust"] = Field(
-        default="paper",
-        description="paper: DeepSeeColor's losses and model. robust: the same physics with a white point, fitted to order statistics.",
+        default="robust",
+        description="paper: DeepSeeColor's losses and model. robust: its physics and a white point, from order statistics over range.",
     )
     solver: Literal["table", "dense"] = Field(
         default="table",
-        description="How the paper's losses are minimised. table: quasi-Newton on moment tables. dense: per-pixel Adam, the reference.",
+        description="How the paper's losses are minimised. table: quasi-Newton on moment tables. dense: the paper's per-pixel Adam.",
     )
     lock: Literal["frame", "sliding", "survey"] = Field(
         default="frame",
@@ -60,8 +60,8 @@ class ColorConfig(_Stage):
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
-        description="srgb: decoded to linear light, corrected there, encoded again. linear: values are linear light already, encoded "
-        "for the output. as-is: corrected as they are, whatever they mean.",
+        description="srgb: decoded to linear light, corrected there, encoded again. linear: the values are linear light already; the "
+        "output is encoded. as-is: the values are corrected as they are.",
     )
     penalty: float = Field(
         default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."

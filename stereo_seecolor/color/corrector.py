@@ -33,9 +33,10 @@ class Corrector:
         """The water of a frame's table, or of the sum of many frames'. start: a water found before, to begin from."""
         if not table.pixels.any():
             return self._fallback(start)
-        from stereo_seecolor.color import table_solver
+        from stereo_seecolor.color import robust, table_solver
 
-        return table_solver.fit(table, self.config, start)
+        fit = robust.fit if self.config.objective == "robust" else table_solver.fit
+        return fit(table, self.config, start)
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The water of one frame, by the config's solver."""
