@@ -44,11 +44,11 @@ class ColorConfig(_Stage):
 
     objective: Literal["paper", "robust"] = Field(
         default="robust",
-        description="paper: DeepSeeColor's losses and model. robust: its physics and a white point, from order statistics over range.",
+        description="paper: DeepSeeColor's losses and model. robust: physics with a white point, from order statistics over range.",
     )
     solver: Literal["table", "dense"] = Field(
         default="table",
-        description="How the paper's losses are minimised. table: quasi-Newton on moment tables. dense: the paper's per-pixel Adam.",
+        description="How the paper's losses are minimised. table: quasi-Newton on moment tables. dense: per-pixel Adam.",
     )
     lock: Literal["frame", "sliding", "survey"] = Field(
         default="frame",
@@ -60,8 +60,8 @@ class ColorConfig(_Stage):
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
-        description="srgb: decoded to linear light, corrected there, encoded again. linear: the values are linear light already; the "
-        "output is encoded. as-is: the values are corrected as they are.",
+        description="srgb: decoded to linear light, corrected there, encoded again. linear: the values are linear light, and "
+        "the output is encoded. as-is: the values are corrected as they are.",
     )
     penalty: float = Field(
         default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."
@@ -79,7 +79,7 @@ class ColorConfig(_Stage):
         default=0.006, gt=0, lt=1, description="Noise of a pixel as a share of full scale, standard deviation: 1.5 of 255."
     )
     output_noise: float = Field(
-        default=0.05, gt=0, description="A channel's gain stops where its noise would pass this share of full scale (linear light)."
+        default=0.1, gt=0, description="A channel's gain stops where its noise would pass this share of full scale (linear light)."
     )
     unknown_pixels: Literal["black", "raw"] = Field(
         default="black", description="What is painted where no range is known: black, or the pixel as the camera saw it."
