@@ -39,7 +39,7 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Begin anew in a us
 Strict = Annotated[bool, typer.Option("--strict", help="Stop at the first bad pair.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, for scripts.")]
 
-EXIT_KNOWN_ERROR, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 1, 3, 130
+EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 0, 1, 3, 130
 DEFAULT_WORKERS = min(os.cpu_count() or 1, 8)
 
 
@@ -72,11 +72,19 @@ def run(
     """The whole job: stereo pairs in; range maps, true-colour frames and coloured clouds out."""
     from stereo_seecolor import jobs
 
-    _report(
-        lambda options: jobs.run(left, right, calib, out, _config(config, settings), options, water=water),
+    settled = _config(config, settings)
+    if fuse:
+        from stereo_seecolor.mapping.fusion import check_available
+
+        check_available()
+    code = _report(
+        lambda options: jobs.run(left, right, calib, out, settled, options, water=water),
         out,
         (workers, overwrite, strict, as_json),
     )
+    if fuse:
+        _fuse(out, poses, settled, quiet=as_json)
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -95,11 +103,12 @@ def correct(
     """Colour alone: for images that have range maps already."""
     from stereo_seecolor import jobs
 
-    _report(
+    code = _report(
         lambda options: jobs.correct(images, ranges, out, _config(config, settings), options, water=water),
         out,
         (workers, overwrite, strict, as_json),
     )
+    raise typer.Exit(code)
 
 
 @app.command("range")
@@ -118,11 +127,12 @@ def range_(
     """Range maps alone: stereo pairs in, metres along the ray out."""
     from stereo_seecolor import jobs
 
-    _report(
+    code = _report(
         lambda options: jobs.run(left, right, calib, out, _config(config, settings), options, ranges_only=True),
         out,
         (workers, overwrite, strict, as_json),
     )
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -141,11 +151,42 @@ def rectify(
     """Rectified images alone, and the calibration that they have."""
     from stereo_seecolor import jobs
 
-    _report(
+    code = _report(
         lambda options: jobs.rectify(left, right, calib, out, _config(config, settings), options),
         out,
         (workers, overwrite, strict, as_json),
     )
+    raise typer.Exit(code)
+
+
+@app.command()
+def fuse(
+    out: Annotated[Path, typer.Argument(help="The output folder of a finished run.")],
+    poses: Annotated[Path | None, typer.Option("--poses", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")] = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> None:
+    """Fuse a finished run into one map of the dive, OUT/map."""
+    _fuse(out, poses, _config(config, settings), quiet=False)
+
+
+@app.command()
+def demo(out: Out = Path("demo"), workers: Workers = DEFAULT_WORKERS) -> None:
+    """Make a small reef, run the whole job on it, and say how near the truth it comes."""
+    from stereo_seecolor import jobs
+    from stereo_seecolor.synthetic.dive import synthesize
+    from stereo_seecolor.synthetic.survey import SurveySpec
+
+    print(f"rendering a small dive into {out / 'dive'}")
+    dive = out / "dive"
+    synthesize(SurveySpec(pairs=4, lines=1), dive)
+    config = _config(None, ["color.lock=survey"])
+    code = _report(
+        lambda options: jobs.run(dive / "left", dive / "right", dive / "cam.yaml", out / "out", config, options),
+        out / "out",
+        (workers, True, False, False),
+    )
+    raise typer.Exit(code)
 
 
 @app.command()
@@ -185,8 +226,8 @@ def _config(path: Path | None, settings: list[str] | None) -> "RunConfig":
     return load_config(path, settings or [])
 
 
-def _report(job: "Callable[[RunOptions], RunSummary]", out: Path, how: tuple[int, bool, bool, bool]) -> None:
-    """Run a job with its progress shown, then say what came of it; the exit code tells too."""
+def _report(job: "Callable[[RunOptions], RunSummary]", out: Path, how: tuple[int, bool, bool, bool]) -> int:
+    """Run a job with its progress shown, say what came of it, and return the exit code that tells the same."""
     from stereo_seecolor.pipeline import RunOptions
     from stereo_seecolor.progress import progress
 
@@ -196,8 +237,24 @@ def _report(job: "Callable[[RunOptions], RunSummary]", out: Path, how: tuple[int
     print(json.dumps(_summary_content(summary, out))) if as_json else _print_summary(summary, out)
     if summary.stopped:
         raise typer.Exit(EXIT_INTERRUPTED)
-    if not summary.all_done:
-        raise typer.Exit(EXIT_SOME_FAILED)
+    return EXIT_DONE if summary.all_done else EXIT_SOME_FAILED
+
+
+def _fuse(out: Path, poses: Path | None, config: "RunConfig", quiet: bool) -> None:
+    from stereo_seecolor import jobs
+    from stereo_seecolor.progress import progress
+
+    with progress(quiet) as listener:
+        made = jobs.fuse(out, poses, config, listener)
+    if quiet:
+        return
+    for frame in made.unplaced:
+        print(f"not placed: {frame.name}: {frame.reason}")
+    for warning in made.warnings:
+        print(f"warning: {warning}")
+    print(f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s")
+    for file in made.files:
+        print(f"  {file}")
 
 
 def _summary_content(summary: "RunSummary", out: Path) -> dict[str, Any]:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from calibration import RectifiedPair, StereoRig
 from calibration.formats import load_rig, write_rig
@@ -16,9 +16,13 @@ from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_by_stem, pair_fol
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.frames_table import FrameRow, RunSummary, frames_csv
 from stereo_seecolor.outputs.run_folder import RunFolder, content_key
+from stereo_seecolor.outputs.survey_frames import SurveyFrames
 from stereo_seecolor.outputs.water_file import read_waters, write_waters
-from stereo_seecolor.pipeline import Pipeline, RunOptions, Survey
+from stereo_seecolor.pipeline import Listener, Pipeline, RunOptions, Silence, Survey
 from stereo_seecolor.sources import RangedSource, StereoSource
+
+if TYPE_CHECKING:
+    from stereo_seecolor.mapping.survey_map import MapSummary
 
 
 def run(
@@ -86,6 +90,34 @@ def rectify(
         job.geometry = source.geometry
         write_rig(pipeline.rectification.rectified_rig(), folder.root / "rectified.yaml")
         return job.go(lambda survey: survey.each("rectified", pairing.pairs, source.write_rectified))
+
+
+def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, listener: Listener | None = None) -> "MapSummary":
+    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config asks for.
+
+    poses: a trajectory of the rectified left camera in any known format; without it the program finds the track itself.
+    Raises DeviceError, before the first frame, if Open3D is asked for and missing; InputError; MappingError.
+    """
+    from stereo_seecolor.inputs.trajectories import read_trajectory
+    from stereo_seecolor.mapping.survey_map import build_map
+
+    config = config or RunConfig()
+    frames = SurveyFrames(out)
+    trajectory = read_trajectory(poses, config.mapping.mount) if poses else None
+    return build_map(frames, frames.pair, out / "map", config.mapping, trajectory, _stages_of(listener or Silence()))
+
+
+def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
+    """A listener to passes over pairs, listening to the stages of a map."""
+    begun: set[str] = set()
+
+    def progress(what: str, done: int, total: int) -> None:
+        if what not in begun:
+            begun.add(what)
+            listener.begin(what, total)
+        listener.advance(FrameRow(f"{done}"))
+
+    return progress
 
 
 def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> StereoRig:

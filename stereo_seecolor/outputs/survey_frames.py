@@ -1,0 +1,93 @@
+"""A finished run folder, read back one frame at a time for the map."""
+
+import csv
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, overload
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import RectifiedPair
+from stereo_seecolor.data import SurveyFrame
+from stereo_seecolor.errors import InputError
+
+
+class SurveyFrames(Sequence[SurveyFrame]):
+    """The frames of ``OUT/`` that went through all stages, in the order of their names; each is read when asked for.
+
+    pair: the geometry of the rectified images. Raises InputError if OUT/ holds no finished run with ranges and colours.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        content = _run_content(out)
+        if content.get("geometry") is None:
+            raise InputError(f"{out / 'run.json'}: knows nothing of the camera (made by correct?): a map needs the output of run")
+        self.pair = RectifiedPair(**{**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])})
+        self._rows = [row for row in _rows(out) if row["status"] == "ok"]
+        if not self._rows:
+            raise InputError(f"{out}: holds no frame that went through all stages")
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, index: int) -> SurveyFrame: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[SurveyFrame]: ...
+    def __getitem__(self, index: int | slice) -> SurveyFrame | Sequence[SurveyFrame]:
+        """Read one frame. Raises InputError if one of its files is gone."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        row = self._rows[index]
+        name = row["name"]
+        confidence = _read(self._out / "confidence" / f"{name}.png")
+        measured = confidence > 0
+        range_m = np.where(measured, _read(self._out / "range" / f"{name}.tiff"), np.float32(np.nan))
+        return SurveyFrame(
+            name=name,
+            timestamp_s=float(row["timestamp_s"]) if row["timestamp_s"] else None,
+            color=self._color(name),
+            range_m=range_m,
+            range_std_m=_read(self._out / "range_std" / f"{name}.tiff"),
+            confidence=(confidence / np.float32(255)).astype(np.float32),
+        )
+
+    def _color(self, name: str) -> NDArray[np.uint8]:
+        path = next(
+            (p for p in (self._out / "corrected" / f"{name}{suffix}" for suffix in (".png", ".jpg", ".tiff")) if p.exists()), None
+        )
+        if path is None:
+            raise InputError(f"{self._out / 'corrected' / name}: is gone; run again to make it anew")
+        image = _read(path)
+        if image.dtype == np.uint16:
+            image = image >> 8
+        elif image.dtype == np.float32:
+            raise InputError(f"{path}: is linear and unclipped; a map needs output.image_format=png, png16 or jpg")
+        rgb: NDArray[np.uint8] = cv2.cvtColor(image.astype(np.uint8), cv2.COLOR_BGR2RGB)
+        return rgb
+
+
+def _run_content(out: Path) -> dict[str, Any]:
+    try:
+        content: dict[str, Any] = json.loads((out / "run.json").read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{out}: holds no finished run (run.json cannot be read: {error})") from error
+    return content
+
+
+def _rows(out: Path) -> list[dict[str, str]]:
+    try:
+        return list(csv.DictReader((out / "frames.csv").read_text(encoding="utf-8").splitlines()))
+    except OSError as error:
+        raise InputError(f"{out / 'frames.csv'}: cannot be read: {error.strerror}") from error
+
+
+def _read(path: Path) -> NDArray[Any]:
+    image: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    if image is None:
+        raise InputError(f"{path}: is gone or damaged; run again to make it anew")
+    return image
