@@ -30,7 +30,13 @@ _KD = np.array(
 _WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 _PEAKS_NM, _WIDTHS_NM = np.array([605.0, 535.0, 460.0]), np.array([30.0, 35.0, 30.0])  # Jiang et al., WACV 2013, their 28 cameras
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
-_SAMPLES = 400
+_SAMPLES = 256
+_DEEPEST_M = 15.0
+
+
+_ALL_RATES, _RATE, _W, _BETA, _V, _VEIL, _VEIL_CHANNEL, _WHITE, _EXPOSURE = 0.4, 0.6, 0.1, 0.2, 0.05, 0.5, 0.3, 0.15, 2.0
+"""Standard deviations of what the ensemble leaves out (logarithms; v in 1/m): rates of all channels together, of a channel, of its
+attenuation and backscatter apart; the veil of all channels and of one; the white point of a channel (a camera's own balance)."""
 
 
 @lru_cache
@@ -40,42 +46,45 @@ def water_prior(depth_m: float | None = None) -> tuple[Vector, Vector]:
     a_c(z) = w exp(-v z). White is known up to the exposure, which is given a wide spread. depth_m: how far below the surface the
     scene lies, where it is known; else anything from the surface to where little red is left.
     """
-    draws = _low_discrepancy(_SAMPLES, 10)
-    samples = np.stack([_water(draw, depth_m) for draw in draws])
-    spread = np.repeat(_UNEXPLAINED, 3) ** 2
-    covariance = np.cov(samples.T) + np.diag(spread)
-    covariance[12:, 12:] += 4.0  # the exposure
-    return samples.mean(axis=0), covariance
+    samples = np.stack([_water(draw, depth_m) for draw in _low_discrepancy(_SAMPLES, 10)])
+    return samples.mean(axis=0), np.cov(samples.T) + _left_out()
 
 
-_UNEXPLAINED = np.array([0.3, 0.02, 0.4, 0.5, 0.15])
-"""Standard deviations of what the ensemble leaves out, for each of the five kinds of number."""
+def _left_out() -> NDArray[np.float64]:
+    """(15, 15) the covariance that the ensemble does not explain."""
+    every, each = np.ones((3, 3)), np.eye(3)
+    out = np.zeros((5, 3, 5, 3))
+    for i in (0, 2):  # attenuation and backscatter are lost to the same water
+        for j in (0, 2):
+            out[i, :, j] = _ALL_RATES**2 * every + _RATE**2 * each
+    out[0, :, 0] += _W**2 * each
+    out[1, :, 1] += _V**2 * each
+    out[2, :, 2] += _BETA**2 * each
+    out[3, :, 3] += _VEIL**2 * every + _VEIL_CHANNEL**2 * each
+    out[4, :, 4] += _WHITE**2 * each + _EXPOSURE**2 * every
+    return out.reshape(15, 15)
 
 
 def _water(draw: Vector, depth_m: float | None) -> Vector:
     """Fifteen numbers of one water from ten draws in [0, 1)."""
     at = draw[0] * (len(_KD) - 1)
-    kd_table = _KD[int(at)] * (1 - at % 1) + _KD[min(int(at) + 1, len(_KD) - 1)] * (at % 1)
-    kd = np.interp(_WAVELENGTH_NM, _TABLE_NM, kd_table)
-    # Of the light scattered out of the ray most goes on nearly straight: what an image loses lies between Kd and beam attenuation.
-    scattering = max(
-        (np.interp(535.0, _WAVELENGTH_NM, kd) - 0.04) / 0.2 - np.interp(535.0, _WAVELENGTH_NM, kd), 0.02
-    )  # Shannon 1975
-    beam = kd + draw[1] * 0.4 * scattering
-    deepest_m = min(15.0, 2.0 / kd.min())
-    sunlight = np.exp(-kd * (draw[2] * deepest_m if depth_m is None else depth_m))
+    kd = np.interp(_WAVELENGTH_NM, _TABLE_NM, _KD[int(at)] * (1 - at % 1) + _KD[int(at) + 1] * (at % 1))
+    kd_535 = np.interp(535.0, _WAVELENGTH_NM, kd)
+    scattering = max((kd_535 - 0.04) / 0.2 - kd_535, 0.02)  # beam attenuation from Kd: Shannon, Proc. SPIE 64 (1975)
+    beam = kd + 0.4 * draw[1] * scattering  # most of what is scattered goes on nearly straight, and is not lost to an image
+    depth_m = draw[2] * min(_DEEPEST_M, 2.0 / kd.min()) if depth_m is None else depth_m
+    sunlight = np.exp(-kd * depth_m)
     channels = _channels(draw[3:7])
     white = channels @ sunlight
-    transmission = np.stack([channels @ (sunlight * np.exp(-beam * z)) / white for z in _RANGE_M])
-    log_rate = np.log(-np.log(transmission) / _RANGE_M[:, None])
-    slope, log_w = np.polyfit(_RANGE_M, log_rate, 1)
-    veil_spectrum = sunlight * np.exp((draw[7] - 0.5) * 2 * kd) * (_WAVELENGTH_NM / 535.0) ** -draw[8] / beam * scattering
+    transmission = np.exp(-np.outer(_RANGE_M, beam)) * sunlight @ channels.T / white
+    slope, log_w = np.polyfit(_RANGE_M, np.log(-np.log(transmission) / _RANGE_M[:, None]), 1)
+    above = np.exp(kd * 2 * (draw[7] - 0.5))  # the veil is lit at the depth of the water between, within a metre of the bottom's
+    veil_spectrum = sunlight * above * (_WAVELENGTH_NM / 535.0) ** -draw[8] * scattering / beam
     veil = channels @ veil_spectrum
-    reached = channels @ (veil_spectrum * -np.expm1(-beam * 2.0)) / veil
-    log_beta = np.log(-np.log1p(-reached) / 2.0)
-    level = np.log(0.02) + draw[9] * np.log(12.0)
+    reached = channels @ (veil_spectrum * -np.expm1(-2.0 * beam)) / veil
     log_white = np.log(white)
-    return np.concatenate([log_w, -slope, log_beta, np.log(veil) - log_white + level, log_white - log_white.mean()])
+    log_veil = np.log(veil) - log_white + np.log(0.02) + draw[9] * np.log(12.0)
+    return np.concatenate([log_w, -slope, np.log(-np.log1p(-reached) / 2.0), log_veil, log_white - log_white.mean()])
 
 
 def _channels(draw: Vector) -> NDArray[np.float64]:

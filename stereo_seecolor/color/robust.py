@@ -26,11 +26,10 @@ WATER = 15
 REFLECTANCE = np.log([0.012, 0.022, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0])
 NATURAL = np.array([0.12, 0.0, -0.15])
 NATURAL_SHARE = np.array([1, 1, 1, 1, 1, 0.8, 0.5, 0.2])
-CAST = 2 * np.array([0.5, 0.35, 0.25, 0.2, 0.18, 0.15, 0.13, 0.12])
+CAST = np.array([0.7, 0.5, 0.35, 0.28, 0.25, 0.21, 0.18, 0.17])
 TOGETHER = 0.7
-CONTENT = 0.1
+NOISE = np.array([0.2, 0.25, 0.002])
 BRIGHTNESS = 0.5
-FLOOR = 0.002
 STEPS = 40
 NOTHING_LEARNED = 0.9
 NO_RELIEF = "too little relief to measure attenuation: it is taken from known waters (Jerlov's types)"
@@ -47,10 +46,10 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     light = seen.light / scale
     mean, precision = _prior(len(seen.range_m))
     x = mean.copy()
-    x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + FLOOR)
+    x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + NOISE[2])
     if start is not None and (start.w > 0).all() and (start.gamma_inf > 0).all():
         x[:WATER] = _numbers(start, scale)
-    x, curvature = _minimise(x, seen.range_m, light, mean, precision)
+    x, curvature = _minimise(x, seen.range_m, light, mean, precision, NOISE)
     return _water(x, curvature, scale, precision, config)
 
 
@@ -111,28 +110,27 @@ def _prior(groups: int) -> tuple[Vector, Vector]:
 
 
 @njit(cache=True, nogil=True)
-def _minimise(x, z, light, mean, precision):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _minimise(x, z, light, mean, precision, noise):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Levenberg's damped Gauss-Newton steps: the parameters at the least cost, and the Gauss-Newton matrix there."""
     n = x.size
     normal, slope = np.zeros((n, n)), np.zeros(n)
-    cost = _cost(x, z, light, mean, precision, normal, slope, True)
-    damping = 1e-3
-    steps = 0
-    trial = x.copy()
     unused_normal, unused_slope = np.zeros((1, 1)), np.zeros(1)
-    while steps < STEPS:
-        steps += 1
+    cost = _cost(x, z, light, mean, precision, noise, normal, slope, True)
+    damping = 1e-3
+    trial = x.copy()
+    for _ in range(STEPS):
         damped = normal.copy()
         for i in range(n):
             damped[i, i] *= 1 + damping
         move = _solve(damped, slope)
         for i in range(n):
             trial[i] = x[i] - min(max(move[i], -1.0), 1.0)
-        new = _cost(trial, z, light, mean, precision, unused_normal, unused_slope, False)
+        new = _cost(trial, z, light, mean, precision, noise, unused_normal, unused_slope, False)
         if new < cost:
             small = cost - new < 1e-4 * cost
             x[:] = trial
             damping = max(damping * 0.2, 1e-6)
-            cost = _cost(x, z, light, mean, precision, normal, slope, True)
+            cost = _cost(x, z, light, mean, precision, noise, normal, slope, True)
             if small:
                 break
         else:
@@ -143,11 +141,13 @@ def _minimise(x, z, light, mean, precision):  # type: ignore[no-untyped-def]  # 
 
 
 @njit(cache=True, nogil=True)
-def _cost(x, z, light, mean, precision, normal, slope, derivatives):  # type: ignore[no-untyped-def]  # noqa: C901  # pragma: no cover
+def _cost(x, z, light, mean, precision, noise, normal, slope, derivatives):  # type: ignore[no-untyped-def]  # noqa: C901  # pragma: no cover
     """Half the sum of squares; into ``normal`` and ``slope`` the Gauss-Newton matrix and the gradient."""
     channels, groups, shares = light.shape
     n = x.size
-    weight = 1.0 / (CONTENT * CONTENT * shares)
+    own = 1.0 / noise[0] ** 2
+    usual = noise[1] ** 2
+    floor = noise[2]
     cost = 0.0
     if derivatives:
         normal[:] = precision
@@ -158,36 +158,38 @@ def _cost(x, z, light, mean, precision, normal, slope, derivatives):  # type: ig
         cost += 0.5 * pull * (x[i] - mean[i])
         if derivatives:
             slope[i] = pull
-    at, d = np.zeros(7, np.int64), np.zeros(7)
+    at, d = np.zeros(6 + shares, np.int64), np.zeros(7)
     for c in range(channels):
         w, v, beta, veil, white = np.exp(x[c]), x[3 + c], np.exp(x[6 + c]), np.exp(x[9 + c]), np.exp(x[12 + c])
         for k in range(5):
             at[k] = 3 * k + c
+        for p in range(shares):
+            at[6 + p] = WATER + c * shares + p
         for g in range(groups):
             loss = w * np.exp(-v * z[g]) * z[g]
             fog = np.exp(-beta * z[g])
             backscatter = veil * white * (1 - fog)
-            at[6] = WATER + channels * shares + g
+            at[5] = WATER + channels * shares + g
             for p in range(shares):
-                at[5] = WATER + c * shares + p
-                direct = np.exp(min(x[12 + c] - loss + x[at[5]] + x[at[6]], 20.0))
-                model = direct + backscatter + FLOOR
-                r = np.log(model / (light[c, g, p] + FLOOR))
-                cost += 0.5 * weight * r * r
+                direct = np.exp(min(x[12 + c] - loss + x[at[6 + p]] + x[at[5]], 20.0))
+                model = direct + backscatter + floor
+                r = np.log(model / (light[c, g, p] + floor))
+                cost += 0.5 * own * usual * np.log1p(r * r / usual)
+                weight = own / (1.0 + r * r / usual)
                 if not derivatives:
                     continue
-                d[0] = -direct * loss
-                d[1] = direct * loss * z[g]
-                d[2] = veil * white * fog * beta * z[g]
-                d[3] = backscatter
-                d[4] = direct + backscatter
-                d[5] = direct
-                d[6] = direct
+                d[0] = -direct * loss / model
+                d[1] = direct * loss * z[g] / model
+                d[2] = veil * white * fog * beta * z[g] / model
+                d[3] = backscatter / model
+                d[4] = (direct + backscatter) / model
+                d[5] = direct / model
+                d[6] = d[5]
                 for i in range(7):
-                    scaled = weight * d[i] / model
-                    slope[at[i]] += scaled * r
+                    row = at[i] if i < 6 else at[6 + p]
+                    slope[row] += weight * d[i] * r
                     for j in range(7):
-                        normal[at[i], at[j]] += scaled * d[j] / model
+                        normal[row, at[j] if j < 6 else at[6 + p]] += weight * d[i] * d[j]
     return cost
 
 
