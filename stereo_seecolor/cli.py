@@ -190,6 +190,23 @@ def demo(out: Out = Path("demo"), workers: Workers = DEFAULT_WORKERS) -> None:
 
 
 @app.command()
+def synthesize(
+    out: Out = Path("dive"),
+    pairs: Annotated[int, typer.Option("--pairs", min=1, help="Stereo pairs in all.")] = 12,
+    lines: Annotated[int, typer.Option("--lines", min=1, help="Lines of the lawn mower, flown to and fro.")] = 2,
+    size: Annotated[str, typer.Option("--size", help="Image size in pixels, as WIDTHxHEIGHT.")] = "640x512",
+    water: Annotated[str, typer.Option("--water", help="blue-ocean, coastal-green or turbid.")] = "blue-ocean",
+    seed: Annotated[int, typer.Option("--seed", min=0, help="Another number is another reef and another track.")] = 7,
+) -> None:
+    """Render a dive over a reef with known truth (docs/synthetic.md)."""
+    from stereo_seecolor.synthetic.dive import parse_spec
+    from stereo_seecolor.synthetic.dive import synthesize as render
+
+    render(parse_spec(pairs=pairs, lines=lines, size=size, water=water, seed=seed), out)
+    print(f"{pairs} pairs in {out}: left/, right/, cam.yaml, trajectory.tum, and the truth in truth/")
+
+
+@app.command()
 def doctor() -> None:
     """What this machine has, what it lacks, and the command that mends it."""
     from stereo_seecolor.doctor import examine

@@ -42,7 +42,7 @@ class Bottom:
         """Rolling ground: rippled sand in the hollows, rock with turf and coralline crusts on the rises."""
         coarse = fractal_noise(shape, 2.5 / cell_m, 3, rng)
         rough = fractal_noise(shape, 0.5 / cell_m, 5, rng)
-        rocky = _smooth_step(coarse + 0.35 * rough, 0.05, 0.3)
+        rocky = _smooth_step(coarse + 0.35 * rough, -0.25, 0.05)
         y, x = np.meshgrid(*(np.arange(n, dtype=np.float32) * cell_m for n in shape), indexing="ij")
         wander = fractal_noise(shape, 0.8 / cell_m, 2, rng)
         ripples = np.sin(2 * np.pi * (0.8 * x + 0.6 * y + 0.06 * wander) / 0.13)

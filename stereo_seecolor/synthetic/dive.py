@@ -12,16 +12,17 @@ from numpy.typing import NDArray
 
 from calibration.formats import native
 from stereo_seecolor.data import Trajectory, Water
-from stereo_seecolor.errors import OutputError
+from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.synthetic.reef import CELL_M, Reef
 from stereo_seecolor.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.synthetic.survey import SurveySpec
+from stereo_seecolor.synthetic.waters import WATER_NAMES
 
 _FOLDERS = ("left", "right", "truth/range", "truth/color", "truth/visible")
-_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 9]
+_PNG = [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED]
 _FLOAT_TIFF = [cv2.IMWRITE_TIFF_COMPRESSION, 8, cv2.IMWRITE_TIFF_PREDICTOR, 3]  # deflate, floating point
-_RANGE_STEPS_PER_M = 8192
-"""Ranges are rounded to 0.12 mm, a hundredth of what stereo can tell, so that they compress."""
+_RANGE_STEPS_PER_M = 4096
+"""Ranges are rounded to 0.24 mm, a tenth of what stereo can tell here, so that they compress."""
 
 
 def synthesize(spec: SurveySpec, out: Path, done: Callable[[int, int], None] = lambda finished, pairs: None) -> None:
@@ -42,6 +43,22 @@ def synthesize(spec: SurveySpec, out: Path, done: Callable[[int, int], None] = l
             done(index + 1, spec.pairs)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written: {error.strerror or error}: give another folder") from error
+
+
+def parse_spec(pairs: int, lines: int, size: str, water: str, seed: int) -> SurveySpec:
+    """A specification from what a command line gives.
+
+    Raises InputError for a size that is none, an unknown water, or more lines than pairs.
+    """
+    width, _, height = size.partition("x")
+    if not (width.isdecimal() and height.isdecimal() and min(int(width), int(height)) >= 64):
+        raise InputError(f"--size {size}: write it as WIDTHxHEIGHT in pixels, at least 64x64, for example 640x512")
+    if water not in WATER_NAMES:
+        raise InputError(f"--water {water}: there are {', '.join(WATER_NAMES)}")
+    if lines > pairs:
+        raise InputError(f"--lines {lines}: more lines than the {pairs} pairs")
+    named = next(name for name in WATER_NAMES if name == water)
+    return SurveySpec(seed=seed, pairs=pairs, lines=lines, image_size=(int(width), int(height)), water=named)
 
 
 def _write_pair(out: Path, pair: RenderedPair) -> None:

@@ -32,17 +32,17 @@ def settle(bottom: Bottom, spec: SurveySpec, rng: np.random.Generator) -> NDArra
         size_m = np.array([nx, ny]) * bottom.cell_m
         return np.asarray(corner + rng.random((round(per_m2 * area_m2), 2)) * size_m)
 
-    for x, y in places(0.22):
+    for x, y in places(0.3):
         _boulder(bottom, x, y, rng)
-    for x, y in places(0.25):
+    for x, y in places(0.4):
         _massive_coral(bottom, x, y, rng)
-    for x, y in places(0.12):
+    for x, y in places(0.18):
         _table_coral(bottom, x, y, rng)
-    for x, y in places(0.30):
+    for x, y in places(0.45):
         _branching_thicket(bottom, x, y, rng)
-    for x, y in places(0.6):
+    for x, y in places(1.1):
         _crust(bottom, x, y, rng)
-    for x, y in places(0.9):
+    for x, y in places(1.2):
         _sponge(bottom, x, y, rng)
     if spec.textureless_patch:
         _bare_patch(bottom, 0.7 * spec.line_length_m, 0.0, 0.8)
@@ -81,8 +81,8 @@ def _table_coral(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -
     noise = fractal_noise(patch.u_m.shape, 0.3 * radius_m / bottom.cell_m, 3, rng)
     distance = np.hypot(patch.u_m, patch.v_m) / radius_m * (1 + 0.06 * noise)
     bumps = fractal_noise(patch.u_m.shape, 0.05 / bottom.cell_m, 2, rng)
-    edge = np.clip((1 - distance) * radius_m / 0.03, 0, 1)
-    top_m = bottom.ground_m(x, y) + (0.45 * radius_m + 0.06 * radius_m * distance) * edge**0.5 + 0.008 * bumps
+    edge = np.clip((1 - distance) * radius_m / 0.05, 0, 1)
+    top_m = bottom.ground_m(x, y) + (0.22 * radius_m + 0.08 * radius_m * distance) * edge**0.5 + 0.006 * bumps
     rim = np.clip((distance - 0.85) / 0.12, 0, 1)
     albedo = _painted(patch.u_m, _pick(_BRANCHING, rng)) * np.exp(0.28 * bumps)[..., None]
     bottom.raise_to(patch, np.where(distance < 1, top_m, -np.inf), _blend(albedo, 0.5 * rim, (0.62, 0.55, 0.42)), texture=0.2)
@@ -124,7 +124,8 @@ def _crust(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> None
     patch = bottom.patch(x, y, 1.4 * radius_m)
     noise = fractal_noise(patch.u_m.shape, 0.5 * radius_m / bottom.cell_m, 4, rng)
     distance = np.hypot(patch.u_m, patch.v_m) / radius_m + 0.25 * noise
-    bottom.paint(patch, np.clip((1 - distance) * 5, 0, 0.85).astype(np.float32), _pick(_SPONGES, rng))
+    on_rock = np.clip((bottom.texture[patch.rows, patch.columns] - 0.15) / 0.05, 0, 1)  # nothing crusts over loose sand
+    bottom.paint(patch, (on_rock * np.clip((1 - distance) * 5, 0, 0.85)).astype(np.float32), _pick(_SPONGES, rng))
 
 
 def _bare_patch(bottom: Bottom, x: float, y: float, radius_m: float) -> None:
