@@ -1,0 +1,164 @@
+"""Killed, interrupted, starved of disk: nothing half written, nothing lost, and the next run ends as if nothing had been."""
+
+import csv
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stereo_seecolor import jobs
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.outputs.frames_table import FrameRow
+from stereo_seecolor.pipeline import RunOptions
+
+PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
+PRODUCTS = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
+
+
+def contents(out: Path) -> dict[str, bytes]:
+    """All products by name; frames.csv and run.json hold times, so they are left out."""
+    found = {str(path.relative_to(out)): path.read_bytes() for product in PRODUCTS for path in (out / product).glob("*")}
+    return found | {"water.json": (out / "water.json").read_bytes()}
+
+
+def assert_whole(out: Path) -> None:
+    """Every visible file can be read to its end."""
+    for path in out.rglob("*"):
+        if path.name.startswith(".writing-") or path.is_dir():
+            continue
+        if path.suffix == ".png":
+            read_image(path)
+        elif path.suffix == ".tiff":
+            read_range_map(path)
+        elif path.suffix == ".json":
+            json.loads(path.read_text())
+        elif path.suffix == ".ply":
+            header, _, body = path.read_bytes().partition(b"end_header\n")
+            assert len(body) == 15 * int(header.split(b"element vertex ")[1].split()[0])
+
+
+class Stopper:
+    """Does something at the nth pair."""
+
+    def __init__(self, at: int, what) -> None:  # type: ignore[no-untyped-def]
+        self.left, self.what = at, what
+
+    def begin(self, stage: str, total: int) -> None:
+        pass
+
+    def advance(self, row: FrameRow) -> None:
+        self.left -= 1
+        if self.left == 0:
+            self.what()
+
+
+def run_in_process(dive, out: Path, listener=None):  # type: ignore[no-untyped-def]
+    options = RunOptions(workers=2, listener=listener) if listener else RunOptions(workers=2)
+    return jobs.run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
+
+
+def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
+    dive = make_dive(10)
+    run_in_process(dive, tmp_path / "whole")
+    words = [PROGRAM, *dive.command(tmp_path / "killed", "--workers", "2")]
+    rng = random.Random(5)
+    for _ in range(4):
+        with subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+            deadline = time.monotonic() + 20
+            while not (tmp_path / "killed/range").exists() and process.poll() is None and time.monotonic() < deadline:
+                time.sleep(0.005)
+            time.sleep(rng.uniform(0, 0.15))
+            process.kill()
+        assert_whole(tmp_path / "killed")
+    assert subprocess.run(words, stdout=subprocess.DEVNULL).returncode == 0
+    assert contents(tmp_path / "killed") == contents(tmp_path / "whole")
+    assert not list((tmp_path / "killed").rglob(".writing-*"))
+    rows = list(csv.DictReader((tmp_path / "killed/frames.csv").read_text().splitlines()))
+    assert [row["status"] for row in rows] == ["ok"] * 10
+
+
+@pytest.mark.parametrize("at", [2, 7])
+def test_interrupt_tells_what_was_done_and_resumes(make_dive, tmp_path, at) -> None:
+    dive, out = make_dive(5), tmp_path / "out"
+    run_in_process(dive, tmp_path / "whole")
+    summary = run_in_process(dive, out, Stopper(at, lambda: os.kill(os.getpid(), signal.SIGINT)))
+    assert summary.stopped
+    assert not summary.all_done
+    assert json.loads((out / "run.json").read_text())["totals"]["stopped"]
+    assert_whole(out)
+    assert run_in_process(dive, out).all_done
+    assert contents(out) == contents(tmp_path / "whole")
+
+
+def test_ctrl_c_on_the_command_line_exits_with_a_summary(make_dive, tmp_path) -> None:
+    dive, out = make_dive(40), tmp_path / "out"
+    words = [PROGRAM, *dive.command(out)]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        while not (out / "range").exists() and process.poll() is None:
+            time.sleep(0.01)
+        process.send_signal(signal.SIGINT)
+        printed, said = process.communicate(timeout=20)
+    assert process.returncode == 130, said
+    assert "stopped early" in printed
+    assert "Traceback" not in said
+    assert not list(out.rglob(".writing-*"))
+
+
+def test_disk_full_is_one_line_and_resumable(make_dive, tmp_path) -> None:
+    dive, out = make_dive(3), tmp_path / "out"
+
+    def no_room() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+
+    words = [PROGRAM, *dive.command(out)]
+    failed = subprocess.run(words, capture_output=True, text=True, preexec_fn=no_room)
+    assert failed.returncode == 1
+    assert "cannot be written: File too large" in failed.stderr
+    assert failed.stderr.count("\n") == 1
+    assert_whole(out)
+    assert subprocess.run(words, capture_output=True).returncode == 0
+    assert len(list((out / "corrected").iterdir())) == 3
+
+
+def test_output_folder_lost_midway(make_dive, tmp_path, monkeypatch) -> None:
+    dive, out = make_dive(4), tmp_path / "out"
+
+    def lose() -> None:
+        shutil.rmtree(out / "range")
+        (out / "range").touch()
+
+    with pytest.raises(OutputError, match="cannot be written"):
+        run_in_process(dive, out, Stopper(1, lose))
+    (out / "range").unlink()
+    assert run_in_process(dive, out).all_done
+
+
+def test_inputs_vanishing_midway_are_named(make_dive, tmp_path) -> None:
+    dive, out = make_dive(6), tmp_path / "out"
+    summary = run_in_process(dive, out, Stopper(2, lambda: (dive.root / "L/0005.png").unlink()))
+    failed = [row for row in summary.rows if row.status == "failed"]
+    assert [row.name for row in failed] == ["0005"]
+    assert "L/0005.png: cannot be read: No such file" in failed[0].error
+    assert summary.count("ok") == 5
+
+
+def test_read_only_inputs_and_links(make_dive, tmp_path) -> None:
+    dive = make_dive(2)
+    linked = tmp_path / "linked dive é"
+    (linked / "L").mkdir(parents=True)
+    (linked / "R").symlink_to(dive.root / "R")
+    for path in (dive.root / "L").iterdir():
+        path.chmod(0o400)
+        (linked / "L" / path.name.upper()).symlink_to(path)
+    summary = jobs.run(linked / "L", linked / "R", dive.root / "cam.yaml", tmp_path / "out é")
+    assert summary.all_done
