@@ -1,0 +1,47 @@
+"""The measures by which maps are judged, on cases with known answers."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stereo_seecolor.evaluation.cloud import cloud_error, surface_points
+from stereo_seecolor.evaluation.nearest import nearest_distance_m
+from stereo_seecolor.evaluation.trajectory import align, trajectory_error
+from stereo_seecolor.mapping.poses import rotation_from_vector
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 1000))
+def test_nearest_agrees_with_brute_force(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    queries, points = rng.uniform(-0.3, 0.3, (40, 3)), rng.uniform(-0.3, 0.3, (300, 3))
+    brute = np.linalg.norm(queries[:, None] - points[None], axis=2).min(axis=1)
+    np.testing.assert_allclose(nearest_distance_m(queries, points, 0.1), np.where(brute <= 0.1, brute, np.inf))
+
+
+def test_a_raised_cloud_is_off_by_what_it_was_raised() -> None:
+    truth = surface_points(np.zeros((101, 101)), (0, 0), 0.005)
+    cloud = truth[truth[:, 0] < 0.2501] + [0, 0, 0.012]
+    error = cloud_error(cloud, truth, tolerance_m=0.02)
+    np.testing.assert_allclose([error.median_m, error.percentile_95_m], 0.012)
+    np.testing.assert_allclose(error.completeness, 0.53, atol=0.02)
+
+
+def test_walls_of_a_height_field_are_filled_in() -> None:
+    points = surface_points(np.array([[0.0, 0.1]]), (0, 0), 0.01)
+    assert len(points) == 2 + 9
+    np.testing.assert_allclose(points[:, 2].max() - points[:, 2].min(), 0.1)
+
+
+def test_alignment_undoes_a_rigid_motion_but_keeps_scale() -> None:
+    rng = np.random.default_rng(3)
+    truth = np.cumsum(rng.normal(size=(50, 3)), axis=0)
+    moved = truth @ rotation_from_vector(np.array([0.3, -2, 1])).T + [5, 6, 7]
+    assert trajectory_error(moved, truth).rms_m < 1e-9
+    assert trajectory_error(1.1 * moved, truth).rms_m > 0.05
+    np.testing.assert_allclose(moved @ align(moved, truth)[:3, :3].T + align(moved, truth)[:3, 3], truth, atol=1e-9)
+
+
+def test_path_is_the_length_of_the_true_track() -> None:
+    truth = np.array([[0.0, 0, 0], [3, 0, 0], [3, 4, 0]])
+    assert trajectory_error(truth, truth).path_m == 7
