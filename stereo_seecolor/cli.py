@@ -16,6 +16,7 @@ import typer
 
 if TYPE_CHECKING:
     from stereo_seecolor.config import RunConfig
+    from stereo_seecolor.evaluation.truth import TruthReport
     from stereo_seecolor.outputs.frames_table import RunSummary
     from stereo_seecolor.pipeline import RunOptions
 
@@ -27,8 +28,10 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-Left = Annotated[Path, typer.Option("--left", help="Folder of left images.")]
-Right = Annotated[Path, typer.Option("--right", help="Folder of right images.")]
+Left = Annotated[Path, typer.Option("--left", help="Folder of left images, or a video.")]
+Right = Annotated[
+    Path, typer.Option("--right", help="Folder of right images, or a video; the left one again if it shows both side by side.")
+]
 Calib = Annotated[str, typer.Option("--calib", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")]
 Out = Annotated[Path, typer.Option("--out", help="Output folder; run again on the same one to go on where it stopped.")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="YAML file of settings (docs/configuration.md).")]
@@ -207,6 +210,19 @@ def synthesize(
 
 
 @app.command()
+def evaluate(
+    out: Annotated[Path, typer.Argument(help="The output folder of a finished run.")],
+    truth: Annotated[Path, typer.Option("--truth", help="The truth/ folder of a dive made by synthesize.")],
+    as_json: AsJson = False,
+) -> None:
+    """How far a run is from known truth, in range and in colour."""
+    from stereo_seecolor.evaluation.truth import evaluate_truth
+
+    report = evaluate_truth(out, truth)
+    print(json.dumps(asdict(report))) if as_json else _print_truth(report)
+
+
+@app.command()
 def doctor() -> None:
     """What this machine has, what it lacks, and the command that mends it."""
     from stereo_seecolor.doctor import examine
@@ -272,6 +288,32 @@ def _fuse(out: Path, poses: Path | None, config: "RunConfig", quiet: bool) -> No
     print(f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s")
     for file in made.files:
         print(f"  {file}")
+
+
+def _print_truth(report: "TruthReport") -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    ranges, color, raw = report.range, report.color, report.raw_color
+    console = Console(soft_wrap=True, highlight=False)
+    console.print(f"{len(report.frames)} frames against truth, means over frames; no result for {len(report.missing)} frames")
+    console.print(
+        f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off by more than 1 px {ranges.bad_1_px:.2%}, "
+        f"2 px {ranges.bad_2_px:.2%}; measured {ranges.coverage:.1%} of the pixels that both cameras see"
+    )
+    table = Table("colour", "corrected", "raw image", box=None, header_style="")
+    for what, name, style in (
+        ("mean angle to the true colour, degrees", "angle_deg", ".2f"),
+        ("the same after the best gain a channel", "angle_after_gains_deg", ".2f"),
+        ("CIEDE2000, median", "ciede2000", ".2f"),
+        ("red/blue far against near, true = 1", "range_consistency", ".3f"),
+        ("pixels clipped", "clipped_share", ".2%"),
+    ):
+        table.add_row(what, format(getattr(color, name), style), format(getattr(raw, name), style))
+    console.print(table)
+    console.print(
+        f"over {color.pixels:.0f} pixels a frame: those with a measured range and a true colour neither clipped nor nearly black"
+    )
 
 
 def _summary_content(summary: "RunSummary", out: Path) -> dict[str, Any]:

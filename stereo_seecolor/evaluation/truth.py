@@ -1,0 +1,153 @@
+"""A finished run against known truth: how far off its ranges and its colours are, beside the raw images' own error."""
+
+import json
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TypeVar
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import Rectification, RectifiedPair
+from calibration.formats import load_rig
+from stereo_seecolor.data import Map, Mask
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.measures import TruthScore, score_truth, srgb_from_linear
+from stereo_seecolor.inputs.images import read_image, read_range_map
+
+Score = TypeVar("Score", "RangeScore", TruthScore)
+NOT_MEASURED = (1, 2)
+"""Codes of OUT/mask for ranges that are unknown or filled in."""
+
+
+@dataclass(frozen=True)
+class RangeScore:
+    """Measured ranges against truth; what was filled in counts as not measured.
+
+    median_relative_error: |range - truth| / truth. bad_1_px, bad_2_px: share of measured pixels whose disparity is off by more.
+    coverage: share of the pixels that both cameras see which were measured.
+    """
+
+    median_relative_error: float
+    bad_1_px: float
+    bad_2_px: float
+    coverage: float
+
+
+@dataclass(frozen=True)
+class FrameScore:
+    """One frame against truth. color, raw_color: the corrected and the raw image, over the same pixels."""
+
+    name: str
+    range: RangeScore
+    color: TruthScore
+    raw_color: TruthScore
+
+
+@dataclass(frozen=True)
+class TruthReport:
+    """A run against truth. ``range``, ``color`` and ``raw_color`` are means over the frames; missing: frames with no result."""
+
+    frames: tuple[FrameScore, ...]
+    missing: tuple[str, ...]
+    range: RangeScore
+    color: TruthScore
+    raw_color: TruthScore
+
+
+def evaluate_truth(out: Path, truth: Path) -> TruthReport:
+    """Compare the run folder ``out`` with the truth of a dive (docs/synthetic.md), whose left/ and cam.yaml lie beside ``truth``.
+
+    Colours are compared as displayed (sRGB), over pixels whose range was measured and whose true colour is neither clipped nor so
+    dark (brightest channel below 6 % of full scale, encoded) that noise makes its hue.
+
+    Raises InputError if a folder holds no such files, or a result has another size than its truth.
+    """
+    names = sorted(path.stem for path in (truth / "range").glob("*.tiff"))
+    if not names:
+        raise InputError(f"{truth}: holds no range/*.tiff: give the truth folder of a dive made by 'stereo-seecolor synthesize'")
+    present = [name for name in names if (out / "range" / f"{name}.tiff").exists() and _corrected_path(out, name)]
+    if not present:
+        raise InputError(f"{out}: holds no result for any of the {len(names)} frames of {truth}: run the same dive first")
+    rectification = Rectification.from_rig(load_rig(truth.parent / "cam.yaml"))
+    linear = _is_linear(truth)
+    frames = tuple(_score_frame(out, truth, name, rectification, linear) for name in present)
+    return TruthReport(
+        frames,
+        tuple(name for name in names if name not in present),
+        _mean(RangeScore, [frame.range for frame in frames]),
+        _mean(TruthScore, [frame.color for frame in frames]),
+        _mean(TruthScore, [frame.raw_color for frame in frames]),
+    )
+
+
+def score_range(range_m: Map, true_m: Map, visible: Mask, geometry: RectifiedPair) -> RangeScore:
+    """Score of a range map (H, W), NaN where not measured, against truth; visible: what both cameras see."""
+    known = np.isfinite(range_m) & np.isfinite(true_m)
+    disparity, true_disparity = (geometry.disparity_from_depth(geometry.depth_from_range(z)) for z in (range_m, true_m))
+    off_px = np.abs(disparity - true_disparity)[known]
+    relative = (np.abs(range_m - true_m) / true_m)[known]
+    nan = float("nan")
+    return RangeScore(
+        median_relative_error=float(np.median(relative)) if known.any() else nan,
+        bad_1_px=float((off_px > 1).mean()) if known.any() else nan,
+        bad_2_px=float((off_px > 2).mean()) if known.any() else nan,
+        coverage=float(known[visible].mean()) if visible.any() else nan,
+    )
+
+
+def _score_frame(out: Path, truth: Path, name: str, rectification: Rectification, linear: bool) -> FrameScore:
+    true_m = read_range_map(truth / "range" / f"{name}.tiff")
+    range_m = read_range_map(out / "range" / f"{name}.tiff")
+    if range_m.shape != true_m.shape:
+        raise InputError(f"{out / 'range' / name}.tiff: is {range_m.shape[::-1]} pixels, but its truth {true_m.shape[::-1]}")
+    mask = cv2.imread(str(out / "mask" / f"{name}.png"), cv2.IMREAD_UNCHANGED) if (out / "mask").is_dir() else None
+    measured = np.isfinite(range_m) if mask is None else np.isfinite(range_m) & ~np.isin(mask, NOT_MEASURED)
+    measured_m = np.where(measured, range_m, np.float32(np.nan))
+    visible = read_image(truth / "visible" / f"{name}.png")[..., 0] > 0
+
+    color = _displayed(truth / "color" / f"{name}.png", linear)
+    corrected_path = _corrected_path(out, name)
+    assert corrected_path is not None
+    raw = rectification.apply_left(read_image(truth.parent / "left" / f"{name}.png"))
+    scores = []
+    for image in (_displayed(corrected_path, linear=False), _as_displayed(raw, linear)):
+        known = np.where(measured[..., None], image, np.nan)
+        scores.append(score_truth(known, color, true_m))
+    return FrameScore(name, score_range(measured_m, true_m, visible, rectification.pair), *scores)
+
+
+def _corrected_path(out: Path, name: str) -> Path | None:
+    return next((p for suffix in (".png", ".tiff", ".jpg") if (p := out / "corrected" / f"{name}{suffix}").exists()), None)
+
+
+def _displayed(path: Path, linear: bool) -> NDArray[np.float64]:
+    """(H, W, 3) in sRGB as a share of full scale; float TIFFs are linear."""
+    if path.suffix == ".tiff":
+        bgr = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        if bgr is None:
+            raise InputError(f"{path}: is damaged: run again")
+        return srgb_from_linear(np.clip(bgr[..., ::-1], 0, 1))
+    return _as_displayed(read_image(path), linear)
+
+
+def _as_displayed(image: NDArray[np.unsignedinteger], linear: bool) -> NDArray[np.float64]:
+    share = image / np.iinfo(image.dtype).max
+    return srgb_from_linear(share) if linear else np.asarray(share)
+
+
+def _is_linear(truth: Path) -> bool:
+    try:
+        return bool(json.loads((truth / "water.json").read_bytes())["water"]["input_encoding"] == "linear")
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{truth / 'water.json'}: does not say how the images are encoded: {error}") from error
+
+
+def _mean(kind: type[Score], scores: list[Score]) -> Score:
+    names = [field.name for field in fields(kind)]
+    values = np.array([[getattr(score, name) for name in names] for score in scores], dtype=np.float64)
+    known = np.isfinite(values)
+    with np.errstate(invalid="ignore"):
+        means = np.where(known, values, 0).sum(axis=0) / known.sum(axis=0)
+    return kind(**dict(zip(names, means.tolist(), strict=True)))
