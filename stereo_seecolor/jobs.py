@@ -13,9 +13,10 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_by_stem, pair_folders
+from stereo_seecolor.inputs.video import is_video, unpack
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.frames_table import FrameRow, RunSummary, frames_csv
-from stereo_seecolor.outputs.run_folder import RunFolder, content_key
+from stereo_seecolor.outputs.run_folder import STATE, RunFolder, content_key
 from stereo_seecolor.outputs.survey_frames import SurveyFrames
 from stereo_seecolor.outputs.water_file import read_waters, write_waters
 from stereo_seecolor.pipeline import Listener, Pipeline, RunOptions, Silence, Survey
@@ -38,14 +39,15 @@ def run(
 ) -> RunSummary:
     """Stereo pairs in; range maps, true-colour frames, clouds and tables out, in ``out``.
 
-    left, right: folders of images. calib: any calibration that load_rig reads. water: the water.json of an earlier dive, to
-    be used instead of a fit. ranges_only: stop after the range maps.
+    left, right: folders of images, or one video a side, or twice the same video that shows both side by side.
+    calib: any calibration that load_rig reads. water: the water.json of an earlier dive, to be used instead of a fit.
+    ranges_only: stop after the range maps.
     Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
     """
     config, options = config or RunConfig(), options or RunOptions()
-    pairing = pair_folders(left, right, config.input)
-    pipeline = Pipeline(load_rig_for(calib, pairing, config), config)
     identity = content_key("stereo", str(left.resolve()), str(right.resolve()))
+    pairing = _pair(left, right, out, config)
+    pipeline = Pipeline(load_rig_for(calib, pairing, config), config)
     with RunFolder(out, identity, config.output.image_format, options.overwrite) as folder:
         source = StereoSource(pipeline, folder)
         job = _Job(folder, Survey(source, config, folder, options), pairing, config)
@@ -81,7 +83,7 @@ def rectify(
 ) -> RunSummary:
     """Rectified pairs as PNG in ``rectified_left`` and ``rectified_right``; ``rectified.yaml``, the calibration they have now."""
     config, options = config or RunConfig(), options or RunOptions()
-    pairing = pair_folders(left, right, config.input)
+    pairing = _pair(left, right, out, config)
     pipeline = Pipeline(load_rig_for(calib, pairing, config), config)
     with RunFolder(out, content_key("rectify", str(left.resolve()), str(right.resolve())), overwrite=options.overwrite) as folder:
         source = StereoSource(pipeline, folder)
@@ -118,6 +120,13 @@ def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
         listener.advance(FrameRow(f"{done}"))
 
     return progress
+
+
+def _pair(left: Path, right: Path, out: Path, config: RunConfig) -> Pairing:
+    """The pairs of two folders, or of videos, whose frames are unpacked into the output folder first."""
+    if is_video(left) and is_video(right):
+        left, right = unpack(left, right, out / STATE / "frames", config.input.video_every)
+    return pair_folders(left, right, config.input)
 
 
 def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> StereoRig:

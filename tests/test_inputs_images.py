@@ -142,3 +142,15 @@ def test_range_maps_in_metres_and_millimetres(tmp_path: Path) -> None:
 def test_what_is_no_range_map(tmp_path: Path, image: np.ndarray, message: str) -> None:
     with pytest.raises(InputError, match=message):
         read_range_map(save(tmp_path / "a.png", image))
+
+
+def test_exif_orientation_is_applied(tmp_path: Path) -> None:
+    bright_left = np.zeros((20, 40, 3), np.uint8)
+    bright_left[:, :20] = 250
+    jpeg = cv2.imencode(".jpg", bright_left)[1].tobytes()
+    turn_right = b"II*\x00\x08\x00\x00\x00\x01\x00\x12\x01\x03\x00\x01\x00\x00\x00\x06\x00\x00\x00\x00\x00\x00\x00"
+    exif = b"Exif\x00\x00" + turn_right
+    (tmp_path / "a.jpg").write_bytes(jpeg[:2] + b"\xff\xe1" + (len(exif) + 2).to_bytes(2, "big") + exif + jpeg[2:])
+    image = read_image(tmp_path / "a.jpg")
+    assert image.shape == (40, 20, 3)
+    assert image[:15].mean() > 200 > 50 > image[25:].mean()

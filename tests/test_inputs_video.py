@@ -1,0 +1,71 @@
+"""Video: one file a side, or both side by side in one."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor import jobs
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.video import is_video, unpack
+
+
+def write_video(path: Path, frames: list[np.ndarray]) -> Path:
+    height, width = frames[0].shape[:2]
+    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (width, height))
+    assert video.isOpened()
+    for frame in frames:
+        video.write(np.ascontiguousarray(frame))
+    video.release()
+    return path
+
+
+def smooth_frames(count: int, seed: int = 0) -> list[np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return [
+        cv2.resize(rng.integers(0, 256, (6, 8, 3), dtype=np.uint8), (96, 64), interpolation=cv2.INTER_CUBIC) for _ in range(count)
+    ]
+
+
+def near(path: Path, bgr: np.ndarray) -> bool:
+    return float(np.abs(read_image(path).astype(int) - bgr[..., ::-1]).mean()) < 8
+
+
+def test_one_file_a_side(tmp_path: Path) -> None:
+    lefts, rights = smooth_frames(5), smooth_frames(5, seed=1)
+    videos = write_video(tmp_path / "l.avi", lefts), write_video(tmp_path / "r.avi", rights)
+    left, right = unpack(*videos, tmp_path / "frames", every=2)
+    assert [path.name for path in sorted(left.iterdir())] == ["000000.png", "000001.png", "000002.png"]
+    assert near(left / "000001.png", lefts[2])
+    assert near(right / "000002.png", rights[4])
+    before = (left / "000000.png").stat().st_mtime_ns
+    unpack(*videos, tmp_path / "frames", every=2)
+    assert (left / "000000.png").stat().st_mtime_ns == before, "what is unpacked is kept"
+
+
+def test_side_by_side(tmp_path: Path) -> None:
+    lefts, rights = smooth_frames(2), smooth_frames(2, seed=1)
+    both = write_video(tmp_path / "both.avi", [np.hstack(pair) for pair in zip(lefts, rights, strict=True)])
+    left, right = unpack(both, both, tmp_path / "frames", every=1)
+    assert near(left / "000001.png", lefts[1])
+    assert near(right / "000001.png", rights[1])
+
+
+def test_what_is_no_video(tmp_path: Path) -> None:
+    (tmp_path / "a.mp4").write_bytes(b"no video")
+    assert is_video(tmp_path / "a.mp4")
+    assert not is_video(tmp_path)
+    with pytest.raises(InputError, match=r"a\.mp4: is no video that OpenCV can open"):
+        unpack(tmp_path / "a.mp4", tmp_path / "a.mp4", tmp_path / "frames", every=1)
+
+
+def test_a_run_takes_videos(make_dive, tmp_path) -> None:
+    dive = make_dive(2)
+    for side in "LR":
+        frames = [cv2.imread(str(path)) for path in sorted((dive.root / side).iterdir())]
+        write_video(dive.root / f"{side}.avi", frames)
+    summary = jobs.run(dive.root / "L.avi", dive.root / "R.avi", dive.root / "cam.yaml", tmp_path / "out")
+    assert summary.count("ok") == 2
+    assert (tmp_path / "out/corrected/000001.png").exists()
