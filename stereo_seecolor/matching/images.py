@@ -1,0 +1,89 @@
+"""What is matched of an image: its gray values at full depth, smoothed against sensor noise, and their census."""
+
+from collections.abc import Callable
+from typing import Any
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stereo_seecolor.data import Image
+
+Gray = NDArray[np.uint16]
+Census = NDArray[np.uint32]
+
+SMOOTHING_PX = 1.0
+"""Sigma of the blur before the census, which compares single pixels: without it noise decides the comparisons."""
+
+_REACH = 3
+_PATTERN = np.array(
+    [(dy, dx) for dy in (-3, -1, 0, 1, 3) for dx in range(-3, 4) if (dy + dx) % 2 == 0 and (dy, dx) != (0, 0)]
+    + [(0, 1), (0, -1), (1, 0), (-1, 0)]
+)
+"""Every other pixel of a window of 7 x 7, and the four neighbours."""
+
+_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
+
+
+def gray(image: Image) -> Gray:
+    """(H, W) luma of an RGB image, 0..65280 whatever its depth: in haze the signal is finer than one step of 8 bits."""
+    luma = np.empty(image.shape[:2], np.uint16)
+    _luma(image, np.uint32(8 if image.dtype == np.uint16 else 0), luma)
+    return luma
+
+
+def smooth(image: Gray, sigma_px: float = SMOOTHING_PX) -> Gray:
+    """Gaussian blur."""
+    blurred: Gray = cv2.GaussianBlur(image, (0, 0), sigma_px)
+    return blurred
+
+
+def shrink(image: Gray, scale: int) -> Gray:
+    """The image at 1 / scale, each pixel the mean of scale x scale; the last ones are filled up from the border."""
+    height, width = image.shape
+    padded = cv2.copyMakeBorder(image, 0, -height % scale, 0, -width % scale, cv2.BORDER_REPLICATE)
+    small: Gray = cv2.resize(padded, (-(-width // scale), -(-height // scale)), interpolation=cv2.INTER_AREA)
+    return small
+
+
+def census(image: Gray) -> Census:
+    """(H, W) a bit for each neighbour that is darker (Zabih and Woodfill 1994): blind to exposure, gain and veiling light."""
+    bits = np.empty(image.shape, np.uint32)
+    _census(_padded(image), _PATTERN, bits)
+    return bits
+
+
+def mirrored_census(image: Gray, before: int, after: int) -> Census:
+    """(H, before + W + after) the census mirrored left to right, between columns of zeros."""
+    height, width = image.shape
+    bits = np.zeros((height, before + width + after), np.uint32)
+    bits[:, before : before + width] = census(image)[:, ::-1]
+    return bits
+
+
+def _padded(image: Gray) -> Gray:
+    padded: Gray = cv2.copyMakeBorder(image, _REACH, _REACH, _REACH, _REACH, cv2.BORDER_REPLICATE)
+    return padded
+
+
+@_compiled
+def _luma(image: Image, shift: np.uint32, luma: Gray) -> None:
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            r, g, b = np.uint32(image[y, x, 0]), np.uint32(image[y, x, 1]), np.uint32(image[y, x, 2])
+            luma[y, x] = (np.uint32(77) * r + np.uint32(150) * g + np.uint32(29) * b) >> shift
+
+
+@_compiled
+def _census(padded: Gray, pattern: NDArray[np.int64], bits: Census) -> None:
+    height, width = bits.shape
+    for y in range(height):
+        row = bits[y]
+        row[:] = 0
+        centre = padded[y + 3, 3 : 3 + width]
+        for i in range(pattern.shape[0]):
+            left = 3 + pattern[i, 1]
+            other = padded[y + 3 + pattern[i, 0], left : left + width]
+            for x in range(width):
+                row[x] = (row[x] << np.uint32(1)) | np.uint32(other[x] < centre[x])
