@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +17,8 @@ ORTHONORMAL_TOLERANCE = 1e-3
 MAX_BASELINE_M = 2.0
 MIN_BASELINE_M = 0.005
 MAX_IMAGE_SIDE_PX = 32767  # cv2.remap's limit
+WIDEST_SLOPE = 20.0  # tan of 87 degrees
+RAY_TOLERANCE_PX = 0.01
 DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 
@@ -50,6 +53,30 @@ class Camera:
             raise CalibrationError(f"distortion holds a number that is not finite: {self.distortion.tolist()}")
         if min(self.image_size) < 1 or max(self.image_size) > MAX_IMAGE_SIDE_PX:
             raise CalibrationError(f"image_size must be (width, height) in pixels, 1 to {MAX_IMAGE_SIDE_PX}, got {self.image_size}")
+
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 2) pixels of points (n, 3) in this camera's axes; only for points before the camera."""
+        shaped, zero = points.reshape(-1, 1, 3), np.zeros(3)
+        if self.model == "fisheye":
+            pixels, _ = cv2.fisheye.projectPoints(shaped, zero, zero, self.K, self.distortion)
+        else:
+            pixels, _ = cv2.projectPoints(shaped, zero, zero, self.K, self.distortion)
+        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+
+    def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 3) directions with z = 1 of pixels (n, 2); NaN where the lens model reaches no such pixel, or looks to the side."""
+        shaped = pixels.reshape(-1, 1, 2)
+        criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-14)
+        if self.model == "fisheye":
+            slopes = cv2.fisheye.undistortPoints(shaped, self.K, self.distortion, criteria=criteria)
+        else:
+            slopes = cv2.undistortPoints(shaped, self.K, self.distortion, criteria=criteria)
+        slopes = np.asarray(slopes, dtype=np.float64).reshape(-1, 2)
+        slopes[~(np.abs(slopes).max(axis=1) < WIDEST_SLOPE)] = np.nan
+        directions = np.column_stack([slopes, np.ones(len(slopes))])
+        missed = ~(np.abs(self.project(directions) - pixels).max(axis=1) < RAY_TOLERANCE_PX)
+        directions[missed] = np.nan
+        return directions
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,12 +6,12 @@ R = R_r^T R_l and T = R_r^T [-B, 0, 0]. Dumps of the message itself (D, K, R, P)
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.section import Section, naming
+from calibration.rectification import rectifying_rotations
 from calibration.rig import Camera, CameraModel, StereoRig
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
@@ -90,28 +90,6 @@ def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:
         cx_px = camera.K[0, 2] if rig.is_rectified else K_new[0, 2]
         P = np.array([[focal_px, 0, cx_px, term], [0, focal_px, K_new[1, 2], 0], [0, 0, 1, 0]])
         path.write_text(_camera_text(camera, R, P, side), encoding="utf-8")
-
-
-def rectifying_rotations(rig: StereoRig) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(3, 3) rotations from each camera's axes to common ones whose x axis is the baseline, each camera turned equally.
-
-    Bouguet's construction, as in Learning OpenCV (Bradski and Kaehler 2008), ch. 12: halve the rotation between the cameras,
-    then turn both so that the translation lies along x.
-    """
-    half, _ = cv2.Rodrigues(cv2.Rodrigues(rig.R)[0] / 2)
-    along = -(half.T @ rig.T_right_left[:3, 3])
-    turn = _rotation_onto_x(along)
-    return turn @ half, turn @ half.T
-
-
-def _rotation_onto_x(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    x = vector / np.linalg.norm(vector)
-    axis = np.cross(x, [1.0, 0.0, 0.0])
-    sine = float(np.linalg.norm(axis))
-    if sine < 1e-15:
-        return np.eye(3)
-    rotation: NDArray[np.float64] = cv2.Rodrigues(axis / sine * np.arctan2(sine, x[0]))[0]
-    return rotation
 
 
 def _rotation(section: Section) -> NDArray[np.float64]:

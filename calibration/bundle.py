@@ -1,0 +1,201 @@
+"""Bundle adjustment of one or two cameras over many views of a target: every parameter at once.
+
+Levenberg-Marquardt on the reprojection error; each view's pose is eliminated by the Schur complement (Triggs et al. 2000,
+Bundle Adjustment: A Modern Synthesis, sec. 6.1). Pinhole and fisheye, one camera and two, whole boards and parts of them go the
+same way here; OpenCV's fisheye calibration takes no board seen in part, and gives up where the lens is far from its first guess.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.rig import CameraModel
+
+Array = NDArray[np.float64]
+MAX_ITERATIONS = 100
+CONVERGED = 1e-10
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Corners of one view in one camera. side: 0 left, 1 right; points_m: (n, 3) on the target; pixels: (n, 2)."""
+
+    view: int
+    side: int
+    points_m: Array
+    pixels: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """What is solved for.
+
+    intrinsics: fx fy cx cy and distortion of the left and the right camera; T_right_left: (4, 4); T_left_target: (views, 4, 4).
+    """
+
+    model: CameraModel
+    intrinsics: tuple[Array, Array]
+    T_right_left: Array
+    T_left_target: Array
+
+
+def camera_matrix(intrinsics: Array) -> Array:
+    """K (3, 3) of fx fy cx cy."""
+    fx, fy, cx, cy = intrinsics[:4]
+    return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+
+
+def project(points: Array, intrinsics: Array, model: CameraModel) -> tuple[Array, Array, Array]:
+    """Pixels (n, 2) of points (n, 3) in camera axes; derivatives by the point (n, 2, 3) and by the intrinsics (n, 2, k)."""
+    K, distortion, zero = camera_matrix(intrinsics), intrinsics[4:], np.zeros(3)
+    shaped = points.reshape(-1, 1, 3)
+    if model == "fisheye":
+        pixels, jacobian = cv2.fisheye.projectPoints(shaped, zero, zero, K, distortion)
+        by_point, by_intrinsics = jacobian[:, 11:14], jacobian[:, :8]
+    else:
+        pixels, jacobian = cv2.projectPoints(shaped, zero, zero, K, distortion)
+        by_point, by_intrinsics = jacobian[:, 3:6], jacobian[:, 6 : 6 + intrinsics.size]
+    n = len(points)
+    return pixels.reshape(n, 2), by_point.reshape(n, 2, 3), by_intrinsics.reshape(n, 2, -1)
+
+
+def residuals(bundle: Bundle, observation: Observation) -> Array:
+    """(n, 2) projected minus measured, pixels."""
+    in_left = _transform(bundle.T_left_target[observation.view], observation.points_m)
+    points = in_left if observation.side == 0 else _transform(bundle.T_right_left, in_left)
+    return project(points, bundle.intrinsics[observation.side], bundle.model)[0] - observation.pixels
+
+
+def rms(bundle: Bundle, observations: list[Observation]) -> float:
+    """Root mean square distance in pixels between corners and their projections."""
+    squares = [(residuals(bundle, observation) ** 2).sum(axis=1) for observation in observations]
+    return float(np.sqrt(np.concatenate(squares).mean()))
+
+
+def solve(start: Bundle, observations: list[Observation], poses_only: bool = False) -> Bundle:
+    """The bundle of least reprojection error near ``start``. poses_only: keep cameras and rig, move the target."""
+    bundle, error = start, _cost(start, observations)
+    damping = 1e-3
+    for _ in range(MAX_ITERATIONS):
+        equations = _normal_equations(bundle, observations)
+        improved = False
+        while not improved and damping < 1e12:
+            moved = _move(bundle, *_step(equations, damping, poses_only))
+            moved_error = _cost(moved, observations)
+            improved = moved_error < error
+            damping *= 0.1 if improved else 10.0
+        if not improved:
+            break
+        gain = (error - moved_error) / error
+        bundle, error = moved, moved_error
+        if gain < CONVERGED:
+            break
+    return bundle
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Blocks of J^T J and J^T r: shared parameters U (g, g), views V (v, 6, 6), coupling W (v, g, 6)."""
+
+    U: Array
+    V: Array
+    W: Array
+    r_shared: Array
+    r_views: Array
+
+
+def _normal_equations(bundle: Bundle, observations: list[Observation]) -> _Equations:
+    sizes = [intrinsics.size for intrinsics in bundle.intrinsics]
+    shared = sum(sizes) + 6
+    views = len(bundle.T_left_target)
+    U, V, W = np.zeros((shared, shared)), np.zeros((views, 6, 6)), np.zeros((views, shared, 6))
+    r_shared, r_views = np.zeros(shared), np.zeros((views, 6))
+    for observation in observations:
+        residual, J_shared, J_view = _linearize(bundle, observation, sizes)
+        view = observation.view
+        U += J_shared.T @ J_shared
+        V[view] += J_view.T @ J_view
+        W[view] += J_shared.T @ J_view
+        r_shared += J_shared.T @ residual
+        r_views[view] += J_view.T @ residual
+    return _Equations(U, V, W, r_shared, r_views)
+
+
+def _linearize(bundle: Bundle, observation: Observation, sizes: list[int]) -> tuple[Array, Array, Array]:
+    """Residuals (2n,) and their derivatives by shared parameters (2n, g) and by the view's pose (2n, 6).
+
+    Rotations move on the left, R <- exp(w) R, so that a point p in camera axes moves by w x p.
+    """
+    n = len(observation.pixels)
+    T_view, T_rig = bundle.T_left_target[observation.view], bundle.T_right_left
+    in_left = _transform(T_view, observation.points_m)
+    by_pose = _by_motion(in_left - T_view[:3, 3])
+    points = in_left
+    by_rig = np.zeros((n, 3, 6))
+    if observation.side == 1:
+        points = _transform(T_rig, in_left)
+        by_pose = T_rig[:3, :3] @ by_pose
+        by_rig = _by_motion(points - T_rig[:3, 3])
+    pixels, by_point, by_intrinsics = project(points, bundle.intrinsics[observation.side], bundle.model)
+    J_shared = np.zeros((n, 2, sum(sizes) + 6))
+    first = 0 if observation.side == 0 else sizes[0]
+    J_shared[:, :, first : first + sizes[observation.side]] = by_intrinsics
+    J_shared[:, :, -6:] = by_point @ by_rig
+    return (pixels - observation.pixels).ravel(), J_shared.reshape(2 * n, -1), (by_point @ by_pose).reshape(2 * n, 6)
+
+
+def _by_motion(rotated: Array) -> Array:
+    """(n, 3, 6) derivative of R X + t by a small rotation and by t; rotated: R X, (n, 3)."""
+    x, y, z = rotated.T
+    zero, one = np.zeros_like(x), np.ones_like(x)
+    rows = [[zero, z, -y, one, zero, zero], [-z, zero, x, zero, one, zero], [y, -x, zero, zero, zero, one]]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def _step(equations: _Equations, damping: float, poses_only: bool) -> tuple[Array, Array]:
+    """The damped step of the shared parameters (g,) and of each view (v, 6)."""
+    V_inverse = np.linalg.inv(_damped(equations.V, damping))
+    if poses_only:
+        return np.zeros_like(equations.r_shared), -np.einsum("vij,vj->vi", V_inverse, equations.r_views)
+    WV = equations.W @ V_inverse
+    S = _damped(equations.U, damping) - np.einsum("vij,vkj->ik", WV, equations.W)
+    right = -equations.r_shared + np.einsum("vij,vj->i", WV, equations.r_views)
+    shared = np.linalg.lstsq(S, right, rcond=None)[0]
+    rest = -equations.r_views - np.einsum("vij,i->vj", equations.W, shared)
+    return shared, np.einsum("vij,vj->vi", V_inverse, rest)
+
+
+def _damped(H: Array, damping: float) -> Array:
+    """Marquardt's scaling; a parameter that nothing depends on gets 1, so that it stays where it is."""
+    diagonal = np.diagonal(H, axis1=-2, axis2=-1)
+    added = np.where(diagonal > 0, diagonal * damping, 1.0)
+    return H + added[..., None] * np.eye(H.shape[-1])
+
+
+def _move(bundle: Bundle, shared: Array, views: Array) -> Bundle:
+    left, right = bundle.intrinsics
+    return replace(
+        bundle,
+        intrinsics=(left + shared[: left.size], right + shared[left.size : left.size + right.size]),
+        T_right_left=_moved(bundle.T_right_left, shared[-6:]),
+        T_left_target=np.array([_moved(T, step) for T, step in zip(bundle.T_left_target, views, strict=True)]),
+    )
+
+
+def _moved(T: Array, step: Array) -> Array:
+    moved = T.copy()
+    moved[:3, :3] = cv2.Rodrigues(step[:3])[0] @ T[:3, :3]
+    moved[:3, 3] += step[3:]
+    return moved
+
+
+def _cost(bundle: Bundle, observations: list[Observation]) -> float:
+    with np.errstate(all="ignore"):
+        cost = sum(float((residuals(bundle, observation) ** 2).sum()) for observation in observations)
+    return cost if np.isfinite(cost) else np.inf
+
+
+def _transform(T: Array, points: Array) -> Array:
+    return points @ T[:3, :3].T + T[:3, 3]

@@ -1,0 +1,163 @@
+"""What a calibration is worth: errors by view, coverage of the image, standard deviations, and a verdict in one line."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.rig import CameraModel, StereoRig
+
+Array = NDArray[np.float64]
+Verdict = Literal["good", "usable", "do it again"]
+GRID = (8, 6)
+MIN_CORNERS_IN_CELL = 3
+
+# The limits of each figure, up to which a calibration is good, and up to which it is usable.
+MAX_ROW_ERROR_PX = (0.25, 0.5)
+MAX_RMS_PX = (0.35, 1.0)
+MAX_FOCAL_STD = (0.002, 0.01)
+MAX_BASELINE_STD = (0.002, 0.01)
+MIN_COVERAGE = (0.6, 0.35)
+MIN_VIEWS = (10, 5)
+
+
+@dataclass(frozen=True)
+class ViewReport:
+    """One pair: rms in each image, pixels; NaN where it was not measured; reason: why it was dropped, None if it was used."""
+
+    name: str
+    left_px: float = np.nan
+    right_px: float = np.nan
+    reason: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class LensScore:
+    """How well a lens model predicts views left out of its fit.
+
+    squares: (views,) mean squared reprojection error, px^2; row_errors: (n,) left minus right row after rectification, px, NaN
+    where the lens model does not reach a corner; focal_std_px: standard deviation of the left and right focal length (the mean of
+    fx and fy); baseline_std_m: of the baseline.
+    """
+
+    model: CameraModel
+    coefficients: int
+    squares: Array
+    row_errors: Array
+    focal_std_px: tuple[float, float]
+    baseline_std_m: float
+
+    @property
+    def name(self) -> str:
+        """Such as "pinhole, 5 coefficients"."""
+        return f"{self.model}, {self.coefficients} coefficients"
+
+    @property
+    def rms_px(self) -> float:
+        """Over all left-out views."""
+        return float(np.sqrt(self.squares.mean()))
+
+    @property
+    def row_error_px(self) -> float:
+        """Mean absolute difference of rows after rectification; infinite where the lens model did not reach a corner."""
+        return float(np.nan_to_num(np.abs(self.row_errors), nan=np.inf).mean())
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationReport:
+    """The figures of a calibration.
+
+    scores: of each lens model tried; chosen: which one was taken. views: those used, then those dropped.
+    rms_left_px, rms_right_px: reprojection errors of the common fit, by image; both together are in the rig.
+    corners_left, corners_right: (n, 2) pixels of all corners used.
+    """
+
+    rig: StereoRig
+    scores: tuple[LensScore, ...]
+    chosen: int
+    views: tuple[ViewReport, ...]
+    rms_left_px: float
+    rms_right_px: float
+    corners_left: Array
+    corners_right: Array
+
+    @property
+    def lens(self) -> LensScore:
+        """The lens model taken; its errors are those on views left out of the fit."""
+        return self.scores[self.chosen]
+
+    @property
+    def used(self) -> tuple[ViewReport, ...]:
+        """The views of the fit."""
+        return tuple(view for view in self.views if view.reason is None)
+
+    @property
+    def focal_std(self) -> float:
+        """Standard deviation of the focal length, relative, of the worse camera."""
+        cameras = (self.rig.left, self.rig.right)
+        return max(std / float(camera.K[0, 0]) for std, camera in zip(self.lens.focal_std_px, cameras, strict=True))
+
+    @property
+    def coverage(self) -> tuple[float, float]:
+        """Share of the left and of the right image, in cells of a grid, in which corners lay."""
+        left, right = (self._counts(corners) for corners in (self.corners_left, self.corners_right))
+        return float((left >= MIN_CORNERS_IN_CELL).mean()), float((right >= MIN_CORNERS_IN_CELL).mean())
+
+    @property
+    def empty_regions(self) -> tuple[str, ...]:
+        """Ninths of either image in which no corners lay, such as "left image, top right"."""
+        width, height = self.rig.left.image_size
+        empty = []
+        for side, corners in (("left", self.corners_left), ("right", self.corners_right)):
+            counts, _, _ = np.histogram2d(corners[:, 1], corners[:, 0], bins=(3, 3), range=[[0, height], [0, width]])
+            for row, column in np.argwhere(counts < MIN_CORNERS_IN_CELL).tolist():
+                words = f"{('top', 'middle', 'bottom')[row]} {('left', 'middle', 'right')[column]}"
+                empty.append(f"{side} image, {words}")
+        return tuple(empty)
+
+    @property
+    def verdict(self) -> tuple[Verdict, str]:
+        """good, usable or do it again; and why, in one line."""
+        focal_std, baseline_std = self.focal_std, self.lens.baseline_std_m / self.rig.baseline_m
+        rms_px, rows_px = self.rig.rms_px or np.nan, self.lens.row_error_px
+        figures = [
+            (rows_px, MAX_ROW_ERROR_PX, f"rows differ by {rows_px:.2f} px after rectification"),
+            (rms_px, MAX_RMS_PX, f"rms {rms_px:.2f} px"),
+            (focal_std, MAX_FOCAL_STD, f"focal length known to {focal_std:.2%}: take more views, and tilt the target more"),
+            (
+                baseline_std,
+                MAX_BASELINE_STD,
+                f"baseline known to {baseline_std:.2%}: take more views, nearer, with both cameras still",
+            ),
+            (-min(self.coverage), (-MIN_COVERAGE[0], -MIN_COVERAGE[1]), f"corners in {min(self.coverage):.0%} of the image alone"),
+            (-len(self.used), (-MIN_VIEWS[0], -MIN_VIEWS[1]), f"{len(self.used)} views alone"),
+        ]
+        again = [text for value, (_, usable), text in figures if not value <= usable]
+        if again:
+            return "do it again", "; ".join(again)
+        usable = [text for value, (good, _), text in figures if not value <= good]
+        if usable:
+            return "usable", "; ".join(usable)
+        return "good", f"{figures[0][2]}, {figures[1][2]}, {len(self.used)} views"
+
+    def coverage_picture(self) -> NDArray[np.uint8]:
+        """(H, W, 3) RGB: where corners lay, left image beside right; cells without corners in red."""
+        width, height = self.rig.left.image_size
+        scale = 640 / width
+        sides = []
+        for corners in (self.corners_left, self.corners_right):
+            empty = (self._counts(corners) < MIN_CORNERS_IN_CELL).astype(np.uint8)
+            shade = cv2.resize(empty, (640, round(height * scale)), interpolation=cv2.INTER_NEAREST)
+            side = np.full((*shade.shape, 3), 255, np.uint8)
+            side[shade == 1] = (255, 200, 190)
+            for x, y in corners * scale:
+                cv2.circle(side, (round(x), round(y)), 2, (20, 90, 160), -1, cv2.LINE_AA)
+            sides.append(cv2.copyMakeBorder(side, 4, 4, 4, 4, cv2.BORDER_CONSTANT, value=(90, 90, 90)))
+        return np.hstack(sides)
+
+    def _counts(self, corners: Array) -> Array:
+        width, height = self.rig.left.image_size
+        counts, _, _ = np.histogram2d(corners[:, 1], corners[:, 0], bins=GRID[::-1], range=[[0, height], [0, width]])
+        return np.asarray(counts)

@@ -1,0 +1,86 @@
+"""Views of a target through a known rig: corners by projection with noise, or whole images rendered by each pixel's ray."""
+
+import cv2
+import numpy as np
+
+from calibration import Camera, StereoRig
+from calibration.calibrate import View
+from calibration.targets import Chessboard, Corners
+
+SIZE = (1280, 960)
+
+
+def pinhole_rig() -> StereoRig:
+    """A pair 0.12 m apart, toed in a little, with barrel distortion."""
+    K_left = np.array([[1100.0, 0, 652.3], [0, 1098.0, 470.1], [0, 0, 1]])
+    K_right = np.array([[1107.0, 0, 630.9], [0, 1104.5, 489.6], [0, 0, 1]])
+    left = Camera(K_left, np.array([-0.21, 0.07, 0.0006, -0.0004, -0.01]), SIZE)
+    right = Camera(K_right, np.array([-0.2, 0.06, -0.0003, 0.0007, -0.005]), SIZE)
+    return StereoRig(left, right, _pose([0.004, 0.03, -0.006], [-0.12, 0.0015, 0.002]))
+
+
+def fisheye_rig() -> StereoRig:
+    """A pair 0.1 m apart that sees 130 degrees."""
+    K = np.array([[560.0, 0, 640.2], [0, 559.0, 481.5], [0, 0, 1]])
+    left = Camera(K, np.array([0.03, -0.012, 0.004, -0.001]), SIZE, "fisheye")
+    right = Camera(K + np.diag([4.0, 3.5, 0]), np.array([0.028, -0.01, 0.003, -0.0008]), SIZE, "fisheye")
+    return StereoRig(left, right, _pose([0.01, -0.02, 0.005], [-0.1, -0.001, 0.003]))
+
+
+def poses(
+    target: Chessboard, views: int, rng: np.random.Generator, width_share: float = 0.5, slope: float = 0.45
+) -> list[np.ndarray]:
+    """Boards before the rig, tilted up to 35 degrees, all over the image."""
+    middle = np.append(target.points_m.max(axis=0)[:2] / 2, 0)
+    found = []
+    while len(found) < views:
+        distance = target.points_m[:, 0].max() / (2 * slope) / width_share * rng.uniform(0.8, 1.5)
+        T = _pose(rng.uniform(-0.6, 0.6, 3) * [1, 1, 0.5], [0, 0, 0])
+        centre = np.append(rng.uniform(-slope, slope, 2) * [1, 0.7], 1.0) * distance
+        T[:3, 3] = centre - T[:3, :3] @ middle
+        found.append(T)
+    return found
+
+
+def projected_views(rig: StereoRig, target: Chessboard, views: int, noise_px: float, rng: np.random.Generator) -> list[View]:
+    """Corners of views that both cameras see whole, with Gaussian noise."""
+    found: list[View] = []
+    slope = 0.9 if rig.left.model == "fisheye" else 0.45
+    while len(found) < views:
+        (T,) = poses(target, 1, rng, slope=slope)
+        corners = []
+        for camera, extrinsic in ((rig.left, np.eye(4)), (rig.right, rig.T_right_left)):
+            pixels = camera.project(target.points_m @ (extrinsic @ T)[:3, :3].T + (extrinsic @ T)[:3, 3])
+            inside = ((pixels > 5) & (pixels < np.array(SIZE) - 6)).all()
+            corners.append(Corners(np.arange(len(pixels)), pixels + rng.normal(0, noise_px, pixels.shape)) if inside else None)
+        if corners[0] is not None and corners[1] is not None:
+            found.append(View(f"view{len(found)}", SIZE, corners[0], corners[1]))
+    return found
+
+
+def rendered(
+    camera: Camera, T_camera_target: np.ndarray, board: np.ndarray, board_px_per_m: float, origin_m: np.ndarray
+) -> np.ndarray:
+    """The image (H, W) that a camera takes of a flat picture: each pixel's ray meets the plane; blurred as a lens does.
+
+    origin_m: where the picture's top left pixel lies on the target's plane.
+    """
+    width, height = camera.image_size
+    x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+    rays = camera.rays(np.column_stack([x.ravel(), y.ravel()]))
+    R, t = T_camera_target[:3, :3], T_camera_target[:3, 3]
+    scale = (R[:, 2] @ t) / (rays @ R[:, 2])
+    on_plane = (rays * scale[:, None] - t) @ R
+    where = ((on_plane[:, :2] - origin_m) * board_px_per_m - 0.5).astype(np.float32)
+    where[~(scale > 0)] = -1e6
+    maps = where.reshape(height, width, 2)
+    smooth = cv2.GaussianBlur(board, (0, 0), max(1.0, 0.5 * board_px_per_m * float(np.median(scale)) / camera.K[0, 0]))
+    image = cv2.remap(smooth, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=128)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7))
+
+
+def _pose(rotation: object, translation: object) -> np.ndarray:
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(np.asarray(rotation, dtype=float))[0]
+    T[:3, 3] = translation
+    return T

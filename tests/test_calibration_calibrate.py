@@ -1,0 +1,175 @@
+"""Calibration from boards: known rigs are found again, bad views are named, and a real set keeps its published figures."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from calibration_boards import SIZE, fisheye_rig, pinhole_rig, projected_views, rendered
+
+from calibration import CalibrationError, Camera, StereoRig
+from calibration.calibrate import View, calibrate, detect_views, to_gray
+from calibration.printing import print_target
+from calibration.targets import Charuco, Chessboard, Corners, parse_target
+
+BOARD = Chessboard(9, 6, 0.03)
+
+
+@pytest.mark.parametrize("rig", [pinhole_rig(), fisheye_rig()], ids=["pinhole", "fisheye"])
+def test_known_rig_is_found_again(rig: StereoRig) -> None:
+    views = projected_views(rig, BOARD, 20, 0.1, np.random.default_rng(3))
+    found, report = calibrate(views, BOARD)
+    assert found.left.model == rig.left.model
+    assert found.left.K[0, 0] == pytest.approx(rig.left.K[0, 0], rel=0.002)
+    assert found.right.K[1, 1] == pytest.approx(rig.right.K[1, 1], rel=0.002)
+    assert found.baseline_m == pytest.approx(rig.baseline_m, rel=0.002)
+    assert found.rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
+    assert report.lens.row_error_px < 0.25
+    assert abs(found.baseline_m - rig.baseline_m) < 4 * report.lens.baseline_std_m
+    assert report.verdict[0] == "good"
+
+
+def test_eight_coefficients_where_five_do_not_reach() -> None:
+    rig = pinhole_rig()
+    rational = np.array([0.9, 0.35, 0.0005, -0.0004, 0.02, 1.25, 0.45, 0.06])
+    rig = replace(rig, left=replace(rig.left, distortion=rational), right=replace(rig.right, distortion=rational))
+    views = projected_views(rig, BOARD, 14, 0.02, np.random.default_rng(0))
+    found, report = calibrate(views, BOARD)
+    assert report.lens.rms_px < 0.032
+    assert found.baseline_m == pytest.approx(rig.baseline_m, rel=0.002)
+
+
+def test_bad_views_are_dropped_with_the_reason() -> None:
+    rng = np.random.default_rng(5)
+    views = projected_views(pinhole_rig(), BOARD, 12, 0.1, rng)
+    late, blurred = views[4], views[9]
+    assert late.right is not None and blurred.left is not None
+    views[4] = replace(late, right=Corners(late.right.ids, late.right.pixels + np.array([0.0, 9.0])))
+    views[9] = replace(blurred, left=Corners(blurred.left.ids, blurred.left.pixels + rng.normal(0, 3, (54, 2))))
+    views.append(View("nothing", SIZE, None, None))
+    views.append(replace(views[0], name="small", image_size=(640, 480)))
+    found, report = calibrate(views, BOARD)
+    reasons = {view.name: view.reason for view in report.views if view.reason}
+    assert set(reasons) == {"view4", "view9", "nothing", "small"}
+    assert "taken at different moments" in str(reasons["view4"])
+    assert "do not lie on a flat board in left" in str(reasons["view9"])
+    assert "not found in the left and the right image" in str(reasons["nothing"])
+    assert found.baseline_m == pytest.approx(0.12, rel=0.003)
+
+
+def test_few_views_in_one_corner_are_not_good() -> None:
+    views = projected_views(pinhole_rig(), BOARD, 4, 0.1, np.random.default_rng(0))
+    _, report = calibrate(views, BOARD)
+    verdict, why = report.verdict
+    assert verdict != "good"
+    assert "4 views alone" in why
+    assert report.coverage_picture().shape[2] == 3
+
+
+def test_empty_regions_are_named() -> None:
+    views = projected_views(pinhole_rig(), BOARD, 24, 0.1, np.random.default_rng(0))
+    left_half = [view for view in views if view.left is not None and view.left.pixels[:, 0].max() < 840]
+    _, report = calibrate(left_half, BOARD)
+    assert "left image, top right" in report.empty_regions
+    assert "left image, middle middle" not in report.empty_regions
+
+
+def test_too_few_views_say_so() -> None:
+    with pytest.raises(CalibrationError, match="0 of 2 pairs, at least 3 are needed"):
+        calibrate([View("a", SIZE, None, None), View("b", SIZE, None, None)], BOARD)
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_square_board_is_numbered_alike_in_both_views(turns: int) -> None:
+    board = Chessboard(6, 6, 0.03)
+    (view,) = projected_views(pinhole_rig(), board, 1, 0.0, np.random.default_rng(0))
+    assert view.left is not None and view.right is not None
+    turned = np.rot90(view.right.pixels.reshape(6, 6, 2), turns).reshape(-1, 2)
+    np.testing.assert_allclose(board.same_labels(view.left, Corners(view.right.ids, turned)).pixels, view.right.pixels)
+
+
+@pytest.mark.parametrize("target", ["chessboard:9x6:30mm", "charuco:5X5_100:11x8:30mm:22mm", "charuco:DICT_4X4_50:8x6:3cm:0.02m"])
+def test_printed_board_is_detected_in_rendered_images(target: str, tmp_path: Path) -> None:
+    board = parse_target(target)
+    print_target(board, tmp_path / "board.png", dpi=300)
+    picture = cv2.imread(str(tmp_path / "board.png"), cv2.IMREAD_GRAYSCALE)
+    camera = Camera(np.array([[700.0, 0, 325], [0, 700, 236], [0, 0, 1]]), np.array([-0.2, 0.05, 0, 0, 0]), (640, 480))
+    T = np.eye(4)
+    T[:3, :3] = cv2.Rodrigues(np.array([0.3, -0.2, 0.1]))[0]
+    T[:3, 3] = [-0.12, -0.09, 0.6]
+    image = rendered(camera, T, picture, 300 / 0.0254, np.full(2, -2 * board.square_m))
+    corners = board.detect(image)
+    assert corners is not None
+    truth = camera.project(board.points_m[corners.ids] @ T[:3, :3].T + T[:3, 3])
+    if isinstance(board, Chessboard):
+        corners = board.same_labels(Corners(corners.ids, truth), corners)
+    assert np.sqrt(((corners.pixels - truth) ** 2).sum(axis=1).mean()) < 0.1
+
+
+def test_pdf_holds_the_same_rectangles_as_the_png(tmp_path: Path) -> None:
+    """Read the PDF's own numbers, paint them, and look for the board."""
+    import re
+    import zlib
+
+    board = Charuco("4X4_50", 5, 7, 0.03, 0.022)
+    print_target(board, tmp_path / "board.pdf")
+    data = (tmp_path / "board.pdf").read_bytes()
+    stream = data[data.index(b"stream\n") + 7 : data.index(b"\nendstream")]
+    height_pt = float(re.search(rb"MediaBox \[0 0 \S+ (\S+)\]", data)[1])  # type: ignore[index]
+    image = np.full((1700, 1300), 255, np.uint8)
+    scale = 150 / 72
+    for line in zlib.decompress(stream).decode().splitlines()[1:]:
+        gray, x, y, w, h = (float(word) for word in re.match(r"(\S+) g (\S+) (\S+) (\S+) (\S+) re f", line).groups())  # type: ignore[union-attr]
+        top, bottom = (round((height_pt - edge) * scale) for edge in (y + h, y))
+        image[top:bottom, round(x * scale) : round((x + w) * scale)] = gray * 255
+    found = board.detect(image)
+    assert found is not None
+    assert found.ids.size == board.points_m.shape[0]
+    across = np.linalg.norm(found.pixels[3] - found.pixels[0]) / 150 * 0.0254
+    assert across == pytest.approx(3 * 0.03, rel=0.005)
+    for number in range(1, 6):
+        offset = int(data[data.index(b"xref") :].splitlines()[2 + number].split()[0])
+        assert data[offset:].startswith(b"%d 0 obj" % number)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("chessboard:9x6", "expected chessboard"),
+        ("chessboard:9x6:24.23", "length with its unit"),
+        ("chessboard:9by6:24mm", "columns x rows"),
+        ("chessboard:9x6:24m", "cannot be a target's"),
+        ("charuco:6X6_9:11x8:30mm:22mm", "no dictionary"),
+        ("charuco:5X5_100:11x8:22mm:30mm", "smaller than its square"),
+    ],
+)
+def test_target_that_cannot_be_meant(text: str, message: str) -> None:
+    with pytest.raises(CalibrationError, match=message):
+        parse_target(text)
+
+
+@pytest.mark.real_data
+def test_real_chessboards(real_data: Path) -> None:
+    board = parse_target("chessboard:9x6:24.23mm")
+
+    def read(name: str) -> tuple[np.ndarray, np.ndarray]:
+        return tuple(cv2.imread(str(real_data / "chessboard" / f"{side}{name}.jpg")) for side in ("left", "right"))  # type: ignore[return-value]
+
+    done: list[str] = []
+    views = detect_views([str(number) for number in range(1, 30)], read, board, workers=2, progress=done.append)
+    assert len(done) == 29
+    rig, report = calibrate(views, board, medium="air")
+    assert len(report.used) == 29
+    assert rig.rms_px is not None and rig.rms_px <= 0.25
+    assert rig.baseline_m == pytest.approx(0.0940, abs=0.0005)
+    assert report.lens.row_error_px <= 0.25
+    ten, _ = calibrate(views[::3], board, medium="air")
+    assert ten.baseline_m == pytest.approx(rig.baseline_m, rel=0.01)
+    assert ten.left.K[0, 0] == pytest.approx(rig.left.K[0, 0], rel=0.01)
+
+
+def test_gray_of_sixteen_bits_uses_the_full_range() -> None:
+    ramp = np.linspace(4000, 9000, 64 * 64).reshape(64, 64).astype(np.uint16)
+    gray = to_gray(np.dstack([ramp, ramp, ramp * 0]))
+    assert (gray.min(), gray.max()) == (0, 255)
