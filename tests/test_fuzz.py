@@ -1,0 +1,170 @@
+"""Damaged files of every kind that the program reads: each is taken, or refused in one line, quickly and in little memory."""
+
+import random
+import resource
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from calibration import CalibrationError, Camera, StereoRig
+from calibration.formats import load_rig, write_rig
+from stereo_seecolor.config import load_config
+from stereo_seecolor.data import Water
+from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.outputs.water_file import read_waters, write_waters
+
+CASES = 420  # of each of the kinds below: well over 2,000 in all
+SECONDS, BYTES = 5, 1 << 30
+NUMBERS = [
+    b"nan",
+    b"-1",
+    b"0",
+    b"1e308",
+    b"-1e400",
+    b"inf",
+    b"99999999999999999999",
+    b"1e-320",
+    b"~",
+    b"[",
+    b"{a: *x}",
+    b"!!python/object:os.system",
+]
+
+
+@contextmanager
+def bounded() -> Iterator[None]:
+    """No more than five seconds, no more than a gibibyte over what the process has now."""
+
+    def too_slow(*_: object) -> None:
+        raise TimeoutError
+
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    signal.signal(signal.SIGALRM, too_slow)
+    signal.alarm(SECONDS)
+    resource.setrlimit(resource.RLIMIT_AS, (size + BYTES, before[1]))
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def mutate(content: bytes, rng: random.Random) -> bytes:
+    data = bytearray(content)
+    for _ in range(rng.randint(1, 4)):
+        place = rng.randrange(len(data) + 1)
+        end = min(len(data), place + rng.randint(1, 40))
+        match rng.randrange(7):
+            case 0:
+                data[place : place + 1] = bytes([rng.randrange(256)])
+            case 1:
+                del data[place:]
+            case 2:
+                del data[place:end]
+            case 3:
+                data[place:place] = data[place:end] * rng.randint(1, 50)
+            case 4:
+                data[place:end] = rng.randbytes(end - place)
+            case 5:
+                data[place:end] = rng.choice(NUMBERS)
+            case 6 if len(data) > 8:
+                data[place : place + 4] = rng.choice([b"\xff\xff\xff\xff", b"\x00\x00\x00\x00", b"\x7f\xff\xff\xff"])
+    return bytes(data)
+
+
+def some_rig() -> StereoRig:
+    K = np.array([[800.0, 0, 320], [0, 801, 240], [0, 0, 1]])
+    T = np.eye(4)
+    T[:3, 3] = -0.12, 0.001, 0.002
+    camera = Camera(K, np.array([-0.1, 0.02, 0.001, 0, 0]), (640, 480))
+    return StereoRig(camera, camera, T)
+
+
+def images(folder: Path) -> list[Path]:
+    rgb = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+    cv2.imwrite(str(folder / "a.png"), rgb)
+    cv2.imwrite(str(folder / "b.jpg"), rgb)
+    cv2.imwrite(str(folder / "c.tiff"), rgb.astype(np.uint16) * 200)
+    return sorted(folder.iterdir())
+
+
+def range_maps(folder: Path) -> list[Path]:
+    range_m = np.random.default_rng(0).uniform(0, 5, (24, 32)).astype(np.float32)
+    cv2.imwrite(str(folder / "a.tiff"), range_m)
+    cv2.imwrite(str(folder / "b.png"), (range_m * 1000).astype(np.uint16))
+    return sorted(folder.iterdir())
+
+
+def calibrations(folder: Path) -> list[Path]:
+    write_rig(some_rig(), folder / "native.yaml")
+    write_rig(some_rig(), folder / "kalibr.yaml", "kalibr")
+    write_rig(some_rig(), folder / "opencv.yaml", "opencv")
+    (folder / "calib.txt").write_text(
+        "cam0=[3997 0 1176; 0 3997 1011; 0 0 1]\ncam1=[3997 0 1307; 0 3997 1011; 0 0 1]\n"
+        "doffs=131\nbaseline=193.001\nwidth=2964\nheight=1988\nndisp=280\n"
+    )
+    return [path for path in sorted(folder.iterdir()) if path.is_file()]
+
+
+def configs(folder: Path) -> list[Path]:
+    (folder / "run.yaml").write_text(
+        "color:\n  lock: survey\n  clipped_share: 0.01\nmatching: {max_range_m: 7}\noutput:\n  clouds: no\n"
+    )
+    return sorted(folder.iterdir())
+
+
+def trajectories(folder: Path) -> list[Path]:
+    (folder / "a.tum").write_text("# t x y z\n" + "".join(f"{i}.5 {i * 0.1} 0.2 -1 0 0 0 1\n" for i in range(9)))
+    (folder / "b.txt").write_text("".join(f"1 0 0 {i} 0 1 0 0 0 0 1 0\n" for i in range(9)))
+    (folder / "c.txt").write_text("# Image list\n" + "".join(f"{i} 1 0 0 0 {i} 0 0 1 im{i}.png\n1 2 -1\n" for i in range(1, 9)))
+    return sorted(folder.iterdir())
+
+
+def waters(folder: Path) -> list[Path]:
+    write_waters(folder / "water.json", {"a": Water(*np.random.default_rng(0).uniform(0, 1, (9, 3)))})
+    return sorted(folder.iterdir())
+
+
+KINDS: dict[str, tuple[Callable[[Path], list[Path]], Callable[[Path], object]]] = {
+    "images": (images, read_image),
+    "range maps": (range_maps, read_range_map),
+    "calibrations": (calibrations, lambda path: load_rig(path, (640, 480))),
+    "configs": (configs, load_config),
+    "trajectories": (trajectories, read_trajectory),
+    "waters": (waters, lambda path: read_waters(path, ["a"])),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_damaged_files(kind: str, tmp_path: Path) -> None:
+    make, load = KINDS[kind]
+    rng = random.Random(kind)
+    (tmp_path / "whole").mkdir()
+    seeds = make(tmp_path / "whole")
+    for path in seeds:
+        load(path)
+    refused = 0
+    for case in range(CASES):
+        seed = seeds[case % len(seeds)]
+        damaged = tmp_path / f"damaged{seed.suffix}"
+        damaged.write_bytes(mutate(seed.read_bytes(), rng))
+        try:
+            with bounded():
+                load(damaged)
+        except (SeeColorError, CalibrationError) as error:
+            refused += 1
+            assert "\n" not in str(error), f"case {case}: more than one line"
+            assert "damaged" in str(error), f"case {case}: the file is not named: {error}"
+        except BaseException as error:
+            kept = Path("/tmp") / f"crash-{kind.replace(' ', '-')}-{case}{seed.suffix}"
+            kept.write_bytes(damaged.read_bytes())
+            raise AssertionError(f"case {case} of {kind} ({kept}): {type(error).__name__}: {error}") from error
+    assert refused > CASES // 10
