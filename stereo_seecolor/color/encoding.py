@@ -10,7 +10,7 @@ from stereo_seecolor.color.tables import bin_values
 
 InputEncoding = Literal["srgb", "linear", "as-is"]
 NODES = 16384
-"""Nodes of the encoding curve between 0 and 1; between them it is interpolated (error below 0.1 of a 16-bit step)."""
+"""Steps of the encoding curve from 0 to 1: where it is steepest, in the dark, one is a fifth of an 8-bit step."""
 
 
 def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
@@ -41,7 +41,11 @@ def decoded_values(bit_depth: int, encoding: InputEncoding) -> NDArray[np.float3
 
 
 @lru_cache
-def encoding_nodes(bit_depth: int, encoding: InputEncoding) -> NDArray[np.float32]:
-    """(NODES + 2,) the values of an image, plus one half for rounding down, at linear light 0, 1/NODES .. 1, 1."""
-    light = np.append(np.linspace(0, 1, NODES + 1), 1.0)
-    return np.asarray(encode(light, encoding) * (2**bit_depth - 1) + 0.5, dtype=np.float32)
+def encoding_curve(bit_depth: int, encoding: InputEncoding) -> NDArray[np.uint8] | NDArray[np.float32]:
+    """What linear light 0, 1/NODES .. 1 becomes in a file.
+
+    8 bit: (NODES + 1,) uint8. 16 bit: (NODES + 2,) float32 to interpolate and round down: a half is in, the last is twice there.
+    """
+    light = np.linspace(0, 1, NODES + 1)
+    values = encode(light, encoding) * (2**bit_depth - 1) + 0.5
+    return values.astype(np.uint8) if bit_depth == 8 else np.append(values, values[-1]).astype(np.float32)

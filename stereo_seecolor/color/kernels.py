@@ -14,89 +14,91 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
 from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M
 
-FINE_LEVELS = 4 * LEVELS
-"""Levels of gain: steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
-
+U = np.uint64
+ZERO, ONE = np.int32(0), np.int32(1)
+BLOCK = 2048
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
 _INFINITY = int(np.float32(np.inf).view(np.int32))
 _LAST = (LEVELS << LOW_BITS) - 1
 _LOW = (1 << LOW_BITS) - 1
-_FINE_BITS = LOW_BITS - 2
+_FINE_BITS = LOW_BITS - FINE.bit_length() + 1
 
 
 def count(image: NDArray[Any], bits: NDArray[np.int32], values: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Counts (3, 256, values) and offset sums (256,) of (N, 3) pixels with the (N,) bits of their ranges."""
+    """Counts (3, 256, values) and offset sums (256,) of (N * 3,) pixels with the (N,) bits of their ranges."""
     shift = 0 if image.dtype == np.uint8 else 4
     bounds = _bounds(bits.size)
-    counts = np.zeros((len(bounds), 3, LEVELS, values), np.int32)
-    offsets = np.zeros((len(bounds), LEVELS), np.int64)
+    counts = np.zeros((len(bounds), (LEVELS + 1) * 3 * values), np.int32)
+    places = np.zeros((len(bounds), 2 * (LEVELS + 1)), np.int64)
 
     def part(i: int) -> None:
-        _count(image, bits, shift, *bounds[i], counts[i], offsets[i])
+        a, b = bounds[i]
+        _count(image[3 * a : 3 * b], bits[a:b], shift, counts[i], places[i])
 
     _spread(part, len(bounds))
-    return counts.sum(axis=0, dtype=np.int64), offsets.sum(axis=0)
+    by_channel = np.empty((3, LEVELS, values), np.int64)
+    counts.reshape(-1, LEVELS + 1, 3, values)[:, :LEVELS].transpose(0, 2, 1, 3).sum(axis=0, out=by_channel)
+    place_sum = places.reshape(-1, LEVELS + 1).sum(axis=0)[:LEVELS]
+    return by_channel, place_sum - (by_channel[0].sum(axis=1) * np.arange(LEVELS) << LOW_BITS)
 
 
-def look_up(
-    image: NDArray[np.uint8], bits: NDArray[np.int32], table: NDArray[np.uint8], capped: NDArray[np.bool_]
-) -> tuple[NDArray[np.uint8], NDArray[np.bool_], NDArray[np.bool_], int]:
-    """(N, 3) pixels through table (3, 1024, 256); unknown; whose level is capped; how many have a channel at full scale."""
-    out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_)
-    bounds = _bounds(bits.size)
-    clipped = [0] * len(bounds)
+def apply(
+    image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decoded: NDArray[np.float32], curve: NDArray[Any]
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
+    """(N * 3,) pixels through gain[c, level] * decoded[value] - offset[c, level] and the encoding curve; 0 where unknown.
+
+    Gives the pixels; (N,) known; (N,) whose level is capped; how many pixels have a channel at full scale.
+    """
+    out, known, beyond = np.empty_like(image), np.zeros(bits.size, np.bool_), np.zeros(bits.size, np.bool_)
+    bounds, clipped = _bounds(bits.size), np.zeros(8, np.int64)
+    table = _table(by_level, decoded, curve) if image.dtype == np.uint8 else None
+    full = out.dtype.type(np.iinfo(out.dtype).max)
+    runs = _runs(by_level.capped)
 
     def part(i: int) -> None:
-        clipped[i] = _look_up(image, bits, table, capped, *bounds[i], out, unknown, beyond)
+        a, b = bounds[i]
+        if table is not None:
+            _look_up(image[3 * a : 3 * b], bits[a:b], table, out[3 * a : 3 * b])
+        else:
+            _compute(image[3 * a : 3 * b], bits[a:b], by_level.gain, by_level.offset, decoded, curve, out[3 * a : 3 * b])
+        _between(bits[a:b], 1, _INFINITY, known[a:b])
+        for low, high in runs:
+            _between(bits[a:b], low, high, beyond[a:b])
+        clipped[i] = _full(out[3 * a : 3 * b], full)
 
     _spread(part, len(bounds))
-    return out, unknown, beyond, sum(clipped)
+    return out, known, beyond, int(clipped.sum())
 
 
-def compute(
-    image: NDArray[np.uint16],
-    bits: NDArray[np.int32],
-    gain: NDArray[np.float32],
-    offset: NDArray[np.float32],
-    decoded: NDArray[np.float32],
-    nodes: NDArray[np.float32],
-    capped: NDArray[np.bool_],
-) -> tuple[NDArray[np.uint16], NDArray[np.bool_], NDArray[np.bool_], int]:
-    """What ``look_up`` gives, for 16 bits: gain[c, level] * decoded[value] - offset[c, level], through the curve of ``nodes``."""
-    out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_)
+def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decoded: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(N * 3,) float32 gain[c, level] * decoded[value] - offset[c, level], neither clipped nor encoded; 0 where unknown."""
+    out = np.empty(image.size, np.float32)
     bounds = _bounds(bits.size)
-    clipped = [0] * len(bounds)
 
     def part(i: int) -> None:
-        clipped[i] = _compute(image, bits, gain, offset, decoded, nodes, capped, *bounds[i], out, unknown, beyond)
+        a, b = bounds[i]
+        _linear(image[3 * a : 3 * b], bits[a:b], by_level.gain, by_level.offset, decoded, out[3 * a : 3 * b])
 
     _spread(part, len(bounds))
-    return out, unknown, beyond, sum(clipped)
-
-
-def linear(
-    image: NDArray[Any],
-    bits: NDArray[np.int32],
-    gain: NDArray[np.float32],
-    offset: NDArray[np.float32],
-    decoded: NDArray[np.float32],
-) -> NDArray[np.float32]:
-    """(N, 3) float32 gain[c, level] * decoded[value] - offset[c, level], neither clipped nor encoded; 0 where unknown."""
-    out = np.empty(image.shape, np.float32)
-    bounds = _bounds(bits.size)
-    _spread(lambda i: _linear(image, bits, gain, offset, decoded, *bounds[i], out), len(bounds))
     return out
 
 
-def tabulate(
-    gain: NDArray[np.float32], offset: NDArray[np.float32], decoded: NDArray[np.float32], nodes: NDArray[np.float32]
-) -> NDArray[np.uint8]:
-    """The table (3, 1024, 256) that ``look_up`` takes."""
-    table = np.empty((3, FINE_LEVELS, 256), np.uint8)
-    _spread(lambda c: _tabulate(gain[c], offset[c], decoded, nodes, table[c]), 3)
-    return table
+def _runs(capped: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """From which bits of a range to before which the fine levels are capped; the first and the last level have no end."""
+    change = np.flatnonzero(np.diff(np.concatenate([[False], capped, [False]]).astype(np.int8)))
+    ends = [1 if at == 0 else _INFINITY if at == FINE_LEVELS else _FIRST + (int(at) << _FINE_BITS) for at in change]
+    return list(zip(ends[::2], ends[1::2], strict=True))
+
+
+def _table(by_level: Gains, decoded: NDArray[np.float32], curve: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(1025 * 768,) what each value of each channel becomes at each fine level; the last level, unknown, is black."""
+    table = np.zeros((FINE_LEVELS + 1, 3, 256), np.uint8)
+    for c in range(3):
+        _tabulate(by_level.gain[c], by_level.offset[c], decoded, curve, table[:, c])
+    return table.reshape(-1)
 
 
 def _bounds(pixels: int) -> list[tuple[int, int]]:
@@ -114,30 +116,90 @@ def _spread(part: Callable[[int], None], parts: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _count(image, bits, shift, start, stop, counts, offsets):  # type: ignore[no-untyped-def]  # pragma: no cover
-    for i in range(start, stop):
-        if 0 < bits[i] < _INFINITY:  # positive and finite: NaN, infinities, zero and negative numbers are outside
-            offset = min(max(bits[i] - _FIRST, 0), _LAST)
-            level = offset >> LOW_BITS
-            offsets[level] += offset & _LOW
-            for channel in range(3):
-                counts[channel, level, image[i, channel] >> shift] += 1
+def _levels(bits, fine, levels):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The place of each range among the levels, in their low bits if not ``fine``; past the last where it is not known."""
+    zero, infinity, first, last = ZERO, np.int32(_INFINITY), np.int32(_FIRST), np.int32(_LAST)
+    shift, none = np.int32(_FINE_BITS if fine else 0), np.int32(_LAST + 1)
+    for i in range(bits.size):  # 32-bit arithmetic and no branch: the compiler does eight at a time
+        place = min(max(bits[i] - first, zero), last)
+        known = (bits[i] > zero) & (bits[i] < infinity)  # NaN, infinities, zero and negative numbers are not
+        levels[i] = np.uint32((place if known else none) >> shift)
 
 
 @njit(cache=True, nogil=True)
-def _look_up(image, bits, table, capped, start, stop, out, unknown, beyond):  # type: ignore[no-untyped-def]  # pragma: no cover
-    clipped = 0
-    for i in range(start, stop):
-        if 0 < bits[i] < _INFINITY:
-            level = min(max(bits[i] - _FIRST, 0), _LAST) >> _FINE_BITS
-            red, green, blue = table[0, level, image[i, 0]], table[1, level, image[i, 1]], table[2, level, image[i, 2]]
-            out[i, 0], out[i, 1], out[i, 2] = red, green, blue
-            unknown[i], beyond[i] = False, capped[level]
-            clipped += max(red, green, blue) == 255
-        else:
-            out[i, 0], out[i, 1], out[i, 2] = 0, 0, 0
-            unknown[i], beyond[i] = True, False
-    return clipped
+def _count(image, bits, shift, counts, places):  # type: ignore[no-untyped-def]  # pragma: no cover
+    # flat arrays and unsigned indices: numba then leaves out its tests for negative ones
+    block = np.empty(BLOCK, np.uint32)
+    values, shift = U(counts.size // (3 * (LEVELS + 1))), U(shift)
+    at = U(0)
+    for start in range(0, bits.size, BLOCK):
+        part = bits[start : start + BLOCK]
+        _levels(part, False, block)
+        for i in range(part.size):
+            place = U(block[i])
+            level = place >> U(LOW_BITS)
+            row = level * U(3) * values
+            places[level + U(LEVELS + 1) * U(i & 1)] += np.int64(place)  # two sums in turn: neither waits for the other
+            counts[row + (U(image[at]) >> shift)] += ONE
+            counts[row + values + (U(image[at + U(1)]) >> shift)] += ONE
+            counts[row + values + values + (U(image[at + U(2)]) >> shift)] += ONE
+            at += U(3)
+
+
+@njit(cache=True, nogil=True)
+def _look_up(image, bits, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    block = np.empty(BLOCK, np.uint32)
+    at = U(0)
+    for start in range(0, bits.size, BLOCK):
+        part = bits[start : start + BLOCK]
+        _levels(part, True, block)
+        for i in range(part.size):
+            row = U(block[i]) * U(768)
+            out[at] = table[row + U(image[at])]
+            out[at + U(1)] = table[row + U(256) + U(image[at + U(1)])]
+            out[at + U(2)] = table[row + U(512) + U(image[at + U(2)])]
+            at += U(3)
+
+
+@njit(cache=True, nogil=True)
+def _compute(image, bits, gain, offset, decoded, nodes, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    block = np.empty(BLOCK, np.uint32)
+    for start in range(0, bits.size, BLOCK):
+        part = bits[start : start + BLOCK]
+        _levels(part, True, block)
+        for i in range(part.size):
+            level, at = block[i], 3 * (start + i)
+            for c in range(3):
+                out[at + c] = (
+                    0 if level == FINE_LEVELS else _encoded(gain[c, level] * decoded[image[at + c]] - offset[c, level], nodes)
+                )
+
+
+@njit(cache=True, nogil=True)
+def _linear(image, bits, gain, offset, decoded, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    block = np.empty(BLOCK, np.uint32)
+    for start in range(0, bits.size, BLOCK):
+        part = bits[start : start + BLOCK]
+        _levels(part, True, block)
+        for i in range(part.size):
+            level, at = block[i], 3 * (start + i)
+            for c in range(3):
+                out[at + c] = 0 if level == FINE_LEVELS else gain[c, level] * decoded[image[at + c]] - offset[c, level]
+
+
+@njit(cache=True, nogil=True)
+def _between(bits, low, high, inside):  # type: ignore[no-untyped-def]  # pragma: no cover
+    low, high = np.int32(low), np.int32(high)
+    for i in range(bits.size):
+        inside[i] |= (bits[i] >= low) & (bits[i] < high)
+
+
+@njit(cache=True, nogil=True)
+def _full(image, full):  # type: ignore[no-untyped-def]  # pragma: no cover
+    number = 0
+    for i in range(image.size // 3):
+        number += (image[3 * i] == full) | (image[3 * i + 1] == full) | (image[3 * i + 2] == full)
+    return number
 
 
 @njit(cache=True, nogil=True)
@@ -148,39 +210,15 @@ def _encoded(light, nodes):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @njit(cache=True, nogil=True)
-def _tabulate(gain, offset, decoded, nodes, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _tabulate(gain, offset, decoded, encoded, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+    last = np.float32(encoded.size - 1)
+    nearest = np.empty(256, np.int32)
     for level in range(gain.size):
+        scale, shift = gain[level] * last, offset[level] * last - np.float32(0.5)
         for value in range(256):
-            table[level, value] = _encoded(gain[level] * decoded[value] - offset[level], nodes)
-
-
-@njit(cache=True, nogil=True)
-def _compute(image, bits, gain, offset, decoded, nodes, capped, start, stop, out, unknown, beyond):  # type: ignore[no-untyped-def]  # pragma: no cover
-    clipped = 0
-    for i in range(start, stop):
-        unknown[i], beyond[i] = True, False
-        full = False
-        if 0 < bits[i] < _INFINITY:
-            level = min(max(bits[i] - _FIRST, 0), _LAST) >> _FINE_BITS
-            unknown[i], beyond[i] = False, capped[level]
-            for c in range(3):
-                out[i, c] = _encoded(gain[c, level] * decoded[image[i, c]] - offset[c, level], nodes)
-                full |= out[i, c] == 65535
-        else:
-            out[i, 0], out[i, 1], out[i, 2] = 0, 0, 0
-        clipped += full
-    return clipped
-
-
-@njit(cache=True, nogil=True)
-def _linear(image, bits, gain, offset, decoded, start, stop, out):  # type: ignore[no-untyped-def]  # pragma: no cover
-    for i in range(start, stop):
-        if 0 < bits[i] < _INFINITY:
-            level = min(max(bits[i] - _FIRST, 0), _LAST) >> _FINE_BITS
-            for c in range(3):
-                out[i, c] = gain[c, level] * decoded[image[i, c]] - offset[c, level]
-        else:
-            out[i, 0], out[i, 1], out[i, 2] = 0, 0, 0
+            nearest[value] = np.int32(min(max(scale * decoded[value] - shift, np.float32(0)), last))
+        for value in range(256):
+            table[level, value] = encoded[np.uint32(nearest[value])]
 
 
 @njit(cache=True, nogil=True)

@@ -102,7 +102,7 @@ def measure(image: Image, range_m: Map) -> MomentTable:
     from stereo_seecolor.color import kernels
 
     depth = 8 if image.dtype == np.uint8 else 16
-    counts, offset_sum = kernels.count(image.reshape(-1, 3), bits, VALUES[depth])
+    counts, offset_sum = kernels.count(np.ascontiguousarray(image).reshape(-1), bits, VALUES[depth])
     return MomentTable(counts, offset_sum, depth)
 
 
