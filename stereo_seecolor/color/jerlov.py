@@ -30,21 +30,24 @@ _KD = np.array(
 _WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 _PEAKS_NM, _WIDTHS_NM = np.array([605.0, 535.0, 460.0]), np.array([30.0, 35.0, 30.0])  # Jiang et al., WACV 2013, their 28 cameras
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
+RATE_OF_CHANGE = 0.25
+"""1/m: over 4 m a coefficient goes from near to far. Any light stays monotone in range while near is below 8 times far."""
 _SAMPLES = 256
 _DEEPEST_M = 15.0
 
 
-_ALL_RATES, _RATE, _W, _BETA, _V, _VEIL, _VEIL_CHANNEL, _WHITE, _EXPOSURE = 0.4, 0.6, 0.1, 0.2, 0.05, 0.5, 0.3, 0.15, 2.0
-"""Standard deviations of what the ensemble leaves out (logarithms; v in 1/m): rates of all channels together, of a channel, of its
-attenuation and backscatter apart; the veil of all channels and of one; the white point of a channel (a camera's own balance)."""
+_ALL_RATES, _RATE, _FAR, _BETA, _NEAR, _VEIL, _VEIL_CHANNEL, _WHITE, _EXPOSURE = 0.4, 0.6, 0.1, 0.2, 0.5, 0.5, 0.3, 0.15, 2.0
+"""Standard deviations of what the ensemble leaves out (logarithms): rates of all channels together, of a channel, of its
+attenuation and backscatter apart; near attenuation against far; the veil of all channels and of one; the white point of a
+channel (a camera's own balance); the exposure."""
 
 
 @lru_cache
 def water_prior(depth_m: float | None = None) -> tuple[Vector, Vector]:
-    """Mean (15,) and covariance (15, 15) of log w, v, log beta, log(gamma_inf / white), log white, each R, G, B.
+    """Mean (15,) and covariance (15, 15) of log far, log(near / far), log beta, log(gamma_inf / white), log white, each R, G, B.
 
-    a_c(z) = w exp(-v z). White is known up to the exposure, which is given a wide spread. depth_m: how far below the surface the
-    scene lies, where it is known; else anything from the surface to where little red is left.
+    a_c(z) = far + (near - far) exp(-z RATE_OF_CHANGE). White is known up to the exposure, which is given a wide spread.
+    depth_m: how far below the surface the scene lies, where known; else anything from the surface to where little red is left.
     """
     samples = np.stack([_water(draw, depth_m) for draw in _low_discrepancy(_SAMPLES, 10)])
     return samples.mean(axis=0), np.cov(samples.T) + _left_out()
@@ -57,8 +60,8 @@ def _left_out() -> NDArray[np.float64]:
     for i in (0, 2):  # attenuation and backscatter are lost to the same water
         for j in (0, 2):
             out[i, :, j] = _ALL_RATES**2 * every + _RATE**2 * each
-    out[0, :, 0] += _W**2 * each
-    out[1, :, 1] += _V**2 * each
+    out[0, :, 0] += _FAR**2 * each
+    out[1, :, 1] += _NEAR**2 * each
     out[2, :, 2] += _BETA**2 * each
     out[3, :, 3] += _VEIL**2 * every + _VEIL_CHANNEL**2 * each
     out[4, :, 4] += _WHITE**2 * each + _EXPOSURE**2 * every
@@ -77,14 +80,16 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
     channels = _channels(draw[3:7])
     white = channels @ sunlight
     transmission = np.exp(-np.outer(_RANGE_M, beam)) * sunlight @ channels.T / white
-    slope, log_w = np.polyfit(_RANGE_M, np.log(-np.log(transmission) / _RANGE_M[:, None]), 1)
+    fall, far = np.polyfit(np.exp(-RATE_OF_CHANGE * _RANGE_M), -np.log(transmission) / _RANGE_M[:, None], 1)
     above = np.exp(kd * 2 * (draw[7] - 0.5))  # the veil is lit at the depth of the water between, within a metre of the bottom's
     veil_spectrum = sunlight * above * (_WAVELENGTH_NM / 535.0) ** -draw[8] * scattering / beam
     veil = channels @ veil_spectrum
     reached = channels @ (veil_spectrum * -np.expm1(-2.0 * beam)) / veil
     log_white = np.log(white)
     log_veil = np.log(veil) - log_white + np.log(0.02) + draw[9] * np.log(12.0)
-    return np.concatenate([log_w, -slope, np.log(-np.log1p(-reached) / 2.0), log_veil, log_white - log_white.mean()])
+    return np.concatenate(
+        [np.log(far), np.log1p(fall / far), np.log(-np.log1p(-reached) / 2.0), log_veil, log_white - log_white.mean()]
+    )
 
 
 def _channels(draw: Vector) -> NDArray[np.float64]:

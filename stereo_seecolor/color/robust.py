@@ -1,7 +1,7 @@
 """The default fit: the water under which the same reef, dark to bright, is seen at every range.
 
     quantile_p of channel c at range z = B_c(z) + white_c A_c(z) exp(reflectance_cp + brightness_z),
-    B_c(z) = gamma_inf_c (1 - exp(-beta_c z)),  A_c(z) = exp(-z w_c exp(-v_c z))
+    B_c(z) = gamma_inf_c (1 - exp(-beta_c z)),  A_c(z) = exp(-z (far_c + (near_c - far_c) exp(-z / 4 m)))
 
 Content and light may change with range (brightness_z) as long as they change alike in all channels. Reflectances are nearly
 those of natural scenes, a little warm, and the brighter the nearer to gray. Water is near water that exists (``jerlov``). All of
@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.jerlov import water_prior
+from stereo_seecolor.color.jerlov import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.order_statistics import SHARES, summarize
 from stereo_seecolor.color.tables import MomentTable
 from stereo_seecolor.config import ColorConfig
@@ -21,13 +21,13 @@ from stereo_seecolor.data import Water
 Vector = NDArray[np.float64]
 
 WATER = 15
-"""Parameters of the water: log w, v, log beta, log(gamma_inf / white), log white, each for R, G, B."""
+"""Parameters of the water: log far, log(near / far), log beta, log(gamma_inf / white), log white, each for R, G, B."""
 
 REFLECTANCE = np.log([0.012, 0.022, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0])
 """A scene's quantiles (SHARES of order_statistics) against its brightest thousandth."""
 NATURAL = np.array([0.12, 0.0, -0.15])
-"""Natural scenes are not gray but a little warm: sand, rock, algae and coral reflect more red than blue (log against green; the mean
-of photographs in daylight, sRGB 0.485, 0.456, 0.406 of ImageNet, is 0.13, 0, -0.25)."""
+"""Natural scenes are not gray but a little warm: sand, rock, algae and coral reflect more red than blue (log against green;
+the mean of photographs in daylight, sRGB 0.485, 0.456, 0.406 of ImageNet, is 0.13, 0, -0.25)."""
 NATURAL_SHARE = np.array([1, 1, 1, 1, 1, 0.8, 0.5, 0.2])
 """The brighter, the nearer to gray: what is brightest is white, or shines."""
 CAST = np.array([0.7, 0.5, 0.35, 0.28, 0.25, 0.21, 0.18, 0.17])
@@ -56,7 +56,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     mean, precision = _prior(len(seen.range_m))
     x = mean.copy()
     x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + NOISE[3])
-    if start is not None and (start.w > 0).all() and (start.gamma_inf > 0).all():
+    if start is not None and (start.v == RATE_OF_CHANGE).all():
         x[:WATER] = _numbers(start, scale)
     _begin_content(x, seen.range_m, light)
     x, curvature = _minimise(x, seen.range_m, light, mean, precision, NOISE)
@@ -65,9 +65,9 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
 
 def _begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
     """Reflectances and brightnesses that suit the water in ``x``: means over ranges and over the rest of the direct signal."""
-    log_w, v, log_beta, log_veil, log_white = x[:WATER].reshape(5, 3, 1)
+    log_far, log_near, log_beta, log_veil, log_white = x[:WATER].reshape(5, 3, 1)
     backscatter = np.exp(log_veil + log_white) * -np.expm1(-np.exp(log_beta) * range_m)
-    loss = range_m * np.exp(log_w - v * range_m)
+    loss = range_m * np.exp(log_far) * (1 + np.expm1(log_near) * np.exp(-RATE_OF_CHANGE * range_m))
     direct = np.log(np.maximum(light - backscatter[..., None], 0.05 * light) + NOISE[3]) + (loss - log_white)[..., None]
     reflectance = x[WATER : WATER + direct[:, 0].size].reshape(3, 1, -1)
     brightness = (direct - reflectance).mean(axis=(0, 2))
@@ -78,39 +78,32 @@ def _begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> No
 def _numbers(water: Water, scale: float) -> Vector:
     """The fifteen numbers of a water, its intensities as shares of ``scale``."""
     veil = np.log(water.gamma_inf / water.white)
-    return np.concatenate([np.log(water.w), water.v, np.log(water.beta), veil, np.log(water.white / scale)])
+    return np.concatenate([np.log(water.y), np.log1p(water.w / water.y), np.log(water.beta), veil, np.log(water.white / scale)])
 
 
 def _water(x: Vector, curvature: NDArray[np.float64], scale: float, precision: NDArray[np.float64], config: ColorConfig) -> Water:
-    log_w, v, log_beta, log_veil, log_white = x[:WATER].reshape(5, 3)
-    known = np.linalg.inv(curvature)[:WATER, :WATER]
-    before = np.linalg.inv(precision)[:WATER, :WATER]
+    log_far, log_near, log_beta, log_veil, log_white = x[:WATER].reshape(5, 3)
+    known, before = (np.linalg.inv(matrix)[:WATER, :WATER] for matrix in (curvature, precision))
     level = np.eye(3) - 1 / 3  # a white point's own level is exposure
     known[12:, 12:], before[12:, 12:] = (level @ matrix[12:, 12:] @ level for matrix in (known, before))
-    error, learned = (
-        np.sqrt(np.diag(known)).reshape(5, 3),
-        np.sqrt(np.diag(known) / np.diag(before)).reshape(5, 3) < NOTHING_LEARNED,
-    )
-    white = np.exp(log_white) * scale
-    values = [np.exp(log_w), v, np.exp(log_beta), np.exp(log_veil) * white, white]
-    unit = [values[0], np.ones(3), *values[2:]]
-    names = ("w", "v", "beta", "gamma_inf", "white")
-    standard_errors = {name: np.where(learned[i], error[i] * unit[i], np.nan) for i, name in enumerate(names)}
-    zero = np.zeros(3)
-    warnings = () if learned[0].any() else (NO_RELIEF,)
+    error = np.sqrt(np.diag(known)).reshape(5, 3)
+    learned = error < NOTHING_LEARNED * np.sqrt(np.diag(before)).reshape(5, 3)
+    far, beta, white = np.exp(log_far), np.exp(log_beta), np.exp(log_white) * scale
+    gamma_inf = np.exp(log_veil) * white
+    unit = {"y": far, "w": far * np.exp(log_near), "beta": beta, "gamma_inf": gamma_inf, "white": white}
     return Water(
-        w=values[0],
-        v=values[1],
-        beta=values[2],
-        gamma_inf=values[3],
-        white=white,
-        eta=zero,
+        gamma_inf=gamma_inf,
+        beta=beta,
+        eta=np.zeros(3),
         alpha=np.ones(3),
-        y=zero,
-        x=zero,
-        standard_errors=standard_errors,
+        w=far * np.expm1(log_near),
+        v=np.full(3, RATE_OF_CHANGE),
+        y=far,
+        x=np.zeros(3),
+        white=white,
+        standard_errors={name: np.where(learned[i], error[i] * by, np.nan) for i, (name, by) in enumerate(unit.items())},
         input_encoding=config.input_encoding,
-        warnings=warnings,
+        warnings=() if learned[0].any() else (NO_RELIEF,),
     )
 
 
@@ -140,7 +133,7 @@ def _minimise(x, z, light, mean, precision, noise):  # type: ignore[no-untyped-d
     weights = np.empty(light.shape)
     trial = x.copy()
     damping = 1e-3
-    for outer in range(OUTER):
+    for _ in range(OUTER):
         _weigh(x, z, light, noise, weights)
         cost = _cost(x, z, light, mean, precision, weights, noise[3], normal, slope, True)
         start = cost
@@ -168,12 +161,12 @@ def _minimise(x, z, light, mean, precision, noise):  # type: ignore[no-untyped-d
 
 @njit(cache=True, nogil=True)
 def _weigh(x, z, light, noise, weights):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Into ``weights`` (3, G, P) the inverse variance of each quantile under the water in ``x``, less where it is an outlier (Cauchy)."""
+    """Into ``weights`` (3, G, P) the inverse variance of each quantile under the water in ``x``, less for outliers (Cauchy)."""
     channels, groups, shares = light.shape
     for c in range(channels):
-        w, v, beta, veil, white = np.exp(x[c]), x[3 + c], np.exp(x[6 + c]), np.exp(x[9 + c]), np.exp(x[12 + c])
+        far, near, beta, veil, white = np.exp(x[c]), np.exp(x[3 + c]), np.exp(x[6 + c]), np.exp(x[9 + c]), np.exp(x[12 + c])
         for g in range(groups):
-            loss = w * np.exp(-v * z[g]) * z[g]
+            loss = z[g] * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * z[g]))
             backscatter = veil * white * (1 - np.exp(-beta * z[g]))
             for p in range(shares):
                 direct = np.exp(min(x[12 + c] - loss + x[WATER + c * shares + p] + x[WATER + channels * shares + g], 20.0))
@@ -200,11 +193,11 @@ def _cost(x, z, light, mean, precision, weights, floor, normal, slope, derivativ
             slope[i] = pull
     at, d = np.zeros(7, np.int64), np.zeros(7)
     for c in range(channels):
-        w, v, beta, veil, white = np.exp(x[c]), x[3 + c], np.exp(x[6 + c]), np.exp(x[9 + c]), np.exp(x[12 + c])
+        far, near, beta, veil, white = np.exp(x[c]), np.exp(x[3 + c]), np.exp(x[6 + c]), np.exp(x[9 + c]), np.exp(x[12 + c])
         for k in range(5):
             at[k] = 3 * k + c
         for g in range(groups):
-            loss = w * np.exp(-v * z[g]) * z[g]
+            loss = z[g] * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * z[g]))
             fog = np.exp(-beta * z[g])
             backscatter = veil * white * (1 - fog)
             at[5] = WATER + channels * shares + g
@@ -218,7 +211,7 @@ def _cost(x, z, light, mean, precision, weights, floor, normal, slope, derivativ
                 if not derivatives:
                     continue
                 d[0] = -direct * loss / model
-                d[1] = direct * loss * z[g] / model
+                d[1] = -direct * z[g] * far * near * np.exp(-RATE_OF_CHANGE * z[g]) / model
                 d[2] = veil * white * fog * beta * z[g] / model
                 d[3] = backscatter / model
                 d[4] = (direct + backscatter) / model
