@@ -56,6 +56,10 @@ class ColorConfig(_Stage):
         description="frame: each frame its own water. sliding: the water of the last frames. survey: one water for all frames.",
     )
     sliding_frames: int = Field(default=20, ge=1, description="Frames that share a water where lock is sliding.")
+    camera_exposure: Literal["fixed", "auto"] = Field(
+        default="fixed",
+        description="fixed: the camera held its exposure through the survey. auto: it did not; each frame's is measured.",
+    )
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto", description="Where torch runs (solver dense); auto takes CUDA where there is one."
     )
@@ -110,6 +114,13 @@ class MappingConfig(_Stage):
     mount: MountConfig = MountConfig()
     max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
     max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")
+    loop_closure: bool = Field(default=True, description="Own odometry: recognise places seen before (needs the slam extra, GTSAM).")
+    poses: Literal["given", "prior"] = Field(
+        default="given", description="A trajectory's poses are the map's; or prior: own odometry, held to them by the errors below."
+    )
+    prior_position_std_m: float = Field(default=0.5, gt=0, description="Standard error of a prior's position, east and north.")
+    prior_depth_std_m: float = Field(default=0.05, gt=0, description="Standard error of a prior's depth: its pressure sensor's.")
+    prior_attitude_std_deg: float = Field(default=1.0, gt=0, description="Standard error of a prior's roll, pitch and heading.")
     mosaic_m: float = Field(default=0.005, gt=0, description="Pixel of the orthomosaic, metres.")
     dem_m: float = Field(default=0.01, gt=0, description="Pixel of the terrain model, metres.")
     metrics_m: float = Field(default=1.0, gt=0, description="Edge of a square of the structural metrics, metres.")

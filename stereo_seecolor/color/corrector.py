@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color import tables
 from stereo_seecolor.color.apply import correct, correct_linear
 from stereo_seecolor.color.parameters import clear_water
-from stereo_seecolor.color.survey import SurveyFitter
+from stereo_seecolor.color.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.tables import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Correction, Image, Map, Water
@@ -40,9 +40,12 @@ class Corrector:
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The water of one frame, by the config's solver."""
+        return self._fit_measured(self.measure(image, range_m), image, range_m, start)
+
+    def _fit_measured(self, table: MomentTable, image: Image, range_m: Map, start: Water | None) -> Water:
         if self.config.objective == "paper" and self.config.solver == "dense":
             return self.fit_dense(image, range_m, start)
-        return self.fit(self.measure(image, range_m), start)
+        return self.fit(table, start)
 
     def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""
@@ -54,9 +57,11 @@ class Corrector:
             return self._fallback(start)
         return dense.fit(image.reshape(-1, 3)[known], range_m.reshape(-1)[known], self.config, start)
 
-    def survey_fitter(self) -> SurveyFitter:
-        """Frames in, one at a time; a water for each of them out."""
-        return SurveyFitter(self.config, self.fit, self.fit_dense)
+    def survey_fitter(self) -> Fitter:
+        """Frames in, one at a time and in their order; a water for each of them out, by ``color.lock``."""
+        if self.config.lock == "frame":
+            return FrameFitter(self._fit_measured)
+        return (SurveyFitter if self.config.lock == "survey" else SlidingFitter)(self.config, self.fit)
 
     def apply(
         self, image: Image, range_m: Map, water: Water, table: MomentTable | None = None, exposure: float | None = None

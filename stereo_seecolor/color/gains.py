@@ -40,34 +40,37 @@ def gains(table: MomentTable, water: Water, config: ColorConfig, exposure: float
 
     exposure None: the water's own, or else the one that lets ``config.clipped_share`` of the pixels clip.
     """
-    z = fine_ranges_m()
-    backscatter = water.backscatter(z).T
-    gain = 1.0 / np.maximum(water.attenuation(z) * water.white, 1e-12).T
+    gain, offset = _unexposed(water)
     exposure = water.exposure if exposure is None else exposure
     if exposure is None:
-        exposure = _exposure(table, gain, backscatter, config)
-    gain = gain * exposure
-    most = config.output_noise / _noise(table, config)[:, None]
-    capped = np.any(gain > most, axis=0)
-    gain = np.minimum(gain, most)
-    return Gains(gain.astype(np.float32), (gain * backscatter).astype(np.float32), capped, exposure)
+        exposure = clipping_exposure(table, water, config)
+    most = config.output_noise / exposure / _noise(table, config)[:, None]
+    share = np.minimum(1.0, most / gain)  # of the gain that is wanted
+    gain, offset = gain * share * exposure, offset * share * exposure
+    return Gains(gain.astype(np.float32), offset.astype(np.float32), np.any(share < 1, axis=0), exposure)
 
 
-def _exposure(table: MomentTable, gain: NDArray[np.float64], backscatter: NDArray[np.float64], config: ColorConfig) -> float:
-    """The factor at which no more than the stated share of the pixels has a channel at full scale; 1 for a black image."""
+def clipping_exposure(table: MomentTable, water: Water, config: ColorConfig) -> float:
+    """The exposure at which at most ``config.clipped_share`` of the pixels have a channel at full scale; 1 for a black image."""
     from stereo_seecolor.color import kernels
 
+    gain, offset = _unexposed(water)
     occupied = np.flatnonzero(table.pixels)
     middle = occupied * FINE + FINE // 2
     light = decoded_bins(table.bit_depth, config.input_encoding)
     allowed = int(config.clipped_share * table.pixels.sum())
-    near = gain[:, middle]
-    brightest = float(
-        kernels.brightest(np.ascontiguousarray(table.counts[:, occupied]), light, near, near * backscatter[:, middle], allowed)
-    )
+    counts = np.ascontiguousarray(table.counts[:, occupied])
+    brightest = float(kernels.brightest(counts, light, gain[:, middle], offset[:, middle], allowed))
     full = 2.0**table.bit_depth - 1
-    limit = float(decode(np.array((full - 0.6) / full), "srgb" if config.input_encoding != "as-is" else "as-is"))
+    limit = float(decode(np.array((full - 0.6) / full), "as-is" if config.input_encoding == "as-is" else "srgb"))
     return limit / brightest if brightest > 0 else 1.0
+
+
+def _unexposed(water: Water) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gain and offset (3, 1024) at exposure 1, with no cap but against overflow."""
+    z = fine_ranges_m()
+    gain = 1.0 / np.maximum(water.attenuation(z) * water.white, 1e-9).T
+    return gain, gain * water.backscatter(z).T
 
 
 def _noise(table: MomentTable, config: ColorConfig) -> NDArray[np.float64]:
