@@ -298,8 +298,8 @@ def _print_truth(report: "TruthReport") -> None:
     console = Console(soft_wrap=True, highlight=False)
     console.print(f"{len(report.frames)} frames against truth, means over frames; no result for {len(report.missing)} frames")
     console.print(
-        f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off by more than 1 px {ranges.bad_1_px:.2%}, "
-        f"2 px {ranges.bad_2_px:.2%}; measured {ranges.coverage:.1%} of the pixels that both cameras see"
+        f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off by over 1 px {ranges.bad_1_px:.2%}, "
+        f"over 2 px {ranges.bad_2_px:.2%}; measured {ranges.coverage:.1%} of the pixels that both cameras see"
     )
     table = Table("colour", "corrected", "raw image", box=None, header_style="")
     for what, name, style in (

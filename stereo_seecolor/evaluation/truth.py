@@ -101,7 +101,7 @@ def _score_frame(out: Path, truth: Path, name: str, rectification: Rectification
     true_m = read_range_map(truth / "range" / f"{name}.tiff")
     range_m = read_range_map(out / "range" / f"{name}.tiff")
     if range_m.shape != true_m.shape:
-        raise InputError(f"{out / 'range' / name}.tiff: is {range_m.shape[::-1]} pixels, but its truth {true_m.shape[::-1]}")
+        raise InputError(f"{out / 'range' / name}.tiff: is {_size(range_m)} pixels, but its truth is {_size(true_m)}")
     mask = cv2.imread(str(out / "mask" / f"{name}.png"), cv2.IMREAD_UNCHANGED) if (out / "mask").is_dir() else None
     measured = np.isfinite(range_m) if mask is None else np.isfinite(range_m) & ~np.isin(mask, NOT_MEASURED)
     measured_m = np.where(measured, range_m, np.float32(np.nan))
@@ -151,3 +151,7 @@ def _mean(kind: type[Score], scores: list[Score]) -> Score:
     with np.errstate(invalid="ignore"):
         means = np.where(known, values, 0).sum(axis=0) / known.sum(axis=0)
     return kind(**dict(zip(names, means.tolist(), strict=True)))
+
+
+def _size(values: Map) -> str:
+    return f"{values.shape[1]}x{values.shape[0]}"

@@ -45,7 +45,7 @@ def settle(bottom: Bottom, spec: SurveySpec, rng: np.random.Generator) -> NDArra
     for x, y in places(1.2):
         _sponge(bottom, x, y, rng)
     if spec.textureless_patch:
-        _bare_patch(bottom, 0.7 * spec.line_length_m, 0.0, 0.8)
+        _bare_patch(bottom, 0.85 * spec.line_length_m, 0.0, 0.8)
     return _chart(bottom, min(0.35 * spec.line_length_m, 2.0) + 0.6, 0.25)
 
 
