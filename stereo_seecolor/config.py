@@ -75,10 +75,11 @@ class ColorConfig(_Stage):
     next_steps: int = Field(default=20, ge=1, description="Adam steps on a frame that starts from another's water (solver dense).")
     learning_rate: float = Field(default=0.01, gt=0, description="Adam's learning rate (solver dense).")
     clipped_share: float = Field(
-        default=0.005,
+        default=0.0005,
         ge=0,
         lt=1,
-        description="Exposure is set so that at most this share of the pixels has a channel at full scale.",
+        description="Exposure is set so that at most this share of the pixels has a channel at full scale; a white card far away "
+        "may be but a thousandth of a frame, and must not clip.",
     )
     input_noise: float = Field(
         default=0.006, gt=0, lt=1, description="Noise of a pixel as a share of full scale, standard deviation: 1.5 of 255."

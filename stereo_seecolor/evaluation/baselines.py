@@ -1,0 +1,180 @@
+"""What others do, written from their papers, to be held against: image and ranges in, corrected image out.
+
+Every method takes an image as it is displayed (H, W, 3) float64 in [0, 1] with a range map (H, W) in metres, NaN where unknown,
+and gives (H, W, 3) float64 in the same encoding, not clipped, NaN where it cannot say. ``expose`` sets all to one exposure.
+"""
+
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Method = Callable[[Array, Array], Array]
+
+STRETCHED_SHARE = 0.01
+DARK_SHARE, DARK_BINS = 0.01, 10
+CLIPPED_SHARE = 0.0005
+LEAST_ATTENUATION = 1e-3
+_GRID_WIDTH, _AVERAGING_STEPS = 160, 600
+
+
+def raw(image: Array, range_m: Array) -> Array:
+    """The image as the camera saw it."""
+    return image
+
+
+def contrast_stretch(image: Array, range_m: Array) -> Array:
+    """Each channel stretched from its darkest to its brightest hundredth; clips what lies outside, as it is made to."""
+    low, high = np.quantile(image.reshape(-1, 3), [STRETCHED_SHARE, 1 - STRETCHED_SHARE], axis=0)
+    return np.asarray(np.clip((image - low) / np.maximum(high - low, 1e-6), 0, 1))
+
+
+def gray_world(image: Array, range_m: Array) -> Array:
+    """One gain a channel that makes the mean over pixels with a known range gray (Buchsbaum 1980)."""
+    known = np.isfinite(range_m)
+    mean = image[known].mean(axis=0)
+    return expose(image * (mean.mean() / np.maximum(mean, 1e-6)), known)
+
+
+def simple_model(image: Array, range_m: Array) -> Array:
+    """One coefficient a channel for both attenuation and backscatter (paper, eqs. 2 and 3), then gray world.
+
+    Backscatter is fitted to the darkest hundredth of ten range bins by least squares; J = (I - B) exp(a z).
+    """
+    known = np.isfinite(range_m)
+    z, dark = darkest(image[known], range_m[known])
+    result = np.full(image.shape, np.nan)
+    for c in range(3):
+        rate, (level,) = _best_rates(z, dark[:, c], 1, lambda z, rates: 1 - np.exp(-rates[0] * z)[:, None])
+        a = rate[0]
+        result[known, c] = np.maximum(image[known, c] - level * -np.expm1(-a * range_m[known]), 0) * np.exp(a * range_m[known])
+    return gray_world(result, range_m)
+
+
+def sea_thru(image: Array, range_m: Array) -> Array:
+    """Akkaynak and Treibitz, CVPR 2019: backscatter with residual from the darkest, illuminant by local space average color,
+    attenuation of two exponentials so that it gives back the ranges, then gray world.
+    """
+    known = np.isfinite(range_m)
+    z, dark = darkest(image[known], range_m[known])
+    direct = np.full(image.shape, np.nan)
+    for c in range(3):
+        (beta, alpha), (level, rest) = _best_rates(
+            z, dark[:, c], 2, lambda z, rates: np.stack([1 - np.exp(-rates[0] * z), np.exp(-rates[1] * z)], axis=1)
+        )
+        veil = level * -np.expm1(-beta * range_m[known]) + rest * np.exp(-alpha * range_m[known])
+        direct[known, c] = np.maximum(image[known, c] - veil, 0)
+    coarse = local_space_average(direct, range_m)
+    result = np.full(image.shape, np.nan)
+    for c in range(3):
+        seen = known & (coarse[..., c] > 1e-3)
+        attenuation = _two_exponentials(range_m[seen], -np.log(np.minimum(coarse[seen, c], 1)) / range_m[seen])
+        result[known, c] = direct[known, c] * np.exp(attenuation(range_m[known]) * range_m[known])
+    return gray_world(result, range_m)
+
+
+METHODS: dict[str, Method] = {
+    "raw": raw,
+    "contrast stretch": contrast_stretch,
+    "gray world": gray_world,
+    "simple model": simple_model,
+    "sea-thru": sea_thru,
+}
+
+
+def expose(image: Array, known: NDArray[np.bool_], share: float = CLIPPED_SHARE) -> Array:
+    """The image at the brightness at which a stated share of its known pixels has a channel at full scale."""
+    brightest = float(np.quantile(image[known].max(axis=-1), 1 - share))
+    return image / brightest if brightest > 0 else image
+
+
+def darkest(pixels: Array, range_m: Array) -> tuple[Array, Array]:
+    """Sea-thru's estimate of backscatter: ranges (K,) and colors (K, 3) of the darkest hundredth of each of ten bins of range."""
+    edges = np.linspace(range_m.min(), range_m.max(), DARK_BINS + 1)
+    bins = np.clip(np.digitize(range_m, edges) - 1, 0, DARK_BINS - 1)
+    ranges, colors = [], []
+    for b in range(DARK_BINS):
+        inside = np.flatnonzero(bins == b)
+        number = int(np.ceil(DARK_SHARE * inside.size))
+        if number:
+            dark = inside[np.argpartition(pixels[inside].sum(axis=1), number - 1)[:number]]
+            ranges.append(range_m[dark])
+            colors.append(pixels[dark])
+    return np.concatenate(ranges), np.concatenate(colors)
+
+
+def local_space_average(direct: Array, range_m: Array) -> Array:
+    """Ebner's local space average color over neighbors of about the same range, doubled: the illuminant (Sea-thru, eqs. 14-15).
+
+    On a grid of at most 160 columns, whose cells average with the neighbors within a tenth of the range's spread.
+    """
+    height, width = range_m.shape
+    scale = min(1.0, _GRID_WIDTH / width)
+    size = (max(int(width * scale), 1), max(int(height * scale), 1))
+    z: Array = cv2.resize(range_m, size, interpolation=cv2.INTER_NEAREST)
+    small: Array = cv2.resize(direct, size, interpolation=cv2.INTER_NEAREST)
+    near = 0.1 * (np.nanmax(range_m) - np.nanmin(range_m)) + 1e-6
+    known = np.isfinite(z)
+    small = np.where(known[..., None], small, 0.0)
+    average, weight = small.copy(), 0.02
+    padded_z = np.pad(z, 1, constant_values=np.nan)
+    with np.errstate(invalid="ignore"):
+        joined = [np.abs(_shifted(padded_z, dy, dx) - z) < near for dy, dx in _NEIGHBORS]
+    number = np.maximum(sum(mask.astype(np.float64) for mask in joined), 1)[..., None]
+    for _ in range(_AVERAGING_STEPS):
+        padded = np.pad(average, ((1, 1), (1, 1), (0, 0)))
+        around = sum(_shifted(padded, dy, dx) * mask[..., None] for (dy, dx), mask in zip(_NEIGHBORS, joined, strict=True))
+        average = (1 - weight) * np.asarray(around) / number + weight * small
+    grown: Array = cv2.resize(2.0 * average, (width, height), interpolation=cv2.INTER_LINEAR)
+    return grown
+
+
+_NEIGHBORS = ((-1, 0), (1, 0), (0, -1), (0, 1))
+
+
+def _shifted(padded: Array, dy: int, dx: int) -> Array:
+    return padded[1 + dy : padded.shape[0] - 1 + dy, 1 + dx : padded.shape[1] - 1 + dx]
+
+
+def _best_rates(z: Array, values: Array, number: int, basis: Callable[[Array, Array], Array]) -> tuple[Array, Array]:
+    """Least squares of ``values`` on a basis linear but for its rates, which a grid of 0 to 5 per metre is searched for.
+
+    Weights are kept in [0, 1], as in the paper.
+    """
+    grid = np.concatenate([np.linspace(0.02, 1, 25), np.linspace(1.1, 5, 12)])
+    best: tuple[float, Array, Array] | None = None
+    for rates in np.stack(np.meshgrid(*[grid] * number, indexing="ij"), axis=-1).reshape(-1, number):
+        columns = basis(z, rates)
+        normal = columns.T @ columns + 1e-9 * np.eye(columns.shape[1])
+        weights = np.clip(np.linalg.solve(normal, columns.T @ values), 0, 1)
+        error = float(((columns @ weights - values) ** 2).sum())
+        if best is None or error < best[0]:
+            best = (error, rates, weights)
+    assert best is not None
+    return best[1], best[2]
+
+
+def _two_exponentials(z: Array, attenuation: Array) -> Callable[[Array], Array]:
+    """a(z) = w exp(-v z) + y exp(-x z) of coarse attenuation, by least squares on what the ranges then are (Sea-thru, eq. 17)."""
+    step = max(1, z.size // 4000)
+    z, attenuation = z[::step], np.maximum(attenuation[::step], LEAST_ATTENUATION)
+    optical = attenuation * z
+    grid = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6, 3.2])
+    best: tuple[float, Array, Array] | None = None
+    for i, v in enumerate(grid):
+        for x in grid[i + 1 :]:
+            columns = np.stack([z * np.exp(-v * z), z * np.exp(-x * z)], axis=1)
+            weights = np.linalg.solve(columns.T @ columns + 1e-9 * np.eye(2), columns.T @ optical)
+            if (weights < 0).any():  # both terms fall: the better one alone
+                alone = np.maximum(columns.T @ optical, 0) / (columns**2).sum(axis=0)
+                errors = ((columns * alone - optical[:, None]) ** 2).sum(axis=0)
+                weights = np.where(np.arange(2) == errors.argmin(), alone, 0)
+            fitted = np.maximum(columns @ weights / z, LEAST_ATTENUATION)
+            error = float((((optical / fitted) - z) ** 2).mean())
+            if best is None or error < best[0]:
+                best = (error, np.array([v, x]), weights)
+    assert best is not None
+    rates, weights = best[1], best[2]
+    return lambda z: np.asarray(np.exp(-rates * z[:, None]) @ weights)

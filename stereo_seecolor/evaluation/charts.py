@@ -1,0 +1,160 @@
+"""How well each method does on targets of known colour: rows of a table, and a contact sheet to look at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.data import Image, Map
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.baselines import METHODS
+from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gain, lab_from_linear, linear_from_srgb, score_neutral
+from stereo_seecolor.evaluation.targets import GRAYS, Target, read_targets, targets_of
+from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.inputs.pairing import pair_by_stem
+from stereo_seecolor.outputs.atomic import write_atomic
+
+OURS = "stereo-seecolor"
+_TILE_WIDTH, _LABEL_HEIGHT = 320, 22
+
+
+@dataclass(frozen=True)
+class ChartRow:
+    """A method on a target.
+
+    range_m: median distance, NaN where unknown. psi_deg: mean angle to gray of its neutral patches, degrees. ciede2000: median over
+    its patches after one exposure gain, against the chart's published colours, or for something merely neutral against gray of the
+    same brightness. clipped_share: of its pixels. pixels counted.
+    """
+
+    frame: str
+    target: str
+    method: str
+    range_m: float
+    psi_deg: float
+    ciede2000: float
+    clipped_share: float
+    pixels: int
+
+
+@dataclass(frozen=True)
+class ChartReport:
+    """rows: every method on every target. without_target: frames that had none. sheet: the contact sheet, if asked for."""
+
+    rows: tuple[ChartRow, ...]
+    without_target: tuple[str, ...]
+    sheet: Path | None = None
+
+    def means(self) -> tuple[ChartRow, ...]:
+        """A row a method: means over all targets (of pixels the sum)."""
+        methods = dict.fromkeys(row.method for row in self.rows)
+        return tuple(_mean(method, [row for row in self.rows if row.method == method]) for method in methods)
+
+
+def evaluate_charts(
+    images: Path, ranges: Path, targets: Path | None = None, config: RunConfig | None = None, sheet: Path | None = None
+) -> ChartReport:
+    """Every method on every target in a folder of images with range maps of the same stems.
+
+    targets: JSON of polygons and chart corners (see ``read_targets``), and only images that it names count; without it each image
+    is searched for a ColorChecker. sheet: where to write the contact sheet (PNG). Raises InputError, also where there is no target.
+    """
+    config = config or RunConfig()
+    given = read_targets(targets) if targets else {}
+    rows: list[ChartRow] = []
+    without: list[str] = []
+    tiles: list[list[NDArray[np.uint8]]] = []
+    for pair in pair_by_stem(images, ranges).pairs:
+        image, range_m = read_image(pair.left, config.input), read_range_map(pair.right)
+        if range_m.shape != image.shape[:2]:
+            raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
+        found = (
+            [] if targets and pair.left.stem not in given else targets_of(pair.name, given.get(pair.left.stem, []), image, range_m)
+        )
+        if not any(target.mask.any() for target in found):
+            without.append(pair.name)
+            continue
+        corrected = correct_by_all(image, range_m, config)
+        rows += [
+            score_target(pair.name, target, method, result, range_m) for target in found for method, result in corrected.items()
+        ]
+        tiles.append([_tile(f"{pair.name}  {method}", result) for method, result in corrected.items()])
+    if not rows:
+        raise InputError(_nothing_found(images, targets, len(without)))
+    if sheet:
+        write_atomic(sheet, _sheet(tiles))
+    return ChartReport(tuple(rows), tuple(without), sheet)
+
+
+def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
+    if targets:
+        return f"{targets}: none of its targets can be seen with a known range in the {number} images of {images}"
+    return f"{images}: no ColorChecker was found in any of {number} images: give its corners with --targets"
+
+
+def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, NDArray[np.float64]]:
+    """Method -> corrected image (H, W, 3) in [0, 1] as displayed, NaN where the method leaves a pixel out; ours last."""
+    shares = image / float(np.iinfo(image.dtype).max)
+    results = {name: np.minimum(method(shares, range_m.astype(np.float64)), 1.0) for name, method in METHODS.items()}
+    for name, color in (("paper", config.color.model_copy(update={"objective": "paper"})), (OURS, config.color)):
+        corrector = Corrector(color)
+        done = corrector.apply(image, range_m, corrector.fit_frame(image, range_m))
+        results[name] = np.where(done.unknown[..., None], np.nan, done.image / float(np.iinfo(image.dtype).max))
+    return results
+
+
+def score_target(frame: str, target: Target, method: str, result: NDArray[np.float64], range_m: Map) -> ChartRow:
+    """A method's row for a target."""
+    colors = [result[patch] for patch in target.patches]
+    grays = colors if target.srgb is None else colors[GRAYS]
+    neutral = [score_neutral(pixels) for pixels in grays]
+    whole = np.concatenate(colors)
+    known = np.isfinite(whole).all(axis=-1)
+    seen = range_m[target.mask]
+    return ChartRow(
+        frame=frame,
+        target=target.name,
+        method=method,
+        range_m=float(np.nanmedian(seen)) if np.isfinite(seen).any() else float("nan"),
+        psi_deg=float(np.mean([score.psi_deg for score in neutral])),
+        ciede2000=_difference(colors, target.srgb),
+        clipped_share=float(clipped(whole[known]).mean()) if known.any() else float("nan"),
+        pixels=int(known.sum()),
+    )
+
+
+def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64] | None) -> float:
+    means = np.stack([linear_from_srgb(pixels[np.isfinite(pixels).all(axis=-1)]).mean(axis=0) for pixels in colors])
+    if not np.isfinite(means).all():
+        return float("nan")
+    truth = np.repeat(means @ [[0.2126], [0.7152], [0.0722]], 3, axis=1) if srgb is None else linear_from_srgb(srgb)
+    exposed = means * exposure_gain(means, truth) if srgb is not None else means
+    return float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(truth))))
+
+
+def _mean(method: str, rows: Sequence[ChartRow]) -> ChartRow:
+    number = {
+        key: float(np.mean([getattr(row, key) for row in rows])) for key in ("range_m", "psi_deg", "ciede2000", "clipped_share")
+    }
+    return ChartRow("all", f"mean of {len(rows)}", method, pixels=sum(row.pixels for row in rows), **number)
+
+
+def _tile(label: str, result: NDArray[np.float64]) -> NDArray[np.uint8]:
+    height = round(_TILE_WIDTH * result.shape[0] / result.shape[1])
+    shown = (np.clip(np.nan_to_num(result), 0, 1) * 255).astype(np.uint8)
+    picture = cv2.resize(shown, (_TILE_WIDTH, height), interpolation=cv2.INTER_AREA)
+    strip = np.full((_LABEL_HEIGHT, _TILE_WIDTH, 3), 30, np.uint8)
+    cv2.putText(strip, label, (4, _LABEL_HEIGHT - 7), cv2.FONT_HERSHEY_SIMPLEX, 0.42, (255, 255, 255), 1, cv2.LINE_AA)
+    return np.concatenate([strip, picture])
+
+
+def _sheet(tiles: Sequence[Sequence[NDArray[np.uint8]]]) -> bytes:
+    """PNG: a frame a row, a method a column."""
+    tall = max(tile.shape[0] for row in tiles for tile in row)
+    padded = [np.hstack([np.pad(tile, ((0, tall - tile.shape[0]), (0, 0), (0, 0))) for tile in row]) for row in tiles]
+    return bytes(cv2.imencode(".png", np.vstack(padded)[..., ::-1])[1])
