@@ -111,12 +111,12 @@ def targets_of(name: str, given: list[dict[str, NDArray[np.float64]]], image: Im
 
 
 def _points(path: Path, stem: str, entry: dict[str, object]) -> dict[str, NDArray[np.float64]]:
-    (kind, points), *rest = entry.items()
+    kind, points = next(iter(entry.items()), ("", ""))
     try:
         corners = np.asarray(points, dtype=np.float64)
     except ValueError:
         corners = np.empty(0)
-    if rest or kind not in ("polygon", "chart") or corners.ndim != 2 or corners.shape[1] != 2:
+    if len(entry) != 1 or kind not in ("polygon", "chart") or corners.ndim != 2 or corners.shape[1] != 2:
         raise InputError(f"{path}: {stem}: a target is one polygon or chart of [x, y] corners, got {str(entry)[:60]}")
     if len(corners) < 3 or (kind == "chart" and len(corners) != 4):
         raise InputError(f"{path}: {stem}: a polygon needs 3 corners or more, a chart its 4; got {len(corners)}")

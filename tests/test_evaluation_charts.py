@@ -1,0 +1,176 @@
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.charts import OURS, correct_by_all, evaluate_charts, score_target
+from stereo_seecolor.evaluation.measures import linear_from_srgb, srgb_from_linear
+from stereo_seecolor.evaluation.targets import CHART_SRGB, chart, find_chart, neutral, read_targets, targets_of
+
+CELL, GAP = 44, 8
+SIZE = (480, 640)
+CORNER = np.array([150.0, 120.0])
+
+
+def draw_chart(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """An image (H, W, 3) in [0, 1] with a chart on gray rubble, and the chart's corners (4, 2)."""
+    image = 0.55 + 0.1 * cv2.resize(rng.standard_normal((60, 80, 3)), SIZE[::-1])
+    width, height = 6 * CELL + 7 * GAP, 4 * CELL + 5 * GAP
+    x0, y0 = CORNER.astype(int)
+    image[y0 : y0 + height, x0 : x0 + width] = 0.06
+    for patch in range(24):
+        row, column = divmod(patch, 6)
+        y, x = y0 + GAP + row * (CELL + GAP), x0 + GAP + column * (CELL + GAP)
+        image[y : y + CELL, x : x + CELL] = CHART_SRGB[patch]
+    corners = CORNER + np.array([[0, 0], [width, 0], [width, height], [0, height]])
+    return np.clip(image + 0.005 * rng.standard_normal(image.shape), 0, 1), corners
+
+
+@pytest.fixture
+def chart_image() -> tuple[np.ndarray, np.ndarray]:
+    return draw_chart(np.random.default_rng(5))
+
+
+def eight_bit(shares: np.ndarray) -> np.ndarray:
+    return np.round(np.clip(shares, 0, 1) * 255).astype(np.uint8)
+
+
+def flat_range() -> np.ndarray:
+    return np.full(SIZE, 2.0, np.float32)
+
+
+def test_true_colors_score_zero(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+    image, corners = chart_image
+    row = score_target("f", chart("c", corners, SIZE), "truth", image, flat_range())
+    assert row.psi_deg < 0.6  # noise
+    assert row.ciede2000 < 0.5
+    assert row.clipped_share == 0
+    assert row.range_m == 2.0
+    darker = srgb_from_linear(0.5 * linear_from_srgb(image))
+    assert score_target("f", chart("c", corners, SIZE), "darker", darker, flat_range()).ciede2000 < 0.6
+
+
+def test_a_cast_is_seen(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+    image, corners = chart_image
+    row = score_target("f", chart("c", corners, SIZE), "blue", image * [0.4, 0.9, 1.0], flat_range())
+    assert row.psi_deg > 15
+    assert row.ciede2000 > 8
+
+
+def test_the_chart_is_found_through_blue_water(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+    image, corners = chart_image
+    found = find_chart(eight_bit(image * [0.35, 0.8, 0.9]))
+    assert found is not None
+    given = chart("c", corners, SIZE)
+    for patch, true in zip(found.patches, given.patches, strict=True):
+        assert (patch & true).sum() > 0.5 * true.sum()
+
+
+def test_no_chart_is_no_target() -> None:
+    empty = eight_bit(np.random.default_rng(0).uniform(0.2, 0.6, (*SIZE, 3)))
+    assert find_chart(empty) is None
+    assert targets_of("f", [], empty, flat_range()) == ()
+
+
+def test_neutral_pixels_are_bright_unclipped_and_ranged() -> None:
+    image = np.full((40, 60, 3), 30, np.uint8)
+    image[10:30, 10:30] = [60, 180, 200]
+    image[10:15, 10:30] = 255
+    range_m = np.full((40, 60), 3.0, np.float32)
+    range_m[25:30, 10:30] = np.nan
+    polygon = np.array([[5.0, 5.0], [40.0, 5.0], [40.0, 35.0], [5.0, 35.0]])
+    white = neutral("w", polygon, image, range_m).mask
+    expected = np.zeros_like(white)
+    expected[15:25, 10:30] = True
+    np.testing.assert_array_equal(white, expected)
+    sixteen = neutral("w", polygon, image.astype(np.uint16) * 257, range_m).mask
+    np.testing.assert_array_equal(sixteen, expected)
+
+
+@pytest.fixture
+def folders(tmp_path: Path, chart_image: tuple[np.ndarray, np.ndarray]) -> tuple[Path, Path]:
+    """Two images through a known water, only the first with a chart."""
+    rng = np.random.default_rng(2)
+    z = np.linspace(1.5, 3.5, SIZE[0])[:, None] * np.ones(SIZE)
+    for name, image in (("a", chart_image[0]), ("b", 0.4 + 0.05 * rng.standard_normal((*SIZE, 3)))):
+        light = linear_from_srgb(np.clip(image, 0, 1)) * [0.5, 0.9, 1.0] * np.exp(-z[..., None] * [0.35, 0.1, 0.08])
+        light += np.array([0.02, 0.08, 0.1]) * -np.expm1(-z[..., None] * [0.35, 0.1, 0.08])
+        for folder, content in (("image", eight_bit(srgb_from_linear(light))[..., ::-1]), ("range", z.astype(np.float32))):
+            (tmp_path / folder).mkdir(exist_ok=True)
+            assert cv2.imwrite(str(tmp_path / folder / f"{name}.tiff"), content)
+    return tmp_path / "image", tmp_path / "range"
+
+
+def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    report = evaluate_charts(*folders, sheet=tmp_path / "sheet.png")
+    means = {row.method: row for row in report.means()}
+    methods = {"raw", "contrast stretch", "gray world", "simple model", "sea-thru", "paper", OURS}
+    assert set(means) == methods
+    assert report.without_target == ("b",)
+    assert len(report.rows) == len(methods)
+    assert means[OURS].psi_deg < 0.5 * means["raw"].psi_deg
+    assert means[OURS].clipped_share < 0.02
+    sheet = cv2.imread(str(tmp_path / "sheet.png"))
+    assert sheet.shape[1] == 7 * 320
+
+
+def test_given_corners_are_used(folders: tuple[Path, Path], chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    file = tmp_path / "targets.json"
+    file.write_text(json.dumps({"a": [{"chart": chart_image[1].tolist()}]}))
+    report = evaluate_charts(*folders, targets=file)
+    assert {row.target for row in report.rows} == {"a chart 1"}
+
+
+def test_what_has_no_target_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    (folders[0] / "a.tiff").unlink()
+    (folders[1] / "a.tiff").unlink()
+    with pytest.raises(InputError, match="no ColorChecker was found in any of 1 images"):
+        evaluate_charts(*folders)
+    file = tmp_path / "targets.json"
+    file.write_text("{}")
+    with pytest.raises(InputError, match=r"targets\.json: none of its targets"):
+        evaluate_charts(*folders, targets=file)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("[", "cannot be read"),
+        ("[1]", "must hold"),
+        ('{"a": [{"circle": [[0, 0], [1, 1], [2, 0]]}]}', "is one polygon or chart"),
+        ('{"a": [{"polygon": [[0, 0], [1, 1]]}]}', "3 corners or more"),
+        ('{"a": [{"chart": [[0, 0], [1, 1], [2, 0]]}]}', "a chart its 4"),
+        ('{"a": [{"polygon": "here"}]}', "is one polygon or chart"),
+        ('{"a": [{}]}', "is one polygon or chart"),
+    ],
+)
+def test_bad_targets_are_named(tmp_path: Path, content: str, message: str) -> None:
+    file = tmp_path / "targets.json"
+    file.write_text(content)
+    with pytest.raises(InputError, match=message):
+        read_targets(file)
+
+
+@pytest.mark.real_data
+def test_white_cards_in_the_sea(real_data: Path) -> None:
+    flsea = real_data / "flsea"
+    report = evaluate_charts(flsea / "rgb", flsea / "range", flsea / "neutral_targets.json")
+    means = {row.method: row for row in report.means()}
+    ours = means.pop(OURS)
+    assert ours.psi_deg < 4
+    assert max(row.clipped_share for row in report.rows if row.method == OURS) <= 0.02
+    assert all(ours.psi_deg < other.psi_deg for other in means.values())
+    assert len(report.without_target) == 6
+
+
+def test_unknown_ranges_are_left_out_by_ours(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+    from stereo_seecolor.config import RunConfig
+
+    range_m = flat_range()
+    range_m[:, :100] = np.nan
+    results = correct_by_all(eight_bit(chart_image[0]), range_m, RunConfig())
+    assert np.isnan(results[OURS][:, :100]).all()
+    assert np.isfinite(results[OURS][:, 100:]).all()
