@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color import tables
 from stereo_seecolor.color.apply import correct, correct_linear
+from stereo_seecolor.color.evidence import doubts
 from stereo_seecolor.color.parameters import clear_water
 from stereo_seecolor.color.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.tables import MomentTable
@@ -30,13 +31,21 @@ class Corrector:
         return tables.measure(image, range_m)
 
     def fit(self, table: MomentTable, start: Water | None = None) -> Water:
-        """The water of a frame's table, or of the sum of many frames'. start: a water found before, to begin from."""
+        """The water of a frame's table, or of the sum of many frames'. Its warnings say where the table cannot carry a water.
+
+        start: a water found before, to begin from, and to stay with where the paper's losses cannot tell the table's own.
+        """
         if not table.pixels.any():
-            return self._fallback(start)
+            return self._without_pixels(start)
         from stereo_seecolor.color import robust, table_solver
 
-        fit = robust.fit if self.config.objective == "robust" else table_solver.fit
-        return fit(table, self.config, start)
+        doubt = doubts(table)
+        if self.config.objective == "robust":
+            water = robust.fit(table, self.config, start)
+            return replace(water, warnings=water.warnings or doubt)
+        if doubt and start is not None:
+            return replace(start, warnings=(f"{doubt[0]}; another frame's is used",))
+        return replace(table_solver.fit(table, self.config, start), warnings=doubt)
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The water of one frame, by the config's solver."""
@@ -54,7 +63,7 @@ class Corrector:
         known = tables.range_bits(image, range_m) > 0
         known &= np.isfinite(range_m.reshape(-1))
         if not known.any():
-            return self._fallback(start)
+            return self._without_pixels(start)
         return dense.fit(image.reshape(-1, 3)[known], range_m.reshape(-1)[known], self.config, start)
 
     def survey_fitter(self) -> Fitter:
@@ -88,7 +97,7 @@ class Corrector:
                 f"set color.input_encoding={water.input_encoding}"
             )
 
-    def _fallback(self, start: Water | None) -> Water:
+    def _without_pixels(self, start: Water | None) -> Water:
         if start is not None:
             return replace(start, warnings=("no pixel with a known range: another frame's water is used",))
         return replace(clear_water(self.config), warnings=("no pixel with a known range: colours are left as they are",))

@@ -1,0 +1,168 @@
+"""Taking water out: the formula at every pixel, both depths, all encodings, the exposure, the cap, and broken frames."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.encoding import decode, encode
+from stereo_seecolor.color.gains import fine_ranges_m
+from stereo_seecolor.color.parameters import clear_water
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.data import Water
+from stereo_seecolor.errors import ColorError
+
+ENCODINGS = ["srgb", "linear", "as-is"]
+
+
+def some_water(encoding="srgb", seed=0):
+    rng = np.random.default_rng(seed)
+    veil = {
+        "gamma_inf": rng.uniform(0.01, 0.2, 3),
+        "beta": rng.uniform(0.05, 0.5, 3),
+        "eta": rng.uniform(0, 0.02, 3),
+        "alpha": np.ones(3),
+    }
+    dimming = {"w": rng.uniform(0.05, 0.4, 3), "v": rng.uniform(0, 0.1, 3), "y": rng.uniform(0, 0.2, 3), "x": rng.uniform(0, 1, 3)}
+    return Water(**veil, **dimming, white=rng.uniform(0.3, 1, 3), input_encoding=encoding)
+
+
+def random_frame(seed, depth=8, shape=(40, 60)):
+    rng = np.random.default_rng(seed)
+    image = rng.integers(0, 2**depth, (*shape, 3)).astype(np.uint8 if depth == 8 else np.uint16)
+    range_m = rng.uniform(0.3, 8, shape).astype(np.float32)
+    range_m[rng.random(shape) < 0.2] = rng.choice([np.nan, np.inf, -np.inf, 0, -2])
+    return image, range_m
+
+
+@given(st.integers(0, 2**32 - 1), st.sampled_from([8, 16]), st.sampled_from(ENCODINGS))
+@settings(max_examples=30, deadline=None)
+def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
+    image, range_m = random_frame(seed, depth)
+    known = np.isfinite(range_m) & (range_m > 0)
+    centres = fine_ranges_m().astype(np.float32)  # where a level's gain is the range's own
+    range_m[known] = centres[np.searchsorted(centres, range_m[known])]
+    water = some_water(encoding, seed)
+    corrector = Corrector(ColorConfig(input_encoding=encoding, output_noise=1e9))
+    full = 2**depth - 1
+    z = np.where(known, range_m, 1.0)
+    truth = 0.7 * (decode(image / full, encoding) - water.backscatter(z)) / (water.attenuation(z) * water.white)
+
+    found = corrector.apply(image, range_m, water, exposure=0.7)
+    off = np.abs(found.image - full * encode(np.clip(truth, 0, 1), encoding))[known]
+    assert off.max() < (0.7 if depth == 8 else 1.5)  # a half is rounding
+    assert (found.image[~known] == 0).all()
+    assert np.array_equal(found.unknown, ~known)
+    assert found.image.dtype == image.dtype
+
+    linear = corrector.apply_linear(image, range_m, water, exposure=0.7)
+    assert linear.dtype == np.float32
+    assert np.allclose(linear[known], truth[known], rtol=1e-5, atol=1e-5)
+    assert (linear[~known] == 0).all()
+
+
+def test_between_the_levels_the_range_is_off_by_four_thousandths_at_most():
+    centres = fine_ranges_m()
+    assert (np.diff(centres) / centres[:-1]).max() < 0.008
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_clear_water_at_exposure_one_changes_nothing(depth, encoding):
+    config = ColorConfig(input_encoding=encoding)
+    image, range_m = random_frame(7, depth)
+    found = Corrector(config).apply(image, range_m, clear_water(config), exposure=1.0)
+    expected = image if encoding != "linear" else None
+    if expected is None:
+        full = 2**depth - 1
+        expected = encode(image / full, "srgb") * full
+    difference = np.abs(found.image.astype(int) - expected)[~found.unknown]
+    assert difference.max() <= (1 if depth == 8 or encoding == "as-is" else 2)
+
+
+def test_srgb_round_trip():
+    light = np.linspace(0, 1, 1001)
+    assert np.allclose(decode(encode(light, "srgb"), "srgb"), light, atol=1e-6)
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize("share", [0.0, 0.005, 0.1])
+def test_exposure_lets_no_more_than_the_stated_share_clip_and_hardly_less(depth, share):
+    rng = np.random.default_rng(3)
+    image = (rng.gamma(2, 0.08, (150, 200, 3)).clip(0, 0.9) * (2**depth - 1)).astype(np.uint8 if depth == 8 else np.uint16)
+    range_m = rng.uniform(1, 3, (150, 200)).astype(np.float32)
+    found = Corrector(ColorConfig(clipped_share=share, output_noise=1e9)).apply(image, range_m, some_water())
+    full = 2**depth - 1
+    assert found.clipped_share == pytest.approx((found.image == full).any(axis=2).mean())
+    assert found.clipped_share <= share + 1e-9
+    assert found.clipped_share >= 0.3 * share
+    assert found.image.max() > 0.9 * full
+
+
+def test_gain_stops_where_noise_would_pass_the_stated_level_and_says_where():
+    rng = np.random.default_rng(4)
+    range_m = np.tile(np.linspace(0.5, 12, 400, dtype=np.float32), (50, 1))
+    image = rng.integers(100, 140, (50, 400, 3)).astype(np.uint8)
+    water = replace(clear_water(ColorConfig()), w=np.array([1.0, 0.1, 0.1]))
+    found = Corrector(ColorConfig(output_noise=0.1)).apply(image, range_m, water, exposure=1.0)
+    assert found.unrecoverable[:, -1].all()
+    assert not found.unrecoverable[:, 0].any()
+    noise = 0.006 * 0.9  # of full scale; the slope of the decoding at mid-gray is about 0.9
+    begins = range_m[0, found.unrecoverable[0].argmax()]
+    assert begins == pytest.approx(np.log(0.1 / noise), rel=0.1)
+    free = Corrector(ColorConfig(output_noise=1e9)).apply(image, range_m, water, exposure=1.0)
+    assert not free.unrecoverable.any()
+
+
+def test_unknown_pixels_can_be_left_as_they_were():
+    image, range_m = random_frame(5)
+    found = Corrector(ColorConfig(unknown_pixels="raw")).apply(image, range_m, some_water())
+    assert np.array_equal(found.image[found.unknown], image[found.unknown])
+
+
+def test_water_of_another_encoding_is_refused():
+    image, range_m = random_frame(6)
+    with pytest.raises(ColorError, match=r"set color\.input_encoding=linear"):
+        Corrector(ColorConfig()).apply(image, range_m, some_water("linear"))
+
+
+def broken_frames():
+    rng = np.random.default_rng(8)
+    image, range_m = rng.integers(0, 256, (30, 40, 3)).astype(np.uint8), rng.uniform(1, 5, (30, 40)).astype(np.float32)
+    single = np.full_like(range_m, np.nan)
+    single[3, 4] = 2.0
+    infinite = range_m.copy()
+    infinite[::2], infinite[::3] = np.inf, np.nan
+    yield "all unknown", image, np.full_like(range_m, np.nan)
+    yield "one level", image, np.full_like(range_m, 2.0)
+    yield "black", np.zeros_like(image), range_m
+    yield "blown", np.full_like(image, 255), range_m
+    yield "one valid pixel", image, single
+    yield "2x2", image[:2, :2], range_m[:2, :2]
+    yield "1x1", image[:1, :1], range_m[:1, :1]
+    yield "NaN and infinities", image, infinite
+    yield "very near and very far", image, np.where(range_m > 3, np.float32(1e-30), np.float32(1e30))
+    yield "gray", np.repeat(image[..., :1], 3, axis=2), range_m
+    yield "no red", image * np.array([0, 1, 1], np.uint8), range_m
+
+
+@pytest.mark.parametrize("objective", ["robust", "paper"])
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize(("name", "image", "range_m"), [pytest.param(*frame, id=frame[0]) for frame in broken_frames()])
+def test_broken_frames_give_a_picture_or_a_warning(objective, depth, name, image, range_m):
+    corrector = Corrector(ColorConfig(objective=objective))
+    image = image if depth == 8 else image.astype(np.uint16) * 257
+    water = corrector.fit_frame(image, range_m)
+    again = corrector.fit_frame(image, range_m, start=water)
+    for one in (water, again):
+        found = corrector.apply(image, range_m, one)
+        assert found.image.shape == image.shape
+        assert found.image.dtype == image.dtype
+        assert np.isfinite(found.exposure)
+        assert np.isfinite(corrector.apply_linear(image, range_m, one, exposure=found.exposure)).all()
+        assert all(np.isfinite(getattr(one, n)).all() for n in ("gamma_inf", "beta", "eta", "alpha", "w", "v", "y", "x", "white"))
+    if name in ("all unknown", "one level", "black", "blown", "one valid pixel", "2x2", "1x1"):
+        assert found.warnings, "nothing can be learned from this frame, and it should say so"
