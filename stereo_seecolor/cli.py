@@ -211,11 +211,26 @@ def synthesize(
 
 @app.command()
 def evaluate(
-    out: Annotated[Path, typer.Argument(help="The output folder of a finished run.")],
-    truth: Annotated[Path, typer.Option("--truth", help="The truth/ folder of a dive made by synthesize.")],
+    out: Annotated[Path | None, typer.Argument(help="The output folder of a finished run (with --truth).")] = None,
+    truth: Annotated[Path | None, typer.Option("--truth", help="The truth/ folder of a dive made by synthesize.")] = None,
+    by_chart: Annotated[bool, typer.Option("--chart", help="Score every method on color charts or white targets.")] = False,
+    images: Annotated[Path | None, typer.Option("--images", help="With --chart: folder of images as the camera saw them.")] = None,
+    ranges: Annotated[Path | None, typer.Option("--range", help="With --chart: folder of their range maps.")] = None,
+    targets: Annotated[
+        Path | None,
+        typer.Option("--targets", help="With --chart: JSON of chart corners and polygons; without it charts are found."),
+    ] = None,
+    sheet: Annotated[Path, typer.Option("--sheet", help="With --chart: where the contact sheet goes.")] = Path("charts.png"),
+    config: ConfigFile = None,
+    settings: Settings = None,
     as_json: AsJson = False,
 ) -> None:
-    """How far a run is from known truth, in range and in colour."""
+    """How far a run is from known truth; or, with --chart, how true each method's colours are on targets in the water."""
+    if by_chart:
+        _evaluate_charts(images, ranges, targets, sheet, _config(config, settings), as_json)
+        return
+    if out is None or truth is None:
+        raise typer.BadParameter("give a run's folder with --truth, or --chart with --images and --range")
     from stereo_seecolor.evaluation.truth import evaluate_truth
 
     report = evaluate_truth(out, truth)
@@ -288,6 +303,31 @@ def _fuse(out: Path, poses: Path | None, config: "RunConfig", quiet: bool) -> No
     print(f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s")
     for file in made.files:
         print(f"  {file}")
+
+
+def _evaluate_charts(
+    images: Path | None, ranges: Path | None, targets: Path | None, sheet: Path, config: "RunConfig", as_json: bool
+) -> None:
+    if images is None or ranges is None:
+        raise typer.BadParameter("--chart needs --images and --range")
+    from rich.console import Console
+    from rich.table import Table
+
+    from stereo_seecolor.evaluation.charts import evaluate_charts
+
+    report = evaluate_charts(images, ranges, targets, config, sheet)
+    if as_json:
+        print(json.dumps({**asdict(report), "sheet": str(sheet), "means": [asdict(row) for row in report.means()]}))
+        return
+    table = Table("frame", "target", "method", "range m", "psi, degrees", "CIEDE2000", "clipped", box=None, header_style="")
+    for row in (*report.rows, *report.means()):
+        numbers = (f"{row.range_m:.2f}", f"{row.psi_deg:.1f}", f"{row.ciede2000:.1f}", f"{row.clipped_share:.1%}")
+        table.add_row(row.frame, row.target, row.method, *numbers)
+    console = Console(soft_wrap=True, highlight=False)
+    console.print(table)
+    if report.without_target:
+        console.print(f"without a target: {', '.join(report.without_target)}", markup=False)
+    console.print(f"  {sheet}: every method on every frame, to look at", markup=False)
 
 
 def _print_truth(report: "TruthReport") -> None:
