@@ -61,10 +61,15 @@ class RectifiedPair:
         """Z in metres, from the distance along the ray."""
         return range_m / self.ray_length
 
+    @cached_property
+    def rays(self) -> NDArray[np.float32]:
+        """(H, W, 3) the unit vector along each pixel's ray, in the rectified left camera."""
+        width, height = self.image_size
+        x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
+        y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
+        directions = np.stack(np.broadcast_arrays(x, y, 1.0), axis=-1)
+        return (directions / np.linalg.norm(directions, axis=-1, keepdims=True)).astype(np.float32)
+
     def points_from_range(self, range_m: Map) -> NDArray[np.float32]:
         """(H, W, 3) points in the rectified left camera, metres; NaN where the range is unknown."""
-        width, height = self.image_size
-        depth_m = self.depth_from_range(range_m)
-        x = ((np.arange(width, dtype=np.float32) - np.float32(self.cx_left_px)) / np.float32(self.focal_px))[None, :]
-        y = ((np.arange(height, dtype=np.float32) - np.float32(self.cy_px)) / np.float32(self.focal_px))[:, None]
-        return np.stack([x * depth_m, y * depth_m, depth_m], axis=-1)
+        return self.rays * range_m[..., None]

@@ -129,12 +129,15 @@ class FrameResult:
         return self.range_map.warnings + self.correction.warnings
 
 
+VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
+"""One point of a cloud, as a PLY file holds it."""
+
+
 @dataclass(frozen=True, eq=False)
 class ColoredCloud:
-    """points_m (N, 3) float32 metres; colors (N, 3) uint8; frame: left rectified camera, or world."""
+    """vertices: (N,) VERTEX, xyz in metres and rgb 0..255; frame: axes of the left rectified camera, or of the world."""
 
-    points_m: NDArray[np.float32]
-    colors: NDArray[np.uint8]
+    vertices: NDArray[np.void]
     frame: Literal["camera", "world"] = "camera"
 
 

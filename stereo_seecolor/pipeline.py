@@ -5,6 +5,7 @@ From the counts follows the water: one for the dive, or one a frame. The second 
 writes it. Whatever an earlier run finished with the same inputs and settings is kept, in either pass.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
@@ -192,7 +193,8 @@ class Survey:
         measured_m = ranged.range_map.measured_m
         facts = {"coverage": float(np.isfinite(measured_m).mean())}
         if facts["coverage"] > 0:
-            facts["median_range_m"] = float(np.nanmedian(measured_m))
+            sample_m = measured_m[::4, ::4]  # the median of all is ten times as slow, and no truer
+            facts["median_range_m"] = float(np.median(sample_m[np.isfinite(sample_m)])) if np.isfinite(sample_m).any() else math.nan
         row = FrameRow(pair.name, kept=ranged.kept, warnings=ranged.range_map.warnings, hashes=ranged.hashes, facts=facts)
         return Done(row, ranged)
 

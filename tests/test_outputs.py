@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.data import ColoredCloud, Water
+from stereo_seecolor.data import VERTEX, ColoredCloud, Water
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.encode import encode_cloud, encode_confidence, encode_image, encode_map
@@ -48,7 +48,9 @@ def test_small_confidence_is_not_taken_for_none() -> None:
 def test_cloud_is_binary_float_ply() -> None:
     points = RNG.normal(size=(4, 3)).astype(np.float32)
     colors = RNG.integers(0, 256, (4, 3), dtype=np.uint8)
-    header, _, body = encode_cloud(ColoredCloud(points, colors)).partition(b"end_header\n")
+    cloud = np.empty(4, VERTEX)
+    cloud["xyz"], cloud["rgb"] = points, colors
+    header, _, body = encode_cloud(ColoredCloud(cloud)).partition(b"end_header\n")
     assert b"format binary_little_endian 1.0" in header
     assert b"element vertex 4" in header
     vertices = np.frombuffer(body, np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)]))

@@ -10,7 +10,12 @@ from stereo_seecolor.data import ColoredCloud, Map
 
 ImageFormat = Literal["png", "png16", "tiff32", "jpg"]
 SUFFIX: dict[ImageFormat, str] = {"png": ".png", "png16": ".png", "tiff32": ".tiff", "jpg": ".jpg"}
-PNG_COMPRESSION = 1
+PNG_FLAT = [cv2.IMWRITE_PNG_COMPRESSION, 1]
+PNG_PHOTO = [
+    *PNG_FLAT,
+    *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),
+]
 JPEG_QUALITY = 95
 TIFF_UNCOMPRESSED = 1
 
@@ -29,7 +34,7 @@ def encode_image(rgb: NDArray[np.generic], image_format: ImageFormat) -> bytes:
         return _encode(".tiff", bgr, [cv2.IMWRITE_TIFF_COMPRESSION, TIFF_UNCOMPRESSED])
     if image_format == "jpg":
         return _encode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return _encode(".png", bgr, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+    return _encode(".png", bgr, PNG_PHOTO)
 
 
 def encode_map(values: Map) -> bytes:
@@ -39,12 +44,12 @@ def encode_map(values: Map) -> bytes:
 
 def encode_confidence(confidence: Map) -> bytes:
     """(H, W) in [0, 1] to an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept for what was not measured."""
-    return _encode(".png", np.ceil(confidence * 255).astype(np.uint8), [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+    return _encode(".png", np.ceil(confidence * 255).astype(np.uint8), PNG_FLAT)
 
 
 def encode_mask(mask: NDArray[np.uint8]) -> bytes:
     """(H, W) uint8 codes to a PNG."""
-    return _encode(".png", mask, [cv2.IMWRITE_PNG_COMPRESSION, PNG_COMPRESSION])
+    return _encode(".png", mask, PNG_FLAT)
 
 
 def encode_cloud(cloud: ColoredCloud) -> bytes:
@@ -53,14 +58,11 @@ def encode_cloud(cloud: ColoredCloud) -> bytes:
     header = (
         "ply\nformat binary_little_endian 1.0\n"
         f"comment stereo-seecolor, metres, {axes}\n"
-        f"element vertex {len(cloud.points_m)}\n"
+        f"element vertex {len(cloud.vertices)}\n"
         "property float x\nproperty float y\nproperty float z\n"
         "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
     )
-    vertices = np.empty((len(cloud.points_m), 15), np.uint8)
-    vertices[:, :12] = np.ascontiguousarray(cloud.points_m, dtype="<f4").view(np.uint8).reshape(-1, 12)
-    vertices[:, 12:] = cloud.colors
-    return header.encode("ascii") + vertices.tobytes()
+    return header.encode("ascii") + cloud.vertices.tobytes()
 
 
 def _encode(suffix: str, pixels: NDArray[np.generic], parameters: list[int]) -> bytes:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import OutputConfig
-from stereo_seecolor.data import ColoredCloud, Correction, Image, RangeMap
+from stereo_seecolor.data import VERTEX, ColoredCloud, Correction, Image, RangeMap
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.encode import encode_cloud, encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.outputs.run_folder import RunFolder
@@ -52,8 +52,10 @@ def write_correction(
 def colored_cloud(correction: Correction, range_map: RangeMap, geometry: RectifiedPair) -> ColoredCloud:
     """The measured points of a frame in its true colours; nothing that was filled in."""
     range_m = range_map.measured_m
-    known = np.isfinite(range_m)
-    return ColoredCloud(geometry.points_from_range(range_m)[known], _to_8_bit(correction.image)[known])
+    vertices = np.empty(range_m.shape, VERTEX)
+    vertices["xyz"] = geometry.points_from_range(range_m)
+    vertices["rgb"] = _to_8_bit(correction.image)
+    return ColoredCloud(vertices[np.isfinite(range_m)])
 
 
 def _to_8_bit(image: Image) -> NDArray[np.uint8]:

@@ -1,0 +1,109 @@
+"""How fast a whole dive goes through, everything written, and in how much memory: `run` against the plain sequential loop.
+
+    python benchmarks/throughput.py --pairs 200 --size 1280 1024
+
+Six pairs are rendered and used over and over under other names. Each measurement is a process of its own, so that its peak memory
+is its own; the two ways take turns. Prints pairs a second, peak resident memory, and seconds a stage.
+"""
+
+import argparse
+import json
+import os
+import platform
+import resource
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from stereo_seecolor.synthetic.dive import synthesize
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+RENDERED = 6
+
+
+def make_dive(root: Path, pairs: int, size: tuple[int, int]) -> None:
+    synthesize(SurveySpec(pairs=RENDERED, lines=1, image_size=size), root / "rendered")
+    for side in ("left", "right"):
+        (root / side).mkdir()
+        files = sorted((root / "rendered" / side).iterdir())
+        for i in range(pairs):
+            (root / side / f"{i:06d}.png").hardlink_to(files[i % RENDERED])
+
+
+def plain_loop(dive: Path, out: Path) -> None:
+    """What one would write in an afternoon: one pair after the other through the same stages, and everything written."""
+    from calibration.formats import load_rig
+    from stereo_seecolor.config import load_config
+    from stereo_seecolor.data import StereoFrame
+    from stereo_seecolor.inputs.images import read_image
+    from stereo_seecolor.outputs.run_folder import RunFolder
+    from stereo_seecolor.outputs.write import write_correction, write_range
+    from stereo_seecolor.pipeline import Pipeline
+
+    pipeline = Pipeline(load_rig(dive / "rendered/cam.yaml"), load_config(None, ["color.lock=frame"]))
+    with RunFolder(out, "plain") as folder:
+        for left in sorted((dive / "left").iterdir()):
+            frame = StereoFrame(left.stem, read_image(left), read_image(dive / "right" / left.name))
+            result = pipeline.process(frame)
+            write_range(folder, left.stem, result.range_map, pipeline.config.output)
+            geometry = pipeline.rectification.pair
+            write_correction(folder, left.stem, result.correction, result.range_map, geometry, pipeline.config.output)
+
+
+def whole_run(dive: Path, out: Path, workers: int) -> None:
+    from stereo_seecolor import jobs
+    from stereo_seecolor.config import load_config
+    from stereo_seecolor.pipeline import RunOptions
+
+    config = load_config(None, ["color.lock=survey"])
+    summary = jobs.run(dive / "left", dive / "right", dive / "rendered/cam.yaml", out, config, RunOptions(workers=workers))
+    print(json.dumps(summary.stage_seconds()), file=sys.stderr)
+
+
+def measure(way: str, dive: Path, workers: int) -> tuple[float, float, str]:
+    """(seconds, peak MiB, stage seconds as JSON) of one way, in a process of its own."""
+    out = dive / "out"
+    shutil.rmtree(out, ignore_errors=True)
+    words = [sys.executable, __file__, "--one", way, "--dive", str(dive), "--workers", str(workers)]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    seconds, peak = done.stdout.split()
+    return float(seconds), float(peak), done.stderr.strip()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--pairs", type=int, default=60)
+    parser.add_argument("--size", type=int, nargs=2, default=(1280, 1024))
+    parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--rounds", type=int, default=3)
+    parser.add_argument("--one", choices=("run", "plain"))
+    parser.add_argument("--dive", type=Path)
+    options = parser.parse_args()
+    if options.one:
+        start = time.perf_counter()
+        if options.one == "run":
+            whole_run(options.dive, options.dive / "out", options.workers)
+        else:
+            plain_loop(options.dive, options.dive / "out")
+        peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        print(time.perf_counter() - start, peak_mib)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        dive = Path(folder)
+        make_dive(dive, options.pairs, tuple(options.size))
+        measure("run", dive, options.workers)  # compiles what is compiled once on a machine
+        runs = [(measure("run", dive, options.workers), measure("plain", dive, 1)) for _ in range(options.rounds)]
+    print(f"{platform.machine()}, {os.cpu_count()} cores; {options.pairs} pairs of {options.size[0]}x{options.size[1]}")
+    for name, results in (("run, survey water", [a for a, _ in runs]), ("plain loop, frame water", [b for _, b in runs])):
+        seconds = statistics.median(r[0] for r in results)
+        print(f"{name:24s} {options.pairs / seconds:6.2f} pairs/s   peak {max(r[1] for r in results):6.0f} MiB   {results[0][2]}")
+    ratio = statistics.median(b[0] / a[0] for a, b in runs)
+    print(f"run is {ratio:.2f} times as fast; 2,000 pairs would take {2000 / options.pairs * runs[0][0][0] / 60:.1f} minutes")
+
+
+if __name__ == "__main__":
+    main()
