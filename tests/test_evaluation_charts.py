@@ -72,7 +72,7 @@ def test_the_chart_is_found_through_blue_water(chart_image: tuple[np.ndarray, np
 def test_no_chart_is_no_target() -> None:
     empty = eight_bit(np.random.default_rng(0).uniform(0.2, 0.6, (*SIZE, 3)))
     assert find_chart(empty) is None
-    assert targets_of("f", [], empty, flat_range()) == ()
+    assert targets_of([], empty, flat_range()) == ()
 
 
 def test_neutral_pixels_are_bright_unclipped_and_ranged() -> None:
@@ -121,7 +121,7 @@ def test_given_corners_are_used(folders: tuple[Path, Path], chart_image: tuple[n
     file = tmp_path / "targets.json"
     file.write_text(json.dumps({"a": [{"chart": chart_image[1].tolist()}]}))
     report = evaluate_charts(*folders, targets=file)
-    assert {row.target for row in report.rows} == {"a chart 1"}
+    assert {row.target for row in report.rows} == {"chart 1"}
 
 
 def test_what_has_no_target_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:

@@ -73,9 +73,7 @@ def evaluate_charts(
         image, range_m = read_image(pair.left, config.input), read_range_map(pair.right)
         if range_m.shape != image.shape[:2]:
             raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
-        found = (
-            [] if targets and pair.left.stem not in given else targets_of(pair.name, given.get(pair.left.stem, []), image, range_m)
-        )
+        found = [] if targets and pair.left.stem not in given else targets_of(given.get(pair.left.stem, []), image, range_m)
         if not any(target.mask.any() for target in found):
             without.append(pair.name)
             continue

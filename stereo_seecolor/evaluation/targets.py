@@ -97,7 +97,7 @@ def read_targets(path: Path) -> dict[str, list[dict[str, NDArray[np.float64]]]]:
     return targets
 
 
-def targets_of(name: str, given: list[dict[str, NDArray[np.float64]]], image: Image, range_m: Map) -> tuple[Target, ...]:
+def targets_of(given: list[dict[str, NDArray[np.float64]]], image: Image, range_m: Map) -> tuple[Target, ...]:
     """The given targets of an image as masks; without any, the chart that is found in it, if one is."""
     if not given:
         found = find_chart(image)
@@ -105,7 +105,7 @@ def targets_of(name: str, given: list[dict[str, NDArray[np.float64]]], image: Im
     targets = []
     for number, entry in enumerate(given, 1):
         for kind, points in entry.items():
-            label = f"{name} {kind} {number}"
+            label = f"{kind} {number}"
             targets.append(chart(label, points, image.shape[:2]) if kind == "chart" else neutral(label, points, image, range_m))
     return tuple(targets)
 
