@@ -68,8 +68,8 @@ class RectifiedPair:
         x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
         y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
         directions = np.stack(np.broadcast_arrays(x, y, 1.0), axis=-1)
-        return (directions / np.linalg.norm(directions, axis=-1, keepdims=True)).astype(np.float32)
+        return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True), np.float32)
 
     def points_from_range(self, range_m: Map) -> NDArray[np.float32]:
         """(H, W, 3) points in the rectified left camera, metres; NaN where the range is unknown."""
-        return self.rays * range_m[..., None]
+        return np.asarray(self.rays * range_m[..., None])
