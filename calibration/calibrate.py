@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.bundle import Array, Bundle, Observation, rms, solve
 from calibration.errors import CalibrationError
+from calibration.gray import to_gray
 from calibration.lens import fit_camera, to_camera
 from calibration.rectification import rectified_points
 from calibration.report import CalibrationReport, LensScore, ViewReport
@@ -59,15 +60,6 @@ def detect_views(
 
     with ThreadPoolExecutor(workers) as pool:
         return list(pool.map(detect, names))
-
-
-def to_gray(image: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """(H, W) 8-bit: the mean of the channels (underwater red may be empty), stretched to the full range."""
-    gray = image.astype(np.float32)
-    if gray.ndim == 3:
-        gray = gray.mean(axis=2)
-    low, high = np.percentile(gray[::4, ::4], (0.5, 99.5))
-    return np.asarray(np.clip((gray - low) * (255 / max(high - low, 1.0)), 0, 255), dtype=np.uint8)
 
 
 def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -> tuple[StereoRig, CalibrationReport]:

@@ -1,19 +1,236 @@
 """Checks that catch a wrong calibration before it costs a dive, each with its evidence in numbers."""
 
+from collections.abc import Iterable
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.rig import Camera
+from calibration.errors import CalibrationError
+from calibration.geometry import RectifiedPair
+from calibration.matches import Matches, find_matches
+from calibration.rectification import Rectification, plan_rectification, rectified_points
+from calibration.rig import Camera, StereoRig
 
 Array = NDArray[np.float64]
+ACCEPTABLE_ROW_ERROR_PX = 0.25
+MIN_MATCHES = 50
+MIN_KEPT_SHARE = 0.4
+INDICES = np.arange(1.0, 1.4401, 0.02)
+WATER_INDEX = (1.26, 1.42)
+
+
+def suspicions(rig: StereoRig) -> tuple[str, ...]:
+    """What looks wrong in a rig that can be used all the same, one line each; empty for a rig beyond suspicion."""
+    found = [text for side, camera in (("left", rig.left), ("right", rig.right)) for text in _camera_suspicions(side, camera)]
+    focal_ratio = rig.left.K[0, 0] / rig.right.K[0, 0]
+    if not 0.8 < focal_ratio < 1.25:
+        found.append(f"the focal lengths differ: {rig.left.K[0, 0]:.0f} px left and {rig.right.K[0, 0]:.0f} px right")
+    angle_deg = np.degrees(np.arccos(np.clip((np.trace(rig.R) - 1) / 2, -1, 1)))
+    if angle_deg > 30:
+        found.append(f"the cameras are turned by {angle_deg:.0f} degrees to each other: is the rotation of this rig?")
+    kept = min(kept_shares(rig))
+    if kept < MIN_KEPT_SHARE:
+        found.append(f"rectified images keep {kept:.0%} of what the cameras see: check rotation, focal lengths and distortion")
+    if rig.rms_px is not None and rig.rms_px > 1:
+        found.append(f"the calibration's own error is {rig.rms_px:.2f} px, over 1 px: calibrate again")
+    if rig.medium == "air" and rig.port is None:
+        found.append(
+            "calibrated in air: behind a flat port under water, ranges come out about a quarter wrong; calibrate in water, "
+            "or describe the port in cam.yaml"
+        )
+    return tuple(found)
+
+
+def _camera_suspicions(side: str, camera: Camera) -> list[str]:
+    found = []
+    (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
+    width, height = camera.image_size
+    if abs(cx / width - 0.5) > 0.2 or abs(cy / height - 0.5) > 0.2:
+        found.append(
+            f"{side}: the principal point ({cx:.0f}, {cy:.0f}) lies far from the middle of {width}x{height} px: "
+            f"is K of another resolution (about {2 * cx:.0f}x{2 * cy:.0f})?"
+        )
+    if not 0.95 < fx / fy < 1.05:
+        found.append(f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, and pixels are square")
+    if not 0.2 < fx / width < 10:
+        found.append(f"{side}: a focal length of {fx:.0f} px for an image {width} px wide: is K of another resolution?")
+    if lens_folds(camera):
+        found.append(
+            f"{side}: the distortion turns back before the corners of the image, which are lost: "
+            "was it fitted to corners from the middle alone?"
+        )
+    return found
 
 
 def lens_folds(camera: Camera) -> bool:
-    """True if the lens model turns back within the image, so that two directions share a pixel (or none reaches it).
-
-    A sign of coefficients fitted to corners from the middle of the image alone.
-    """
+    """True if the lens model turns back within the image, so that two directions share a pixel (or none reaches it)."""
     width, height = camera.image_size
     edge = np.linspace(0, 1, 9)
     x, y = np.meshgrid(edge * (width - 1), edge * (height - 1))
     return bool(np.isnan(camera.rays(np.column_stack([x.ravel(), y.ravel()]))).any())
+
+
+def kept_shares(rig: StereoRig) -> tuple[float, float]:
+    """Share of the left and of the right raw image that the rectified images show."""
+    width, height = rig.left.image_size
+    x, y = np.meshgrid(np.linspace(0, width - 1, 40), np.linspace(0, height - 1, 40))
+    grid = np.column_stack([x.ravel(), y.ravel()])
+    shares = []
+    for pixels in rectified_points(rig, grid, grid):
+        with np.errstate(invalid="ignore"):
+            inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(axis=1)
+        shares.append(float(inside.mean()))
+    return shares[0], shares[1]
+
+
+@dataclass(frozen=True, eq=False)
+class RowCheck:
+    """How well rows agree on images of a dive.
+
+    pairs, matches: what it rests on. row_error_px: median difference of rows, absolute. offset_px, scale, roll_deg: the vertical
+    offset, vertical scale (1 = none) and rotation of the right image that explain the most of it; unexplained_px: the median that
+    these leave. behind_share: share of matches with impossible disparity (points behind infinity).
+    index: the refractive index of a flat port that explains the matches best, 1 = none; index_unexplained_px: what it leaves.
+    """
+
+    pairs: int
+    matches: int
+    row_error_px: float
+    offset_px: float
+    scale: float
+    roll_deg: float
+    unexplained_px: float
+    behind_share: float
+    index: float
+    index_unexplained_px: float
+
+    @property
+    def acceptable(self) -> bool:
+        """True if rows agree to a quarter of a pixel and left is left."""
+        return self.row_error_px <= ACCEPTABLE_ROW_ERROR_PX and not self.swapped
+
+    @property
+    def swapped(self) -> bool:
+        """True if nearly all points lie behind infinity."""
+        return self.behind_share > 0.8
+
+    @property
+    def air_in_water(self) -> bool:
+        """True if bending the rays as a flat port in water does explains rows that do not agree without it."""
+        better = self.index_unexplained_px < 0.7 * self.unexplained_px and self.unexplained_px - self.index_unexplained_px > 0.05
+        return better and WATER_INDEX[0] <= self.index <= WATER_INDEX[1]
+
+    @property
+    def advice(self) -> tuple[str, ...]:
+        """What to do, one line each, the gravest first."""
+        advice = []
+        if self.swapped:
+            advice.append(f"{self.behind_share:.0%} of the points lie behind infinity: the left and right folders are swapped")
+        if self.air_in_water:
+            advice.append(
+                f"light bent by a flat port (index {self.index:.2f}) explains the rows, {self.index_unexplained_px:.2f} px left "
+                f"instead of {self.unexplained_px:.2f} px: it looks like a calibration made in air; calibrate in water, "
+                "or describe the port in cam.yaml"
+            )
+        if self.row_error_px > ACCEPTABLE_ROW_ERROR_PX and not self.air_in_water:
+            advice.append(self._explanation())
+        return tuple(advice)
+
+    def _explanation(self) -> str:
+        cause = f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees"
+        if self.unexplained_px > 0.7 * self.row_error_px:
+            return (
+                f"rows differ by {self.row_error_px:.2f} px, and no {cause} explains it ({self.unexplained_px:.2f} px left): "
+                "another lens or another rig than the calibrated one, moving things or a shutter out of step; calibrate again"
+            )
+        return f"rows differ by {self.row_error_px:.2f} px, as after {cause}: a camera has moved since; calibrate again"
+
+
+def check_rows(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic], NDArray[np.generic]]]) -> RowCheck:
+    """Measure on raw image pairs, (H, W) or (H, W, C), whether the calibration fits them.
+
+    Raises CalibrationError if the images are of another size, or too few points are found in both.
+    """
+    rectification = Rectification.from_rig(rig)
+    return judge_matches(rig, [find_matches(rectification, left, right) for left, right in pairs])
+
+
+def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
+    """As check_rows, from matches in the rectified images of each pair."""
+    pair, R_left, R_right = plan_rectification(rig)
+    left, right = (np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in found)]) for side in ("left", "right"))
+    if len(left) >= MIN_MATCHES:
+        kept = _inliers(left, right, pair)
+        left, right = left[kept], right[kept]
+    if len(left) < MIN_MATCHES:
+        raise CalibrationError(
+            f"only {len(left)} points were found in both images of {len(found)} pairs, {MIN_MATCHES} are needed: "
+            "give pairs with texture, and see whether both images show the same scene at the same time"
+        )
+    left, right = left - [pair.cx_left_px, pair.cy_px], right - [pair.cx_right_px, pair.cy_px]
+    rows = right[:, 1] - left[:, 1]
+    model, unexplained = _explain(rows, left)
+    index, index_unexplained = _best_index([(R_left, left), (R_right, right)], pair.focal_px)
+    return RowCheck(
+        pairs=len(found),
+        matches=len(rows),
+        row_error_px=float(np.median(np.abs(rows))),
+        offset_px=float(model[0]),
+        scale=float(1 + model[1]),
+        roll_deg=float(np.degrees(model[2])),
+        unexplained_px=float(np.median(np.abs(unexplained))),
+        behind_share=float((left[:, 0] - right[:, 0] < -0.5).mean()),
+        index=index,
+        index_unexplained_px=index_unexplained,
+    )
+
+
+def _inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bool_]:
+    """Matches whose rows differ as their neighbours' do: within a few deviations of a smooth trend over the image."""
+    x, y = ((left - np.array(pair.image_size) / 2) / pair.focal_px).T
+    disparity = (left[:, 0] - right[:, 0]) / pair.focal_px
+    one = np.ones_like(x)
+    terms = np.column_stack([one, x, y, x * y, y**2, x**2 * y, y**3, x * y * disparity])
+    _, rest = _robust_fit(terms, right[:, 1] - left[:, 1])
+    return np.abs(rest) < max(4 * 1.4826 * float(np.median(np.abs(rest))), 0.3)
+
+
+def _explain(rows: Array, offsets: Array) -> tuple[Array, Array]:
+    """Offset, scale and roll (radians) that explain rows best, and what they leave. offsets: (n, 2) from the middle, pixels."""
+    return _robust_fit(np.column_stack([np.ones(len(rows)), offsets[:, 1], offsets[:, 0]]), rows)
+
+
+def _robust_fit(terms: Array, values: Array) -> tuple[Array, Array]:
+    """Least absolute deviations by iterated reweighting; coefficients and residuals."""
+    weights = np.ones(len(values))
+    for _ in range(15):
+        root = np.sqrt(weights)[:, None]
+        coefficients, *_ = np.linalg.lstsq(terms * root, values * root[:, 0], rcond=None)
+        rest = values - terms @ coefficients
+        weights = 1 / np.maximum(np.abs(rest), 0.05)
+    return np.asarray(coefficients), rest
+
+
+def _best_index(sides: list[tuple[Array, Array]], focal_px: float) -> tuple[float, float]:
+    """The refractive index behind flat ports, square to each optical axis, whose bending makes rows agree best; and what it leaves.
+
+    A calibration made in air takes a pixel for its ray in air; in the water, sin(theta) is 1/n of that (Snell). Where the two
+    images see a point at different distances from their middles, the wrong rays move it to different rows: that is the evidence.
+    Each index is judged after the offset, scale and roll that suit it best, in pixels of the same size in the scene.
+
+    sides: rectifying rotation (3, 3), and pixels (n, 2) from the principal point, of the left and the right image.
+    """
+    rays = [np.column_stack([pixels / focal_px, np.ones(len(pixels))]) @ R for R, pixels in sides]
+    rays = [directions / np.linalg.norm(directions, axis=1, keepdims=True) for directions in rays]
+    left_over = []
+    for index in INDICES:
+        pixels = []
+        for (R, _), directions in zip(sides, rays, strict=True):
+            across = directions[:, :2] / index
+            bent = np.column_stack([across, np.sqrt(1 - (across**2).sum(axis=1))]) @ R.T
+            pixels.append(bent[:, :2] / bent[:, 2:] * focal_px * index)
+        _, rest = _explain(pixels[1][:, 1] - pixels[0][:, 1], pixels[0])
+        left_over.append(float(np.median(np.abs(rest))))
+    best = int(np.argmin(left_over))
+    return float(INDICES[best]), left_over[best]

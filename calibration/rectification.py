@@ -8,10 +8,12 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
+from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.rig import Camera, StereoRig
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Array = NDArray[np.float64]
+AnyCamera = Camera | CameraInWater
 RemapTables = tuple[NDArray[np.int16], NDArray[np.uint16]]
 WIDEST_SLOPE = 2.0  # tan of 63 degrees: a pinhole image of more spends its pixels on the rim
 BORDER_STEPS = 33
@@ -36,10 +38,11 @@ class Rectification:
     @classmethod
     def from_rig(cls, rig: StereoRig) -> "Rectification":
         """Rectify ``rig`` onto images of the left camera's size, as wide as both cameras see without empty corners."""
-        pair, R_left, R_right = _plan(rig)
+        pair, R_left, R_right = plan_rectification(rig)
         if rig.is_rectified:
             return cls(pair, R_left, R_right, None, None)
-        return cls(pair, R_left, R_right, _maps(rig.left, R_left, pair), _maps(rig.right, R_right, pair))
+        left, right, _ = cameras_in_water(rig)
+        return cls(pair, R_left, R_right, _maps(left, R_left, pair), _maps(right, R_right, pair))
 
     def apply_left(self, image: Image) -> Image:
         """Rectify a left image (H, W) or (H, W, C); dtype kept, black where the camera saw nothing."""
@@ -66,9 +69,10 @@ class Rectification:
 
 def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
     """Where pixels (n, 2) of the raw left and right images lie in the rectified ones; NaN where a lens does not reach."""
-    pair, R_left, R_right = _plan(rig)
+    pair, R_left, R_right = plan_rectification(rig)
     rectified = []
-    for camera, R, pixels in ((rig.left, R_left, left), (rig.right, R_right, right)):
+    left_camera, right_camera, _ = cameras_in_water(rig)
+    for camera, R, pixels in ((left_camera, R_left, left), (right_camera, R_right, right)):
         x, y, z = (camera.rays(pixels) @ R.T).T
         rectified.append(np.column_stack([x / z * pair.focal_px + pair.cx_left_px, y / z * pair.focal_px + pair.cy_px]))
     if rig.is_rectified:
@@ -76,14 +80,14 @@ def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, 
     return rectified[0], rectified[1]
 
 
-def rectifying_rotations(rig: StereoRig) -> tuple[Array, Array]:
+def rectifying_rotations(T_right_left: Array) -> tuple[Array, Array]:
     """(3, 3) rotations from each camera's axes to common ones whose x axis is the baseline, each camera turned equally.
 
     Bouguet's construction, as in Learning OpenCV (Bradski and Kaehler 2008), ch. 12: halve the rotation between the cameras,
     then turn both so that the translation lies along x.
     """
-    half, _ = cv2.Rodrigues(cv2.Rodrigues(rig.R)[0] / 2)
-    turn = _rotation_onto_x(-(half.T @ rig.T_right_left[:3, 3]))
+    half, _ = cv2.Rodrigues(cv2.Rodrigues(T_right_left[:3, :3])[0] / 2)
+    turn = _rotation_onto_x(-(half.T @ T_right_left[:3, 3]))
     return turn @ half, turn @ half.T
 
 
@@ -96,20 +100,22 @@ def _rotation_onto_x(vector: Array) -> Array:
     return np.asarray(cv2.Rodrigues(axis / sine * np.arctan2(sine, x[0]))[0], dtype=np.float64)
 
 
-def _plan(rig: StereoRig) -> tuple[RectifiedPair, Array, Array]:
-    """The rectified geometry, and the rotations onto it."""
+def plan_rectification(rig: StereoRig) -> tuple[RectifiedPair, Array, Array]:
+    """The rectified geometry, and the rotations (3, 3) from the left and the right camera onto it."""
     if rig.left.image_size != rig.right.image_size:
         raise CalibrationError(f"left and right images differ in size: {rig.left.image_size} and {rig.right.image_size}")
     if rig.is_rectified:
         K = rig.left.K
         pair = RectifiedPair(K[0, 0], K[0, 2], rig.right.K[0, 2], K[1, 2], rig.baseline_m, rig.left.image_size)
         return pair, np.eye(3), np.eye(3)
-    R_left, R_right = rectifying_rotations(rig)
-    focal_px, cx_px, cy_px = _common_view([(rig.left, R_left), (rig.right, R_right)])
-    return RectifiedPair(focal_px, cx_px, cx_px, cy_px, rig.baseline_m, rig.left.image_size), R_left, R_right
+    left, right, T_right_left = cameras_in_water(rig)
+    R_left, R_right = rectifying_rotations(T_right_left)
+    focal_px, cx_px, cy_px = _common_view([(left, R_left), (right, R_right)])
+    baseline_m = float(np.linalg.norm(T_right_left[:3, 3]))
+    return RectifiedPair(focal_px, cx_px, cx_px, cy_px, baseline_m, rig.left.image_size), R_left, R_right
 
 
-def _common_view(cameras: list[tuple[Camera, Array]]) -> tuple[float, float, float]:
+def _common_view(cameras: list[tuple[AnyCamera, Array]]) -> tuple[float, float, float]:
     """Focal length and principal point of the widest image, of the cameras' size, that both fill without an empty corner."""
     bounds = np.array([_inner_bounds(camera, R) for camera, R in cameras])
     x0, y0 = bounds[:, 0].max(axis=0)
@@ -121,7 +127,7 @@ def _common_view(cameras: list[tuple[Camera, Array]]) -> tuple[float, float, flo
     return focal_px, (width - 1) / 2 - focal_px * (x0 + x1) / 2, (height - 1) / 2 - focal_px * (y0 + y1) / 2
 
 
-def _inner_bounds(camera: Camera, R: Array) -> Array:
+def _inner_bounds(camera: AnyCamera, R: Array) -> Array:
     """((x0, y0), (x1, y1)) slopes of the largest upright rectangle found inside the camera's rectified outline."""
     width, height = camera.image_size
     along = np.linspace(0, 1, BORDER_STEPS)[:, None]
@@ -132,7 +138,7 @@ def _inner_bounds(camera: Camera, R: Array) -> Array:
     return np.array([[left[:, 0].max(), top[:, 1].max()], [right[:, 0].min(), bottom[:, 1].min()]])
 
 
-def _outermost(camera: Camera, R: Array, centre: Array, border: Array) -> Array:
+def _outermost(camera: AnyCamera, R: Array, centre: Array, border: Array) -> Array:
     """(n, 2) slopes, in rectified axes, of the outermost ray on the way from the centre to each border pixel.
 
     A lens model may reach no further (its polynomial turns back), and a fisheye sees wider than an image plane can show.
@@ -151,9 +157,23 @@ def _outermost(camera: Camera, R: Array, centre: Array, border: Array) -> Array:
     return np.asarray(slopes[reached, np.arange(len(border))])
 
 
-def _maps(camera: Camera, R: Array, pair: RectifiedPair) -> RemapTables:
+def _maps(camera: AnyCamera, R: Array, pair: RectifiedPair) -> RemapTables:
+    if isinstance(camera, CameraInWater):
+        return _maps_in_water(camera, R, pair)
     build = cv2.fisheye.initUndistortRectifyMap if camera.model == "fisheye" else cv2.initUndistortRectifyMap
     table, fraction = build(camera.K, camera.distortion, R, pair.P_left, camera.image_size, cv2.CV_16SC2)
+    return table, fraction
+
+
+def _maps_in_water(camera: CameraInWater, R: Array, pair: RectifiedPair) -> RemapTables:
+    width, height = pair.image_size
+    where = np.empty((height, width, 2), dtype=np.float32)
+    x = (np.arange(width) - pair.cx_left_px) / pair.focal_px
+    for row in range(height):
+        y = (row - pair.cy_px) / pair.focal_px
+        directions = np.column_stack([x, np.full(width, y), np.ones(width)]) @ R
+        where[row] = np.nan_to_num(camera.project(directions), nan=-1e4)
+    table, fraction = cv2.convertMaps(where, None, cv2.CV_16SC2)
     return table, fraction
 
 

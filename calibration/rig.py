@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.port import FlatPort, Port
 
 CameraModel = Literal["pinhole", "fisheye"]
 Medium = Literal["water", "air"]
@@ -86,6 +87,7 @@ class StereoRig:
     T_right_left: (4, 4) float64, metres: p_right = T_right_left @ p_left (R and T of OpenCV's stereoCalibrate).
     medium: where the calibration was made; air calibrations of cameras behind a flat port are wrong under water.
     rms_px: reprojection error of the calibration, None where the file does not say.
+    port: the window of a rig calibrated in air; Rectification takes a flat one into account. None for all in-water calibrations.
 
     Raises CalibrationError for a rotation that is not one, a baseline that is zero or absurd, and left and right swapped.
     """
@@ -95,6 +97,7 @@ class StereoRig:
     T_right_left: NDArray[np.float64]
     medium: Medium = "water"
     rms_px: float | None = None
+    port: Port | None = None
 
     def __post_init__(self) -> None:
         T = self.T_right_left
@@ -103,6 +106,11 @@ class StereoRig:
         if not np.array_equal(T[3], [0, 0, 0, 1]):
             raise CalibrationError(f"T_right_left: the last row must be 0 0 0 1, got {T[3].tolist()}")
         _check_rotation(self.R)
+        if isinstance(self.port, FlatPort) and self.medium != "air":
+            raise CalibrationError(
+                "port: a flat port is for cameras calibrated in air; a calibration made in water holds the port already: "
+                "remove the port, or say medium: air"
+            )
         _check_baseline(T[:3, 3], self.R)
 
     @property
@@ -126,6 +134,7 @@ class StereoRig:
         pinhole = self.left.model == self.right.model == "pinhole"
         return bool(
             pinhole
+            and not isinstance(self.port, FlatPort)
             and same_lens
             and no_distortion
             and np.allclose(self.R, np.eye(3), atol=1e-9)

@@ -9,7 +9,8 @@ import pytest
 from calibration_boards import SIZE, fisheye_rig, pinhole_rig, projected_views, rendered
 
 from calibration import CalibrationError, Camera, StereoRig
-from calibration.calibrate import View, calibrate, detect_views, to_gray
+from calibration.calibrate import View, calibrate, detect_views
+from calibration.gray import to_gray
 from calibration.printing import print_target
 from calibration.targets import Charuco, Chessboard, Corners, parse_target
 

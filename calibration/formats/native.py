@@ -1,7 +1,7 @@
 """The native ``cam.yaml``: one file a rig, versioned, metres, nothing implied."""
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import yaml
@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from calibration.errors import CalibrationError
 from calibration.formats.document import load_document
 from calibration.formats.section import Section, naming
+from calibration.port import DomePort, FlatPort, FlatWindow, Port, seawater_index
 from calibration.rig import Camera, CameraModel, Medium, StereoRig
 
 FORMAT = "stereo-seecolor/rig"
@@ -27,6 +28,33 @@ class _CameraModel(_Strict):
     distortion: list[float] = Field(default_factory=list)
 
 
+class _WaterModel(_Strict):
+    temperature_c: float
+    salinity_psu: float
+    depth_m: float = 0.0
+    wavelength_nm: float = 530.0
+
+
+class _WindowModel(_Strict):
+    distance_mm: float
+    thickness_mm: float
+    normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
+
+
+class _FlatPortModel(_Strict):
+    type: Literal["flat"]
+    working_range_m: float
+    water: _WaterModel | None = None
+    water_index: float | None = None
+    glass_index: float = 1.49
+    left: _WindowModel
+    right: _WindowModel
+
+
+class _DomePortModel(_Strict):
+    type: Literal["dome"]
+
+
 class _RigModel(_Strict):
     format: Literal["stereo-seecolor/rig"]
     version: Literal[1]
@@ -35,6 +63,7 @@ class _RigModel(_Strict):
     left: _CameraModel
     right: _CameraModel
     T_right_left: list[list[float]]
+    port: Annotated[_FlatPortModel | _DomePortModel, Field(discriminator="type")] | None = None
 
 
 def read(path: Path) -> StereoRig:
@@ -74,6 +103,8 @@ def write(rig: StereoRig, path: Path) -> None:
         "right": _camera_content(rig.right),
         "T_right_left": rig.T_right_left.tolist(),
     }
+    if rig.port is not None:
+        content["port"] = _port_content(rig.port)
     path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")
 
 
@@ -93,7 +124,34 @@ def _to_rig(content: _RigModel) -> StereoRig:
         T_right_left=np.array(content.T_right_left, dtype=np.float64),
         medium=content.medium,
         rms_px=content.rms_px,
+        port=_to_port(content.port),
     )
+
+
+def _to_port(content: _FlatPortModel | _DomePortModel | None) -> Port | None:
+    if content is None:
+        return None
+    if isinstance(content, _DomePortModel):
+        return DomePort()
+    if (content.water is None) == (content.water_index is None):
+        raise CalibrationError("port: give either water (temperature_c, salinity_psu, depth_m) or water_index")
+    water_index = content.water_index or seawater_index(**dict(content.water or ()))
+    left, right = (
+        FlatWindow(window.distance_mm / 1000, window.thickness_mm / 1000, np.array(window.normal, dtype=np.float64))
+        for window in (content.left, content.right)
+    )
+    return FlatPort(left, right, content.working_range_m, water_index, content.glass_index)
+
+
+def _port_content(port: Port) -> dict[str, Any]:
+    if isinstance(port, DomePort):
+        return {"type": "dome"}
+    windows = {
+        side: {"distance_mm": w.distance_m * 1000, "thickness_mm": w.thickness_m * 1000, "normal": w.normal.tolist()}
+        for side, w in (("left", port.left), ("right", port.right))
+    }
+    indices = {"water_index": port.water_index, "glass_index": port.glass_index}
+    return {"type": "flat", "working_range_m": port.working_range_m, **indices, **windows}
 
 
 def _to_camera(content: _CameraModel, side: str) -> Camera:

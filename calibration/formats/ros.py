@@ -79,7 +79,7 @@ def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:
     Raises CalibrationError for a distortion that ROS has no name for.
     """
     T = rig.T_right_left
-    R_left, R_right = rectifying_rotations(rig)
+    R_left, R_right = rectifying_rotations(T)
     K_new = (rig.left.K + rig.right.K) / 2
     focal_px = K_new[1, 1]
     baseline_term = (R_right @ T[:3, 3])[0] * focal_px

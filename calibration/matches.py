@@ -1,0 +1,81 @@
+"""The same points in both rectified images of a pair, to a fraction of a pixel, with rows left free to disagree."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.gray import to_gray
+from calibration.rectification import Rectification
+
+Array = NDArray[np.float64]
+MAX_FEATURES = 3000
+RATIO = 0.75  # Lowe 2004, sec. 7.1
+MAX_ROW_SHARE = 0.1  # of the image's height: rows may be wrong, but not anywhere
+RETURN_PX = 0.2
+STRAY_PX = 2.0
+WINDOW_PX = (21, 21)
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """left, right: (n, 2) pixels of the same points in the rectified images."""
+
+    left: Array
+    right: Array
+
+
+def find_matches(rectification: Rectification, left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:
+    """Match a raw pair, (H, W) or (H, W, C), 8 or 16 bit: SIFT both ways, then refined by optical flow there and back."""
+    clear = cv2.createCLAHE(2.0, (8, 8))
+    images = [
+        clear.apply(apply(to_gray(image)))
+        for apply, image in ((rectification.apply_left, left), (rectification.apply_right, right))
+    ]
+    sift = cv2.SIFT.create(nfeatures=MAX_FEATURES)
+    points, descriptors = zip(*(sift.detectAndCompute(image, None) for image in images), strict=True)
+    if any(len(found) < 2 for found in points):
+        return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+    at_left, at_right = (np.array([point.pt for point in found], dtype=np.float32) for found in points)
+    pairs = _mutual(descriptors[0], descriptors[1])
+    near = np.abs(at_left[pairs[:, 0], 1] - at_right[pairs[:, 1], 1]) < MAX_ROW_SHARE * images[0].shape[0]
+    return _refine(images, at_left[pairs[near, 0]], at_right[pairs[near, 1]])
+
+
+def _mutual(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.int64]:
+    """(n, 2) indices of descriptors that choose each other, each clearly before its second choice."""
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    chosen = []
+    for a, b in ((left, right), (right, left)):
+        both = [found for found in matcher.knnMatch(a, b, k=2) if len(found) == 2]
+        chosen.append({first.queryIdx: first.trainIdx for first, second in both if first.distance < RATIO * second.distance})
+    pairs = [(i, j) for i, j in chosen[0].items() if chosen[1].get(j) == i]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _refine(images: list[NDArray[np.uint8]], left: NDArray[np.float32], right: NDArray[np.float32]) -> Matches:
+    if len(left) == 0:
+        return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+    there, found = _follow(images[0], images[1], left, right)
+    back, found_back = _follow(images[1], images[0], there, left)
+    kept = found & found_back & (np.abs(back - left).max(axis=1) < RETURN_PX) & (np.abs(there - right).max(axis=1) < STRAY_PX)
+    return Matches(left[kept].astype(np.float64), there[kept].astype(np.float64))
+
+
+def _follow(
+    first: NDArray[np.uint8], second: NDArray[np.uint8], points: NDArray[np.float32], start: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """Where points (n, 2) of the first image lie in the second, from ``start`` on, and whether they were found."""
+    criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 50, 1e-3)
+    moved, found, _ = cv2.calcOpticalFlowPyrLK(
+        first,
+        second,
+        points.reshape(-1, 1, 2),
+        start.reshape(-1, 1, 2).copy(),
+        winSize=WINDOW_PX,
+        maxLevel=0,
+        criteria=criteria,
+        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+    )
+    return np.asarray(moved, dtype=np.float32).reshape(-1, 2), np.asarray(found == 1).reshape(-1)

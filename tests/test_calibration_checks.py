@@ -1,0 +1,155 @@
+"""Checks of a calibration: each names what is wrong with its evidence, and none cries wolf over a good one."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from calibration_boards import fisheye_rig, pinhole_rig
+from test_calibration_port import port_rig
+
+from calibration import CalibrationError, Camera, Rectification, StereoRig
+from calibration.checks import check_rows, judge_matches, suspicions
+from calibration.matches import Matches, find_matches
+from calibration.rectification import rectified_points
+from calibration.refraction import CameraInWater, cameras_in_water
+
+GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]
+
+
+def matches_of(truth: StereoRig, seen_as: StereoRig, noise_px: float = 0.1, seed: int = 0) -> Matches:
+    """Random points 0.6 to 4 m before the rig, a tenth of them mismatched, as rectified with ``seen_as``."""
+    rng = np.random.default_rng(seed)
+    size = np.array(truth.left.image_size)
+    left, right, _ = cameras_in_water(truth)
+    directions = left.rays(rng.uniform([0, 0], size - 1, (600, 2)))
+    points = directions * rng.uniform(0.6, 4, (600, 1))
+    if isinstance(left, CameraInWater) and isinstance(right, CameraInWater):
+        points += left.centre_m
+        pixels = [left.project_points(points), right.project_points(points @ truth.R.T + truth.T_right_left[:3, 3])]
+    else:
+        pixels = [truth.left.project(points), truth.right.project(points @ truth.R.T + truth.T_right_left[:3, 3])]
+    inside = ((pixels[1] > 0) & (pixels[1] < size - 1)).all(axis=1)
+    pixels = [p[inside] + rng.normal(0, noise_px, (inside.sum(), 2)) for p in pixels]
+    wrong = rng.random(inside.sum()) < 0.1
+    pixels[1][wrong] += rng.normal(0, 8, (wrong.sum(), 2))
+    return Matches(*rectified_points(seen_as, *pixels))
+
+
+@pytest.mark.parametrize("rig", GOOD, ids=["pinhole", "fisheye", "port"])
+def test_good_rig_is_beyond_suspicion(rig: StereoRig) -> None:
+    assert suspicions(rig) == ()
+    check = judge_matches(rig, [matches_of(rig, rig)])
+    assert check.acceptable
+    assert check.advice == ()
+    assert check.row_error_px == pytest.approx(0.1, abs=0.04)
+
+
+@pytest.mark.parametrize("toe_in", [0.0, 0.03, -0.05])
+def test_air_calibration_in_water_is_told_by_the_images(toe_in: float) -> None:
+    rig = port_rig(0.02, toe_in=toe_in)
+    check = judge_matches(replace(rig, port=None), [matches_of(rig, replace(rig, port=None))])
+    assert check.air_in_water
+    assert check.index == pytest.approx(1.34, abs=0.05)
+    assert "made in air" in check.advice[0]
+
+
+def test_camera_turned_since_is_explained() -> None:
+    rig = pinhole_rig()
+    turn = np.eye(4)
+    turn[:3, :3] = cv2.Rodrigues(np.array([0.002, 0.0, 0.004]))[0]
+    check = judge_matches(rig, [matches_of(replace(rig, T_right_left=turn @ rig.T_right_left), rig)])
+    assert not check.acceptable and not check.air_in_water
+    assert check.offset_px == pytest.approx(-0.002 * 1100, abs=0.5)
+    assert check.roll_deg == pytest.approx(np.degrees(0.004), abs=0.05)
+    assert "a camera has moved since" in check.advice[0]
+
+
+def test_other_zoom_is_a_vertical_scale() -> None:
+    rig = pinhole_rig()
+    zoomed = rig.right.K.copy()
+    zoomed[:2, :2] *= 1.01
+    check = judge_matches(rig, [matches_of(replace(rig, right=replace(rig.right, K=zoomed)), rig)])
+    assert check.scale == pytest.approx(1.01, abs=0.002)
+
+
+def test_swapped_folders_are_told() -> None:
+    rig = pinhole_rig()
+    matches = matches_of(rig, rig)
+    check = judge_matches(rig, [Matches(matches.right, matches.left)])
+    assert check.swapped and not check.acceptable
+    assert "folders are swapped" in check.advice[0]
+
+
+def test_too_few_points_say_so() -> None:
+    with pytest.raises(CalibrationError, match="only 0 points"):
+        judge_matches(pinhole_rig(), [Matches(np.zeros((0, 2)), np.zeros((0, 2)))])
+
+
+def test_images_of_another_size_are_refused() -> None:
+    small = np.zeros((480, 640), np.uint8)
+    with pytest.raises(CalibrationError, match="640x480 px but the calibration is for 1280x960"):
+        check_rows(pinhole_rig(), [(small, small)])
+
+
+def test_flat_pictures_hold_no_matches() -> None:
+    gray = np.full((960, 1280, 3), 90, np.uint16)
+    with pytest.raises(CalibrationError, match="only 0 points"):
+        check_rows(pinhole_rig(), [(gray, gray)])
+
+
+def _changed(**camera: object) -> StereoRig:
+    rig = pinhole_rig()
+    return replace(rig, left=replace(rig.left, **camera))  # type: ignore[arg-type]
+
+
+K = pinhole_rig().left.K
+SUSPECT = {
+    "another resolution": (_changed(K=K * [[0.5], [0.5], [1]]), "is K of another resolution (about 652x470)"),
+    "not square": (_changed(K=K * [[1.2], [1], [1]]), "pixels are square"),
+    "focal length": (_changed(K=K * [[0.1, 1, 1], [1, 0.1, 1], [1, 1, 1]]), "focal length of 110 px"),
+    "fold": (_changed(distortion=np.array([-0.9, 0.0, 0, 0, 0])), "turns back"),
+    "rms": (replace(pinhole_rig(), rms_px=2.5), "own error is 2.50 px"),
+    "air": (replace(pinhole_rig(), medium="air"), "calibrated in air"),
+}
+
+
+@pytest.mark.parametrize("case", SUSPECT)
+def test_suspicious_rig(case: str) -> None:
+    rig, message = SUSPECT[case]
+    assert message in "; ".join(suspicions(rig))
+
+
+def test_cameras_looking_apart() -> None:
+    rig = pinhole_rig()
+    T = rig.T_right_left.copy()
+    T[:3, :3] = cv2.Rodrigues(np.array([0.0, 0.65, 0.0]))[0]
+    T[:3, 3] = -T[:3, :3] @ [0.12, 0, 0]
+    found = "; ".join(suspicions(replace(rig, T_right_left=T)))
+    assert "turned by 37 degrees" in found
+    assert "rectified images keep" in found
+
+
+def test_cameras_without_a_common_view() -> None:
+    rig = pinhole_rig()
+    T = rig.T_right_left.copy()
+    T[:3, :3] = cv2.Rodrigues(np.array([0.0, 1.5, 0.0]))[0]
+    T[:3, 3] = -T[:3, :3] @ [0.12, 0, 0]
+    with pytest.raises(CalibrationError, match=r"no field of view|reaches no pixel"):
+        Rectification.from_rig(replace(rig, T_right_left=T))
+
+
+@pytest.mark.real_data
+@pytest.mark.parametrize("name", ["aloe", "teddy"])
+def test_rectified_real_pair_is_acceptable_and_a_shift_is_measured(name: str, real_data: Path) -> None:
+    left, right = (cv2.imread(str(real_data / name / f"{side}.png")) for side in ("left", "right"))
+    height, width = left.shape[:2]
+    camera = Camera(np.array([[1.2 * width, 0, width / 2], [0, 1.2 * width, height / 2], [0, 0, 1]]), np.zeros(0), (width, height))
+    T = np.eye(4)
+    T[0, 3] = -0.1
+    rig = StereoRig(camera, camera, T)
+    assert check_rows(rig, [(left, right)]).acceptable
+    moved = cv2.warpAffine(right, np.array([[1, 0, 0], [0, 1, 1.5]]), (width, height))
+    assert check_rows(rig, [(left, moved)]).offset_px == pytest.approx(1.5, abs=0.15)
+    assert len(find_matches(Rectification.from_rig(rig), left, right).left) > 200
