@@ -21,18 +21,18 @@ def correct(
     bits, flat = range_bits(image, range_m), np.ascontiguousarray(image).reshape(-1)
     by_level = gains(table, water, config, exposure)
     depth, encoding = table.bit_depth, config.input_encoding
-    out, known, beyond, clipped = kernels.apply(
+    out, unknown, beyond, clipped = kernels.apply(
         flat, bits, by_level, decoded_values(depth, encoding), encoding_curve(depth, encoding)
     )
     shape = image.shape[:2]
-    corrected, unknown = out.reshape(image.shape), ~known.reshape(shape)
+    corrected, unknown = out.reshape(image.shape), unknown.reshape(shape)
     if config.unknown_pixels == "raw":
         corrected[unknown] = image[unknown]
     return Correction(
         image=corrected,
         unknown=unknown,
         unrecoverable=beyond.reshape(shape),
-        clipped_share=clipped / max(int(np.count_nonzero(known)), 1),
+        clipped_share=clipped / max(unknown.size - int(np.count_nonzero(unknown)), 1),
         water=water,
         exposure=by_level.exposure,
         warnings=water.warnings,

@@ -18,8 +18,10 @@ from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
 from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M
 
 U = np.uint64
-ZERO, ONE = np.int32(0), np.int32(1)
+ZERO, ONE, PIXEL = np.int32(0), np.int32(1), np.int64(1 << 40)
 BLOCK = 2048
+MOST = 1 << 22
+"""Pixels of one part: their places in a level then add up to less than 40 bits."""
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
 _INFINITY = int(np.float32(np.inf).view(np.int32))
 _LAST = (LEVELS << LOW_BITS) - 1
@@ -31,18 +33,21 @@ def count(image: NDArray[Any], bits: NDArray[np.int32], values: int) -> tuple[ND
     """Counts (3, 256, values) and offset sums (256,) of (N * 3,) pixels with the (N,) bits of their ranges."""
     shift = 0 if image.dtype == np.uint8 else 4
     bounds = _bounds(bits.size)
-    counts = np.zeros((len(bounds), (LEVELS + 1) * 3 * values), np.int32)
-    places = np.zeros((len(bounds), 2 * (LEVELS + 1)), np.int64)
+    # red's counter holds its pixels above 40 bits, and below them the sum of their places in the level: one addition for both
+    red = np.zeros((len(bounds), LEVELS + 1, values), np.int64)
+    others = np.zeros((len(bounds), LEVELS + 1, 2, values), np.int32)
 
     def part(i: int) -> None:
         a, b = bounds[i]
-        _count(image[3 * a : 3 * b], bits[a:b], shift, counts[i], places[i])
+        _count(image[3 * a : 3 * b], bits[a:b], shift, red[i].reshape(-1), others[i].reshape(-1))
 
     _spread(part, len(bounds))
-    by_channel = np.empty((3, LEVELS, values), np.int64)
-    counts.reshape(-1, LEVELS + 1, 3, values)[:, :LEVELS].transpose(0, 2, 1, 3).sum(axis=0, out=by_channel)
-    place_sum = places.reshape(-1, LEVELS + 1).sum(axis=0)[:LEVELS]
-    return by_channel, place_sum - (by_channel[0].sum(axis=1) * np.arange(LEVELS) << LOW_BITS)
+    known, place_sum = red[:, :LEVELS], np.zeros(LEVELS, np.int64)
+    counts = np.empty((3, LEVELS, values), np.int64)
+    (known >> 40).sum(axis=0, out=counts[0])
+    place_sum = (known & (PIXEL - 1)).sum(axis=(0, 2))
+    others[:, :LEVELS].transpose(0, 2, 1, 3).sum(axis=0, out=counts[1:])
+    return counts, place_sum
 
 
 def apply(
@@ -50,10 +55,11 @@ def apply(
 ) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
     """(N * 3,) pixels through gain[c, level] * decoded[value] - offset[c, level] and the encoding curve; 0 where unknown.
 
-    Gives the pixels; (N,) known; (N,) whose level is capped; how many pixels have a channel at full scale.
+    Gives the pixels; (N,) unknown; (N,) whose level is capped; how many pixels have a channel at full scale.
     """
-    out, known, beyond = np.empty_like(image), np.zeros(bits.size, np.bool_), np.zeros(bits.size, np.bool_)
-    bounds, clipped = _bounds(bits.size), np.zeros(8, np.int64)
+    out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_)
+    bounds = _bounds(bits.size)
+    clipped: dict[int, int] = {}
     table = _table(by_level, decoded, curve) if image.dtype == np.uint8 else None
     full = out.dtype.type(np.iinfo(out.dtype).max)
     runs = _runs(by_level.capped)
@@ -64,13 +70,13 @@ def apply(
             _look_up(image[3 * a : 3 * b], bits[a:b], table, out[3 * a : 3 * b])
         else:
             _compute(image[3 * a : 3 * b], bits[a:b], by_level.gain, by_level.offset, decoded, curve, out[3 * a : 3 * b])
-        _between(bits[a:b], 1, _INFINITY, known[a:b])
+        _outside(bits[a:b], unknown[a:b])
         for low, high in runs:
             _between(bits[a:b], low, high, beyond[a:b])
         clipped[i] = _full(out[3 * a : 3 * b], full)
 
     _spread(part, len(bounds))
-    return out, known, beyond, int(clipped.sum())
+    return out, unknown, beyond, sum(clipped.values())
 
 
 def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decoded: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -103,7 +109,7 @@ def _table(by_level: Gains, decoded: NDArray[np.float32], curve: NDArray[np.uint
 
 def _bounds(pixels: int) -> list[tuple[int, int]]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    parts = max(1, min(cores, 8, pixels // 65536))
+    parts = max(1, min(cores, 8, pixels // 65536), -(-pixels // MOST))
     return list(itertools.pairwise(pixels * i // parts for i in range(parts + 1)))
 
 
@@ -127,22 +133,21 @@ def _levels(bits, fine, levels):  # type: ignore[no-untyped-def]  # pragma: no c
 
 
 @njit(cache=True, nogil=True)
-def _count(image, bits, shift, counts, places):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _count(image, bits, shift, red, others):  # type: ignore[no-untyped-def]  # pragma: no cover
     # flat arrays and unsigned indices: numba then leaves out its tests for negative ones
     block = np.empty(BLOCK, np.uint32)
-    values, shift = U(counts.size // (3 * (LEVELS + 1))), U(shift)
+    values, shift = U(red.size // (LEVELS + 1)), U(shift)
     at = U(0)
     for start in range(0, bits.size, BLOCK):
         part = bits[start : start + BLOCK]
         _levels(part, False, block)
         for i in range(part.size):
             place = U(block[i])
-            level = place >> U(LOW_BITS)
-            row = level * U(3) * values
-            places[level + U(LEVELS + 1) * U(i & 1)] += np.int64(place)  # two sums in turn: neither waits for the other
-            counts[row + (U(image[at]) >> shift)] += ONE
-            counts[row + values + (U(image[at + U(1)]) >> shift)] += ONE
-            counts[row + values + values + (U(image[at + U(2)]) >> shift)] += ONE
+            row = (place >> U(LOW_BITS)) * values
+            red[row + (U(image[at]) >> shift)] += PIXEL + np.int64(place & U(_LOW))
+            row += row
+            others[row + (U(image[at + U(1)]) >> shift)] += ONE
+            others[row + values + (U(image[at + U(2)]) >> shift)] += ONE
             at += U(3)
 
 
@@ -192,6 +197,13 @@ def _between(bits, low, high, inside):  # type: ignore[no-untyped-def]  # pragma
     low, high = np.int32(low), np.int32(high)
     for i in range(bits.size):
         inside[i] |= (bits[i] >= low) & (bits[i] < high)
+
+
+@njit(cache=True, nogil=True)
+def _outside(bits, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
+    infinity = np.int32(_INFINITY)
+    for i in range(bits.size):
+        unknown[i] = (bits[i] <= ZERO) | (bits[i] >= infinity)
 
 
 @njit(cache=True, nogil=True)

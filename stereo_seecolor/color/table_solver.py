@@ -76,7 +76,12 @@ def direct_signal(channel: Channel, parameters: NDArray[np.float64]) -> Direct:
 
 
 def _best(
-    which: int, warm: NDArray[np.float64] | None, guesses: list[NDArray[np.float64]], channel: Channel, direct: Direct, penalty: float
+    which: int,
+    warm: NDArray[np.float64] | None,
+    guesses: list[NDArray[np.float64]],
+    channel: Channel,
+    direct: Direct,
+    penalty: float,
 ) -> NDArray[np.float64]:
     """The lowest minimum: from ``warm`` in a few steps where it begins lower than every guess, else from each of the guesses."""
     gradient = np.empty(4)
