@@ -2,14 +2,16 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.files import whole
 from stereo_seecolor.mapping.fusion import Surface
+from stereo_seecolor.mapping.islands import near_border
 
-_VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
+VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
 _FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
 _PROPERTIES = "".join(
     [f"property float {axis}\n" for axis in ("x", "y", "z", "nx", "ny", "nz")]
@@ -32,12 +34,12 @@ def write_map(surfaces: Iterable[Surface], tile_m: float, cloud: Path, mesh: Pat
     return counts
 
 
-def _write_bodies(surfaces: Iterable[Surface], tile_m: float, vertex_file, face_file) -> tuple[int, int]:  # type: ignore[no-untyped-def]
+def _write_bodies(surfaces: Iterable[Surface], tile_m: float, vertex_file: BinaryIO, face_file: BinaryIO) -> tuple[int, int]:
     border: dict[bytes, int] = {}
     points = triangles = 0
     for surface in surfaces:
         numbers = np.full(len(surface.points_m), -1, np.int64)
-        on_border = np.flatnonzero(_near_border(surface.points_m, tile_m))
+        on_border = np.flatnonzero(near_border(surface.points_m, tile_m))
         keys = [point.tobytes() for point in surface.points_m[on_border]]
         numbers[on_border] = [border.get(key, -1) for key in keys]
         new = np.flatnonzero(numbers < 0)
@@ -51,14 +53,8 @@ def _write_bodies(surfaces: Iterable[Surface], tile_m: float, vertex_file, face_
     return points, triangles
 
 
-def _near_border(points_m: NDArray[np.float32], tile_m: float) -> NDArray[np.bool_]:
-    """Within 2 % of a tile of its edge: more than a voxel."""
-    share = np.abs(points_m[:, :2] / tile_m - np.rint(points_m[:, :2] / tile_m))
-    return np.asarray((share < 0.02).any(axis=1))
-
-
 def _vertices(surface: Surface, chosen: NDArray[np.int64]) -> NDArray[np.void]:
-    vertices = np.empty(len(chosen), _VERTEX)
+    vertices = np.empty(len(chosen), VERTEX)
     vertices["position"], vertices["normal"] = surface.points_m[chosen], surface.normals[chosen]
     vertices["color"] = surface.colors[chosen]
     return vertices

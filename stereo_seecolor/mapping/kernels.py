@@ -30,7 +30,8 @@ def integrate(
     """Update every voxel that projects onto a measured pixel and does not lie deeper behind it than the truncation.
 
     Curless and Levoy's (1996) running weighted mean with weight = confidence (voxel / standard error)^2 a pixel. Voxels in
-    front of the surface are updated as well: that carves away what other frames saw only once, such as fish.
+    front of the surface are updated as well: that carves away what other frames saw only once, such as fish. The error of
+    stereo grows with the square of the range; without regard to that, one near fish would outweigh all that see through it.
     """
     height, width = range_m.shape
     for b in numba.prange(keys.shape[0]):
@@ -50,6 +51,8 @@ def integrate(
             if not (measured > 0 and trust > 0) or measured - distance < -truncation_m:
                 continue
             w = trust * (voxel_m / std) ** 2 if std > 0 else trust
+            if measured - distance > truncation_m:  # seen through: as sure as a measurement at the voxel's own distance
+                w *= (measured / distance) ** 4
             total = weight[b, k, j, i] + w
             value = min(1.0, (measured - distance) / truncation_m)
             tsdf[b, k, j, i] += (value - tsdf[b, k, j, i]) * w / total

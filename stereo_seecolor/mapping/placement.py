@@ -69,7 +69,7 @@ def upright(placement: Placement, index: FrameIndex, up: str) -> Placement:
     """
     placed = np.flatnonzero(placement.pieces >= 0)
     T = placement.T_world_camera
-    seen = [i for i in placed if len(index.points_m[i])]
+    seen = [int(i) for i in placed if len(index.points_m[i])]
     if not seen:
         raise MappingError("no placed frame has a measured range: there is nothing to fuse")
     if up == "z":
@@ -81,13 +81,24 @@ def upright(placement: Placement, index: FrameIndex, up: str) -> Placement:
                 "are world-to-camera: give east-north-up, camera-to-world poses"
             )
         return placement
-    points = np.concatenate([index.points_m[i] @ T[i, :3, :3].T + T[i, :3, 3] for i in seen])
-    normal = np.linalg.svd(points[:: max(1, len(points) // 20000)] - points.mean(axis=0), full_matrices=False)[2][2]
-    towards_cameras = T[seen, :3, 3].mean(axis=0) - points.mean(axis=0)
+    T = T.copy()
+    for piece in range(placement.pieces.max() + 1):
+        own = [i for i in seen if placement.pieces[i] == piece]
+        if own:
+            T[placement.pieces == piece] = _level(index, T, own) @ T[placement.pieces == piece]
+    note = "the poses do not know up: the map was levelled to its mean bottom"
+    return Placement(T, placement.pieces, placement.unplaced, (*placement.warnings, note))
+
+
+def _level(index: FrameIndex, T: NDArray[np.float64], frames: list[int]) -> NDArray[np.float64]:
+    """(4, 4) turn that makes the plane through all that was seen horizontal, below the cameras."""
+    points = np.concatenate([index.points_m[i] @ T[i, :3, :3].T + T[i, :3, 3] for i in frames])
+    center = points.mean(axis=0)
+    normal = np.linalg.svd(points[:: max(1, len(points) // 20000)] - center, full_matrices=False)[2][2]
+    towards_cameras = T[frames, :3, 3].mean(axis=0) - center
     level = np.eye(4)
     level[:3, :3] = rotation_to_z(normal * np.sign(normal @ towards_cameras))
-    note = "the trajectory does not know up: the map was levelled to the mean bottom"
-    return Placement(level @ T, placement.pieces, placement.unplaced, (*placement.warnings, note))
+    return level
 
 
 def _match(

@@ -12,17 +12,16 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.data import SurveyFrame, Trajectory
-from stereo_seecolor.errors import MappingError
+from stereo_seecolor.mapping import islands
 from stereo_seecolor.mapping.files import whole
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.fusion import check_available, fuse_tile
 from stereo_seecolor.mapping.join import write_map
+from stereo_seecolor.mapping.odometry import estimate, priors_from
 from stereo_seecolor.mapping.placement import Placement, Unplaced, place, upright
 from stereo_seecolor.mapping.tile_store import TileStore
 from stereo_seecolor.mapping.tiles import Tile, cut
 from stereo_seecolor.mapping.tum_file import write_tum
-
-MIN_PIECE_FRAMES = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,9 +61,7 @@ def build_map(
     check_available()
     started = time.perf_counter()
     index = FrameIndex.build(frames, pair, progress)
-    if trajectory is None:
-        raise MappingError("a map without a trajectory is not built yet: give --poses")
-    placement = upright(place(index, trajectory, config), index, trajectory.up)
+    placement = _place(frames, pair, config, index, trajectory, progress)
     sizes = np.bincount(placement.pieces[placement.pieces >= 0])
     files: list[Path] = []
     points = 0
@@ -83,6 +80,23 @@ def build_map(
         seconds=time.perf_counter() - started,
         warnings=placement.warnings,
     )
+
+
+def _place(
+    frames: Sequence[SurveyFrame],
+    pair: RectifiedPair,
+    config: MappingConfig,
+    index: FrameIndex,
+    trajectory: Trajectory | None,
+    progress: Progress,
+) -> Placement:
+    """By the trajectory, by our own odometry, or by our own odometry held to the trajectory."""
+    if trajectory is None:
+        return upright(estimate(frames, pair, config, index, (), progress), index, "unknown")
+    given = upright(place(index, trajectory, config), index, trajectory.up)
+    if config.poses == "given":
+        return given
+    return estimate(frames, pair, config, index, priors_from(given, config), progress)
 
 
 def _build_piece(
@@ -105,7 +119,9 @@ def _build_piece(
         if not store.has(tile):
             store.save(tile, fuse_tile(tile, tiling, _read(frames, tile, placement.T_world_camera), pair))
         progress("fusing tiles", done + 1, len(tiling.tiles))
-    points, _ = write_map((store.load(tile) for tile in tiling.tiles), tiling.tile_m, cloud, mesh)
+    kept = islands.keepers((store.load(tile) for tile in tiling.tiles), tiling.tile_m)
+    surfaces = (islands.only(store.load(tile), parts) for tile, parts in zip(tiling.tiles, kept, strict=True))
+    points, _ = write_map(surfaces, tiling.tile_m, cloud, mesh)
     store.clear()
     return [trajectory, cloud, mesh], points
 
