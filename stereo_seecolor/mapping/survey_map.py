@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import SurveyFrame, Trajectory
+from stereo_seecolor.data import GeoOrigin, SurveyFrame, Trajectory
 from stereo_seecolor.mapping import islands
 from stereo_seecolor.mapping.files import whole
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
-from stereo_seecolor.mapping.fusion import check_available, fuse_tile
+from stereo_seecolor.mapping.fusion import Surface, check_available, fuse_tile
 from stereo_seecolor.mapping.join import write_map
 from stereo_seecolor.mapping.odometry import estimate, priors_from
 from stereo_seecolor.mapping.placement import Placement, Unplaced, place, upright
+from stereo_seecolor.mapping.products import Piece, write_products
 from stereo_seecolor.mapping.tile_store import TileStore
 from stereo_seecolor.mapping.tiles import Tile, cut
 from stereo_seecolor.mapping.tum_file import write_tum
@@ -63,11 +64,12 @@ def build_map(
     index = FrameIndex.build(frames, pair, progress)
     placement = _place(frames, pair, config, index, trajectory, progress)
     sizes = np.bincount(placement.pieces[placement.pieces >= 0])
+    origin = trajectory.origin if trajectory else None
     files: list[Path] = []
     points = 0
     for number in range(len(sizes)):
         folder = out_dir if number == 0 else out_dir / f"piece_{number}"
-        written, count = _build_piece(frames, pair, folder, config, index, placement, number, progress)
+        written, count = _build_piece(frames, pair, folder, config, index, placement, number, origin, progress)
         files += written
         points = points or count
     return MapSummary(
@@ -107,6 +109,7 @@ def _build_piece(
     index: FrameIndex,
     placement: Placement,
     number: int,
+    origin: GeoOrigin | None,
     progress: Progress,
 ) -> tuple[list[Path], int]:
     chosen = np.flatnonzero(placement.pieces == number)
@@ -120,10 +123,15 @@ def _build_piece(
             store.save(tile, fuse_tile(tile, tiling, _read(frames, tile, placement.T_world_camera), pair))
         progress("fusing tiles", done + 1, len(tiling.tiles))
     kept = islands.keepers((store.load(tile) for tile in tiling.tiles), tiling.tile_m)
-    surfaces = (islands.only(store.load(tile), parts) for tile, parts in zip(tiling.tiles, kept, strict=True))
-    points, _ = write_map(surfaces, tiling.tile_m, cloud, mesh)
+
+    def surfaces() -> Iterator[Surface]:
+        return (islands.only(store.load(tile), parts) for tile, parts in zip(tiling.tiles, kept, strict=True))
+
+    points, _ = write_map(surfaces(), tiling.tile_m, cloud, mesh)
+    piece = Piece(folder, surfaces, index, placement.T_world_camera, chosen, origin)
+    products = write_products(piece, frames, pair, config, folder / ".tiles", progress)
     store.clear()
-    return [trajectory, cloud, mesh], points
+    return [trajectory, cloud, mesh, *products], points
 
 
 def _read(

@@ -1,0 +1,171 @@
+"""The orthomosaic: each cell of the terrain painted from its best view, seams where neighbouring views agree."""
+
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.data import SurveyFrame
+from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
+from stereo_seecolor.mapping.grid import Grid
+from stereo_seecolor.mapping.poses import inverse
+
+BLOCK_PX = 512
+MAX_VIEWS = 12
+CACHED_FRAMES = 16
+SMOOTH_PX = 21
+FEATHER_PX = 2.0
+DISAGREEMENT = 4.0
+"""What a colour one tenth of full scale away from the median of all views costs, in tangents of the angle from the vertical."""
+HIDDEN_M = 0.05
+CLIPPED_COST = 1.0
+
+Float = NDArray[np.float32]
+
+
+def render_mosaic(
+    frames: Sequence[SurveyFrame],
+    pair: RectifiedPair,
+    index: FrameIndex,
+    T_world_camera: NDArray[np.float64],
+    chosen: NDArray[np.int64],
+    terrain: tuple[NDArray[np.float32], Grid],
+    grid: Grid,
+    scratch: Path,
+    progress: Progress = silent,
+) -> NDArray[np.uint8]:
+    """RGBA (4, H, W) on ``grid``, alpha 0 where no view reaches; kept in a file under ``scratch``, a block in memory at a time."""
+    scratch.mkdir(parents=True, exist_ok=True)
+    mosaic = np.lib.format.open_memmap(scratch / "mosaic.npy", "w+", np.uint8, (4, *grid.shape))
+    boxes = {int(i): _box(index.points_m[i], T_world_camera[i]) for i in chosen if len(index.points_m[i])}
+    cache = _Cache(frames)
+    windows = grid.windows(BLOCK_PX)
+    for done, (rows, columns) in enumerate(windows):
+        points = _points(terrain, grid, rows, columns)
+        if np.isfinite(points[..., 2]).any():
+            mosaic[:, rows, columns] = _paint(points, _reaching(points, boxes, T_world_camera), cache, pair, T_world_camera)
+        progress("painting the mosaic", done + 1, len(windows))
+    return mosaic
+
+
+class _Cache:
+    """The frames read last."""
+
+    def __init__(self, frames: Sequence[SurveyFrame]) -> None:
+        self._frames = frames
+        self._held: OrderedDict[int, SurveyFrame] = OrderedDict()
+
+    def __getitem__(self, i: int) -> SurveyFrame:
+        if i not in self._held:
+            self._held[i] = self._frames[i]
+            if len(self._held) > CACHED_FRAMES:
+                self._held.popitem(last=False)
+        self._held.move_to_end(i)
+        return self._held[i]
+
+
+def _box(points_m: NDArray[np.float32], T: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    world = points_m @ T[:2, :3].T + T[:2, 3]
+    return world.min(axis=0), world.max(axis=0)
+
+
+def _points(terrain: tuple[NDArray[np.float32], Grid], grid: Grid, rows: slice, columns: slice) -> NDArray[np.float64]:
+    """(h, w, 3) of the cells of a window, heights interpolated in the terrain; NaN where it is unknown."""
+    heights, cells = terrain
+    x, y = grid.centers(rows, columns)
+    pixels = cells.pixels(np.stack([x.ravel(), y.ravel()], axis=-1)).reshape(*x.shape, 2)
+    low = np.maximum(np.floor(pixels.min(axis=(0, 1))).astype(int) - 1, 0)
+    high = np.ceil(pixels.max(axis=(0, 1))).astype(int) + 2
+    part = np.array(heights[low[1] : high[1], low[0] : high[0]])
+    known = np.isfinite(part).astype(np.float32)
+    local = (pixels - low).astype(np.float32)
+    weight = cv2.remap(known, local, None, cv2.INTER_LINEAR)
+    z = cv2.remap(np.nan_to_num(part), local, None, cv2.INTER_LINEAR)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.stack([x, y, np.where(weight > 0.5, z / weight, np.nan)], axis=-1)
+
+
+def _reaching(
+    points: NDArray[np.float64], boxes: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]], T: NDArray[np.float64]
+) -> list[int]:
+    """The frames that see part of the block, those right above its middle first, no more than are of use."""
+    low, high = points[..., :2].min(axis=(0, 1)), points[..., :2].max(axis=(0, 1))
+    middle = (low + high) / 2
+    near = [i for i, box in boxes.items() if (box[0] <= high).all() and (box[1] >= low).all()]
+    side = max(1, int(np.ceil(float((high - low).max()))))
+    return sorted(sorted(near, key=lambda i: (float(np.hypot(*(T[i, :2, 3] - middle))), i))[: MAX_VIEWS * side])
+
+
+def _paint(
+    points: NDArray[np.float64], views: list[int], cache: _Cache, pair: RectifiedPair, T_world_camera: NDArray[np.float64]
+) -> NDArray[np.uint8]:
+    """Choose for each cell the view of least cost, after smoothing the costs (Rhemann et al. 2011), and soften the seams.
+
+    A view costs the tangent of its angle from the vertical, more where a channel is clipped, and more where its colour differs
+    from the median of all views: fish, shadows and badly placed frames lose there, and seams move to where views agree.
+    """
+    result = np.zeros((4, *points.shape[:2]), np.uint8)
+    looks = [look for i in views if (look := _look(points, cache[i], pair, T_world_camera[i])) is not None]
+    if not looks:
+        return result
+    colors, costs = np.stack([look[0] for look in looks]), np.stack([look[1] for look in looks])
+    seen = np.isfinite(costs)
+    if len(looks) > 2:
+        with np.errstate(invalid="ignore"):
+            median = _masked_median(colors, seen)
+        costs = costs + DISAGREEMENT * np.abs(colors - median).mean(axis=-1) / 25.5
+    for k in range(len(looks)):
+        share = cv2.blur(seen[k].astype(np.float32), (SMOOTH_PX, SMOOTH_PX))
+        smooth = cv2.blur(np.where(seen[k], costs[k], 0).astype(np.float32), (SMOOTH_PX, SMOOTH_PX)) / np.maximum(share, 1e-6)
+        costs[k] = np.where(seen[k], smooth, np.inf)
+    best = costs.argmin(axis=0)
+    total = np.zeros(points.shape[:2], np.float32)
+    blend = np.zeros((*points.shape[:2], 3), np.float32)
+    for k in range(len(looks)):
+        weight = cv2.GaussianBlur((best == k).astype(np.float32), (0, 0), FEATHER_PX) * seen[k]
+        total += weight
+        blend += weight[..., None] * colors[k]
+    visible = seen.any(axis=0)
+    result[:3] = np.clip(np.rint(blend / np.maximum(total, 1e-6)[..., None]), 0, 255).astype(np.uint8).transpose(2, 0, 1)
+    result[3] = np.where(visible, 255, 0)
+    result[:3, ~visible] = 0
+    return result
+
+
+def _look(
+    points: NDArray[np.float64], frame: SurveyFrame, pair: RectifiedPair, T_world_camera: NDArray[np.float64]
+) -> tuple[Float, Float] | None:
+    """Colours (h, w, 3) that a frame has for the cells, and what each costs, infinite where it does not see the cell."""
+    T = inverse(T_world_camera)
+    local = points @ T[:3, :3].T + T[:3, 3]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        u = (pair.focal_px * local[..., 0] / local[..., 2] + pair.cx_left_px).astype(np.float32)
+        v = (pair.focal_px * local[..., 1] / local[..., 2] + pair.cy_px).astype(np.float32)
+        width, height = pair.image_size
+        inside = (local[..., 2] > 0.05) & (u >= 1) & (v >= 1) & (u <= width - 2) & (v <= height - 2)
+    if not inside.any():
+        return None
+    u, v = np.where(inside, u, 0), np.where(inside, v, 0)
+    color = cv2.remap(frame.color, u, v, cv2.INTER_LINEAR).astype(np.float32)
+    measured = cv2.remap(frame.range_m, u, v, cv2.INTER_NEAREST)
+    distance = np.linalg.norm(local, axis=-1)
+    with np.errstate(invalid="ignore"):
+        hidden = np.abs(measured - distance) > HIDDEN_M + 0.02 * distance  # something stands before it, or it moved
+        seen = inside & ~hidden & np.isfinite(measured)
+        offset = points - T_world_camera[:3, 3]
+        cost = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)
+    cost += CLIPPED_COST * (color.max(axis=-1) >= 254)
+    return color, np.where(seen, cost, np.inf).astype(np.float32)
+
+
+def _masked_median(colors: Float, seen: NDArray[np.bool_]) -> Float:
+    """(h, w, 3) median over the views that see a cell; 0 where none does."""
+    count = seen.sum(axis=0)
+    ordered = np.sort(np.where(seen[..., None], colors, np.inf), axis=0)
+    low, high = np.maximum((count - 1) // 2, 0), np.maximum(count // 2, 0)
+    pick = [np.take_along_axis(ordered, np.minimum(n, len(colors) - 1)[None, :, :, None], axis=0)[0] for n in (low, high)]
+    return np.where(count[..., None] > 0, (pick[0] + pick[1]) / 2, 0).astype(np.float32)

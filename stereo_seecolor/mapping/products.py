@@ -1,0 +1,103 @@
+"""What is made of a fused surface: terrain, mosaic, metrics, preview, and their files."""
+
+import csv
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.data import GeoOrigin, SurveyFrame
+from stereo_seecolor.mapping import georeference
+from stereo_seecolor.mapping.files import whole
+from stereo_seecolor.mapping.frame_index import FrameIndex, Progress
+from stereo_seecolor.mapping.fusion import Surface
+from stereo_seecolor.mapping.grid import Grid
+from stereo_seecolor.mapping.mosaic import render_mosaic
+from stereo_seecolor.mapping.preview import render_preview
+from stereo_seecolor.mapping.reef_metrics import ReefMetrics, measure, measure_squares
+from stereo_seecolor.mapping.terrain import render_terrain
+
+PREVIEW_PX = 3000
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A fused piece of a survey. surfaces: gives its tiles anew on each call. chosen: its frames."""
+
+    folder: Path
+    surfaces: Callable[[], Iterable[Surface]]
+    index: FrameIndex
+    T_world_camera: NDArray[np.float64]
+    chosen: NDArray[np.int64]
+    origin: GeoOrigin | None
+
+
+def write_products(
+    piece: Piece, frames: Sequence[SurveyFrame], pair: RectifiedPair, config: MappingConfig, scratch: Path, progress: Progress
+) -> list[Path]:
+    """Write preview, terrain, mosaic and metrics; GeoTIFFs where the geo extra is there, else pictures and CSV only."""
+    files = [_write_image(piece.folder / "preview.png", render_preview(piece.surfaces))]
+    low, high = _extent(piece.surfaces())
+    if not np.isfinite(low).all():
+        return files
+    dem_grid, mosaic_grid = Grid.around(low, high, config.dem_m), Grid.around(low, high, config.mosaic_m)
+    terrain = render_terrain(piece.surfaces(), dem_grid, scratch)
+    mosaic = render_mosaic(
+        frames, pair, piece.index, piece.T_world_camera, piece.chosen, (terrain, dem_grid), mosaic_grid, scratch, progress
+    )
+    files.append(_write_image(piece.folder / "orthomosaic_preview.png", _reduced(mosaic)))
+    squares = measure_squares(terrain, config.dem_m, config.metrics_m)
+    size_m = max(3, round(config.metrics_m / config.dem_m)) * config.dem_m
+    squares_grid = Grid(dem_grid.west_m, dem_grid.north_m, size_m, squares.shape[1:])
+    files.append(_write_csv(piece.folder / "reef_metrics.csv", squares, squares_grid, measure(terrain, config.dem_m)))
+    if georeference.available():
+        rasters = (("dem.tif", terrain[None], dem_grid, ()), ("orthomosaic.tif", mosaic, mosaic_grid, ()))
+        metrics = ("reef_metrics.tif", squares, squares_grid, ReefMetrics.names())
+        for name, bands, grid, descriptions in (*rasters, metrics):
+            georeference.write_geotiff(piece.folder / name, bands, grid, piece.origin, descriptions)
+            files.append(piece.folder / name)
+        if piece.origin:
+            georeference.write_laz(piece.folder / "cloud.laz", piece.folder / "cloud.ply", piece.origin)
+            files.append(piece.folder / "cloud.laz")
+    return files
+
+
+def _extent(surfaces: Iterable[Surface]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for surface in surfaces:
+        if len(surface.points_m):
+            low, high = np.minimum(low, surface.points_m.min(axis=0)), np.maximum(high, surface.points_m.max(axis=0))
+    return low, high
+
+
+def _reduced(mosaic: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(h, w, 4) of at most 3000 px a side."""
+    step = -(-max(mosaic.shape[1:]) // PREVIEW_PX)
+    rows, columns = (n // step * step for n in mosaic.shape[1:])
+    image = np.moveaxis(np.array(mosaic[:, :rows, :columns]), 0, -1)
+    return np.asarray(cv2.resize(image, (columns // step, rows // step), interpolation=cv2.INTER_AREA)) if step > 1 else image
+
+
+def _write_image(path: Path, image: NDArray[np.uint8]) -> Path:
+    code = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
+    _, content = cv2.imencode(".png", cv2.cvtColor(image, code))
+    with whole(path) as temporary:
+        temporary.write_bytes(content.tobytes())
+    return path
+
+
+def _write_csv(path: Path, squares: NDArray[np.float32], grid: Grid, site: ReefMetrics) -> Path:
+    """A row for the whole site, then one for each square that was seen; x and y of its centre, metres."""
+    with whole(path) as temporary, temporary.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(["square", "x_m", "y_m", *ReefMetrics.names()])
+        writer.writerow(["site", "", "", *(f"{value:.6g}" for value in site.values())])
+        for row, column in np.argwhere(np.isfinite(squares[1])):
+            x, y = grid.west_m + (column + 0.5) * grid.cell_m, grid.north_m - (row + 0.5) * grid.cell_m
+            writer.writerow([f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in squares[:, row, column])])
+    return path
