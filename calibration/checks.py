@@ -137,6 +137,17 @@ class RowCheck:
             advice.append(self._explanation())
         return tuple(advice)
 
+    def lines(self) -> list[str]:
+        """All of it for a person to read, the verdict last."""
+        verdict = "acceptable" if self.acceptable else "NOT acceptable"
+        return [
+            f"{self.matches} points in {self.pairs} pairs: rows differ by {self.row_error_px:.2f} px (median); offset "
+            f"{self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees leave "
+            f"{self.unexplained_px:.2f} px",
+            *self.advice,
+            f"the calibration is {verdict} for these images (limit {ACCEPTABLE_ROW_ERROR_PX} px)",
+        ]
+
     def _explanation(self) -> str:
         cause = f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees"
         if self.unexplained_px > 0.7 * self.row_error_px:

@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -235,6 +235,84 @@ def evaluate(
 
     report = evaluate_truth(out, truth)
     print(json.dumps(asdict(report))) if as_json else _print_truth(report)
+
+
+@app.command()
+def calibrate(
+    target: Annotated[
+        str,
+        typer.Option(
+            "--target", help="chessboard:9x6:24.23mm (inner corners) or charuco:5X5_100:11x8:30mm:22mm (squares, marker)."
+        ),
+    ],
+    left: Annotated[Path | None, typer.Option("--left", help="Folder of left images of the target.")] = None,
+    right: Annotated[Path | None, typer.Option("--right", help="Folder of right images of the target.")] = None,
+    out: Annotated[Path, typer.Option("--out", help="Where the calibration goes; its coverage picture goes beside it.")] = Path(
+        "cam.yaml"
+    ),
+    medium: Annotated[
+        Literal["water", "air"], typer.Option("--medium", help="Where the images were taken; water is best.")
+    ] = "water",
+    print_target: Annotated[
+        Path | None, typer.Option("--print-target", help="Make the target itself, .pdf or .png, and stop.")
+    ] = None,
+    dpi: Annotated[int, typer.Option("--dpi", min=10, help="Resolution of a .png target.")] = 300,
+    workers: Workers = DEFAULT_WORKERS,
+) -> None:
+    """Calibrate a rig from image pairs of a chessboard or ChArUco board (docs/calibration.md)."""
+    if print_target:
+        from calibration.printing import print_target as write_target
+        from calibration.targets import parse_target
+
+        write_target(parse_target(target), print_target, dpi)
+        print(f"{print_target}: print it at 100 %, glue it flat, and measure it")
+        raise typer.Exit
+    if left is None or right is None:
+        raise typer.BadParameter("give --left and --right, the folders of images (or --print-target)")
+    from calibration.formats import write_rig
+    from stereo_seecolor.calibrating import calibrate_folders
+    from stereo_seecolor.outputs.atomic import write_atomic
+    from stereo_seecolor.outputs.encode import encode_image
+    from stereo_seecolor.progress import progress
+
+    with progress() as listener:
+        rig, report = calibrate_folders(left, right, target, medium, workers, listener)
+    write_rig(rig, out)
+    picture = out.with_name(f"{out.stem}_coverage.png")
+    write_atomic(picture, encode_image(report.coverage_picture(), "png"))
+    print("\n".join(report.lines()))
+    print(f"  {out}: the calibration\n  {picture}: where in the images the corners lay")
+
+
+@app.command("convert-calib")
+def convert_calib(
+    source: Annotated[
+        str, typer.Argument(help="Any calibration of docs/calibration.md: a file, a folder, or left.yaml,right.yaml.")
+    ],
+    out: Annotated[str, typer.Argument(help="The file to write; for ros a folder, or left.yaml,right.yaml.")],
+    to: Annotated[Literal["native", "ros", "kalibr", "opencv"], typer.Option("--to", help="The format to write.")] = "native",
+    size: Annotated[str | None, typer.Option("--size", help="WIDTHxHEIGHT, for a source that does not say (OpenCV).")] = None,
+) -> None:
+    """Turn a calibration of one format into another; the rays stay the same."""
+    from calibration.formats import load_rig, parse_size, write_rig
+
+    write_rig(load_rig(source, parse_size(size) if size else None), out, to)
+    print(f"{out}: {to}")
+
+
+@app.command()
+def check(
+    left: Left,
+    right: Right,
+    calib: Calib,
+    pairs: Annotated[int, typer.Option("--pairs", min=1, help="How many pairs to look at, spread over the dive.")] = 12,
+) -> None:
+    """Hold a calibration against the dive's own images; exit code 3 if they disagree."""
+    from stereo_seecolor.calibrating import check_folders, describe_rig
+
+    rig, rows, suspicions = check_folders(left, right, calib, pairs)
+    print("\n".join([*describe_rig(rig), *(f"suspicious: {text}" for text in suspicions), *rows.lines()]))
+    raise typer.Exit(EXIT_DONE if rows.acceptable else EXIT_SOME_FAILED)
 
 
 @app.command()

@@ -1,5 +1,7 @@
 """Views of a target through a known rig: corners by projection with noise, or whole images rendered by each pixel's ray."""
 
+from functools import cache
+
 import cv2
 import numpy as np
 
@@ -66,8 +68,7 @@ def rendered(
     origin_m: where the picture's top left pixel lies on the target's plane.
     """
     width, height = camera.image_size
-    x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
-    rays = camera.rays(np.column_stack([x.ravel(), y.ravel()]))
+    rays = _pixel_rays(camera)
     R, t = T_camera_target[:3, :3], T_camera_target[:3, 3]
     scale = (R[:, 2] @ t) / (rays @ R[:, 2])
     on_plane = (rays * scale[:, None] - t) @ R
@@ -77,6 +78,13 @@ def rendered(
     smooth = cv2.GaussianBlur(board, (0, 0), max(1.0, 0.5 * board_px_per_m * float(np.median(scale)) / camera.K[0, 0]))
     image = cv2.remap(smooth, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=128)
     return np.asarray(cv2.GaussianBlur(image, (0, 0), 0.7))
+
+
+@cache
+def _pixel_rays(camera: Camera) -> np.ndarray:
+    width, height = camera.image_size
+    x, y = np.meshgrid(np.arange(width, dtype=float), np.arange(height, dtype=float))
+    return camera.rays(np.column_stack([x.ravel(), y.ravel()]))
 
 
 def _pose(rotation: object, translation: object) -> np.ndarray:

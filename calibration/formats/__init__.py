@@ -9,7 +9,7 @@ from calibration.formats.document import load_document
 from calibration.formats.section import Section, naming
 from calibration.rig import StereoRig
 
-__all__ = ["WritableFormat", "load_rig", "write_rig"]
+__all__ = ["WritableFormat", "load_rig", "parse_size", "write_rig"]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv"]
 WHOLE_RIG = (native, kalibr, oplab, orbslam, middlebury)
@@ -31,6 +31,14 @@ def load_rig(path: str | Path, image_size: tuple[int, int] | None = None) -> Ste
         documents = _usable(files, Path(path))
     with naming(documents[0].where):
         return _parse(documents, image_size)
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """(width, height) of ``1280x960``. Raises CalibrationError for anything else."""
+    width, _, height = text.lower().partition("x")
+    if not (width.isdecimal() and height.isdecimal()):
+        raise CalibrationError(f"size {text!r}: expected WIDTHxHEIGHT, such as 1280x960")
+    return int(width), int(height)
 
 
 def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native") -> None:

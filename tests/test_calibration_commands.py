@@ -1,0 +1,147 @@
+"""The commands around a calibration, as a user types them."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from calibration_boards import rendered
+from calibration_texts import OPENCV_EXTRINSICS, OPENCV_INTRINSICS, ROS_LEFT, ROS_RIGHT
+
+from calibration import Camera, StereoRig
+from calibration.formats import load_rig, write_rig
+from calibration.printing import print_target
+from calibration.targets import parse_target
+from stereo_seecolor.cli import main
+
+Cli = Callable[..., tuple[int, str, str]]
+TARGET = "chessboard:7x5:40mm"
+
+
+@pytest.fixture
+def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Run a command in this process; (exit code, what was printed, what was said on standard error)."""
+
+    def call(*words: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["stereo-seecolor", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return (int(end.value.code or 0), *capsys.readouterr())
+
+    return call
+
+
+@pytest.fixture(scope="module")
+def board_pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StereoRig]:
+    """A folder of six rendered pairs of a board, in left/ and right/, and the rig that took them."""
+    folder = tmp_path_factory.mktemp("boards")
+    size = (480, 360)
+    K = np.array([[520.0, 0, 243], [0, 520, 176], [0, 0, 1]])
+    camera = Camera(K, np.array([-0.1, 0.02, 0, 0, 0]), size)
+    T = np.eye(4)
+    T[0, 3] = -0.1
+    rig = StereoRig(camera, camera, T)
+    print_target(parse_target(TARGET), folder / "board.png", dpi=100)
+    picture = cv2.imread(str(folder / "board.png"), cv2.IMREAD_GRAYSCALE)
+    for side in ("left", "right"):
+        (folder / side).mkdir()
+    tilts = [(0.4, 0.1), (-0.4, 0.1), (0.1, 0.45), (0.0, -0.45), (0.3, 0.3), (-0.3, -0.3)]
+    for number, (tilt_x, tilt_y) in enumerate(tilts):
+        pose = np.eye(4)
+        pose[:3, :3] = cv2.Rodrigues(np.array([tilt_x, tilt_y, 0.1 * (number - 2)]))[0]
+        pose[:3, 3] = pose[:3, :3] @ [-0.12, -0.08, 0] + [0.05 + 0.03 * (number % 3 - 1), 0.03 * (number % 2), 0.62]
+        for side, extrinsic in (("left", np.eye(4)), ("right", T)):
+            image = rendered(camera, extrinsic @ pose, picture, 100 / 0.0254, np.full(2, -0.08))
+            cv2.imwrite(str(folder / side / f"{number:02d}.png"), image)
+    return folder, rig
+
+
+def test_calibrate_from_folders(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+    folder, rig = board_pairs
+    out = tmp_path / "cam.yaml"
+    code, printed, said = cli("calibrate", "--left", folder / "left", "--right", folder / "right", "--target", TARGET, "--out", out)
+    assert (code, said) == (0, "")
+    found = load_rig(out)
+    assert found.baseline_m == pytest.approx(rig.baseline_m, rel=0.01)
+    assert found.left.K[0, 0] == pytest.approx(rig.left.K[0, 0], rel=0.01)
+    assert found.medium == "water"
+    assert "6 of 6 views used" in printed
+    assert printed.strip().splitlines()[-3].startswith(("good", "usable", "do it again"))
+    assert (tmp_path / "cam_coverage.png").stat().st_size > 1000
+
+
+def test_calibrate_prints_the_target(cli: Cli, tmp_path: Path) -> None:
+    code, printed, _ = cli("calibrate", "--target", TARGET, "--print-target", tmp_path / "board.pdf")
+    assert code == 0
+    assert "print it at 100 %" in printed
+    assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_calibrate_without_folders_is_wrong_usage(cli: Cli) -> None:
+    code, _, said = cli("calibrate", "--target", TARGET)
+    assert code == 2
+    assert "--left" in said
+
+
+def test_target_that_is_not_there(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+    folder, _ = board_pairs
+    words = (
+        "--left",
+        folder / "left",
+        "--right",
+        folder / "right",
+        "--target",
+        "chessboard:8x5:40mm",
+        "--out",
+        tmp_path / "cam.yaml",
+    )
+    code, _, said = cli("calibrate", *words)
+    assert code == 1
+    assert "0 of 6 pairs" in said and said.count("\n") == 1
+    assert not (tmp_path / "cam.yaml").exists()
+
+
+def test_check_tells_a_good_calibration_from_a_bad_one(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+    _, rig = board_pairs
+    write_rig(rig, tmp_path / "cam.yaml")
+    folders = ("--left", tmp_path / "left", "--right", tmp_path / "right")
+    sand = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (500, 700), dtype=np.uint8), (0, 0), 1.5)
+    sand = cv2.normalize(sand, None, 0, 255, cv2.NORM_MINMAX)
+    pose = np.eye(4)
+    pose[2, 3] = 0.7
+    for side, camera, extrinsic in (("left", rig.left, np.eye(4)), ("right", rig.right, rig.T_right_left)):
+        (tmp_path / side).mkdir()
+        cv2.imwrite(str(tmp_path / side / "0.png"), rendered(camera, extrinsic @ pose, sand, 700, np.array([-0.5, -0.36])))
+    code, printed, _ = cli("check", *folders, "--calib", tmp_path / "cam.yaml")
+    assert code == 0
+    assert "baseline 100.0 mm" in printed
+    assert "is acceptable" in printed
+    turned = rig.T_right_left.copy()
+    turned[:3, :3] = cv2.Rodrigues(np.array([0.004, 0.0, 0.0]))[0]
+    write_rig(StereoRig(rig.left, rig.right, turned), tmp_path / "turned.yaml")
+    code, printed, _ = cli("check", *folders, "--calib", tmp_path / "turned.yaml")
+    assert code == 3
+    assert "a camera has moved since" in printed
+    assert "NOT acceptable" in printed
+
+
+def test_convert(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "left.yaml").write_text(ROS_LEFT)
+    (tmp_path / "right.yaml").write_text(ROS_RIGHT)
+    assert cli("convert-calib", tmp_path, tmp_path / "stereo.yml", "--to", "opencv")[0] == 0
+    assert cli("convert-calib", tmp_path / "stereo.yml", tmp_path / "again", "--to", "ros")[0] == 0
+    np.testing.assert_allclose(
+        load_rig(tmp_path / "again").T_right_left, load_rig(tmp_path / "stereo.yml").T_right_left, atol=1e-12
+    )
+
+
+def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "intrinsics.yml").write_text(OPENCV_INTRINSICS)
+    (tmp_path / "extrinsics.yml").write_text(OPENCV_EXTRINSICS)
+    source = f"{tmp_path}/intrinsics.yml,{tmp_path}/extrinsics.yml"
+    assert cli("convert-calib", source, tmp_path / "cam.yaml")[0] == 1
+    assert cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "640x480")[0] == 0
+    code, _, said = cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "wide")
+    assert code == 1 and "expected WIDTHxHEIGHT" in said
