@@ -10,7 +10,7 @@ import argparse
 import json
 import os
 import platform
-import resource
+import re
 import shutil
 import statistics
 import subprocess
@@ -64,14 +64,14 @@ def whole_run(dive: Path, out: Path, workers: int) -> None:
     print(json.dumps(summary.stage_seconds()), file=sys.stderr)
 
 
-def measure(way: str, dive: Path, workers: int) -> tuple[float, float, str]:
-    """(seconds, peak MiB, stage seconds as JSON) of one way, in a process of its own."""
+def measure(way: str, dive: Path, workers: int) -> tuple[float, float, float, str]:
+    """(seconds, peak MiB, processor seconds, stage seconds as JSON) of one way, in a process of its own."""
     out = dive / "out"
     shutil.rmtree(out, ignore_errors=True)
     words = [sys.executable, __file__, "--one", way, "--dive", str(dive), "--workers", str(workers)]
     done = subprocess.run(words, capture_output=True, text=True, check=True)
-    seconds, peak = done.stdout.split()
-    return float(seconds), float(peak), done.stderr.strip()
+    seconds, peak, processor = (float(word) for word in done.stdout.split())
+    return seconds, peak, processor, done.stderr.strip()
 
 
 def main() -> None:
@@ -89,8 +89,9 @@ def main() -> None:
             whole_run(options.dive, options.dive / "out", options.workers)
         else:
             plain_loop(options.dive, options.dive / "out")
-        peak_mib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(time.perf_counter() - start, peak_mib)
+        high_water = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text())  # ru_maxrss would count the parent's
+        assert high_water
+        print(time.perf_counter() - start, int(high_water[1]) / 1024, time.process_time())
         return
     with tempfile.TemporaryDirectory() as folder:
         dive = Path(folder)
@@ -100,7 +101,11 @@ def main() -> None:
     print(f"{platform.machine()}, {os.cpu_count()} cores; {options.pairs} pairs of {options.size[0]}x{options.size[1]}")
     for name, results in (("run, survey water", [a for a, _ in runs]), ("plain loop, frame water", [b for _, b in runs])):
         seconds = statistics.median(r[0] for r in results)
-        print(f"{name:24s} {options.pairs / seconds:6.2f} pairs/s   peak {max(r[1] for r in results):6.0f} MiB   {results[0][2]}")
+        processor = statistics.median(r[2] for r in results) / options.pairs
+        peak = max(r[1] for r in results)
+        print(
+            f"{name:24s} {options.pairs / seconds:6.2f} pairs/s   {processor:.3f} processor s a pair   peak {peak:5.0f} MiB   {results[0][3]}"
+        )
     ratio = statistics.median(b[0] / a[0] for a, b in runs)
     print(f"run is {ratio:.2f} times as fast; 2,000 pairs would take {2000 / options.pairs * runs[0][0][0] / 60:.1f} minutes")
 

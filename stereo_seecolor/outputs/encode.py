@@ -10,9 +10,8 @@ from stereo_seecolor.data import ColoredCloud, Map
 
 ImageFormat = Literal["png", "png16", "tiff32", "jpg"]
 SUFFIX: dict[ImageFormat, str] = {"png": ".png", "png16": ".png", "tiff32": ".tiff", "jpg": ".jpg"}
-PNG_FLAT = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-PNG_PHOTO = [
-    *PNG_FLAT,
+PNG = [
+    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
     *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
     *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),
 ]
@@ -34,7 +33,7 @@ def encode_image(rgb: NDArray[np.generic], image_format: ImageFormat) -> bytes:
         return _encode(".tiff", bgr, [cv2.IMWRITE_TIFF_COMPRESSION, TIFF_UNCOMPRESSED])
     if image_format == "jpg":
         return _encode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return _encode(".png", bgr, PNG_PHOTO)
+    return _encode(".png", bgr, PNG)
 
 
 def encode_map(values: Map) -> bytes:
@@ -44,12 +43,12 @@ def encode_map(values: Map) -> bytes:
 
 def encode_confidence(confidence: Map) -> bytes:
     """(H, W) in [0, 1] to an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept for what was not measured."""
-    return _encode(".png", np.ceil(confidence * 255).astype(np.uint8), PNG_FLAT)
+    return _encode(".png", np.ceil(confidence * 255).astype(np.uint8), PNG)
 
 
 def encode_mask(mask: NDArray[np.uint8]) -> bytes:
     """(H, W) uint8 codes to a PNG."""
-    return _encode(".png", mask, PNG_FLAT)
+    return _encode(".png", mask, PNG)
 
 
 def encode_cloud(cloud: ColoredCloud) -> bytes:
