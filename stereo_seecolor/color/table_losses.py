@@ -21,7 +21,7 @@ class Channel(NamedTuple):
     """One channel of an image as the losses need it.
 
     z: (L,) range of each occupied level, metres. light: (V,) value of each bin. below: (L, V + 1, 3) sums of light**p, p = 0, 1, 2,
-    over the bins before each. scale: 1 / (3 N), N the image's pixels. floor, ceiling: what the direct signal is clamped to.
+    over the bins before each. scale: 1 / (3 N), N the image's pixels.
     """
 
     z: NDArray[np.float64]
@@ -88,14 +88,14 @@ def softplus(x):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def backscatter_loss(raw, channel, penalty, gradient):  # type: ignore[no-untyped-def]
-    """Mean of max(D, 0) - k min(D, 0), D = I - B(z), of one channel; its gradient by the four raw weights is put in ``gradient``.
+def backscatter_loss(raw, channel, penalty, slopes):  # type: ignore[no-untyped-def]
+    """Mean of max(D, 0) - k min(D, 0), D = I - B(z), of one channel; each level's part of its gradient is put in ``slopes`` (L, 4).
 
     raw: gamma and eta before a sigmoid, beta and alpha before a softplus, in the order gamma, beta, eta, alpha.
     """
     gamma, beta, eta, alpha = sigmoid(raw[0]), softplus(raw[1]), sigmoid(raw[2]), softplus(raw[3])
-    loss, by_gamma, by_beta, by_eta, by_alpha = 0.0, 0.0, 0.0, 0.0, 0.0
-    last = channel.light.size
+    to_gamma, to_beta, to_eta, to_alpha = gamma * (1.0 - gamma), sigmoid(raw[1]), eta * (1.0 - eta), sigmoid(raw[3])
+    loss, last = 0.0, channel.light.size
     for level in range(channel.z.size):
         z = channel.z[level]
         veil, residual = np.exp(-beta * z), np.exp(-alpha * z)
@@ -103,15 +103,11 @@ def backscatter_loss(raw, channel, penalty, gradient):  # type: ignore[no-untype
         below, total = channel.below[level, _first_at(channel.light, backscatter)], channel.below[level, last]
         above_number, above_sum = total[0] - below[0], total[1] - below[1]
         loss += above_sum - backscatter * above_number + penalty * (backscatter * below[0] - below[1])
-        slope = penalty * below[0] - above_number
-        by_gamma += slope * (1.0 - veil)
-        by_beta += slope * gamma * z * veil
-        by_eta += slope * residual
-        by_alpha -= slope * eta * z * residual
-    gradient[0] = by_gamma * gamma * (1.0 - gamma) * channel.scale
-    gradient[1] = by_beta * sigmoid(raw[1]) * channel.scale
-    gradient[2] = by_eta * eta * (1.0 - eta) * channel.scale
-    gradient[3] = by_alpha * sigmoid(raw[3]) * channel.scale
+        slope = (penalty * below[0] - above_number) * channel.scale
+        slopes[level, 0] = slope * (1.0 - veil) * to_gamma
+        slopes[level, 1] = slope * gamma * z * veil * to_beta
+        slopes[level, 2] = slope * residual * to_eta
+        slopes[level, 3] = -slope * eta * z * residual * to_alpha
     return loss * channel.scale
 
 
@@ -132,8 +128,8 @@ def direct_sums(channel, backscatter, floor, ceiling):  # type: ignore[no-untype
 
 
 @njit(cache=True, nogil=True)
-def attenuation_loss(raw, channel, direct, gradient):  # type: ignore[no-untyped-def]
-    """Saturation, intensity and variation of one channel of J = D / A(z), a third of each; the gradient is put in ``gradient``.
+def attenuation_loss(raw, channel, direct, slopes):  # type: ignore[no-untyped-def]
+    """Saturation, intensity and variation of one channel of J = D / A(z), a third of each; gradient by level in ``slopes`` (L, 4).
 
     raw: w, v, y, x before a softplus.
     """
@@ -150,7 +146,7 @@ def attenuation_loss(raw, channel, direct, gradient):  # type: ignore[no-untyped
     deviation = np.sqrt(max(square - mean * mean, 0.0))
     loss = ((mean - 0.5) ** 2 + (deviation - direct.deviation) ** 2) / 3.0
     pull = (deviation - direct.deviation) / deviation if deviation > 1e-12 else 0.0
-    gradient[:] = 0.0
+    to_w, to_v, to_y, to_x = sigmoid(raw[0]), sigmoid(raw[1]), sigmoid(raw[2]), sigmoid(raw[3])
     for level in range(levels):
         z, g = channel.z[level], gain[level]
         first, second = direct.sums[level, 0], direct.sums[level, 1]
@@ -160,14 +156,11 @@ def attenuation_loss(raw, channel, direct, gradient):  # type: ignore[no-untyped
             loss += excess * channel.scale
             by_gain += slope * channel.scale
         near, far = np.exp(-v * z), np.exp(-x * z)
-        if z * (w * near + y * far) < STEEPEST:
-            by_rate = by_gain * g * z
-            gradient[0] += by_rate * near
-            gradient[1] -= by_rate * w * z * near
-            gradient[2] += by_rate * far
-            gradient[3] -= by_rate * y * z * far
-    for i in range(4):
-        gradient[i] *= sigmoid(raw[i])
+        by_rate = by_gain * g * z if z * (w * near + y * far) < STEEPEST else 0.0
+        slopes[level, 0] = by_rate * near * to_w
+        slopes[level, 1] = -by_rate * w * z * near * to_v
+        slopes[level, 2] = by_rate * far * to_y
+        slopes[level, 3] = -by_rate * y * z * far * to_x
     return loss
 
 

@@ -3,6 +3,8 @@
 No loss of the paper couples two channels, so what looks like 24 parameters are six problems of four.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -18,6 +20,12 @@ COLD_STEPS, WARM_STEPS = 120, 25
 CLAMP_DEVIATIONS = 5.0
 """The direct signal is clamped to this many standard deviations about its mean before attenuation is fitted."""
 
+DIFFERENCE = 0.05
+"""Step of raw weights for second derivatives: the backscatter loss has a kink at each value, and wants to be seen from afar."""
+
+LEAST_CURVATURE, MOST_ERROR = 1e-7, 3.0
+"""A direction this much flatter than the steepest is not seen; an error of a raw weight beyond this is a factor of twenty."""
+
 IS_SHARE = np.array([True, False, True, False])
 NOTHING = Direct(np.zeros(0), np.zeros((0, 2)), 0.0, 1.0, 0.0)
 
@@ -26,28 +34,33 @@ LONGEST_STEP = 2.0
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
-    """The water that minimises the paper's losses over the table's pixels, of which there must be some."""
-    found = np.empty((8, 3))
+    """The water that minimises the paper's losses over the table's pixels, of which there must be some; with standard errors."""
+    found, errors = np.empty((8, 3)), np.empty((8, 3))
     for c, channel in enumerate(channels(table, config)):
         guesses = [_raw_backscatter(guess) for guess in _backscatter_guesses(channel, config.penalty)]
         warm = None if start is None else _raw_backscatter(_parameters(start, BACKSCATTER, c))
         raw = _best(0, warm, guesses, channel, NOTHING, config.penalty)
         found[:4, c] = np.where(IS_SHARE, shares(raw), rates(raw))
+        slope = np.where(IS_SHARE, found[:4, c] * (1 - found[:4, c]), shares(raw))
+        errors[:4, c] = slope * _standard_errors(0, raw, channel, NOTHING, config.penalty)
+
         direct = direct_signal(channel, found[:4, c])
         guesses = [raw_rates(guess) for guess in _attenuation_guesses(channel, direct)]
         warm = None if start is None else raw_rates(_parameters(start, ATTENUATION, c))
-        found[4:, c] = rates(_best(1, warm, guesses, channel, direct, 0.0))
-    return water_of(found, config)
+        raw = _best(1, warm, guesses, channel, direct, 0.0)
+        found[4:, c] = rates(raw)
+        errors[4:, c] = shares(raw) * _standard_errors(1, raw, channel, direct, 0.0)
+    return replace(water_of(found, config), standard_errors=dict(zip(BACKSCATTER + ATTENUATION, errors, strict=True)))
 
 
 def losses(table: MomentTable, water: Water, config: ColorConfig) -> tuple[float, float]:
     """The paper's backscatter and attenuation losses of a water over the table's pixels, of which there must be some."""
-    backscatter, attenuation, gradient = 0.0, 0.0, np.empty(4)
+    backscatter, attenuation = 0.0, 0.0
     for c, channel in enumerate(channels(table, config)):
-        four = _parameters(water, BACKSCATTER, c)
-        backscatter += backscatter_loss(_raw_backscatter(four), channel, config.penalty, gradient)
+        four, slopes = _parameters(water, BACKSCATTER, c), np.empty((channel.z.size, 4))
+        backscatter += backscatter_loss(_raw_backscatter(four), channel, config.penalty, slopes)
         direct = direct_signal(channel, four)
-        attenuation += attenuation_loss(raw_rates(_parameters(water, ATTENUATION, c)), channel, direct, gradient)
+        attenuation += attenuation_loss(raw_rates(_parameters(water, ATTENUATION, c)), channel, direct, slopes)
     return backscatter, attenuation
 
 
@@ -84,15 +97,34 @@ def _best(
     penalty: float,
 ) -> NDArray[np.float64]:
     """The lowest minimum: from ``warm`` in a few steps where it begins lower than every guess, else from each of the guesses."""
-    gradient = np.empty(4)
-    begin = [_loss(which, raw, channel, direct, penalty, gradient) for raw in guesses]
-    if warm is not None and _loss(which, warm, channel, direct, penalty, gradient) <= min(begin):
+    slopes, gradient = np.empty((channel.z.size, 4)), np.empty(4)
+    begin = [_loss(which, raw, channel, direct, penalty, slopes, gradient) for raw in guesses]
+    if warm is not None and _loss(which, warm, channel, direct, penalty, slopes, gradient) <= min(begin):
         starts, steps = [warm], WARM_STEPS
     else:
         starts, steps = guesses, COLD_STEPS
     minima = [minimise(which, raw, channel, direct, penalty, steps) for raw in starts]
     best: NDArray[np.float64] = min(minima, key=lambda minimum: minimum[0])[1]
     return best
+
+
+def _standard_errors(which: int, raw: NDArray[np.float64], channel: Channel, direct: Direct, penalty: float) -> NDArray[np.float64]:
+    """(4,) standard errors of raw weights at a minimum, NaN where the levels cannot tell a weight.
+
+    The sandwich of an M-estimator (Huber 1967), H^-1 (sum of g g^T) H^-1, with the levels of range as its independent parts g:
+    pixels of one range err together, by the same range error and the same lack of something dark.
+    """
+    levels = channel.z.size
+    if levels <= 2 * raw.size:
+        return np.full(raw.size, np.nan)
+    slopes, hessian = np.empty((levels, 4)), np.empty((4, 4))
+    curvature(which, raw, channel, direct, penalty, slopes, hessian)
+    values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
+    seen = values > LEAST_CURVATURE * max(values[-1], 1e-300)
+    inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
+    errors = np.sqrt(np.diag(inverse @ (slopes.T @ slopes) @ inverse) * levels / (levels - raw.size))
+    told = (vectors[:, ~seen] ** 2).sum(axis=1) < 0.01
+    return np.where(told & (errors < MOST_ERROR), errors, np.nan)
 
 
 def _parameters(water: Water, names: tuple[str, ...], channel: int) -> NDArray[np.float64]:
@@ -123,10 +155,28 @@ def _attenuation_guesses(channel: Channel, direct: Direct) -> list[NDArray[np.fl
 
 
 @njit(cache=True, nogil=True)
-def _loss(which, raw, channel, direct, penalty, gradient):  # type: ignore[no-untyped-def]
-    if which == 0:
-        return backscatter_loss(raw, channel, penalty, gradient)
-    return attenuation_loss(raw, channel, direct, gradient)
+def _loss(which, raw, channel, direct, penalty, slopes, gradient):  # type: ignore[no-untyped-def]
+    loss = backscatter_loss(raw, channel, penalty, slopes) if which == 0 else attenuation_loss(raw, channel, direct, slopes)
+    gradient[:] = 0.0
+    for level in range(slopes.shape[0]):
+        for i in range(4):
+            gradient[i] += slopes[level, i]
+    return loss
+
+
+@njit(cache=True, nogil=True)
+def curvature(which, raw, channel, direct, penalty, slopes, hessian):  # type: ignore[no-untyped-def]
+    """The Hessian by central differences of the gradient, and the gradient's parts by level, at ``raw``."""
+    forward, back = np.empty(4), np.empty(4)
+    for i in range(4):
+        moved = raw.copy()
+        moved[i] = raw[i] + DIFFERENCE
+        _loss(which, moved, channel, direct, penalty, slopes, forward)
+        moved[i] = raw[i] - DIFFERENCE
+        _loss(which, moved, channel, direct, penalty, slopes, back)
+        for j in range(4):
+            hessian[i, j] = (forward[j] - back[j]) / (2.0 * DIFFERENCE)
+    _loss(which, raw, channel, direct, penalty, slopes, forward)
 
 
 @njit(cache=True, nogil=True)
@@ -136,8 +186,8 @@ def minimise(which, raw, channel, direct, penalty, most_steps):  # type: ignore[
     Gives the loss, the raw weights and the number of evaluations.
     """
     n = raw.size
-    x, gradient = raw.copy(), np.empty(n)
-    loss = _loss(which, x, channel, direct, penalty, gradient)
+    x, gradient, slopes = raw.copy(), np.empty(n), np.empty((channel.z.size, n))
+    loss = _loss(which, x, channel, direct, penalty, slopes, gradient)
     inverse = np.eye(n) * (0.2 / max(np.sqrt(np.sum(gradient * gradient)), 1e-12))
     trial_gradient, evaluations, small = np.empty(n), 1, 0
     for _ in range(most_steps):
@@ -152,7 +202,7 @@ def minimise(which, raw, channel, direct, penalty, most_steps):  # type: ignore[
         trial, trial_loss = x, loss
         for _ in range(25):
             trial = x + step * direction
-            trial_loss = _loss(which, trial, channel, direct, penalty, trial_gradient)
+            trial_loss = _loss(which, trial, channel, direct, penalty, slopes, trial_gradient)
             evaluations += 1
             if trial_loss > loss + 1e-4 * step * slope:
                 high = step

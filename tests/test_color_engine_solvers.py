@@ -1,0 +1,146 @@
+"""The two solvers of the paper's losses: what they find, how they begin, what they cannot know, and that they repeat themselves."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import torch
+
+from stereo_seecolor.color import kernels, table_solver
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.parameters import ATTENUATION, BACKSCATTER
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.errors import DeviceError
+
+GAMMA, BETA, RATE = np.array([0.15, 0.25, 0.3]), np.array([0.5, 0.3, 0.2]), np.array([0.5, 0.15, 0.1])
+
+
+def scene(seed, shape=(60, 80), relief=1.0):
+    """Linear light through known water; at every range something dark."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: shape[0], : shape[1]] / np.array(shape)[:, None, None]
+    range_m = (2.5 + relief * (3 * y - 1.5 + 1.5 * np.sin(8 * x + seed) ** 2)).clip(0.5).astype(np.float32)
+    truth = rng.beta(0.8, 2, (*shape, 3)) * rng.uniform(0.5, 1, (*shape, 1))
+    z = range_m[..., None]
+    light = truth * np.exp(-RATE * z) + GAMMA * (1 - np.exp(-BETA * z))
+    return np.clip(light * 255 + 0.5, 0, 255).astype(np.uint8), range_m
+
+
+@pytest.fixture
+def corrector():
+    return Corrector(ColorConfig(objective="paper", input_encoding="as-is", device="cpu"))
+
+
+@pytest.fixture(autouse=True)
+def one_thread():
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
+
+
+def test_backscatter_is_found_where_every_range_has_something_dark(corrector):
+    image, range_m = scene(0, (200, 300))
+    water, z = corrector.fit(corrector.measure(image, range_m)), np.linspace(1.5, 5, 20)
+    assert np.abs(water.backscatter(z) - GAMMA * (1 - np.exp(-BETA * z[:, None]))).max() < 0.02
+
+
+@pytest.mark.parametrize("encoding", ["as-is", "srgb"])
+@pytest.mark.parametrize("seed", range(3))
+def test_table_solver_ends_no_higher_than_five_hundred_adam_steps_on_every_pixel(seed, encoding):
+    corrector = Corrector(ColorConfig(objective="paper", input_encoding=encoding, device="cpu"))
+    image, range_m = scene(seed, (30, 40))
+    table = corrector.measure(image, range_m)
+    fast, slow = corrector.fit(table), corrector.fit_dense(image, range_m)
+    fast_losses, slow_losses = (table_solver.losses(table, water, corrector.config) for water in (fast, slow))
+    assert fast_losses[0] <= slow_losses[0]
+    assert sum(fast_losses) <= sum(slow_losses)
+
+
+def test_dense_training_goes_down_and_a_warm_start_needs_few_steps():
+    config = ColorConfig(objective="paper", solver="dense", input_encoding="as-is", device="cpu", learning_rate=0.05)
+    corrector = Corrector(config)
+    frames = [scene(0, (30, 40)), scene(1, (30, 40))]
+    table = corrector.measure(*frames[1])
+    first = corrector.fit_frame(*frames[0])
+    warm = table_solver.losses(table, corrector.fit_frame(*frames[1], start=first), config)
+    few_from_cold = Corrector(config.model_copy(update={"first_steps": config.next_steps})).fit_frame(*frames[1])
+    assert sum(warm) < sum(table_solver.losses(table, few_from_cold, config))
+
+
+def test_warm_start_ends_as_low_as_cold(corrector):
+    first = corrector.fit(corrector.measure(*scene(0)))
+    table = corrector.measure(*scene(1))
+    cold, warm = (sum(table_solver.losses(table, corrector.fit(table, start), corrector.config)) for start in (None, first))
+    assert warm <= 1.03 * cold
+
+
+def test_a_start_from_another_world_does_no_harm(corrector):
+    image, range_m = scene(0)
+    dark = corrector.fit(corrector.measure((image // 50), range_m))
+    table = corrector.measure(image, range_m)
+    cold, warm = (sum(table_solver.losses(table, corrector.fit(table, start), corrector.config)) for start in (None, dark))
+    assert warm <= 1.03 * cold
+
+
+@pytest.mark.parametrize("objective", ["robust", "paper"])
+def test_same_result_whatever_the_number_of_threads(objective, monkeypatch):
+    corrector = Corrector(ColorConfig(objective=objective))
+    image, range_m = scene(3, (150, 200))
+
+    def result(parts):
+        edges = [image.shape[0] * image.shape[1] * i // parts for i in range(parts + 1)]
+        monkeypatch.setattr(kernels, "_bounds", lambda pixels: list(pairwise(edges)))
+        table = corrector.measure(image, range_m)
+        water = corrector.fit(table)
+        return water, corrector.apply(image, range_m, water, table)
+
+    (one_water, one), (many_water, many) = result(1), result(5)
+    assert np.array_equal(one.image, many.image)
+    assert np.array_equal(one.unrecoverable, many.unrecoverable)
+    assert one.clipped_share == many.clipped_share
+    assert np.array_equal(one_water.w, many_water.w)
+
+
+def test_standard_errors_are_the_spread_over_scenes():
+    corrector = Corrector(ColorConfig(objective="paper", input_encoding="as-is", penalty=20))
+    waters = [corrector.fit(corrector.measure(*scene(seed, (120, 160)))) for seed in range(14)]
+    for name in ("gamma_inf", "w", "y"):
+        spread = np.std([getattr(water, name) for water in waters], axis=0)
+        stated = np.array([water.standard_errors[name] for water in waters])
+        known = np.isfinite(stated).any(axis=0)
+        ratio = np.nanmedian(stated[:, known], axis=0) / spread[known]
+        assert known.any()
+        assert (ratio > 0.3).all()
+        assert (ratio < 3).all()
+
+
+def test_without_relief_nothing_is_said_to_be_known(corrector):
+    water = corrector.fit(corrector.measure(*scene(0, relief=0.0)))
+    assert all(np.isnan(water.standard_errors[name]).all() for name in BACKSCATTER + ATTENUATION)
+    assert "no relief" in water.warnings[0]
+    survey = corrector.fit(corrector.measure(*scene(1)))
+    frame = corrector.fit(corrector.measure(*scene(0, relief=0.0)), survey)
+    assert np.array_equal(frame.w, survey.w)
+    assert "another frame's is used" in frame.warnings[0]
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a CUDA device")
+def test_cuda_asked_for_and_absent_is_named():
+    corrector = Corrector(ColorConfig(objective="paper", solver="dense", device="cuda"))
+    with pytest.raises(DeviceError, match=r"color\.device=cuda: torch finds no CUDA device"):
+        corrector.fit_frame(*scene(0))
+
+
+@pytest.mark.real_data
+def test_real_frames_come_out_whole(real_data):
+    import cv2
+
+    for path in sorted((real_data / "flsea" / "rgb").iterdir())[:3]:
+        image = np.ascontiguousarray(cv2.imread(str(path))[..., ::-1])
+        range_m = cv2.imread(str(next((real_data / "flsea" / "range").glob(f"*{path.stem}*"))), cv2.IMREAD_UNCHANGED)
+        for objective in ("robust", "paper"):
+            corrector = Corrector(ColorConfig(objective=objective))
+            found = corrector.apply(image, range_m, corrector.fit_frame(image, range_m))
+            assert found.clipped_share <= 0.02
+            assert np.median(found.image[~found.unknown].max(axis=1)) > 10
