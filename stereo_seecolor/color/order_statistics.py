@@ -13,14 +13,22 @@ SHARES = np.array([0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
 """Quantiles, from what is nearly in shadow to the brightest things, which are the likeliest to be white."""
 
 MOST_GROUPS = 20
+CLIPPED = 0.99
+"""From this share of full scale on, an encoded value does not say how bright it was."""
 
 
 @dataclass(frozen=True, eq=False)
 class OrderStatistics:
-    """range_m (G,): mean range of each group of pixels, metres, near to far. light (3, G, 8): quantiles, linear light."""
+    """What is seen at each range.
+
+    range_m (G,): mean range of each group of pixels, metres, near to far. pixels (G,): how many. light (3, G, 8): quantiles, linear
+    light. clipped (3, G, 8): True where a quantile is at full scale, and the light may have been anything above.
+    """
 
     range_m: NDArray[np.float64]
+    pixels: NDArray[np.float64]
     light: NDArray[np.float64]
+    clipped: NDArray[np.bool_]
 
 
 def summarize(table: MomentTable, encoding: InputEncoding) -> OrderStatistics:
@@ -35,7 +43,7 @@ def summarize(table: MomentTable, encoding: InputEncoding) -> OrderStatistics:
     full = 2.0**table.bit_depth - 1
     step, first = (1.0, 0.0) if table.bit_depth == 8 else (16.0, 7.5)
     encoded = np.clip((values * step + first) / full, 0, 1)
-    return OrderStatistics(mean_range_m, decode(encoded, encoding))
+    return OrderStatistics(mean_range_m, size.astype(np.float64), decode(encoded, encoding), encoded >= CLIPPED)
 
 
 def _groups(pixels: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -8,12 +8,14 @@ those of natural scenes, a little warm, and the brighter the nearer to gray. Wat
 this is one regularised least squares over at most 20 ranges, solved by Gauss-Newton steps; its curvature gives the errors.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.jerlov import RATE_OF_CHANGE, water_prior
-from stereo_seecolor.color.order_statistics import SHARES, summarize
+from stereo_seecolor.color.order_statistics import SHARES, OrderStatistics, summarize
 from stereo_seecolor.color.tables import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Water
@@ -25,9 +27,9 @@ WATER = 15
 
 REFLECTANCE = np.log([0.012, 0.022, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0])
 """A scene's quantiles (SHARES of order_statistics) against its brightest thousandth."""
-NATURAL = np.array([0.12, 0.0, -0.15])
-"""Natural scenes are not gray but a little warm: sand, rock, algae and coral reflect more red than blue (log against green;
-the mean of photographs in daylight, sRGB 0.485, 0.456, 0.406 of ImageNet, is 0.13, 0, -0.25)."""
+NATURAL = np.array([0.2, 0.0, -0.25])
+"""Natural scenes are not gray but warm: sand, rock, algae and coral reflect more red than blue (logarithm against green; coral
+sand is at 0.16, 0, -0.27, and the mean of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25)."""
 NATURAL_SHARE = np.array([1, 1, 1, 1, 1, 0.8, 0.5, 0.2])
 """The brighter, the nearer to gray: what is brightest is white, or shines."""
 CAST = np.array([0.7, 0.5, 0.35, 0.28, 0.25, 0.21, 0.18, 0.17])
@@ -37,11 +39,14 @@ TOGETHER, BRIGHTNESS = 0.7, 0.5
 NOISE = np.array([0.2, 0.05, 2.0, 0.001])
 """Of a quantile: share of its direct signal that content varies by, share of all by which a veil may; beyond how many of these it
 counts as an outlier; the light that a camera's offset hides, against the brightest."""
+FEW_PIXELS = 200.0
+"""Quantiles of this many pixels count half: neighbours are often of one thing."""
 OUTER, INNER = 20, 6
 """Most steps: of weighing anew, and between."""
 NOTHING_LEARNED = 0.9
 """A standard error that is at least this share of the prior's says that the image told nothing."""
-NO_RELIEF = "too little relief to measure attenuation: it is taken from known waters (Jerlov's types)"
+LITTLE_RELIEF = 1.2
+"""Farthest against nearest range; below, a fit's attenuation is known waters' more than the image's."""
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
@@ -59,8 +64,19 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     if start is not None and (start.v == RATE_OF_CHANGE).all():
         x[:WATER] = _numbers(start, scale)
     _begin_content(x, seen.range_m, light)
-    x, curvature = _minimise(x, seen.range_m, light, mean, precision, NOISE)
-    return _water(x, curvature, scale, precision, config)
+    trust = np.where(seen.clipped, 0.0, (seen.pixels / (seen.pixels + FEW_PIXELS))[:, None])
+    x, curvature = _minimise(x, seen.range_m, light, trust, mean, precision, NOISE)
+    return replace(_water(x, curvature, scale, precision, config), warnings=_warnings(seen, trust))
+
+
+def _warnings(seen: OrderStatistics, trust: NDArray[np.float64]) -> tuple[str, ...]:
+    """What a person should know before trusting the water."""
+    if not trust.any():
+        return ("every pixel is at full scale: the water is known waters' (Jerlov's types), not measured",)
+    near_m, far_m = seen.range_m[0], seen.range_m[-1]
+    if far_m > LITTLE_RELIEF * near_m:
+        return ()
+    return (f"little relief, {near_m:.2f} to {far_m:.2f} m: attenuation leans on known waters; use color.lock=survey",)
 
 
 def _begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
@@ -103,7 +119,6 @@ def _water(x: Vector, curvature: NDArray[np.float64], scale: float, precision: N
         white=white,
         standard_errors={name: np.where(learned[i], error[i] * by, np.nan) for i, (name, by) in enumerate(unit.items())},
         input_encoding=config.input_encoding,
-        warnings=() if learned[0].any() else (NO_RELIEF,),
     )
 
 
@@ -125,7 +140,7 @@ def _prior(groups: int) -> tuple[Vector, Vector]:
 
 
 @njit(cache=True, nogil=True)
-def _minimise(x, z, light, mean, precision, noise):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _minimise(x, z, light, trust, mean, precision, noise):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Levenberg's damped Gauss-Newton steps: the parameters at the least cost, and the Gauss-Newton matrix there."""
     n = x.size
     normal, slope = np.zeros((n, n)), np.zeros(n)
@@ -134,7 +149,7 @@ def _minimise(x, z, light, mean, precision, noise):  # type: ignore[no-untyped-d
     trial = x.copy()
     damping = 1e-3
     for _ in range(OUTER):
-        _weigh(x, z, light, noise, weights)
+        _weigh(x, z, light, trust, noise, weights)
         cost = _cost(x, z, light, mean, precision, weights, noise[3], normal, slope, True)
         start = cost
         for _ in range(INNER):
@@ -160,8 +175,8 @@ def _minimise(x, z, light, mean, precision, noise):  # type: ignore[no-untyped-d
 
 
 @njit(cache=True, nogil=True)
-def _weigh(x, z, light, noise, weights):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Into ``weights`` (3, G, P) the inverse variance of each quantile under the water in ``x``, less for outliers (Cauchy)."""
+def _weigh(x, z, light, trust, noise, weights):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Into ``weights`` (3, G, P) the inverse variances of the quantiles under ``x``, less for outliers (Cauchy), times trust."""
     channels, groups, shares = light.shape
     for c in range(channels):
         far, near, beta, veil, white = np.exp(x[c]), np.exp(x[3 + c]), np.exp(x[6 + c]), np.exp(x[9 + c]), np.exp(x[12 + c])
@@ -173,7 +188,7 @@ def _weigh(x, z, light, noise, weights):  # type: ignore[no-untyped-def]  # prag
                 model = direct + backscatter + noise[3]
                 r = np.log(model / (light[c, g, p] + noise[3]))
                 variance = (noise[0] * direct / model) ** 2 + noise[1] ** 2
-                weights[c, g, p] = 1 / variance / (1 + r * r / (noise[2] ** 2 * variance))
+                weights[c, g, p] = trust[c, g, p] / variance / (1 + r * r / (noise[2] ** 2 * variance))
 
 
 @njit(cache=True, nogil=True)

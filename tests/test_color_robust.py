@@ -1,0 +1,218 @@
+import itertools
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stereo_seecolor.color import robust
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.jerlov import RATE_OF_CHANGE, water_prior
+from stereo_seecolor.color.order_statistics import SHARES, summarize
+from stereo_seecolor.color.tables import MomentTable, measure
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.data import Water
+from stereo_seecolor.evaluation.measures import linear_from_srgb, score_truth, srgb_from_linear
+
+SHAPE = (160, 240)
+CONFIG = ColorConfig()
+
+
+def some_water(gamma_inf: list[float], beta: list[float], far: list[float], white: list[float]) -> Water:
+    zero, change = np.zeros(3), np.full(3, RATE_OF_CHANGE)
+    veil = {"gamma_inf": np.array(gamma_inf), "beta": np.array(beta), "eta": zero, "alpha": np.ones(3)}
+    return Water(**veil, w=zero, v=change, y=np.array(far), x=zero, white=np.array(white))
+
+
+BLUE = some_water([0.02, 0.10, 0.16], [0.4, 0.12, 0.1], far=[0.4, 0.1, 0.07], white=[0.35, 0.9, 1.0])
+GREEN = some_water([0.08, 0.2, 0.15], [0.45, 0.3, 0.35], far=[0.45, 0.3, 0.35], white=[0.5, 0.9, 0.6])
+
+
+def reef(rng: np.random.Generator, cast: tuple[float, float, float] = (1, 1, 1)) -> np.ndarray:
+    """(H, W, 3) linear colours of a reef of sand, rock and coral in shade and sun, in blocks of 8 pixels."""
+    materials = np.array([[0.5, 0.43, 0.33], [0.25, 0.23, 0.2], [0.25, 0.17, 0.09], [0.45, 0.1, 0.06], [0.12, 0.2, 0.07]])
+    blocks = rng.choice(len(materials), (SHAPE[0] // 8, SHAPE[1] // 8), p=[0.35, 0.3, 0.15, 0.1, 0.1])
+    light = np.exp(0.4 * rng.standard_normal((*SHAPE, 1))).clip(0.02, 1.9)
+    return np.clip(np.kron(materials[blocks], np.ones((8, 8, 1))) * light * cast, 0, 1)
+
+
+def slope(near_m: float = 1.0, far_m: float = 4.0) -> np.ndarray:
+    return np.broadcast_to(np.linspace(near_m, far_m, SHAPE[0], dtype=np.float32)[:, None], SHAPE).copy()
+
+
+def seen_through(
+    water: Water, truth: np.ndarray, range_m: np.ndarray, rng: np.random.Generator, exposure: float = 1.0
+) -> np.ndarray:
+    light = exposure * (truth * water.white * water.attenuation(range_m) + water.backscatter(range_m))
+    noisy = srgb_from_linear(light) + 0.004 * rng.standard_normal(light.shape)
+    return np.round(np.clip(noisy, 0, 1) * 255).astype(np.uint8)
+
+
+def errors_deg(image: np.ndarray, truth: np.ndarray, range_m: np.ndarray, water: Water) -> tuple[float, float]:
+    light = np.maximum(linear_from_srgb(image / 255) - water.backscatter(range_m), 0) / (water.attenuation(range_m) * water.white)
+    score = score_truth(srgb_from_linear(light), srgb_from_linear(truth))
+    return score.angle_deg, score.angle_after_gains_deg
+
+
+@pytest.mark.parametrize("water", [BLUE, GREEN])
+def test_known_water_is_taken_out(water: Water) -> None:
+    rng = np.random.default_rng(11)
+    truth, range_m = reef(rng), slope()
+    image = seen_through(water, truth, range_m, rng)
+    found = robust.fit(measure(image, range_m), CONFIG)
+    angle, after_gains = errors_deg(image, truth, range_m, found)
+    floor, _ = errors_deg(image, truth, range_m, water)
+    assert angle < floor + 2.5
+    assert after_gains < floor + 1.0
+    assert found.warnings == ()
+    truly, fitted = water.attenuation(np.array([1.5, 3.5])), found.attenuation(np.array([1.5, 3.5]))
+    # what the colours of an image tell is how much faster red goes than green, and green than blue
+    np.testing.assert_allclose(np.diff(np.log(fitted[1] / fitted[0])), np.diff(np.log(truly[1] / truly[0])), atol=0.15)
+
+
+def test_true_attenuation_lies_within_a_few_standard_errors() -> None:
+    rng = np.random.default_rng(3)
+    range_m = slope()
+    off = []
+    for _ in range(6):
+        found = robust.fit(measure(seen_through(BLUE, reef(rng), range_m, rng), range_m), CONFIG)
+        off.append((found.y - BLUE.y) / found.standard_errors["y"])
+    assert np.abs(np.median(off, axis=0)).max() < 3
+    assert np.isfinite(off).all()
+
+
+def test_without_relief_a_fit_knows_less_and_says_so() -> None:
+    rng = np.random.default_rng(4)
+    range_m = np.full(SHAPE, 2.0, np.float32)
+    image = seen_through(BLUE, reef(rng), range_m, rng)
+    found = robust.fit(measure(image, range_m), CONFIG)
+    relief = robust.fit(measure(seen_through(BLUE, reef(rng), slope(), rng), slope()), CONFIG)
+    assert len(found.warnings) == 1
+    assert found.warnings[0].startswith("little relief, 2.0")
+    assert relief.warnings == ()
+    assert (found.standard_errors["y"] / found.y > relief.standard_errors["y"] / relief.y).all()
+
+
+def test_a_blown_frame_leaves_the_prior() -> None:
+    blown = robust.fit(measure(np.full((*SHAPE, 3), 255, np.uint8), slope()), CONFIG)
+    assert blown.warnings[0].startswith("every pixel is at full scale")
+    assert np.isnan(blown.standard_errors["y"]).all()
+    np.testing.assert_allclose(np.log(blown.y), water_prior()[0][:3], atol=0.05)
+
+
+def test_a_start_changes_nothing_but_time() -> None:
+    rng = np.random.default_rng(5)
+    range_m = slope()
+    table = measure(seen_through(GREEN, reef(rng), range_m, rng), range_m)
+    cold = robust.fit(table, CONFIG)
+    other = robust.fit(measure(seen_through(BLUE, reef(rng), range_m, rng), range_m), CONFIG)
+    warm = robust.fit(table, CONFIG, other)
+    z = np.linspace(1, 4, 7)
+    np.testing.assert_allclose(warm.attenuation(z), cold.attenuation(z), rtol=0.03)
+    np.testing.assert_allclose(warm.white / warm.white[1], cold.white / cold.white[1], rtol=0.03)
+    papers = replace(cold, v=np.full(3, 0.4))  # a water of the paper's fit is not of this form, and no start
+    np.testing.assert_array_equal(robust.fit(table, CONFIG, papers).y, cold.y)
+
+
+def test_exposure_moves_only_the_level() -> None:
+    rng = np.random.default_rng(6)
+    truth, range_m = reef(rng), slope()
+    bright, dark = (
+        robust.fit(measure(seen_through(BLUE, truth, range_m, np.random.default_rng(1), exposure), range_m), CONFIG)
+        for exposure in (0.9, 0.3)
+    )
+    np.testing.assert_allclose(dark.white / dark.white[1], bright.white / bright.white[1], rtol=0.1)
+    np.testing.assert_allclose((dark.white / bright.white)[1], 1 / 3, rtol=0.1)
+
+
+def test_same_table_same_water() -> None:
+    rng = np.random.default_rng(7)
+    table = measure(seen_through(GREEN, reef(rng), slope(), rng), slope())
+    first, second = robust.fit(table, CONFIG), robust.fit(table, CONFIG)
+    for name in ("gamma_inf", "beta", "w", "y", "white"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+
+
+def test_a_surveys_sum_is_fitted_like_a_frame() -> None:
+    rng = np.random.default_rng(8)
+    total = MomentTable.empty()
+    truths, images, ranges = [], [], []
+    for altitude in (1.0, 1.6, 2.4, 3.2):
+        truths.append(reef(rng))
+        ranges.append(slope(altitude, 1.1 * altitude))
+        images.append(seen_through(BLUE, truths[-1], ranges[-1], rng))
+        total = total + measure(images[-1], ranges[-1])
+    found = robust.fit(total, CONFIG)
+    for image, truth, range_m in zip(images, truths, ranges, strict=True):
+        assert errors_deg(image, truth, range_m, found)[0] < errors_deg(image, truth, range_m, BLUE)[0] + 2.5
+
+
+def test_sixteen_bits_see_what_eight_see() -> None:
+    rng = np.random.default_rng(9)
+    range_m = slope()
+    image = seen_through(BLUE, reef(rng), range_m, rng)
+    eight = robust.fit(measure(image, range_m), CONFIG)
+    sixteen = robust.fit(measure(image.astype(np.uint16) * 257, range_m), CONFIG)
+    np.testing.assert_allclose(sixteen.attenuation(np.array([2.0])), eight.attenuation(np.array([2.0])), rtol=0.05)
+
+
+def test_quantiles_are_those_of_the_pixels() -> None:
+    rng = np.random.default_rng(10)
+    image = rng.integers(20, 240, (*SHAPE, 3)).astype(np.uint8)
+    seen = summarize(measure(image, np.full(SHAPE, 1.5, np.float32)), "as-is")
+    assert seen.range_m == pytest.approx([1.5], abs=0.02)
+    expected = np.quantile(image.reshape(-1, 3) / 255, SHARES, axis=0).T
+    np.testing.assert_allclose(seen.light[:, 0], expected, atol=1 / 255)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.integers(0, 2**31), st.sampled_from([(1, 1), (2, 2), (9, 7)]), st.sampled_from([np.uint8, np.uint16]), st.floats(0.05, 40)
+)
+def test_any_image_gives_a_finite_water(seed: int, shape: tuple[int, int], dtype: type, far_m: float) -> None:
+    rng = np.random.default_rng(seed)
+    top = np.iinfo(dtype).max
+    image = rng.choice([0, 1, top // 3, top], (*shape, 3)).astype(dtype)
+    range_m = (rng.random(shape) * far_m + 0.01).astype(np.float32)
+    found = robust.fit(measure(image, range_m), CONFIG)
+    z = np.array([0.2, 2.0, 10.0])
+    for value in (found.backscatter(z), found.attenuation(z), found.white):
+        assert np.isfinite(value).all()
+    assert (found.attenuation(z) > 0).all()
+    assert (np.diff(found.attenuation(z), axis=0) <= 0).all()
+
+
+def test_light_never_grows_with_range() -> None:
+    rng = np.random.default_rng(12)
+    for water in (BLUE, GREEN):
+        found = robust.fit(measure(seen_through(water, reef(rng), slope(), rng), slope()), CONFIG)
+        assert (np.diff(found.attenuation(np.linspace(0, 30, 200)), axis=0) < 0).all()
+
+
+def test_known_depth_narrows_the_white_point() -> None:
+    _, anywhere = water_prior()
+    at_surface, there = water_prior(0.0)
+    level = np.eye(3) - 1 / 3
+    np.testing.assert_allclose(level @ at_surface[12:], 0, atol=1e-9)  # no water above: daylight as it is
+    assert np.trace(level @ there[12:, 12:] @ level) < np.trace(level @ anywhere[12:, 12:] @ level)
+    deep, _ = water_prior(10.0)
+    assert deep[12] < at_surface[12] - 0.3  # red is lost first
+
+
+@pytest.mark.real_data
+def test_real_frames_have_no_bands_of_color(real_data: Path) -> None:
+    import cv2
+
+    for path in sorted((real_data / "flsea" / "rgb").glob("*.tiff")):
+        image = cv2.imread(str(path))[..., ::-1].copy()
+        range_m = cv2.imread(str(real_data / "flsea" / "range" / f"{path.stem}.tif"), cv2.IMREAD_UNCHANGED)
+        corrector = Corrector(CONFIG)
+        table = corrector.measure(image, range_m)
+        light = corrector.apply_linear(image, range_m, corrector.fit(table), table)
+        known = range_m > 0
+        edges = np.quantile(range_m[known], np.linspace(0, 1, 13))
+        means = np.stack([light[known & (range_m >= a) & (range_m <= b)].mean(axis=0) for a, b in itertools.pairwise(edges)])
+        cast = np.log(means[:, [0, 2]] / means[:, 1:2])
+        assert np.abs(cast - np.median(cast, axis=0)).max() < 0.45, path.stem
