@@ -61,12 +61,19 @@ class ColorConfig(_Stage):
         description="fixed: the camera held its exposure through the survey. auto: it did not; each frame's is measured.",
     )
     device: Literal["auto", "cpu", "cuda"] = Field(
-        default="auto", description="Where torch runs (solver dense); auto takes CUDA where there is one."
+        default="auto",
+        description="cuda: tables, corrections and the dense solver run there. auto: the dense solver does, where there is one.",
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
         description="srgb: decoded to linear light, corrected there, encoded again. linear: the values are linear light, and "
         "the output is encoded. as-is: the values are corrected as they are.",
+    )
+    water_depth_m: float | None = Field(
+        default=None,
+        ge=0,
+        description="How far below the surface the reef lies, metres, where known: the light that arrives then follows from the "
+        "water (objective robust).",
     )
     penalty: float = Field(
         default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."
@@ -115,7 +122,9 @@ class MappingConfig(_Stage):
     mount: MountConfig = MountConfig()
     max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
     max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")
-    loop_closure: bool = Field(default=True, description="Own odometry: recognise places seen before (needs the slam extra, GTSAM).")
+    loop_closure: bool = Field(
+        default=True, description="Own odometry: recognise places seen before (needs the slam extra, GTSAM)."
+    )
     poses: Literal["given", "prior"] = Field(
         default="given", description="A trajectory's poses are the map's; or prior: own odometry, held to them by the errors below."
     )

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.encoding import decoded_values, encoding_curve
-from stereo_seecolor.color.gains import gains
+from stereo_seecolor.color.gains import Gains, gains
 from stereo_seecolor.color.tables import MomentTable, range_bits
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Correction, Image, Map, Water
@@ -16,13 +16,12 @@ def correct(
     image: Image, range_m: Map, water: Water, table: MomentTable, config: ColorConfig, exposure: float | None = None
 ) -> Correction:
     """The image without its water, at its own size and bit depth; black where the range is unknown, unless the config says else."""
-    from stereo_seecolor.color import kernels
-
-    bits, flat = range_bits(image, range_m), np.ascontiguousarray(image).reshape(-1)
+    bits = range_bits(image, range_m)
+    flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
     by_level = gains(table, water, config, exposure)
     depth, encoding = table.bit_depth, config.input_encoding
-    out, unknown, beyond, clipped = kernels.apply(
-        flat, bits, by_level, decoded_values(depth, encoding), encoding_curve(depth, encoding)
+    out, unknown, beyond, clipped = _apply(
+        flat, bits, by_level, decoded_values(depth, encoding), encoding_curve(depth, encoding), config
     )
     shape = image.shape[:2]
     corrected, unknown = out.reshape(image.shape), unknown.reshape(shape)
@@ -43,9 +42,35 @@ def correct_linear(
     image: Image, range_m: Map, water: Water, table: MomentTable, config: ColorConfig, exposure: float = 1.0
 ) -> NDArray[np.float32]:
     """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
-    from stereo_seecolor.color import kernels
-
     by_level = gains(table, water, config, exposure)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
     decoded = decoded_values(table.bit_depth, config.input_encoding)
-    return kernels.linear(flat, range_bits(image, range_m), by_level, decoded).reshape(image.shape)
+    if config.device == "cuda":
+        from stereo_seecolor.color import tensors
+        from stereo_seecolor.color.device import find_device
+
+        light = tensors.linear(flat, range_bits(image, range_m), by_level, decoded, find_device("cuda"))
+    else:
+        from stereo_seecolor.color import kernels
+
+        light = kernels.linear(flat, range_bits(image, range_m), by_level, decoded)
+    return light.reshape(image.shape)
+
+
+def _apply(
+    flat: NDArray[Any],
+    bits: NDArray[np.int32],
+    by_level: Gains,
+    decoded: NDArray[np.float32],
+    curve: NDArray[Any],
+    config: ColorConfig,
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
+    """Where the config wants it done: see ``kernels.apply``."""
+    if config.device == "cuda":
+        from stereo_seecolor.color import tensors
+        from stereo_seecolor.color.device import find_device
+
+        return tensors.apply(flat, bits, by_level, decoded, curve, find_device("cuda"))
+    from stereo_seecolor.color import kernels
+
+    return kernels.apply(flat, bits, by_level, decoded, curve)

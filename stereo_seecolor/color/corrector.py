@@ -28,7 +28,7 @@ class Corrector:
         image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 metres along the ray, unknown where not finite or not above 0.
         Raises ColorError where the two do not belong together.
         """
-        return tables.measure(image, range_m)
+        return tables.measure(image, range_m, self.config.device)
 
     def fit(self, table: MomentTable, start: Water | None = None) -> Water:
         """The water of a frame's table, or of the sum of many frames'. Its warnings say where the table cannot carry a water.

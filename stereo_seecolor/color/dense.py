@@ -8,13 +8,13 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from stereo_seecolor.color.device import find_device
 from stereo_seecolor.color.encoding import decoded_values
 from stereo_seecolor.color.losses import attenuation_loss, backscatter_loss, clamp_direct
 from stereo_seecolor.color.model import AttenuationNet, BackscatterNet, Scale, Spread
 from stereo_seecolor.color.parameters import ATTENUATION, BACKSCATTER, cold_water, raw_rates, raw_shares, water_of
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Water
-from stereo_seecolor.errors import DeviceError
 
 
 def fit(pixels: NDArray[Any], range_m: NDArray[np.float32], config: ColorConfig, start: Water | None = None) -> Water:
@@ -39,15 +39,6 @@ def fit(pixels: NDArray[Any], range_m: NDArray[np.float32], config: ColorConfig,
     load(attenuation, start)
     train(attenuation, lambda: attenuation_loss(direct / attenuation(z), direct), steps, config.learning_rate)
     return water_of(np.stack([_value(backscatter, n) for n in BACKSCATTER] + [_value(attenuation, n) for n in ATTENUATION]), config)
-
-
-def find_device(name: str) -> torch.device:
-    """The torch device of ``color.device``. Raises DeviceError for CUDA where there is none."""
-    if name == "cuda" and not torch.cuda.is_available():
-        raise DeviceError(
-            "color.device=cuda: torch finds no CUDA device here; set color.device=auto or cpu, or install a CUDA build of torch"
-        )
-    return torch.device("cuda" if name != "cpu" and torch.cuda.is_available() else "cpu")
 
 
 def train(network: nn.Module, loss: Callable[[], Tensor], steps: int, learning_rate: float) -> None:

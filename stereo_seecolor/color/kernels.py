@@ -60,7 +60,7 @@ def apply(
     out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_)
     bounds = _bounds(bits.size)
     clipped: dict[int, int] = {}
-    table = _table(by_level, decoded, curve) if image.dtype == np.uint8 else None
+    table = color_table(by_level, decoded, curve) if image.dtype == np.uint8 else None
     full = out.dtype.type(np.iinfo(out.dtype).max)
     runs = _runs(by_level.capped)
 
@@ -99,7 +99,7 @@ def _runs(capped: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return list(zip(ends[::2], ends[1::2], strict=True))
 
 
-def _table(by_level: Gains, decoded: NDArray[np.float32], curve: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def color_table(by_level: Gains, decoded: NDArray[np.float32], curve: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """(1025 * 768,) what each value of each channel becomes at each fine level; the last level, unknown, is black."""
     table = np.zeros((FINE_LEVELS + 1, 3, 256), np.uint8)
     for c in range(3):

@@ -1,0 +1,104 @@
+"""What ``kernels`` does, in torch, for a CUDA device (``color.device: cuda``) or any other: the same integers, the same pixels.
+
+Images that are on the device already can stay there: ``count_pixels`` and ``look_up``.
+"""
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from stereo_seecolor.color import kernels
+from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
+from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M
+
+_FIRST = int(np.float32(NEAREST_M).view(np.int32))
+_INFINITY = int(np.float32(np.inf).view(np.int32))
+_LAST = (LEVELS << LOW_BITS) - 1
+_FINE_BITS = LOW_BITS - FINE.bit_length() + 1
+
+
+def count(
+    image: NDArray[Any], bits: NDArray[np.int32], values: int, device: torch.device
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """``kernels.count`` on a device."""
+    counts, offset_sum = count_pixels(_pixels(image, device), torch.from_numpy(bits).to(device), values)
+    return counts.cpu().numpy(), offset_sum.cpu().numpy()
+
+
+def apply(
+    image: NDArray[Any],
+    bits: NDArray[np.int32],
+    by_level: Gains,
+    decoded: NDArray[np.float32],
+    curve: NDArray[Any],
+    device: torch.device,
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
+    """``kernels.apply`` on a device."""
+    pixels, level = _pixels(image, device), levels(torch.from_numpy(bits).to(device), _FINE_BITS)
+    if image.dtype == np.uint8:
+        out = look_up(pixels, level, torch.from_numpy(kernels.color_table(by_level, decoded, curve)).to(device))
+    else:
+        out = _encoded(_light(pixels, level, by_level, decoded), torch.from_numpy(curve).to(device), level)
+    capped = torch.from_numpy(np.append(by_level.capped, False)).to(device)
+    clipped = int((out == np.iinfo(image.dtype).max).any(dim=1).sum())
+    corrected = out.cpu().numpy().astype(image.dtype).reshape(-1)
+    return corrected, (level == FINE_LEVELS).cpu().numpy(), capped[level].cpu().numpy(), clipped
+
+
+def linear(
+    image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decoded: NDArray[np.float32], device: torch.device
+) -> NDArray[np.float32]:
+    """``kernels.linear`` on a device."""
+    level = levels(torch.from_numpy(bits).to(device), _FINE_BITS)
+    light = _light(_pixels(image, device), level, by_level, decoded)
+    light[level == FINE_LEVELS] = 0
+    return np.asarray(light.cpu().numpy().reshape(-1))
+
+
+def levels(bits: Tensor, shift: int) -> Tensor:
+    """(N,) int32 bits of ranges -> their places among the levels, without ``shift`` low bits; past the last where not known."""
+    known = (bits > 0) & (bits < _INFINITY)
+    place = (bits - _FIRST).clamp(0, _LAST)
+    return torch.where(known, place, _LAST + 1) >> shift
+
+
+def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
+    """Counts (3, 256, values) and offset sums (256,), both int64, of (N, 3) pixels with the (N,) int32 bits of their ranges."""
+    place = levels(bits, 0)
+    level = place >> LOW_BITS
+    channel = torch.arange(3, device=pixels.device, dtype=torch.int32)
+    value = pixels.to(torch.int32) >> (0 if pixels.dtype == torch.uint8 else 4)
+    cell = (channel * (LEVELS + 1) + level[:, None]) * values + value
+    counts = torch.bincount(cell.reshape(-1), minlength=3 * (LEVELS + 1) * values).reshape(3, LEVELS + 1, values)
+    sums = torch.zeros(LEVELS + 1, dtype=torch.int64, device=pixels.device)
+    sums.index_add_(0, level, (place & ((1 << LOW_BITS) - 1)).to(torch.int64))  # integers: the order does not matter
+    return counts[:, :LEVELS], sums[:LEVELS]
+
+
+def look_up(pixels: Tensor, level: Tensor, table: Tensor) -> Tensor:
+    """(N, 3) uint8 pixels at their (N,) fine levels through ``kernels.color_table``."""
+    channel = torch.arange(3, device=pixels.device, dtype=torch.int32) * 256
+    return table[(level[:, None] * 768 + channel) + pixels]
+
+
+def _pixels(image: NDArray[Any], device: torch.device) -> Tensor:
+    """(N, 3) uint8, or int32 of 16 bits, which few of torch's operations take."""
+    whole = image if image.dtype == np.uint8 else image.astype(np.int32)
+    return torch.from_numpy(whole.reshape(-1, 3)).to(device)
+
+
+def _light(pixels: Tensor, level: Tensor, by_level: Gains, decoded: NDArray[np.float32]) -> Tensor:
+    inside, device = level.clamp(max=FINE_LEVELS - 1), pixels.device
+    gain, offset = (torch.from_numpy(np.ascontiguousarray(x.T)).to(device)[inside] for x in (by_level.gain, by_level.offset))
+    return gain * torch.from_numpy(decoded).to(device)[pixels.to(torch.int64)] - offset
+
+
+def _encoded(light: Tensor, nodes: Tensor, level: Tensor) -> Tensor:
+    place = light.clamp(0, 1) * (nodes.numel() - 2)
+    node = place.to(torch.int64)
+    values = (nodes[node] + (nodes[node + 1] - nodes[node]) * (place - node)).to(torch.int32)
+    values[level == FINE_LEVELS] = 0
+    return values

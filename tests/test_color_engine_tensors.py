@@ -1,0 +1,64 @@
+"""The torch path, which CUDA takes, against the compiled loops: equal on whatever device torch has here."""
+
+import numpy as np
+import pytest
+import torch
+
+from stereo_seecolor.color import kernels, tensors
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.encoding import decoded_values, encoding_curve
+from stereo_seecolor.color.gains import gains
+from stereo_seecolor.color.tables import VALUES, measure, range_bits
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.errors import DeviceError
+
+DEVICE = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+
+
+def frame(depth):
+    rng = np.random.default_rng(depth)
+    image = rng.integers(0, 2**depth, (41, 63, 3)).astype(np.uint8 if depth == 8 else np.uint16)
+    range_m = rng.uniform(0.05, 40, (41, 63)).astype(np.float32)
+    range_m[rng.random((41, 63)) < 0.2] = rng.choice([np.nan, np.inf, -np.inf, 0, -1])
+    return image, range_m
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_tables_are_equal(depth):
+    image, range_m = frame(depth)
+    bits, table = range_bits(image, range_m), measure(image, range_m)
+    counts, offset_sum = tensors.count(image.reshape(-1), bits, VALUES[depth], DEVICE)
+    assert np.array_equal(counts, table.counts)
+    assert np.array_equal(offset_sum, table.offset_sum)
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+@pytest.mark.parametrize("encoding", ["srgb", "as-is"])
+def test_corrections_are_equal(depth, encoding):
+    image, range_m = frame(depth)
+    corrector = Corrector(ColorConfig(input_encoding=encoding))
+    table = corrector.measure(image, range_m)
+    by_level = gains(table, corrector.fit(table), corrector.config)
+    bits, flat = range_bits(image, range_m), image.reshape(-1)
+    decoded, curve = decoded_values(depth, encoding), encoding_curve(depth, encoding)
+    on_cores, in_torch = (
+        kernels.apply(flat, bits, by_level, decoded, curve),
+        tensors.apply(flat, bits, by_level, decoded, curve, DEVICE),
+    )
+    most = 1 if DEVICE.type == "cuda" and depth == 16 else 0  # CUDA may fuse a product and a sum
+    assert np.abs(on_cores[0].astype(int) - in_torch[0].astype(int)).max() <= most
+    for a, b in zip(on_cores[1:], in_torch[1:], strict=True):
+        assert np.array_equal(a, b)
+    lights = kernels.linear(flat, bits, by_level, decoded), tensors.linear(flat, bits, by_level, decoded, DEVICE)
+    assert np.allclose(*lights, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.skipif(torch.cuda.is_available(), reason="this machine has a CUDA device")
+def test_cuda_asked_for_and_absent_is_named():
+    image, range_m = frame(8)
+    corrector = Corrector(ColorConfig(device="cuda"))
+    with pytest.raises(DeviceError, match="torch finds no CUDA device"):
+        corrector.measure(image, range_m)
+    water = Corrector(ColorConfig()).fit_frame(image, range_m)
+    with pytest.raises(DeviceError, match="torch finds no CUDA device"):
+        corrector.apply(image, range_m, water, measure(image, range_m))
