@@ -26,6 +26,7 @@ RENDERED = 6
 
 
 def make_dive(root: Path, pairs: int, size: tuple[int, int]) -> None:
+    """A dive of hard links to a few rendered pairs."""
     synthesize(SurveySpec(pairs=RENDERED, lines=1, image_size=size), root / "rendered")
     for side in ("left", "right"):
         (root / side).mkdir()
@@ -103,9 +104,8 @@ def main() -> None:
         seconds = statistics.median(r[0] for r in results)
         processor = statistics.median(r[2] for r in results) / options.pairs
         peak = max(r[1] for r in results)
-        print(
-            f"{name:24s} {options.pairs / seconds:6.2f} pairs/s   {processor:.3f} processor s a pair   peak {peak:5.0f} MiB   {results[0][3]}"
-        )
+        rate, stages = options.pairs / seconds, results[0][3]
+        print(f"{name:24s} {rate:6.2f} pairs/s   {processor:.3f} processor s a pair   peak {peak:5.0f} MiB   {stages}")
     ratio = statistics.median(b[0] / a[0] for a, b in runs)
     print(f"run is {ratio:.2f} times as fast; 2,000 pairs would take {2000 / options.pairs * runs[0][0][0] / 60:.1f} minutes")
 
