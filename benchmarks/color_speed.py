@@ -1,11 +1,13 @@
 """Seconds of the colour stage at 1952x1242, 8 bit: measure, fit, apply; and the plain ways beside them.
 
-    python benchmarks/color_speed.py
+python benchmarks/color_speed.py
 """
 
+import os
 import statistics
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
@@ -14,6 +16,7 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Image, Map, Water
 
 SIZE = (1242, 1952)
+FRAMES = 20
 
 
 def frame(seed: int) -> tuple[Image, Map]:
@@ -42,26 +45,33 @@ def timed(what: Callable[[], object], times: int) -> str:
     return f"{statistics.median(walls):8.2f} {min(walls):8.2f} {statistics.median(works):8.2f}"
 
 
+def report(corrector: Corrector) -> None:
+    (image, range_m), following = frame(0), frame(1)
+    name = corrector.config.objective
+    table, next_table = corrector.measure(image, range_m), corrector.measure(*following)
+    water = corrector.fit(table)
+
+    def whole(start: Water | None) -> None:
+        table = corrector.measure(*following)
+        corrector.apply(*following, corrector.fit(table, start), table)
+
+    def many(start: Water | None) -> None:
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(lambda _: whole(start), range(FRAMES)))
+
+    print(f"{name:7} measure               {timed(lambda: corrector.measure(image, range_m), 25)}")
+    print(f"{name:7} fit, cold             {timed(lambda: corrector.fit(table), 15)}")
+    print(f"{name:7} fit, warm             {timed(lambda: corrector.fit(next_table, water), 25)}")
+    print(f"{name:7} apply                 {timed(lambda: corrector.apply(image, range_m, water, table), 25)}")
+    print(f"{name:7} all three, cold       {timed(lambda: whole(None), 15)}")
+    print(f"{name:7} all three, warm       {timed(lambda: whole(water), 25)}")
+    print(f"{name:7} {FRAMES} frames, one a core {timed(lambda: many(water), 5)}")
+
+
 def main() -> None:
-    image, range_m = frame(0)
-    following = frame(1)
     print(f"{SIZE[1]}x{SIZE[0]}, 8 bit, milliseconds    median    least  of CPU")
     for objective in ("robust", "paper"):
-        corrector = Corrector(ColorConfig(objective=objective))
-        table = corrector.measure(image, range_m)
-        water: Water = corrector.fit(table)
-        next_table = corrector.measure(*following)
-        print(f"{objective:7} measure               {timed(lambda: corrector.measure(image, range_m), 25)}")
-        print(f"{objective:7} fit, cold             {timed(lambda: corrector.fit(table), 15)}")
-        print(f"{objective:7} fit, warm             {timed(lambda: corrector.fit(next_table, water), 25)}")
-        print(f"{objective:7} apply                 {timed(lambda: corrector.apply(image, range_m, water, table), 25)}")
-
-        def whole(start: Water | None) -> None:
-            table = corrector.measure(*following)
-            corrector.apply(*following, corrector.fit(table, start), table)
-
-        print(f"{objective:7} all three, cold       {timed(lambda: whole(None), 15)}")
-        print(f"{objective:7} all three, warm       {timed(lambda: whole(water), 25)}")
+        report(Corrector(ColorConfig(objective=objective)))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,9 @@ from stereo_seecolor.color.tables import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Water
 
+Four = NDArray[np.float64]
+"""The four parameters of one channel's backscatter or attenuation."""
+
 COLD_STEPS, WARM_STEPS = 120, 25
 CLAMP_DEVIATIONS = 5.0
 """The direct signal is clamped to this many standard deviations about its mean before attenuation is fitted."""
@@ -37,20 +40,26 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     """The water that minimises the paper's losses over the table's pixels, of which there must be some; with standard errors."""
     found, errors = np.empty((8, 3)), np.empty((8, 3))
     for c, channel in enumerate(channels(table, config)):
-        guesses = [_raw_backscatter(guess) for guess in _backscatter_guesses(channel, config.penalty)]
-        warm = None if start is None else _raw_backscatter(_parameters(start, BACKSCATTER, c))
-        raw = _best(0, warm, guesses, channel, NOTHING, config.penalty)
-        found[:4, c] = np.where(IS_SHARE, shares(raw), rates(raw))
-        slope = np.where(IS_SHARE, found[:4, c] * (1 - found[:4, c]), shares(raw))
-        errors[:4, c] = slope * _standard_errors(0, raw, channel, NOTHING, config.penalty)
-
-        direct = direct_signal(channel, found[:4, c])
-        guesses = [raw_rates(guess) for guess in _attenuation_guesses(channel, direct)]
-        warm = None if start is None else raw_rates(_parameters(start, ATTENUATION, c))
-        raw = _best(1, warm, guesses, channel, direct, 0.0)
-        found[4:, c] = rates(raw)
-        errors[4:, c] = shares(raw) * _standard_errors(1, raw, channel, direct, 0.0)
+        veil, dimming = (None, None) if start is None else (_parameters(start, BACKSCATTER, c), _parameters(start, ATTENUATION, c))
+        found[:4, c], errors[:4, c] = fit_backscatter(channel, config.penalty, veil)
+        found[4:, c], errors[4:, c] = fit_attenuation(channel, direct_signal(channel, found[:4, c]), dimming)
     return replace(water_of(found, config), standard_errors=dict(zip(BACKSCATTER + ATTENUATION, errors, strict=True)))
+
+
+def fit_backscatter(channel: Channel, penalty: float, start: Four | None) -> tuple[Four, Four]:
+    """Gamma, beta, eta, alpha of one channel at the least loss, and their standard errors."""
+    guesses = [_raw_backscatter(guess) for guess in _backscatter_guesses(channel, penalty)]
+    raw = _best(0, None if start is None else _raw_backscatter(start), guesses, channel, NOTHING, penalty)
+    found = np.where(IS_SHARE, shares(raw), rates(raw))
+    slope = np.where(IS_SHARE, found * (1 - found), shares(raw))
+    return found, slope * _standard_errors(0, raw, channel, NOTHING, penalty)
+
+
+def fit_attenuation(channel: Channel, direct: Direct, start: Four | None) -> tuple[Four, Four]:
+    """Parameters w, v, y, x of one channel at the least loss, and their standard errors."""
+    guesses = [raw_rates(guess) for guess in _attenuation_guesses(channel, direct)]
+    raw = _best(1, None if start is None else raw_rates(start), guesses, channel, direct, 0.0)
+    return rates(raw), shares(raw) * _standard_errors(1, raw, channel, direct, 0.0)
 
 
 def losses(table: MomentTable, water: Water, config: ColorConfig) -> tuple[float, float]:
