@@ -69,6 +69,20 @@ class ColorConfig(_Stage):
         description="srgb: decoded to linear light, corrected there, encoded again. linear: the values are linear light, and "
         "the output is encoded. as-is: the values are corrected as they are.",
     )
+    attenuation: Literal["varying", "constant"] = Field(
+        default="varying",
+        description="varying: attenuation may fall or rise with range, as wide bands and light from above do (objective robust). "
+        "constant: one coefficient a channel.",
+    )
+    white_point: Literal["scene", "none"] | tuple[float, float, float] = Field(
+        default="scene",
+        description="The colour of the light that arrives at the reef. scene: found with the water. none: white, as in the paper's "
+        "model. Or R, G, B as known, from a white card say, in linear light (objective robust).",
+    )
+    scene_colors: Literal["natural", "gray"] = Field(
+        default="natural",
+        description="What a reef's colours are on average: natural, warm as sand and rock are; or gray (objective robust).",
+    )
     water_depth_m: float | None = Field(
         default=None,
         ge=0,

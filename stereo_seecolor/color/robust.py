@@ -58,7 +58,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     seen = summarize(table, config.input_encoding)
     scale = max(float(seen.light[..., -2].max()), 1e-6)
     light = seen.light / scale
-    mean, precision = _prior(len(seen.range_m))
+    mean, precision = _prior(len(seen.range_m), config)
     x = mean.copy()
     x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + NOISE[3])
     if start is not None and (start.v == RATE_OF_CHANGE).all():
@@ -122,21 +122,41 @@ def _water(x: Vector, curvature: NDArray[np.float64], scale: float, precision: N
     )
 
 
-def _prior(groups: int) -> tuple[Vector, Vector]:
+def _prior(groups: int, config: ColorConfig) -> tuple[Vector, NDArray[np.float64]]:
     """Mean and precision of all parameters: the water's, the reflectances', the brightnesses'."""
     number = SHARES.size
-    water_mean, water_covariance = water_prior()
-    reflectance = (REFLECTANCE + NATURAL[:, None] * NATURAL_SHARE).ravel()
-    covariance = np.kron(np.eye(3), np.diag(CAST**2)) + TOGETHER**2 * np.kron(np.ones((3, 3)), np.eye(number))
     size = WATER + 3 * number + groups
+    content, brightness = slice(WATER, WATER + 3 * number), slice(WATER + 3 * number, size)
     mean, precision = np.zeros(size), np.zeros((size, size))
-    mean[:WATER], mean[WATER : WATER + 3 * number] = water_mean, reflectance
-    precision[:WATER, :WATER] = np.linalg.inv(water_covariance)
-    inside = slice(WATER, WATER + 3 * number)
-    precision[inside, inside] = np.linalg.inv(covariance)
-    last = slice(WATER + 3 * number, None)
-    precision[last, last] = np.eye(groups) / BRIGHTNESS**2 + 100.0
+    mean[:WATER], covariance = _water_prior(config)
+    precision[:WATER, :WATER] = np.linalg.inv(covariance)
+    warm = NATURAL if config.scene_colors == "natural" else 0 * NATURAL
+    mean[content] = (REFLECTANCE + warm[:, None] * NATURAL_SHARE).ravel()
+    covariance = np.kron(np.eye(3), np.diag(CAST**2)) + TOGETHER**2 * np.kron(np.ones((3, 3)), np.eye(number))
+    precision[content, content] = np.linalg.inv(covariance)
+    precision[brightness, brightness] = np.eye(groups) / BRIGHTNESS**2 + 100.0  # their mean is the exposure's
     return mean, precision
+
+
+def _water_prior(config: ColorConfig) -> tuple[Vector, NDArray[np.float64]]:
+    """What is known of the fifteen numbers, and what the config pins of them."""
+    mean, covariance = (part.copy() for part in water_prior(config.water_depth_m))
+    if config.attenuation == "constant":
+        mean, covariance = _pinned(mean, covariance, slice(3, 6), np.zeros(3), level=0.0)
+    if config.white_point != "scene":
+        white = np.zeros(3) if config.white_point == "none" else np.log(config.white_point)
+        mean, covariance = _pinned(mean, covariance, slice(12, WATER), white - white.mean(), level=4.0)
+    return mean, covariance
+
+
+def _pinned(
+    mean: Vector, covariance: NDArray[np.float64], where: slice, values: Vector, level: float
+) -> tuple[Vector, NDArray[np.float64]]:
+    """A Gaussian with some of its numbers as good as known, but for what all of them share (variance ``level``)."""
+    noise = 1e-6 * np.eye(3) + level
+    gain = covariance[:, where] @ np.linalg.inv(covariance[where, where] + noise)
+    mean = mean + gain @ (values - mean[where])
+    return mean, covariance - gain @ covariance[where]
 
 
 @njit(cache=True, nogil=True)
