@@ -43,7 +43,7 @@ def gains(table: MomentTable, water: Water, config: ColorConfig, exposure: float
     gain, offset = _unexposed(water)
     exposure = water.exposure if exposure is None else exposure
     if exposure is None:
-        exposure = clipping_exposure(table, water, config)
+        exposure = _clipping_exposure(table, gain, offset, config)
     most = config.output_noise / exposure / _noise(table, config)[:, None]
     share = np.minimum(1.0, most / gain)  # of the gain that is wanted
     gain, offset = gain * share * exposure, offset * share * exposure
@@ -52,9 +52,12 @@ def gains(table: MomentTable, water: Water, config: ColorConfig, exposure: float
 
 def clipping_exposure(table: MomentTable, water: Water, config: ColorConfig) -> float:
     """The exposure at which at most ``config.clipped_share`` of the pixels have a channel at full scale; 1 for a black image."""
+    return _clipping_exposure(table, *_unexposed(water), config)
+
+
+def _clipping_exposure(table: MomentTable, gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig) -> float:
     from stereo_seecolor.color import kernels
 
-    gain, offset = _unexposed(water)
     occupied = np.flatnonzero(table.pixels)
     middle = occupied * FINE + FINE // 2
     light = decoded_bins(table.bit_depth, config.input_encoding)

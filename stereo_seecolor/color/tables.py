@@ -5,6 +5,7 @@ the same for every frame of every run, so that tables add. Inside a level the me
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -43,12 +44,12 @@ class MomentTable:
         """The table of no pixel."""
         return cls(np.zeros((3, LEVELS, VALUES[bit_depth]), np.int64), np.zeros(LEVELS, np.int64), bit_depth)
 
-    @property
+    @cached_property
     def pixels(self) -> NDArray[np.int64]:
         """(256,) pixels at each level."""
         return np.asarray(self.counts[0].sum(axis=1))
 
-    @property
+    @cached_property
     def range_m(self) -> NDArray[np.float64]:
         """(256,) mean range of each level's pixels, metres; the level's centre where it has none."""
         pixels, edges = self.pixels, level_edges_m()
