@@ -6,7 +6,8 @@ import platform
 import sys
 from dataclasses import dataclass
 
-OPEN3D_PACKAGES = "libusb-1.0-0 libgl1 libgomp1 libx11-6"
+from stereo_seecolor.mapping.fusion import LIBRARIES
+
 EXTRAS = {"rasterio": "geo", "laspy": "geo", "pyproj": "geo", "onnxruntime": "onnx"}
 
 
@@ -56,7 +57,7 @@ def _open3d() -> Finding:
         return Finding("open3d (only --fuse needs it)", False, "not installed", "pip install -c constraints.txt open3d")
     except (ImportError, OSError) as error:
         sudo = "" if os.geteuid() == 0 else "sudo "
-        return Finding("open3d (only --fuse needs it)", False, str(error), f"{sudo}apt-get install -y {OPEN3D_PACKAGES}")
+        return Finding("open3d (only --fuse needs it)", False, str(error), f"{sudo}{LIBRARIES}")
     return Finding("open3d (only --fuse needs it)", True, module.__version__)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +18,7 @@ from stereo_seecolor.mapping.tiles import TRUNCATION_VOXELS, Tile, Tiling
 MIN_WEIGHT = 0.05
 """A surface is kept where the weights add up to this: a standard error of some four voxels, seen once."""
 
-LIBRARIES = "apt-get install libusb-1.0-0 libgl1 libgomp1"
+LIBRARIES = "apt-get install -y libusb-1.0-0 libgl1 libgomp1 libegl1"
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,7 @@ def check_available() -> None:
 
 
 def _open3d() -> Any:
+    numba.set_num_threads(numba.get_num_threads())  # starts numba's threads, which would stumble over Open3D's older TBB
     try:
         import open3d
     except ModuleNotFoundError as error:
@@ -108,5 +110,17 @@ def _cut_to_tile(mesh: Any, tile: Tile, tiling: Tiling) -> Surface:
     own = (np.floor(centers / tiling.tile_m) == tile.column).all(axis=1)
     used, renumbered = np.unique(triangles[own], return_inverse=True)
     colors = np.clip(np.rint(mesh.vertex.colors.numpy()[used] * 255), 0, 255).astype(np.uint8)
-    normals = mesh.vertex.normals.numpy()[used]
-    return Surface(points[used], normals, colors, renumbered.reshape(-1, 3).astype(np.int32))
+    surface = Surface(points[used], mesh.vertex.normals.numpy()[used], colors, renumbered.reshape(-1, 3).astype(np.int32))
+    return _in_order(surface)
+
+
+def _in_order(surface: Surface) -> Surface:
+    """Points and triangles sorted: Open3D's threads number them anew on each run."""
+    order = np.lexsort(surface.points_m.T)
+    numbers = np.empty(len(order), np.int32)
+    numbers[order] = np.arange(len(order), dtype=np.int32)
+    triangles = numbers[surface.triangles]
+    first = triangles.argmin(axis=1)[:, None]
+    triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
+    triangles = triangles[np.lexsort(triangles.T[::-1])]
+    return Surface(surface.points_m[order], surface.normals[order], surface.colors[order], triangles)
