@@ -174,6 +174,14 @@ def fuse(
 
 
 @app.command()
+def view(out: Annotated[Path, typer.Argument(help="The output folder of a fused run.")]) -> None:
+    """Open the map of a fused run in a window."""
+    from stereo_seecolor.mapping.viewer import view as open_map
+
+    open_map(out)
+
+
+@app.command()
 def demo(out: Out = Path("demo"), workers: Workers = DEFAULT_WORKERS) -> None:
     """Make a small reef, run the whole job on it, and say how near the truth it comes."""
     from stereo_seecolor import jobs

@@ -8,10 +8,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.data import SurveyFrame, Trajectory
+from stereo_seecolor.synthetic import survey
 from stereo_seecolor.synthetic.casting import cast, look_up
 from stereo_seecolor.synthetic.reef import CELL_M, Reef, build_reef
-from stereo_seecolor.synthetic.survey import SurveySpec, track
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
+DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
+CONFIG = MappingConfig(voxel_m=0.02, tile_m=1.0, mosaic_m=0.02, dem_m=0.02, metrics_m=0.5)
+
+
+def flat_frame(i: int, altitude_m: float = 1.5, color: tuple[int, int, int] = (200, 120, 40), fish: bool = False) -> SurveyFrame:
+    depth_m = np.full((128, 160), altitude_m, np.float32)
+    rgb = np.full((128, 160, 3), color, np.uint8)
+    if fish:
+        depth_m[50:70, 60:100] = 0.6 * altitude_m
+        rgb[50:70, 60:100] = (255, 0, 255)
+    range_m = depth_m * PAIR.ray_length
+    return SurveyFrame(f"f{i}", float(i), rgb, range_m, 0.004 * range_m**2, np.ones_like(range_m))
+
+
+def track(count: int, altitude_m: float = 1.5, step_m: float = 0.3) -> Trajectory:
+    T = np.tile(np.eye(4), (count, 1, 1))
+    T[:, :3, :3] = DOWN
+    T[:, 0, 3], T[:, 2, 3] = np.arange(count) * step_m, altitude_m
+    return Trajectory(tuple(f"f{i}" for i in range(count)), np.arange(count, dtype=float), T)
 
 
 class ReefFrames(Sequence[SurveyFrame]):
@@ -21,7 +44,7 @@ class ReefFrames(Sequence[SurveyFrame]):
         width, height = spec.image_size
         self.spec = spec
         self.pair = RectifiedPair(0.83 * width, width / 2, width / 2, height / 2, 0.12, spec.image_size)
-        self.trajectory: Trajectory = track(spec)
+        self.trajectory: Trajectory = survey.track(spec)
         self._noise_px = noise_px
 
     @cached_property

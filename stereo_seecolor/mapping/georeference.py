@@ -52,14 +52,13 @@ def write_geotiff(
     """
     import rasterio
     from rasterio.enums import ColorInterp, Resampling
-    from rasterio.transform import from_origin
 
     count, rows, columns = bands.shape
     floating = bands.dtype == np.float32
     profile = {
         "driver": "GTiff", "dtype": bands.dtype, "count": count, "height": rows, "width": columns, "tiled": True,
         "blockxsize": 256, "blockysize": 256, "compress": "deflate", "predictor": 3 if floating else 2, "bigtiff": "if_safer",
-        "transform": from_origin(grid.west_m, grid.north_m, grid.cell_m, grid.cell_m),
+        "transform": rasterio.Affine(grid.cell_m, 0, grid.west_m, 0, -grid.cell_m, grid.north_m),
         "crs": local_crs_wkt(origin) if origin else None, "nodata": np.nan if floating else None,
     }  # fmt: skip
     with whole(path) as temporary:

@@ -47,17 +47,22 @@ def integrate(
             if column < 0 or row < 0 or column >= width or row >= height:
                 continue
             measured, trust, std = range_m[row, column], confidence[row, column], range_std_m[row, column]
+            if not (measured > 0 and trust > 0):
+                continue
             distance = np.sqrt(x * x + y * y + z * z)
-            if not (measured > 0 and trust > 0) or measured - distance < -truncation_m:
+            # Compared by depth, which is the same all over a pixel that looks at level ground; range is not.
+            across, down = (column - camera[1]) / camera[0], (row - camera[2]) / camera[0]
+            signed = (measured / np.sqrt(1 + across * across + down * down) - z) * distance / z
+            if signed < -truncation_m:
                 continue
             w = trust * (voxel_m / std) ** 2 if std > 0 else trust
-            if measured - distance > truncation_m:  # seen through: as sure as a measurement at the voxel's own distance
+            if signed > truncation_m:  # seen through: as sure as a measurement at the voxel's own distance
                 w *= (measured / distance) ** 4
             total = weight[b, k, j, i] + w
-            value = min(1.0, (measured - distance) / truncation_m)
+            value = min(1.0, signed / truncation_m)
             tsdf[b, k, j, i] += (value - tsdf[b, k, j, i]) * w / total
             weight[b, k, j, i] = total
-            if measured - distance <= truncation_m:
+            if signed <= truncation_m:
                 vertical = abs(T_camera_world[0, 2] * x + T_camera_world[1, 2] * y + T_camera_world[2, 2] * z) / distance
                 _mix(color[b, k, j, i], color_weight[b, k, j], i, rgb[row, column], vertical / distance)
 

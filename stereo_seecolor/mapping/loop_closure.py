@@ -12,6 +12,7 @@ SAMPLE = 20_000
 NEIGHBORS = 5
 LOOK_ALIKE = 3
 MIN_APART = 8
+MAX_TRIES = 1500
 
 
 def by_overlap(index: FrameIndex, T_world_camera: NDArray[np.float64], frames: list[int], window: int) -> list[tuple[int, int]]:
@@ -30,8 +31,21 @@ def by_overlap(index: FrameIndex, T_world_camera: NDArray[np.float64], frames: l
     return sorted(pairs)
 
 
+def between_pieces(pieces: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Pairs (i < j) of frames of different pieces, thinned out evenly where there are too many to try."""
+    placed = np.flatnonzero(pieces >= 0)
+    i, j = (placed[k] for k in np.triu_indices(len(placed), 1))
+    apart = pieces[i] != pieces[j]
+    i, j = i[apart], j[apart]
+    step = max(1, -(-len(i) // MAX_TRIES))
+    return [(int(a), int(b)) for a, b in zip(i[::step], j[::step], strict=True)]
+
+
 def by_appearance(features: dict[int, Features]) -> list[tuple[int, int]]:
-    """Pairs (i < j) that look most alike: VLAD descriptors (Jegou et al. 2010) with intra-normalisation (Arandjelovic 2013)."""
+    """Pairs (i < j), far apart in the track, that look most alike.
+
+    VLAD descriptors (Jegou et al. 2010) with intra-normalisation (Arandjelovic and Zisserman 2013).
+    """
     frames = [i for i, f in features.items() if len(f.descriptors)]
     if len(frames) < MIN_APART:
         return []
@@ -42,12 +56,12 @@ def by_appearance(features: dict[int, Features]) -> list[tuple[int, int]]:
     cv2.setRNGSeed(1)
     _, _, words = cv2.kmeans(sample, WORDS, None, (cv2.TERM_CRITERIA_COUNT, 15, 0.0), 1, cv2.KMEANS_PP_CENTERS)
     vectors = np.stack([_vlad(features[i].descriptors.astype(np.float32), words) for i in frames])
-    pairs = set()
+    numbers, pairs = np.array(frames), set()
     for k, i in enumerate(frames):
         alike = vectors @ vectors[k]
-        alike[np.abs(np.array(frames) - i) < MIN_APART] = -1
+        alike[np.abs(numbers - i) < MIN_APART] = -np.inf
         for other in np.argsort(-alike, kind="stable")[:LOOK_ALIKE]:
-            if alike[other] > 0:
+            if np.isfinite(alike[other]):
                 pairs.add((min(i, frames[other]), max(i, frames[other])))
     return sorted(pairs)
 

@@ -143,6 +143,7 @@ def _close_loops(
     T, _ = _solve(T, pieces, survey.edges, priors)
     for turn in range(2):
         candidates = set(loop_closure.by_appearance(survey.features)) if turn == 0 else set()
+        candidates |= set(loop_closure.between_pieces(pieces))
         for number in range(pieces.max() + 1):
             candidates |= set(loop_closure.by_overlap(index, T, np.flatnonzero(pieces == number).tolist(), WINDOW))
         loops = []

@@ -123,9 +123,12 @@ def _build_piece(
             store.save(tile, fuse_tile(tile, tiling, _read(frames, tile, placement.T_world_camera), pair))
         progress("fusing tiles", done + 1, len(tiling.tiles))
     kept = islands.keepers((store.load(tile) for tile in tiling.tiles), tiling.tile_m)
+    for tile, parts in zip(tiling.tiles, kept, strict=True):
+        if not parts.all():
+            store.save(tile, islands.only(store.load(tile), parts))
 
     def surfaces() -> Iterator[Surface]:
-        return (islands.only(store.load(tile), parts) for tile, parts in zip(tiling.tiles, kept, strict=True))
+        return (store.load(tile) for tile in tiling.tiles)
 
     points, _ = write_map(surfaces(), tiling.tile_m, cloud, mesh)
     piece = Piece(folder, surfaces, index, placement.T_world_camera, chosen, origin)

@@ -1,0 +1,184 @@
+"""Frames with known poses become the true surface, whatever is cut, stopped, missing or in the way."""
+
+import dataclasses
+import errno
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, height_at, track
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.data import SurveyFrame
+from stereo_seecolor.errors import DeviceError, OutputError
+from stereo_seecolor.mapping import fusion, survey_map
+from stereo_seecolor.mapping.join import VERTEX
+from stereo_seecolor.mapping.survey_map import build_map
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+try:
+    fusion.check_available()
+except DeviceError as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+
+def read_cloud(path: Path) -> NDArray[np.void]:
+    content = path.read_bytes()
+    header, body = content.split(b"end_header\n", 1)
+    count = int(header.split(b"element vertex ")[1].split()[0])
+    return np.frombuffer(body, VERTEX, count)
+
+
+def read_triangles(path: Path) -> NDArray[np.int32]:
+    content = path.read_bytes()
+    header, body = content.split(b"end_header\n", 1)
+    vertices, faces = (int(header.split(b"element %s " % what)[1].split()[0]) for what in (b"vertex", b"face"))
+    face = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
+    return np.frombuffer(body, face, faces, offset=vertices * VERTEX.itemsize)["indices"]
+
+
+def test_a_flat_bottom_comes_out_flat_and_in_its_color(tmp_path: Path) -> None:
+    summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
+    cloud = read_cloud(tmp_path / "cloud.ply")
+    assert summary.points == len(cloud) > 1000
+    np.testing.assert_allclose(cloud["position"][:, 2], 0, atol=1e-4)
+    np.testing.assert_allclose(cloud["normal"], np.broadcast_to([0, 0, 1], cloud["normal"].shape), atol=1e-2)
+    np.testing.assert_array_equal(np.unique(cloud["color"], axis=0), [[200, 120, 40]])
+    x = cloud["position"][:, 0]
+    assert x.min() == pytest.approx(-0.6, abs=0.03)
+    assert x.max() == pytest.approx(0.9 + 0.6, abs=0.03)
+
+
+def test_tiles_join_without_seams(tmp_path: Path) -> None:
+    frames = [flat_frame(i, altitude_m=1.5) for i in range(4)]
+    waves = [dataclasses.replace(f, range_m=f.range_m + 0.05 * np.sin(np.arange(160) / 9).astype(np.float32)) for f in frames]
+    one, many = tmp_path / "one", tmp_path / "many"
+    build_map(waves, PAIR, one, CONFIG.model_copy(update={"tile_m": 100.0}), track(4))
+    build_map(waves, PAIR, many, CONFIG.model_copy(update={"tile_m": 0.5}), track(4))
+    whole, tiled = (read_cloud(folder / "cloud.ply") for folder in (one, many))
+    assert len(whole) == len(tiled)
+    np.testing.assert_array_equal(np.unique(whole["position"], axis=0), np.unique(tiled["position"], axis=0))
+    assert len(read_triangles(one / "mesh.ply")) == len(read_triangles(many / "mesh.ply"))
+    edges = np.sort(read_triangles(many / "mesh.ply")[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    counts = np.unique(np.unique(edges, axis=0, return_counts=True)[1], return_counts=True)[1]
+    whole_edges = np.sort(read_triangles(one / "mesh.ply")[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    np.testing.assert_array_equal(counts, np.unique(np.unique(whole_edges, axis=0, return_counts=True)[1], return_counts=True)[1])
+
+
+def test_a_fish_that_others_see_through_is_carved_away(tmp_path: Path) -> None:
+    frames = [flat_frame(i, fish=i == 2) for i in range(5)]
+    build_map(frames, PAIR, tmp_path, CONFIG, track(5, step_m=0.15))
+    cloud = read_cloud(tmp_path / "cloud.ply")
+    assert np.abs(cloud["position"][:, 2]).max() < 0.03
+    assert not (cloud["color"] == [255, 0, 255]).all(axis=1).any()
+
+
+def test_sure_measurements_outweigh_unsure_ones(tmp_path: Path) -> None:
+    sure, unsure = flat_frame(0), flat_frame(1)
+    unsure = dataclasses.replace(unsure, range_m=unsure.range_m - 0.03 * PAIR.ray_length, range_std_m=3 * unsure.range_std_m)
+    build_map([sure, unsure], PAIR, tmp_path, CONFIG, track(2, step_m=0.0))
+    assert np.median(read_cloud(tmp_path / "cloud.ply")["position"][:, 2]) == pytest.approx(0.03 / 10, abs=1e-3)
+
+
+def test_the_near_view_gives_the_color(tmp_path: Path) -> None:
+    near, far = flat_frame(0, 1.0, (100, 100, 100)), flat_frame(1, 2.0, (200, 200, 200))
+    trajectory = track(2, step_m=0.0)
+    trajectory.T_world_camera[:, 2, 3] = [1.0, 2.0]
+    build_map([near, far], PAIR, tmp_path, CONFIG, trajectory)
+    cloud = read_cloud(tmp_path / "cloud.ply")
+    below = np.hypot(cloud["position"][:, 0], cloud["position"][:, 1]) < 0.1
+    assert cloud["color"][below].mean() == pytest.approx((100 * 16 + 200) / 17, abs=2)
+
+
+def test_a_reef_comes_out_true(tmp_path: Path) -> None:
+    frames = ReefFrames(SurveySpec(pairs=6, lines=2, image_size=(240, 192)), noise_px=0.05)
+    build_map(frames, frames.pair, tmp_path, MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02), frames.trajectory)
+    position = read_cloud(tmp_path / "cloud.ply")["position"]
+    error_m = np.abs(position[:, 2] - height_at(frames.reef, position))
+    assert np.median(error_m) < 0.01
+
+
+class Stopping(Sequence[SurveyFrame]):
+    """Frames of which one read fails, and which counts all reads."""
+
+    def __init__(self, frames: list[SurveyFrame], fails_at: int) -> None:
+        self.frames, self.fails_at, self.reads = frames, fails_at, 0
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, i: int) -> SurveyFrame:  # type: ignore[override]
+        self.reads += 1
+        if self.reads == self.fails_at:
+            raise KeyboardInterrupt
+        return self.frames[i]
+
+
+def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
+    frames = [flat_frame(i) for i in range(6)]
+    straight, resumed = tmp_path / "straight", tmp_path / "resumed"
+    whole = Stopping(frames, fails_at=-1)
+    build_map(whole, PAIR, straight, CONFIG, track(6))
+    stopped = Stopping(frames, fails_at=6 + 10)
+    with pytest.raises(KeyboardInterrupt):
+        build_map(stopped, PAIR, resumed, CONFIG, track(6))
+    assert not (resumed / "cloud.ply").exists()
+    again = Stopping(frames, fails_at=-1)
+    build_map(again, PAIR, resumed, CONFIG, track(6))
+    assert again.reads < whole.reads
+    assert (resumed / "mesh.ply").read_bytes() == (straight / "mesh.ply").read_bytes()
+
+
+def test_a_full_disk_is_named_and_what_is_done_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved = []
+    real = np.savez
+
+    def full_at_third(file: object, **content: object) -> None:
+        saved.append(file)
+        if len(saved) == 3:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        real(file, **content)
+
+    monkeypatch.setattr(np, "savez", full_at_third)
+    with pytest.raises(OutputError, match="No space left on device: free the place and run again"):
+        build_map([flat_frame(i) for i in range(6)], PAIR, tmp_path, CONFIG, track(6))
+    assert len(list((tmp_path / ".tiles").glob("*.npz"))) == 2
+    assert not list(tmp_path.rglob(".writing-*"))
+
+
+def test_a_jump_makes_two_maps(tmp_path: Path) -> None:
+    trajectory = track(7)
+    trajectory.T_world_camera[4:, 1, 3] += 50
+    summary = build_map([flat_frame(i) for i in range(7)], PAIR, tmp_path, CONFIG, trajectory)
+    assert summary.pieces == (4, 3)
+    assert "jumps 50.0 m between f3 and f4" in summary.warnings[0]
+    assert read_cloud(tmp_path / "cloud.ply")["position"][:, 1].max() < 1
+    assert read_cloud(tmp_path / "piece_1" / "cloud.ply")["position"][:, 1].min() > 49
+
+
+def test_a_frame_without_ranges_does_no_harm(tmp_path: Path) -> None:
+    frames = [flat_frame(i) for i in range(3)]
+    frames[1] = dataclasses.replace(frames[1], range_m=np.full_like(frames[1].range_m, np.nan))
+    assert build_map(frames, PAIR, tmp_path, CONFIG, track(3)).placed == 3
+
+
+@pytest.mark.parametrize(
+    ("error", "command"), [(OSError("libGL.so.1: cannot open"), "apt-get install"), (None, "pip install open3d")]
+)
+def test_missing_open3d_is_named_before_the_first_frame(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception | None, command: str
+) -> None:
+    class Finder:
+        def find_spec(self, name: str, *_: object) -> None:
+            if name == "open3d" and error:
+                raise error
+
+    monkeypatch.setitem(sys.modules, "open3d", None) if error is None else monkeypatch.delitem(sys.modules, "open3d")
+    monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
+    frames = Stopping([flat_frame(0)], fails_at=1)
+    with pytest.raises(DeviceError, match=command):
+        survey_map.build_map(frames, PAIR, tmp_path, CONFIG, track(1))
+    assert frames.reads == 0

@@ -1,0 +1,150 @@
+"""Poses from the pictures alone: near the truth, broken rather than wrong."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from mapping_scene import ReefFrames
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.data import SurveyFrame
+from stereo_seecolor.errors import DeviceError, MappingError
+from stereo_seecolor.evaluation.trajectory import trajectory_error
+from stereo_seecolor.mapping import odometry, pose_graph
+from stereo_seecolor.mapping.features import detect
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.placement import Placement
+from stereo_seecolor.mapping.poses import inverse, rotation_from_vector
+from stereo_seecolor.mapping.relative_pose import Edge, relate
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+ALONE = MappingConfig(loop_closure=False)
+
+
+@pytest.fixture(scope="module")
+def reef() -> ReefFrames:
+    return ReefFrames(SurveySpec(pairs=12, lines=2, image_size=(256, 208), seed=3), noise_px=0.1)
+
+
+@pytest.fixture(scope="module")
+def frames(reef: ReefFrames) -> list[SurveyFrame]:
+    return [reef[i] for i in range(len(reef))]
+
+
+def estimate(frames: list[SurveyFrame], reef: ReefFrames, config: MappingConfig) -> Placement:
+    return odometry.estimate(frames, reef.pair, config, FrameIndex.build(frames, reef.pair))
+
+
+def blank(frame: SurveyFrame) -> SurveyFrame:
+    return dataclasses.replace(frame, color=np.full_like(frame.color, 90))
+
+
+def test_two_frames_give_their_relative_pose(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    edge = relate(0, detect(frames[0], reef.pair), 1, detect(frames[1], reef.pair), reef.pair)
+    assert edge is not None
+    T = reef.trajectory.T_world_camera
+    truth = inverse(T[0]) @ T[1]
+    assert np.linalg.norm(edge.T_i_j[:3, 3] - truth[:3, 3]) < 0.01
+    assert np.sqrt(np.trace(edge.covariance[3:, 3:])) < 0.05
+
+
+def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    placement = estimate(frames, reef, ALONE)
+    assert placement.pieces.tolist() == [0] * 12
+    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
+    assert error.share < 0.005
+
+
+def test_loops_bring_it_to_a_fifth_of_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    pytest.importorskip("gtsam")
+    placement = estimate(frames, reef, MappingConfig())
+    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
+    assert error.share < 0.002
+
+
+def test_a_frame_that_shows_nothing_is_named_and_the_rest_goes_on(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    placement = estimate([*frames[:3], blank(frames[3]), *frames[4:]], reef, ALONE)
+    assert [u.name for u in placement.unplaced] == [frames[3].name]
+    assert placement.pieces.tolist() == [0, 0, 0, -1] + [0] * 8
+
+
+def test_a_long_blank_stretch_breaks_the_map_in_two(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
+    placement = estimate(blanked[:10], reef, ALONE)
+    assert placement.pieces.tolist() == [0, 0, 0, 0, 0, -1, -1, -1, 1, 1]
+    assert "broken into 2 pieces of 5, 2 frames" in placement.warnings[-1]
+
+
+def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    pytest.importorskip("gtsam")
+    blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
+    placement = estimate(blanked, reef, MappingConfig())
+    placed = placement.pieces == 0
+    assert placed.sum() == 9
+    error = trajectory_error(placement.T_world_camera[placed, :3, 3], reef.trajectory.T_world_camera[placed, :3, 3])
+    assert error.rms_m < 0.05
+
+
+def test_frames_of_another_reef_are_never_joined(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    pytest.importorskip("gtsam")
+    other = ReefFrames(SurveySpec(pairs=4, lines=1, image_size=(256, 208), seed=99), noise_px=0.1)
+    strangers = [dataclasses.replace(f, name=f"x{i}", timestamp_s=f.timestamp_s + 1e4) for i, f in enumerate(other)]  # type: ignore[operator]
+    placement = estimate(frames[:6] + strangers, reef, MappingConfig())
+    assert placement.pieces.tolist() == [0] * 6 + [1] * 4
+
+
+def test_nothing_but_blank_frames_is_an_error(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    with pytest.raises(MappingError, match="no two frames show the same things"):
+        estimate([blank(f) for f in frames[:3]], reef, ALONE)
+
+
+def ring(count: int = 12) -> np.ndarray:
+    T = np.tile(np.eye(4), (count, 1, 1))
+    for i in range(count):
+        angle = 2 * np.pi * i / count
+        T[i, :3, :3] = rotation_from_vector(np.array([0, 0, angle]))
+        T[i, :3, 3] = np.cos(angle), np.sin(angle), 0
+    return T
+
+
+def edge(T: np.ndarray, i: int, j: int, off: np.ndarray | None = None) -> Edge:
+    relation = inverse(T[i]) @ T[j]
+    if off is not None:
+        relation[:3, 3] += off
+    return Edge(i, j, relation, np.diag([1e-4] * 3 + [1e-4] * 3), 100)
+
+
+def test_the_pose_graph_spreads_drift_and_rejects_a_false_loop() -> None:
+    pytest.importorskip("gtsam")
+    T = ring()
+    rng = np.random.default_rng(5)
+    chain = [edge(T, i, i + 1, rng.normal(0, 0.01, 3)) for i in range(11)]
+    loops = [edge(T, 0, 11), edge(T, 0, 10), edge(T, 1, 11), edge(T, 2, 8, np.array([1.0, 0, 0]))]
+    drifted = T + 0
+    for i in range(11):
+        drifted[i + 1] = drifted[i] @ chain[i].T_i_j
+    solved, rejected = pose_graph.solve(drifted, range(12), chain + loops)
+    assert [(e.i, e.j) for e in rejected] == [(2, 8)]
+    assert np.abs(solved[:, :3, 3] - T[:, :3, 3]).max() < 0.03
+
+
+def test_priors_hold_the_map_to_navigation() -> None:
+    pytest.importorskip("gtsam")
+    T = ring()
+    T[:, :3, 3] += [100, 200, -8]
+    chain = [edge(T, i, i + 1, np.array([0, 0, 0.02])) for i in range(11)]
+    priors = [pose_graph.Prior(i, T[i], np.array([0.5, 0.5, 0.01]), 0.01) for i in range(12)]
+    start = inverse(T[0]) @ T
+    solved, _ = pose_graph.solve(odometry._moved_to(priors, start, list(range(12))), range(12), chain, priors)
+    assert np.abs(solved[:, 2, 3] + 8).max() < 0.03
+    assert np.abs(solved[:, :2, 3] - T[:, :2, 3]).max() < 0.3
+
+
+def test_without_gtsam_the_map_is_made_and_says_what_is_missing(
+    reef: ReefFrames, frames: list[SurveyFrame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "gtsam", None)
+    placement = estimate(frames[:3], reef, MappingConfig())
+    assert "loops were not closed: pip install 'stereo-seecolor[slam]'" in placement.warnings[0]
+    with pytest.raises(DeviceError, match="GTSAM"):
+        pose_graph.solve(ring(), range(12), [])

@@ -1,0 +1,142 @@
+"""What is made of a map: terrain, mosaic, metrics, preview, and files that geographic programs open."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mapping_scene import CONFIG, PAIR, flat_frame, track
+
+from stereo_seecolor.data import GeoOrigin, Trajectory
+from stereo_seecolor.mapping.fusion import Surface
+from stereo_seecolor.mapping.grid import Grid
+from stereo_seecolor.mapping.preview import render_preview
+from stereo_seecolor.mapping.reef_metrics import ReefMetrics, measure, measure_squares
+from stereo_seecolor.mapping.survey_map import build_map
+from stereo_seecolor.mapping.terrain import render_terrain
+
+CELL_M = 0.01
+
+
+def ramp(rise_east: float, rise_north: float, size: int = 100) -> np.ndarray:
+    row, column = np.mgrid[:size, :size]
+    return (column * rise_east - row * rise_north) * CELL_M
+
+
+def test_flat_ground_is_one_everywhere() -> None:
+    metrics = measure(np.zeros((100, 100)), CELL_M)
+    assert metrics.surface_rugosity == pytest.approx(1)
+    assert metrics.linear_rugosity == 1
+    assert metrics.slope_deg == metrics.vector_ruggedness == pytest.approx(0, abs=1e-9)
+    assert metrics.fractal_dimension == pytest.approx(2)
+    assert metrics.height_range_m == pytest.approx(0, abs=1e-9)
+
+
+def test_a_ramp_has_its_slope_and_faces_downhill() -> None:
+    metrics = measure(ramp(1.0, 0.0), CELL_M)  # rises to the east by 45 degrees: faces west
+    assert metrics.slope_deg == pytest.approx(45)
+    assert metrics.aspect_deg == pytest.approx(270)
+    assert metrics.surface_rugosity == pytest.approx(np.sqrt(2))
+    assert metrics.linear_rugosity == pytest.approx((np.sqrt(2) + 1) / 2)
+    assert metrics.vector_ruggedness == pytest.approx(0, abs=1e-9)
+    assert metrics.height_range_m == pytest.approx(0, abs=1e-9)
+    assert measure(ramp(0.0, 1.0), CELL_M).aspect_deg == pytest.approx(180)
+
+
+def test_a_sine_has_the_arc_length_of_a_sine() -> None:
+    x = np.arange(400) * CELL_M
+    heights = np.broadcast_to(0.1 * np.sin(2 * np.pi * x / 1.0), (400, 400))
+    fine = np.linspace(0, 4, 400001)
+    arc = np.hypot(np.diff(fine), np.diff(0.1 * np.sin(2 * np.pi * fine))).sum() / 4
+    assert measure(heights, CELL_M).surface_rugosity == pytest.approx(arc, rel=1e-3)
+    assert measure(heights, CELL_M).linear_rugosity == pytest.approx((arc + 1) / 2, rel=1e-3)
+
+
+def test_rough_ground_has_a_higher_dimension() -> None:
+    rough = np.random.default_rng(0).normal(0, 0.05, (128, 128))
+    assert measure(rough, CELL_M).fractal_dimension > 2.3
+    assert measure(rough, CELL_M).vector_ruggedness > 0.2
+
+
+def test_what_was_not_seen_is_unknown() -> None:
+    heights = np.zeros((200, 300))
+    heights[:, 100:] = np.nan
+    squares = measure_squares(heights, CELL_M, 1.0)
+    assert squares.shape == (len(ReefMetrics.names()), 2, 3)
+    assert np.isfinite(squares[1]).tolist() == [[True, False, False]] * 2
+    assert squares[0].tolist() == [[1, 0, 0]] * 2
+
+
+def pyramid() -> Surface:
+    points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]], np.float32)
+    triangles = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], np.int32)
+    up = np.broadcast_to(np.float32([0, 0, 1]), points.shape)
+    return Surface(points, up, np.full((5, 3), (10, 200, 30), np.uint8), triangles)
+
+
+def test_terrain_is_the_highest_surface_over_each_cell(tmp_path: Path) -> None:
+    grid = Grid.around(np.array([-0.5, 0.0]), np.array([1.0, 1.0]), 0.1)
+    roof = pyramid()
+    floor = Surface(roof.points_m * np.float32([1, 1, 0]), roof.normals, roof.colors, roof.triangles)
+    terrain = render_terrain([roof, floor], grid, tmp_path)
+    assert terrain.shape == (10, 15)
+    assert np.isnan(terrain[:, :5]).all()
+    x, y = grid.centers(slice(0, 10), slice(5, 15))
+    np.testing.assert_allclose(terrain[:, 5:], 1 - 2 * np.maximum(abs(x - 0.5), abs(y - 0.5)), atol=1e-6)
+
+
+def test_the_preview_shows_the_map_on_white() -> None:
+    image = render_preview(lambda: [pyramid()])
+    assert max(image.shape) == pytest.approx(1600, abs=4)
+    assert (image[0, 0] == 255).all()
+    middle = image[image.shape[0] // 2, image.shape[1] // 2].astype(int)
+    assert middle.argmax() == 1
+    assert (render_preview(lambda: []) == 255).all()
+
+
+def georeferenced(count: int) -> Trajectory:
+    plain = track(count)
+    return Trajectory(plain.names, plain.timestamps_s, plain.T_world_camera, origin=GeoOrigin(-23.5, 152.0))
+
+
+def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
+    rasterio, laspy, pyproj = (pytest.importorskip(name) for name in ("rasterio", "laspy", "pyproj"))
+    summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, georeferenced(4))
+    assert {path.name for path in summary.files} >= {"dem.tif", "orthomosaic.tif", "reef_metrics.tif", "cloud.laz"}
+    with rasterio.open(tmp_path / "dem.tif") as dem:
+        heights, crs = dem.read(1), dem.crs
+        assert dem.res == (CONFIG.dem_m, CONFIG.dem_m)
+        assert dem.bounds.left == pytest.approx(-0.6, abs=0.05)
+        assert np.nanmax(np.abs(heights)) < 0.001
+        longitude, latitude = pyproj.Transformer.from_crs(crs.to_wkt(), 4326, always_xy=True).transform(0.0, 0.0)
+    assert (latitude, longitude) == pytest.approx((-23.5, 152.0), abs=1e-9)
+    cloud = laspy.read(tmp_path / "cloud.laz")
+    assert len(cloud.points) == summary.points
+    degrees = pyproj.Transformer.from_crs(cloud.header.parse_crs(), 4326, always_xy=True).transform(
+        np.mean(cloud.x), np.mean(cloud.y)
+    )
+    assert degrees == pytest.approx((152.0, -23.5), abs=2e-5)
+    assert (int(cloud.red[0]), int(cloud.green[0])) == (200 * 257, 120 * 257)
+
+
+def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    frames = [flat_frame(i, fish=i == 1) for i in range(4)]
+    build_map(frames, PAIR, tmp_path, CONFIG, track(4, step_m=0.15))
+    with rasterio.open(tmp_path / "orthomosaic.tif") as mosaic:
+        rgba = mosaic.read()
+        assert mosaic.colorinterp[3].name == "alpha"
+        assert mosaic.profile["tiled"]
+        assert mosaic.crs is None
+    painted = rgba[3] == 255
+    assert painted.mean() > 0.9
+    np.testing.assert_array_equal(np.unique(rgba[:3, painted], axis=1).ravel(), [200, 120, 40])
+    assert (rgba[:3, ~painted] == 0).all()
+
+
+def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
+    build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
+    lines = (tmp_path / "reef_metrics.csv").read_text().splitlines()
+    assert lines[0].startswith("square,x_m,y_m,coverage,surface_rugosity,linear_rugosity,slope_deg")
+    assert lines[1].startswith("site,,,")
+    assert float(lines[1].split(",")[4]) == pytest.approx(1, abs=1e-4)
+    assert len(lines) > 4
