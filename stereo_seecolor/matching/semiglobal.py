@@ -14,15 +14,28 @@ from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.data import Map
-from stereo_seecolor.matching.vectors import LANES, add, claim, hamming, path_step, smallest, smallest_but
+from stereo_seecolor.matching.vectors import (
+    FAR,
+    LANES,
+    add,
+    add3,
+    claim,
+    hamming,
+    path_step,
+    path_step_alone,
+    smallest,
+    smallest_but,
+)
 
 TILE = 8
-FAR = np.uint16(0x3000)
-"""Cost of what lies outside a band; sums of it stay below 2^16."""
+SHIFTED = 1
+"""Place in the scratch of the costs of a pixel whose band differs, brought to where the next one looks for them."""
 
 NEVER = -0x8000
 
 _compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
+
+_inlined: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, forceinline=True)
 
 
 @_compiled
@@ -109,51 +122,57 @@ def _follow(
     one array are: numba would count references for each pixel.
     """
     width = bits.size
-    across, across_next, shifted = 1, cost.size + 3, 2 * cost.size + 5
+    across, across_next = SHIFTED + cost.size + 2, SHIFTED + 2 * (cost.size + 2)
     p1, p2 = np.uint16(P1), np.uint16(P2)
     floor, low_before, count_before = np.uint16(0), 0, 0
     for column in range(width):
         x = column if sweep == 0 else width - 1 - column
         low, count, place = band[0, x], band[1, x], band[2, x]
-        for k in range(0, count, LANES):
-            hamming(bits[x], others, origin - x + low + k, cost, k)
+        met = origin - x + low
+        hamming(bits[x], others, met, cost, 0)
+        for k in range(LANES, count, LANES):
+            hamming(bits[x], others, met + k, cost, k)
         before, now = along + band_before[2, x], along_next + place
         if low != band_before[0, x] or count != band_before[1, x]:
-            before = _shift(paths, before, band_before[0, x], band_before[1, x], low, count, shifted)
+            before = _shift(paths, before, band_before[0, x], band_before[1, x], low, count)
         floors[x] = _advance(paths, before, cost, now, count, floors[x], p1, p2)
         if row_place < 0:
             continue
         before = across
         if low != low_before or count != count_before:
-            before = _shift(paths, across, low_before, count_before, low, count, shifted)
+            before = _shift(paths, across, low_before, count_before, low, count)
         floor = _advance(paths, before, cost, across_next, count, floor, p1, p2)
         low_before, count_before = low, count
         at = row_place + place
-        for k in range(0, count, LANES):
-            if sweep == 0:
+        if sweep == 0:
+            add(paths, across_next, paths, now, total, at)
+            for k in range(LANES, count, LANES):
                 add(paths, across_next + k, paths, now + k, total, at + k)
-            else:
-                add(paths, across_next + k, total, at + k, total, at + k)
-                add(paths, now + k, total, at + k, total, at + k)
+        else:
+            add3(paths, across_next, now, total, at)
+            for k in range(LANES, count, LANES):
+                add3(paths, across_next + k, now + k, total, at + k)
         across, across_next = across_next, across
 
 
 @_compiled
-def _shift(paths: Any, before: int, low_before: int, count_before: int, low: int, count: int, shifted: int) -> int:
+def _shift(paths: Any, before: int, low_before: int, count_before: int, low: int, count: int) -> int:
     """Copy the costs of the pixel before, over its own band, to where the band low.. of this pixel finds them."""
     for k in range(-1, count + 1):
         i = k + low - low_before
-        paths[shifted + k] = paths[before + i] if 0 <= i < count_before else FAR
-    return shifted
+        paths[SHIFTED + k] = paths[before + i] if 0 <= i < count_before else FAR
+    return SHIFTED
 
 
-@_compiled
+@_inlined
 def _advance(paths: Any, before: int, cost: Any, now: int, count: int, floor: Any, P1: Any, P2: Any) -> Any:
     """One step of a path, from paths[before:] to paths[now:]; returns the new floor."""
-    least = FAR
+    if count == LANES and before != SHIFTED:
+        return path_step_alone(paths, before, cost, 0, paths, now, floor, P1, P2)
+    least = np.uint16(FAR)
     for k in range(0, count, LANES):
         least = min(least, path_step(paths, before + k, cost, k, paths, now + k, floor, P1, P2))
-    paths[now + count] = FAR
+    paths[now - 1] = paths[now + count] = FAR
     return np.uint16(least)
 
 
@@ -177,15 +196,17 @@ def _decide(
         back[x] = found if found > NEVER else np.nan
 
 
-@_compiled
+@_inlined
 def _winner(total: NDArray[np.uint16], at: int, low: int, count: int, scale: Any) -> Any:
     """The disparity of least cost with its fraction, and its lead over the best beyond +-1."""
-    least, best, second = 0xFFFF, 0, 0xFFFF
-    for k in range(0, count, LANES):
+    key = int(smallest(total, at))
+    least, best = key >> 4, key & 15
+    for k in range(LANES, count, LANES):
         key = int(smallest(total, at + k))
         if key >> 4 < least:
             least, best = key >> 4, k + (key & 15)
-    for k in range(0, count, LANES):
+    second = int(smallest_but(total, at, np.int16(best)))
+    for k in range(LANES, count, LANES):
         second = min(second, int(smallest_but(total, at + k, np.int16(best - k))))
     if best == 0 or best == count - 1:
         return np.float32(np.nan), np.float32(0)

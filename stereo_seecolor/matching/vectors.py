@@ -14,6 +14,8 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 LANES = 16
+FAR = 0x3000
+"""Cost of what lies outside a band; sums of it stay below 2^16."""
 
 _written_out: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 
@@ -44,14 +46,37 @@ def path_step(typing: Any, before: Any, b: Any, cost: Any, c: Any, now: Any, n: 
 
     One step of one path (Hirschmueller 2008, eq. 13); floor is the minimum over all of ``before``.
     """
+    return _path_step(before, cost, now), _path_code(alone=False)
 
+
+@_written_out
+def path_step_alone(typing: Any, before: Any, b: Any, cost: Any, c: Any, now: Any, n: Any, floor: Any, P1: Any, P2: Any) -> Any:
+    """As path_step for a pixel of LANES disparities in all: what lies beyond them is taken as FAR, not read.
+
+    Reading at b - 1 what was just written at b would make the processor wait for its memory.
+    """
+    return _path_step(before, cost, now), _path_code(alone=True)
+
+
+def _path_step(before: Any, cost: Any, now: Any) -> Any:
+    u16 = types.uint16
+    return u16(before, types.intp, cost, types.intp, now, types.intp, u16, u16, u16)
+
+
+def _path_code(alone: bool) -> Callable[..., Any]:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         before, b, cost, c, now, n, floor, P1, P2 = arguments
-        one = ir.Constant(b.type, 1)
-        same, below, above = (
-            _load(builder, _at(context, builder, signature.args[0], before, i, _SHORTS), 2)
-            for i in (b, builder.sub(b, one), builder.add(b, one))
-        )
+
+        def load(i: Any) -> Any:
+            return _load(builder, _at(context, builder, signature.args[0], before, i, _SHORTS), 2)
+
+        same, one = load(b), ir.Constant(b.type, 1)
+        if alone:
+            far = ir.Constant(_SHORTS, [FAR] * LANES)
+            below = builder.shuffle_vector(same, far, ir.Constant(_WORDS, [LANES, *range(LANES - 1)]))
+            above = builder.shuffle_vector(same, far, ir.Constant(_WORDS, [*range(1, LANES), LANES]))
+        else:
+            below, above = load(builder.sub(b, one)), load(builder.add(b, one))
         slope = builder.add(_minimum(builder, below, above), _splat(builder, P1, _SHORTS))
         jump = _splat(builder, builder.add(floor, P2), _SHORTS)
         best = _minimum(builder, _minimum(builder, same, slope), jump)
@@ -60,8 +85,7 @@ def path_step(typing: Any, before: Any, b: Any, cost: Any, c: Any, now: Any, n: 
         builder.store(total, _at(context, builder, signature.args[4], now, n, _SHORTS), align=2)
         return _call(builder, "llvm.vector.reduce.umin.v16i16", _SHORT, total)
 
-    u16 = types.uint16
-    return u16(before, types.intp, cost, types.intp, now, types.intp, u16, u16, u16), generate
+    return generate
 
 
 @_written_out
@@ -76,6 +100,20 @@ def add(typing: Any, a: Any, i: Any, b: Any, j: Any, total: Any, t: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(a, types.intp, b, types.intp, total, types.intp), generate
+
+
+@_written_out
+def add3(typing: Any, a: Any, i: Any, j: Any, total: Any, t: Any) -> Any:
+    """total[t:] += a[i:] + a[j:]."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        a, i, j, total, t = arguments
+        first, second = (_load(builder, _at(context, builder, signature.args[0], a, k, _SHORTS), 2) for k in (i, j))
+        pointer = _at(context, builder, signature.args[3], total, t, _SHORTS)
+        builder.store(builder.add(_load(builder, pointer, 2), builder.add(first, second)), pointer, align=2)
+        return context.get_dummy_value()
+
+    return types.void(a, types.intp, types.intp, total, types.intp), generate
 
 
 @_written_out
