@@ -17,7 +17,7 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.tables import MomentTable
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.data import FrameResult, Image, RangeMap, StereoFrame, Water
-from stereo_seecolor.errors import MatchingError, OutputError, SeeColorError
+from stereo_seecolor.errors import DeviceError, MatchingError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.outputs.frames_table import FrameRow
@@ -172,8 +172,8 @@ class Survey:
             clock = Clock()
             try:
                 done = work(pair, clock)
-            except OutputError:
-                raise  # a full disk or a lost folder is every pair's trouble
+            except (OutputError, DeviceError):
+                raise  # a full disk or an absent device is every pair's trouble
             except (SeeColorError, CalibrationError) as error:
                 if self._options.strict:
                     raise
