@@ -149,7 +149,11 @@ def _without_outliers(views: list[View], target: Target) -> tuple[list[View], li
         limit = max(OUTLIER_RATIO * float(np.median(both)), OUTLIER_MIN_PX)
         if both[worst] <= limit:
             break
-        dropped.append(ViewReport(kept[worst].name, errors[worst, 0], errors[worst, 1], _blame(bundle, kept, worst, target, limit)))
+        dropped.append(
+            ViewReport(
+                kept[worst].name, float(errors[worst, 0]), float(errors[worst, 1]), _blame(bundle, kept, worst, target, limit)
+            )
+        )
         del kept[worst]
     return kept, dropped
 
@@ -217,14 +221,16 @@ def _row_errors(rig: StereoRig, views: list[View]) -> Array:
 
 
 def _choose(scores: list[LensScore]) -> int:
-    """The simplest lens whose left-out error is no worse than the best's, to one standard error (Hastie et al. 2009, sec. 7.10)
-    or to a margin too small to matter.
+    """The simplest lens whose left-out error is no worse than the best's beyond doubt, or by too little to matter.
+
+    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), with two: from ten views, chance favours a needless
+    coefficient often enough, and it costs more than it gives.
     """
     best = min(scores, key=lambda score: score.rms_px)
     for number, score in enumerate(scores):
         difference = score.squares - best.squares
         standard_error = difference.std(ddof=1) / np.sqrt(difference.size)
-        if difference.mean() <= max(standard_error, NEGLIGIBLE * best.squares.mean()):
+        if difference.mean() <= max(2 * standard_error, NEGLIGIBLE * best.squares.mean()):
             return number
     return scores.index(best)
 
