@@ -94,7 +94,7 @@ class ColorConfig(_Stage):
     )
     first_steps: int = Field(default=500, ge=1, description="Adam steps on a first frame (solver dense).")
     next_steps: int = Field(default=20, ge=1, description="Adam steps on a frame that starts from another's water (solver dense).")
-    learning_rate: float = Field(default=0.01, gt=0, description="Adam's learning rate (solver dense).")
+    learning_rate: float = Field(default=0.03, gt=0, description="Adam's learning rate (solver dense).")
     clipped_share: float = Field(
         default=0.0005,
         ge=0,
