@@ -15,7 +15,7 @@ from calibration.rig import Camera, StereoRig
 Array = NDArray[np.float64]
 ACCEPTABLE_ROW_ERROR_PX = 0.25
 MIN_MATCHES = 50
-MIN_KEPT_SHARE = 0.4
+MIN_KEPT_SHARE = {"pinhole": 0.4, "fisheye": 0.1}
 INDICES = np.arange(1.0, 1.4401, 0.02)
 WATER_INDEX = (1.26, 1.42)
 
@@ -30,7 +30,7 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     if angle_deg > 30:
         found.append(f"the cameras are turned by {angle_deg:.0f} degrees to each other: is the rotation of this rig?")
     kept = min(kept_shares(rig))
-    if kept < MIN_KEPT_SHARE:
+    if kept < MIN_KEPT_SHARE[rig.left.model]:
         found.append(f"rectified images keep {kept:.0%} of what the cameras see: check rotation, focal lengths and distortion")
     if rig.rms_px is not None and rig.rms_px > 1:
         found.append(f"the calibration's own error is {rig.rms_px:.2f} px, over 1 px: calibrate again")
@@ -64,8 +64,16 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
 
 
 def lens_folds(camera: Camera) -> bool:
-    """True if the lens model turns back within the image, so that two directions share a pixel (or none reaches it)."""
+    """True if the lens model turns back within the image, so that two directions share a pixel (or none reaches it).
+
+    A fisheye's corners may lie beyond 90 degrees or outside of its circle: no ray is asked to reach them.
+    """
     width, height = camera.image_size
+    if camera.model == "fisheye":
+        angle = np.linspace(0, np.pi / 2, 500)
+        radius = angle * (1 + np.polynomial.polynomial.polyval(angle**2, [0, *camera.distortion]))
+        turns = np.flatnonzero(np.diff(radius) <= 0)
+        return bool(turns.size and radius[turns[0]] * camera.K[0, 0] < np.hypot(width, height) / 2)
     edge = np.linspace(0, 1, 9)
     x, y = np.meshgrid(edge * (width - 1), edge * (height - 1))
     return bool(np.isnan(camera.rays(np.column_stack([x.ravel(), y.ravel()]))).any())

@@ -121,6 +121,15 @@ def test_suspicious_rig(case: str) -> None:
     assert message in "; ".join(suspicions(rig))
 
 
+def test_fisheye_of_180_degrees_is_beyond_suspicion() -> None:
+    rig = fisheye_rig()
+    K = rig.left.K * np.array([[0.7], [0.7], [1]]) + np.array([[0, 0, 192], [0, 0, 144], [0, 0, 0]])
+    round_image = replace(rig.left, K=K)
+    assert suspicions(replace(rig, left=round_image, right=round_image)) == ()
+    turned_back = replace(rig.left, distortion=np.array([-0.5, 0.0, 0.0, 0.0]))
+    assert "turns back" in "; ".join(suspicions(replace(rig, left=turned_back)))
+
+
 def test_cameras_looking_apart() -> None:
     rig = pinhole_rig()
     T = rig.T_right_left.copy()

@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 
 import pytest
-from calibration_texts import KALIBR, NATIVE, ROS_LEFT, WHOLE_RIGS
+from calibration_texts import KALIBR, NATIVE, ROS_LEFT, ROS_RIGHT, WHOLE_RIGS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -61,6 +61,8 @@ def _corpus() -> dict[str, bytes]:
         "many hexadecimal digits": NATIVE.replace("version: 1", "version: 0x" + "f" * 100_000),
         "no such date": NATIVE.replace("water", "2001-44-55"),
         "key twice": NATIVE + "medium: air\n",
+        "key twice in XML": "<opencv_storage><R>1</R><R>2</R></opencv_storage>",
+        "key twice in JSON": '{"R": 1, "R": 2}',
         "two documents": NATIVE + "---\n" + NATIVE,
         "unhashable key": "? [1, 2]\n: 3\n",
         "unknown key": NATIVE + "baseline_mm: 100\n",
@@ -137,3 +139,15 @@ def test_any_edit_gives_a_rig_or_one_line(text: str, cut: tuple[float, int], put
     file.write_bytes((text[:start] + put + text[start + cut[1] :]).encode("utf-8", "surrogatepass"))
     found = load(file)
     assert isinstance(found, StereoRig) or "\n" not in found
+
+
+@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(start=st.floats(0, 1), cut=st.integers(0, 60), put=st.text(max_size=12))
+def test_any_edit_of_a_ros_pair_gives_a_rig_or_one_line(start: float, cut: int, put: str, tmp_path: Path) -> None:
+    at = int(start * len(ROS_RIGHT))
+    (tmp_path / "left.yaml").write_text(ROS_LEFT)
+    (tmp_path / "right.yaml").write_bytes((ROS_RIGHT[:at] + put + ROS_RIGHT[at + cut :]).encode("utf-8", "surrogatepass"))
+    try:
+        load_rig(f"{tmp_path}/left.yaml,{tmp_path}/right.yaml")
+    except CalibrationError as error:
+        assert "\n" not in str(error)

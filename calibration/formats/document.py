@@ -117,9 +117,17 @@ def _repair(text: str) -> str:
 
 def _parse_json(text: str) -> Any:
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_once_each)
     except json.JSONDecodeError:
         return _parse_yaml(text)  # a YAML flow mapping starts like JSON
+
+
+def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        twice, _ = max(Counter(key for key, _ in pairs).items(), key=itemgetter(1))
+        raise CalibrationError(f"{twice!r} is given twice: keep one")
+    return content
 
 
 def _parse_xml(text: str) -> dict[str, Any]:
@@ -135,8 +143,10 @@ def _parse_xml(text: str) -> dict[str, Any]:
 def _xml_value(element: ElementTree.Element, depth: int = 0) -> Any:
     if depth > MAX_DEPTH:
         raise CalibrationError(TOO_MUCH)
+    if len(element) and all(child.tag == "_" for child in element):
+        return [_xml_value(child, depth + 1) for child in element]
     if len(element):
-        return {child.tag: _xml_value(child, depth + 1) for child in element}
+        return _once_each([(child.tag, _xml_value(child, depth + 1)) for child in element])
     words = (element.text or "").split()
     return words[0] if len(words) == 1 else words
 
