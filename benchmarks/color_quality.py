@@ -29,7 +29,7 @@ WATERS = ("blue-ocean", "coastal-green", "turbid")
 
 
 def bins_of_range(image: np.ndarray, range_m: np.ndarray, share: float, norm: float, bins: int = 20) -> np.ndarray:
-    """The darkest hundredth of each bin of range, or a share of it, subtracted; then one gain a channel and bin, from the norm of its
+    """The darkest hundredth of each bin of range, or a share of it, subtracted; one gain a channel and bin, from the norm of its
     colors, log-linear in range; exposed like the other baselines."""
     known = np.isfinite(range_m)
     edges = np.quantile(range_m[known], np.linspace(0, 1, bins + 1))

@@ -36,9 +36,9 @@ CAST = np.array([0.7, 0.5, 0.35, 0.28, 0.25, 0.21, 0.18, 0.17])
 """Standard deviation of a channel's quantile about that, logarithm: dark things have any color, bright ones less."""
 TOGETHER, BRIGHTNESS = 0.7, 0.5
 """Standard deviations of what all channels share: a quantile's reflectance, a range's brightness (light, shade, content)."""
-NOISE = np.array([0.2, 0.05, 2.0, 0.001])
+NOISE = np.array([0.2, 0.05, 2.0, 0.001, 0.03])
 """Of a quantile: share of its direct signal that content varies by, share of all by which a veil may; beyond how many of these it
-counts as an outlier; the light that a camera's offset hides, against the brightest."""
+counts as an outlier; the light that a camera's offset hides, against the brightest; share by which a veil may pass the darkest."""
 FEW_PIXELS = 200.0
 """Quantiles of this many pixels count half: neighbours are often of one thing."""
 OUTER, INNER = 20, 6
@@ -166,11 +166,12 @@ def _minimise(x, z, light, trust, mean, precision, noise):  # type: ignore[no-un
     normal, slope = np.zeros((n, n)), np.zeros(n)
     unused_normal, unused_slope = np.zeros((1, 1)), np.zeros(1)
     weights = np.empty(light.shape)
+    over = trust[:, :, 0] / noise[4] ** 2
     trial = x.copy()
     damping = 1e-3
     for _ in range(OUTER):
         _weigh(x, z, light, trust, noise, weights)
-        cost = _cost(x, z, light, mean, precision, weights, noise[3], normal, slope, True)
+        cost = _cost(x, z, light, mean, precision, weights, over, noise[3], normal, slope, True)
         start = cost
         for _ in range(INNER):
             damped = normal.copy()
@@ -179,12 +180,12 @@ def _minimise(x, z, light, trust, mean, precision, noise):  # type: ignore[no-un
             move = _solve(damped, slope)
             for i in range(n):
                 trial[i] = x[i] - min(max(move[i], -1.0), 1.0)
-            new = _cost(trial, z, light, mean, precision, weights, noise[3], unused_normal, unused_slope, False)
+            new = _cost(trial, z, light, mean, precision, weights, over, noise[3], unused_normal, unused_slope, False)
             if new < cost:
                 small = cost - new < 1e-3 * cost
                 x[:] = trial
                 damping = max(damping * 0.2, 1e-6)
-                cost = _cost(x, z, light, mean, precision, weights, noise[3], normal, slope, True)
+                cost = _cost(x, z, light, mean, precision, weights, over, noise[3], normal, slope, True)
                 if small:
                     break
             else:
@@ -212,8 +213,11 @@ def _weigh(x, z, light, trust, noise, weights):  # type: ignore[no-untyped-def] 
 
 
 @njit(cache=True, nogil=True)
-def _cost(x, z, light, mean, precision, weights, floor, normal, slope, derivatives):  # type: ignore[no-untyped-def]  # noqa: C901  # pragma: no cover
-    """Half the sum of squares; into ``normal`` and ``slope`` the Gauss-Newton matrix and the gradient."""
+def _cost(x, z, light, mean, precision, weights, over, floor, normal, slope, derivatives):  # type: ignore[no-untyped-def]  # noqa: C901  # pragma: no cover
+    """Half the sum of squares; into ``normal`` and ``slope`` the Gauss-Newton matrix and the gradient.
+
+    Besides the quantiles: nothing is darker than the veil before it, so a veil above the darkest hundredth costs, by ``over``.
+    """
     channels, groups, shares = light.shape
     n = x.size
     cost = 0.0
@@ -236,6 +240,16 @@ def _cost(x, z, light, mean, precision, weights, floor, normal, slope, derivativ
             fog = np.exp(-beta * z[g])
             backscatter = veil * white * (1 - fog)
             at[5] = WATER + channels * shares + g
+            veil_over = np.log((backscatter + floor) / (light[c, g, 0] + floor))
+            if veil_over > 0.0:
+                d[2] = veil * white * fog * beta * z[g] / (backscatter + floor)
+                d[3] = d[4] = backscatter / (backscatter + floor)
+                cost += 0.5 * over[c, g] * veil_over * veil_over
+                if derivatives:
+                    for i in range(2, 5):
+                        slope[at[i]] += over[c, g] * d[i] * veil_over
+                        for j in range(2, i + 1):
+                            normal[at[i], at[j]] += over[c, g] * d[i] * d[j]
             for p in range(shares):
                 at[6] = WATER + c * shares + p
                 direct = np.exp(min(x[12 + c] - loss + x[at[6]] + x[at[5]], 20.0))
