@@ -98,6 +98,22 @@ def test_nothing_but_blank_frames_is_an_error(reef: ReefFrames, frames: list[Sur
         estimate([blank(f) for f in frames[:3]], reef, ALONE)
 
 
+def test_noisy_navigation_as_a_prior_gives_place_and_pictures_give_shape(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    pytest.importorskip("gtsam")
+    truth = reef.trajectory.T_world_camera[:6]
+    rng = np.random.default_rng(1)
+    priors = []
+    for i, T in enumerate(truth):
+        noisy = T.copy()
+        noisy[:3, 3] += rng.normal(0, 0.3, 3) * [1, 1, 0.1]
+        priors.append(pose_graph.Prior(i, noisy, np.array([0.3, 0.3, 0.03]), 0.02))
+    index = FrameIndex.build(frames[:6], reef.pair)
+    T = odometry.estimate(frames[:6], reef.pair, ALONE, index, priors).T_world_camera
+    assert trajectory_error(T[:, :3, 3], truth[:, :3, 3]).rms_m < 0.02
+    assert np.abs(T[:, :2, 3] - truth[:, :2, 3]).max() < 0.4
+    assert np.abs(T[:, 2, 3] - truth[:, 2, 3]).max() < 0.05
+
+
 def ring(count: int = 12) -> np.ndarray:
     T = np.tile(np.eye(4), (count, 1, 1))
     for i in range(count):

@@ -117,7 +117,8 @@ def _paint(
     if len(looks) > 2:
         with np.errstate(invalid="ignore"):
             median = _masked_median(colors, seen)
-        costs = costs + DISAGREEMENT * np.abs(colors - median).mean(axis=-1) / 25.5
+        off = np.abs(colors - median)
+        costs = costs + np.float32(DISAGREEMENT / 3 / 25.5) * (off[..., 0] + off[..., 1] + off[..., 2])
     for k in range(len(looks)):
         share = cv2.blur(seen[k].astype(np.float32), (SMOOTH_PX, SMOOTH_PX))
         smooth = cv2.blur(np.where(seen[k], costs[k], 0).astype(np.float32), (SMOOTH_PX, SMOOTH_PX)) / np.maximum(share, 1e-6)
@@ -152,13 +153,13 @@ def _look(
     u, v = np.where(inside, u, 0), np.where(inside, v, 0)
     color = cv2.remap(frame.color, u, v, cv2.INTER_LINEAR).astype(np.float32)
     measured = cv2.remap(frame.range_m, u, v, cv2.INTER_NEAREST)
-    distance = np.linalg.norm(local, axis=-1)
+    distance = np.sqrt(local[..., 0] ** 2 + local[..., 1] ** 2 + local[..., 2] ** 2)
     with np.errstate(invalid="ignore"):
         hidden = np.abs(measured - distance) > HIDDEN_M + 0.02 * distance  # something stands before it, or it moved
         seen = inside & ~hidden & np.isfinite(measured)
         offset = points - T_world_camera[:3, 3]
         cost = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)
-    cost += CLIPPED_COST * (color.max(axis=-1) >= 254)
+    cost += CLIPPED_COST * (np.maximum(np.maximum(color[..., 0], color[..., 1]), color[..., 2]) >= 254)
     return color, np.where(seen, cost, np.inf).astype(np.float32)
 
 

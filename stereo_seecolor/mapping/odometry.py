@@ -21,6 +21,7 @@ from stereo_seecolor.mapping.relative_pose import Edge, relate
 WINDOW = 3
 """Frames back that each new frame is measured against."""
 MIN_PIECE = 2
+LOOP_TURNS = 2
 JOIN_EDGES = 2
 JOIN_M = 0.3
 JOIN_RAD = 0.1
@@ -72,8 +73,8 @@ def estimate(
         raise MappingError("no two frames show the same things: the track cannot be followed; give --poses")
     T, pieces = _chain(survey.edges, len(order), order)
     warnings: list[str] = []
-    if config.loop_closure and pose_graph.available():
-        T, pieces = _close_loops(survey, index, T, pieces, order, priors, progress)
+    if priors or (config.loop_closure and pose_graph.available()):
+        T, pieces = _close_loops(survey, index, T, pieces, order, priors, LOOP_TURNS if config.loop_closure else 0, progress)
     elif config.loop_closure:
         warnings.append("loops were not closed: pip install 'stereo-seecolor[slam]' (GTSAM)")
     unplaced = tuple(Unplaced(index.names[i], "it shows nothing that another frame shows") for i in np.flatnonzero(pieces < 0))
@@ -137,11 +138,12 @@ def _close_loops(
     pieces: NDArray[np.int64],
     order: Sequence[int],
     priors: Sequence[pose_graph.Prior],
+    turns: int,
     progress: Progress,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Find loops by appearance and by overlap, twice, since overlap is better known after the first; solve after each."""
+    """Solve; then find loops by appearance and by overlap and solve again, so often, since overlap is better known each time."""
     T, _ = _solve(T, pieces, survey.edges, priors)
-    for turn in range(2):
+    for turn in range(turns):
         candidates = set(loop_closure.by_appearance(survey.features)) if turn == 0 else set()
         candidates |= set(loop_closure.between_pieces(pieces))
         for number in range(pieces.max() + 1):

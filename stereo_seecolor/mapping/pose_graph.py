@@ -33,6 +33,11 @@ def available() -> bool:
     return True
 
 
+def check_available() -> None:
+    """Raise DeviceError, with the command that mends it, where GTSAM is missing."""
+    _gtsam()
+
+
 def solve(
     T_world_camera: NDArray[np.float64], frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior] = ()
 ) -> tuple[NDArray[np.float64], list[Edge]]:
@@ -55,7 +60,8 @@ def _gtsam() -> Any:
     try:
         import gtsam
     except (ImportError, OSError) as error:
-        raise DeviceError(f"closing loops needs GTSAM, which is missing ({error}): pip install 'stereo-seecolor[slam]'") from error
+        what = "closing loops and holding a track to navigation need GTSAM, which is missing"
+        raise DeviceError(f"{what} ({error}): pip install 'stereo-seecolor[slam]'") from error
     return gtsam
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.data import GeoOrigin, SurveyFrame, Trajectory
-from stereo_seecolor.mapping import islands
+from stereo_seecolor.mapping import islands, pose_graph
 from stereo_seecolor.mapping.files import whole
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.fusion import Surface, check_available, fuse_tile
@@ -56,10 +56,12 @@ def build_map(
     frames: read lazily, several times, one at a time. trajectory: poses from a file; None: own stereo odometry.
     Piece 0, the one with most frames, is written to out_dir itself, others to out_dir/piece_<n>.
 
-    Raises DeviceError before the first frame if Open3D is missing; MappingError if nothing can be placed; OutputError if the
-    disk is full: finished tiles are kept, and the next run goes on from them.
+    Raises DeviceError before the first frame if Open3D is missing, or GTSAM for a trajectory taken as a prior; MappingError if
+    nothing can be placed; OutputError if the disk is full: finished tiles are kept, and the next run goes on from them.
     """
     check_available()
+    if trajectory is not None and config.poses == "prior":
+        pose_graph.check_available()
     started = time.perf_counter()
     index = FrameIndex.build(frames, pair, progress)
     placement = _place(frames, pair, config, index, trajectory, progress)
