@@ -9,6 +9,7 @@ this is one regularised least squares over at most 20 ranges, solved by Gauss-Ne
 """
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numba import njit
@@ -58,7 +59,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     seen = summarize(table, config.input_encoding)
     scale = max(float(seen.light[..., -2].max()), 1e-6)
     light = seen.light / scale
-    mean, precision = _prior(len(seen.range_m), config)
+    mean, precision, prior_error = _prior(len(seen.range_m), config)
     x = mean.copy()
     x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + NOISE[3])
     if start is not None and (start.v == RATE_OF_CHANGE).all():
@@ -66,7 +67,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     _begin_content(x, seen.range_m, light)
     trust = np.where(seen.clipped, 0.0, (seen.pixels / (seen.pixels + FEW_PIXELS))[:, None])
     x, curvature = _minimise(x, seen.range_m, light, trust, mean, precision, NOISE)
-    return replace(_water(x, curvature, scale, precision, config), warnings=_warnings(seen, trust))
+    return replace(_water(x, curvature, scale, prior_error, config), warnings=_warnings(seen, trust))
 
 
 def _warnings(seen: OrderStatistics, trust: NDArray[np.float64]) -> tuple[str, ...]:
@@ -97,13 +98,10 @@ def _numbers(water: Water, scale: float) -> Vector:
     return np.concatenate([np.log(water.y), np.log1p(water.w / water.y), np.log(water.beta), veil, np.log(water.white / scale)])
 
 
-def _water(x: Vector, curvature: NDArray[np.float64], scale: float, precision: NDArray[np.float64], config: ColorConfig) -> Water:
+def _water(x: Vector, curvature: NDArray[np.float64], scale: float, prior_error: NDArray[np.float64], config: ColorConfig) -> Water:
     log_far, log_near, log_beta, log_veil, log_white = x[:WATER].reshape(5, 3)
-    known, before = (np.linalg.inv(matrix)[:WATER, :WATER] for matrix in (curvature, precision))
-    level = np.eye(3) - 1 / 3  # a white point's own level is exposure
-    known[12:, 12:], before[12:, 12:] = (level @ matrix[12:, 12:] @ level for matrix in (known, before))
-    error = np.sqrt(np.diag(known)).reshape(5, 3)
-    learned = error < NOTHING_LEARNED * np.sqrt(np.diag(before)).reshape(5, 3)
+    error = _errors(np.linalg.inv(curvature))
+    learned = error < NOTHING_LEARNED * prior_error
     far, beta, white = np.exp(log_far), np.exp(log_beta), np.exp(log_white) * scale
     gamma_inf = np.exp(log_veil) * white
     unit = {"y": far, "w": far * np.exp(log_near), "beta": beta, "gamma_inf": gamma_inf, "white": white}
@@ -122,8 +120,17 @@ def _water(x: Vector, curvature: NDArray[np.float64], scale: float, precision: N
     )
 
 
-def _prior(groups: int, config: ColorConfig) -> tuple[Vector, NDArray[np.float64]]:
-    """Mean and precision of all parameters: the water's, the reflectances', the brightnesses'."""
+def _errors(covariance: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(5, 3) standard errors of the water's numbers; of the white point's without its level, which is exposure."""
+    variance = np.diag(covariance)[:WATER].copy()
+    colors = np.eye(3) - 1 / 3
+    variance[12:] = np.diag(colors @ covariance[12:WATER, 12:WATER] @ colors)
+    return np.asarray(np.sqrt(variance).reshape(5, 3), dtype=np.float64)
+
+
+@lru_cache(maxsize=64)
+def _prior(groups: int, config: ColorConfig) -> tuple[Vector, NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and precision of all parameters (water, reflectances, brightnesses), and (5, 3) the water's errors before any image."""
     number = SHARES.size
     size = WATER + 3 * number + groups
     content, brightness = slice(WATER, WATER + 3 * number), slice(WATER + 3 * number, size)
@@ -135,7 +142,7 @@ def _prior(groups: int, config: ColorConfig) -> tuple[Vector, NDArray[np.float64
     covariance = np.kron(np.eye(3), np.diag(CAST**2)) + TOGETHER**2 * np.kron(np.ones((3, 3)), np.eye(number))
     precision[content, content] = np.linalg.inv(covariance)
     precision[brightness, brightness] = np.eye(groups) / BRIGHTNESS**2 + 100.0  # their mean is the exposure's
-    return mean, precision
+    return mean, precision, _errors(np.linalg.inv(precision))
 
 
 def _water_prior(config: ColorConfig) -> tuple[Vector, NDArray[np.float64]]:
@@ -190,7 +197,7 @@ def _minimise(x, z, light, trust, mean, precision, noise):  # type: ignore[no-un
                     break
             else:
                 damping = min(damping * 8, 1e6)
-        if start - cost < 1e-5 * start:
+        if start - cost < 3e-4 * start:
             break
     return x, normal
 
