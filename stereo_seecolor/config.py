@@ -49,7 +49,8 @@ class ColorConfig(_Stage):
     )
     solver: Literal["table", "dense"] = Field(
         default="table",
-        description="How the paper's losses are minimised. table: quasi-Newton on moment tables. dense: per-pixel Adam.",
+        description="table: all fits are from moment tables. dense: the paper's losses by per-pixel Adam, whatever the objective; "
+        "where frames share a water, the same losses from their tables.",
     )
     lock: Literal["frame", "sliding", "survey"] = Field(
         default="frame",

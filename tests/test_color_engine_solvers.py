@@ -151,3 +151,11 @@ def test_real_frames_come_out_whole(real_data):
             found = corrector.apply(image, range_m, corrector.fit_frame(image, range_m))
             assert found.clipped_share <= 0.02
             assert np.median(found.image[~found.unknown].max(axis=1)) > 10
+
+
+def test_dense_solver_is_the_paper_s_whatever_the_objective():
+    image, range_m = scene(0, (20, 30))
+    few = {"solver": "dense", "first_steps": 3, "device": "cpu"}
+    ours, paper = (Corrector(ColorConfig(objective=objective, **few)).fit_frame(image, range_m) for objective in ("robust", "paper"))
+    assert np.array_equal(ours.w, paper.w)
+    assert np.array_equal(ours.white, np.ones(3))

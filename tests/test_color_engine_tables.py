@@ -76,5 +76,12 @@ def test_what_does_not_belong_together_is_named():
         measure(image, range_m[:-1])
     with pytest.raises(ColorError, match="needs \\(H, W, 3\\)"):
         measure(image.astype(np.float32), range_m)
-    with pytest.raises(ColorError, match="cannot be added"):
-        measure(image, range_m) + MomentTable.empty(16)
+
+
+def test_tables_of_16_and_8_bits_add_as_8_bits():
+    deep, range_m = random_frame(5, depth=16)
+    shallow = (deep >> 8).astype(np.uint8)
+    mixed = measure(deep, range_m) + measure(shallow, range_m)
+    assert mixed.bit_depth == 8
+    assert np.array_equal(mixed.counts, 2 * measure(shallow, range_m).counts)
+    assert np.array_equal((mixed - measure(deep, range_m)).counts, measure(shallow, range_m).counts)

@@ -40,7 +40,7 @@ class Corrector:
         from stereo_seecolor.color import robust, table_solver
 
         doubt = doubts(table)
-        if self.config.objective == "robust":
+        if self.config.objective == "robust" and self.config.solver == "table":
             water = robust.fit(table, self.config, start)
             return replace(water, warnings=water.warnings or doubt)
         if doubt and start is not None:
@@ -52,9 +52,9 @@ class Corrector:
         return self._fit_measured(self.measure(image, range_m), image, range_m, start)
 
     def _fit_measured(self, table: MomentTable, image: Image, range_m: Map, start: Water | None) -> Water:
-        if self.config.objective == "paper" and self.config.solver == "dense":
-            return self.fit_dense(image, range_m, start)
-        return self.fit(table, start)
+        if self.config.solver == "table" or not table.pixels.any():
+            return self.fit(table, start)
+        return replace(self.fit_dense(image, range_m, start), warnings=doubts(table))
 
     def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""

@@ -62,14 +62,14 @@ class MomentTable:
         return bin_values(self.bit_depth)
 
     def __add__(self, other: "MomentTable") -> "MomentTable":
-        """The table of both images' pixels. Raises ColorError where the bit depths differ."""
-        self._check(other)
-        return MomentTable(self.counts + other.counts, self.offset_sum + other.offset_sum, self.bit_depth)
+        """The table of both images' pixels; of 8-bit values where one of them is."""
+        a, b = self._like(other), other._like(self)
+        return MomentTable(a.counts + b.counts, a.offset_sum + b.offset_sum, a.bit_depth)
 
     def __sub__(self, other: "MomentTable") -> "MomentTable":
         """The table without the other's pixels, which must have been added before."""
-        self._check(other)
-        return MomentTable(self.counts - other.counts, self.offset_sum - other.offset_sum, self.bit_depth)
+        a, b = self._like(other), other._like(self)
+        return MomentTable(a.counts - b.counts, a.offset_sum - b.offset_sum, a.bit_depth)
 
     def save(self, file: BinaryIO | Path) -> None:
         """Write as compressed npz."""
@@ -87,11 +87,11 @@ class MomentTable:
             raise ColorError(f"{file}: is not a moment table of this version: counts {table.counts.shape}, {table.bit_depth} bit")
         return table
 
-    def _check(self, other: "MomentTable") -> None:
-        if self.bit_depth != other.bit_depth:
-            raise ColorError(
-                f"tables of {self.bit_depth} and {other.bit_depth} bit images cannot be added: convert one set of images"
-            )
+    def _like(self, other: "MomentTable") -> "MomentTable":
+        """This table, with the values of 8 bits where the other has no more."""
+        if self.bit_depth <= other.bit_depth:
+            return self
+        return MomentTable(self.counts.reshape(3, LEVELS, VALUES[8], -1).sum(axis=3), self.offset_sum, 8)
 
 
 def measure(image: Image, range_m: Map, device: str = "cpu") -> MomentTable:
