@@ -1,5 +1,6 @@
 """What is made of a map: terrain, mosaic, metrics, preview, and files that geographic programs open."""
 
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -7,12 +8,14 @@ import pytest
 from mapping_scene import CONFIG, PAIR, flat_frame, track
 
 from stereo_seecolor.data import GeoOrigin, Trajectory
+from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.mapping.fusion import Surface
 from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.preview import render_preview
 from stereo_seecolor.mapping.reef_metrics import ReefMetrics, measure, measure_squares
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.terrain import render_terrain
+from stereo_seecolor.mapping.viewer import view
 
 CELL_M = 0.01
 
@@ -140,3 +143,16 @@ def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
     assert lines[1].startswith("site,,,")
     assert float(lines[1].split(",")[4]) == pytest.approx(1, abs=1e-4)
     assert len(lines) > 4
+
+
+def test_without_a_screen_the_viewer_points_to_the_preview(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setitem(sys.modules, "rerun", None)
+    with pytest.raises(InputError, match="holds no map"):
+        view(tmp_path)
+    (tmp_path / "map").mkdir()
+    (tmp_path / "map" / "mesh.ply").write_bytes(b"ply")
+    with pytest.raises(DeviceError, match=r"no screen .* preview.png"):
+        view(tmp_path)

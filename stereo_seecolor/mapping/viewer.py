@@ -1,5 +1,7 @@
 """A window onto the map."""
 
+import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +26,16 @@ def view(out: Path) -> None:
     import open3d
 
     window = open3d.visualization.Visualizer()
-    if not window.create_window(window_name=str(mesh)):
-        raise DeviceError(f"no window can be opened here: look at {mesh.with_name('preview.png')} instead")
+    # Without a screen Open3D would draw into memory for ever.
+    if not _has_screen() or not window.create_window(window_name=str(mesh)):
+        raise DeviceError(f"there is no screen to open a window on: look at {mesh.with_name('preview.png')} instead")
     window.add_geometry(open3d.io.read_triangle_mesh(mesh))
     window.run()
     window.destroy_window()
+
+
+def _has_screen() -> bool:
+    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _rerun() -> Any:
