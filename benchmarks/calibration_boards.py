@@ -11,8 +11,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from calibration.calibrate import View, calibrate, detect_views
+from calibration.calibrate import calibrate
 from calibration.targets import Chessboard, parse_target
+from calibration.views import View, detect_views
 
 SUBSETS = 20
 

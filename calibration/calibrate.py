@@ -1,65 +1,24 @@
 """Image pairs of a target -> StereoRig and CalibrationReport."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration.bundle import Array, Bundle, Observation, rms, solve
+from calibration.bundle import Array, Bundle, rms, solve
 from calibration.errors import CalibrationError
-from calibration.gray import to_gray
-from calibration.lens import fit_camera, to_camera
+from calibration.lens import Lens, fit_rig, to_camera
+from calibration.outliers import view_errors, without_outliers
 from calibration.rectification import rectified_points
 from calibration.report import CalibrationReport, LensScore, ViewReport
-from calibration.rig import CameraModel, Medium, StereoRig, inverse_transform
-from calibration.targets import MIN_CORNERS, Corners, Target
+from calibration.rig import Medium, StereoRig
+from calibration.targets import Target
+from calibration.views import View, common_ids, observations_of, usable_views
 
-Read = Callable[[str], tuple[NDArray[np.generic], NDArray[np.generic]]]
-Size = tuple[int, int]
-LENSES: tuple[tuple[CameraModel, int], ...] = (("pinhole", 5), ("fisheye", 4), ("pinhole", 8))  # simplest first
+LENSES: tuple[Lens, ...] = (("pinhole", 5), ("fisheye", 4), ("pinhole", 8))  # simplest first
 FOLDS = 10
-MIN_VIEWS = 3
 MIN_VIEWS_FOR_CHOICE = 8
 NEGLIGIBLE = 0.05  # of a squared error: 2.5 % of an error
-OUTLIER_RATIO = 3.0
-OUTLIER_MIN_PX = 0.3
-SIDES = ("left", "right")
-
-
-@dataclass(frozen=True, eq=False)
-class View:
-    """A pair's corners. image_size: (width, height); left, right: None where the target was not found."""
-
-    name: str
-    image_size: Size
-    left: Corners | None
-    right: Corners | None
-
-
-def detect_views(
-    names: Sequence[str], read: Read, target: Target, workers: int = 1, progress: Callable[[str], None] = lambda name: None
-) -> list[View]:
-    """Find the target in every pair, in ``workers`` threads.
-
-    read: name -> left and right image, (H, W) or (H, W, 3), 8 or 16 bit. progress: called with each name when it is done.
-    """
-
-    def detect(name: str) -> View:
-        left, right = read(name)
-        if left.shape[:2] != right.shape[:2]:
-            raise CalibrationError(
-                f"{name}: left is {left.shape[1]}x{left.shape[0]} px and right is {right.shape[1]}x{right.shape[0]}"
-            )
-        corners = [target.detect(to_gray(image)) for image in (left, right)]
-        if corners[0] is not None and corners[1] is not None:
-            corners[1] = target.same_labels(corners[0], corners[1])
-        progress(name)
-        return View(name, (left.shape[1], left.shape[0]), corners[0], corners[1])
-
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(detect, names))
 
 
 def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -> tuple[StereoRig, CalibrationReport]:
@@ -68,112 +27,24 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
     Views that fit badly are dropped with the reason; the lens model is the simplest that predicts left-out views as well as the
     best one does.
 
-    Raises CalibrationError if fewer than three views show the target in both images.
+    Raises CalibrationError if fewer than three views show the target in both images, or if they give no rig that can be.
     """
-    usable, dropped = _usable_views(views)
+    usable, dropped = usable_views(views)
     size = usable[0].image_size
-    kept, outliers = _without_outliers(usable, target)
+    kept, outliers = without_outliers(usable, target, LENSES[:2])
     candidates = LENSES if len(kept) >= MIN_VIEWS_FOR_CHOICE else LENSES[:1]
-    fits = {lens: _fit(kept, target, lens) for lens in candidates}
+    fits = {lens: fit_rig(kept, target, lens) for lens in candidates}
     scores = [_cross_validate(fits[lens], kept, target) for lens in candidates]
     chosen = _choose(scores)
     bundle = fits[candidates[chosen]]
-    rig = replace(_rig(bundle, size, medium), rms_px=rms(bundle, _observations(kept, target)))
-    return rig, _report(bundle, rig, kept, target, dropped + outliers, scores, chosen)
-
-
-def _usable_views(views: Sequence[View]) -> tuple[list[View], list[ViewReport]]:
-    usable: list[View] = []
-    dropped: list[ViewReport] = []
-    sizes = [view.image_size for view in views]
-    common = max(set(sizes), key=sizes.count) if sizes else (0, 0)
-    for view in views:
-        missing = [side for side, corners in zip(SIDES, (view.left, view.right), strict=True) if corners is None]
-        if view.image_size != common:
-            dropped.append(ViewReport(view.name, reason=f"image of {view.image_size}, the others are {common}"))
-        elif missing:
-            dropped.append(ViewReport(view.name, reason=f"target not found in the {' and the '.join(missing)} image"))
-        elif _common_ids(view).size < MIN_CORNERS:
-            dropped.append(ViewReport(view.name, reason=f"only {_common_ids(view).size} corners in common, {MIN_CORNERS} needed"))
-        else:
-            usable.append(view)
-    if len(usable) < MIN_VIEWS:
-        first = f": {dropped[0].name}: {dropped[0].reason}" if dropped else ""
+    try:
+        rig = replace(_rig(bundle, size, medium), rms_px=rms(bundle, observations_of(kept, target)))
+    except CalibrationError as error:
         raise CalibrationError(
-            f"the target was found in both images of {len(usable)} of {len(views)} pairs, at least {MIN_VIEWS} are needed "
-            f"(15 make a good calibration); check the target's numbers{first}"
-        )
-    return usable, dropped
-
-
-def _common_ids(view: View) -> NDArray[np.int64]:
-    assert view.left is not None and view.right is not None
-    return np.intersect1d(view.left.ids, view.right.ids)
-
-
-def _observations(views: Sequence[View], target: Target) -> list[Observation]:
-    observations = []
-    for number, view in enumerate(views):
-        for side, corners in enumerate((view.left, view.right)):
-            assert corners is not None
-            observations.append(Observation(number, side, target.points_m[corners.ids], corners.pixels))
-    return observations
-
-
-def _fit(views: Sequence[View], target: Target, lens: tuple[CameraModel, int]) -> Bundle:
-    """Each camera alone, the rig between them by the median over views, then everything together."""
-    observations = _observations(views, target)
-    sides = [[replace(o, side=0) for o in observations if o.side == side] for side in (0, 1)]
-    left, right = (fit_camera(*lens, own, views[0].image_size) for own in sides)
-    steps = [T_right @ inverse_transform(T_left) for T_left, T_right in zip(left.T_left_target, right.T_left_target, strict=True)]
-    start = Bundle(lens[0], (left.intrinsics[0], right.intrinsics[0]), _middle(steps), left.T_left_target)
-    return solve(start, observations)
-
-
-def _middle(transforms: list[Array]) -> Array:
-    """The transform nearest to all others: no mean of rotations needed, and one bad view changes nothing."""
-    stacked = np.array([T[:3].ravel() for T in transforms])
-    distances = np.linalg.norm(stacked[:, None] - stacked[None], axis=2).sum(axis=1)
-    return transforms[int(np.argmin(distances))]
-
-
-def _without_outliers(views: list[View], target: Target) -> tuple[list[View], list[ViewReport]]:
-    """Drop the worst view and fit again, until none stands out, so that a bad one cannot make a good one look bad."""
-    kept, dropped = list(views), []
-    while len(kept) > max(MIN_VIEWS, len(views) // 2):
-        observations = _observations(kept, target)
-        bundle = min((_fit(kept, target, lens) for lens in LENSES[:2]), key=lambda fit: rms(fit, observations))
-        errors = _view_errors(bundle, kept, target)
-        both = np.sqrt((errors**2).mean(axis=1))
-        worst = int(np.argmax(both))
-        limit = max(OUTLIER_RATIO * float(np.median(both)), OUTLIER_MIN_PX)
-        if both[worst] <= limit:
-            break
-        dropped.append(
-            ViewReport(
-                kept[worst].name, float(errors[worst, 0]), float(errors[worst, 1]), _blame(bundle, kept, worst, target, limit)
-            )
-        )
-        del kept[worst]
-    return kept, dropped
-
-
-def _view_errors(bundle: Bundle, views: Sequence[View], target: Target) -> Array:
-    """(views, 2) rms in the left and the right image, pixels."""
-    errors = np.zeros((len(views), 2))
-    for observation in _observations(views, target):
-        errors[observation.view, observation.side] = rms(bundle, [observation])
-    return errors
-
-
-def _blame(bundle: Bundle, views: list[View], number: int, target: Target, limit: float) -> str:
-    """Why a view does not fit: each image alone tells whether its corners are bad, or the two disagree."""
-    own = [o for o in _observations(views, target) if o.view == number]
-    alone = [rms(solve(bundle, [o], poses_only=True), [o]) for o in own]
-    bad = [f"{side} ({error:.2f} px)" for side, error in zip(SIDES, alone, strict=True) if error > limit]
-    if bad:
-        return f"corners do not lie on a flat board in {' and '.join(bad)}: blurred, misread or bent"
-    return f"left and right disagree ({rms(bundle, own):.2f} px): taken at different moments?"
+            f"the {len(kept)} views give no rig that can be ({error}): see whether the folders are swapped, whether pairs were "
+            "taken at one moment, and tilt the target more"
+        ) from error
+    return rig, _report(bundle, rig, kept, target, dropped + outliers, scores, chosen)
 
 
 def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScore:
@@ -185,11 +56,11 @@ def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScor
         left_out = np.arange(len(views)) % folds == fold
         train = [view for view, out in zip(views, left_out, strict=True) if not out]
         test = [view for view, out in zip(views, left_out, strict=True) if out]
-        fitted = solve(replace(full, T_left_target=full.T_left_target[~left_out]), _observations(train, target))
+        fitted = solve(replace(full, T_left_target=full.T_left_target[~left_out]), observations_of(train, target))
         start = replace(fitted, T_left_target=full.T_left_target[left_out])
-        posed = solve(start, _observations(test, target), poses_only=True)
-        squares[left_out] = (_view_errors(posed, test, target) ** 2).mean(axis=1)
-        rows.append(_row_errors(_rig(fitted, views[0].image_size, "water"), test))
+        posed = solve(start, observations_of(test, target), poses_only=True)
+        squares[left_out] = (view_errors(posed, test, target) ** 2).mean(axis=1)
+        rows.append(_row_errors(fitted, test))
         fits.append([*(intrinsics[:2].mean() for intrinsics in fitted.intrinsics), np.linalg.norm(fitted.T_right_left[:3, 3])])
     focal_left, focal_right, baseline_m = _jackknife(np.array(fits))
     lens = (full.model, full.intrinsics[0].size - 4)
@@ -205,18 +76,21 @@ def _jackknife(estimates: Array) -> tuple[float, ...]:
     return tuple(np.sqrt((groups - 1) * estimates.var(axis=0)).tolist())
 
 
-def _rig(bundle: Bundle, size: Size, medium: Medium) -> StereoRig:
-    left, right = (to_camera(bundle.model, intrinsics, size) for intrinsics in bundle.intrinsics)
+def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:
+    left, right = (to_camera(bundle.model, intrinsics, image_size) for intrinsics in bundle.intrinsics)
     return StereoRig(left, right, bundle.T_right_left, medium)
 
 
-def _row_errors(rig: StereoRig, views: list[View]) -> Array:
-    """(n,) left minus right row of the corners in common after rectification, pixels."""
+def _row_errors(bundle: Bundle, views: list[View]) -> Array:
+    """(n,) left minus right row of the corners in common after rectification, pixels; NaN if that cannot be rectified."""
     pixels = []
     for corners in ([view.left for view in views], [view.right for view in views]):
-        side = [(own, _common_ids(view)) for own, view in zip(corners, views, strict=True)]
+        side = [(own, common_ids(view)) for own, view in zip(corners, views, strict=True)]
         pixels.append(np.concatenate([own.pixels[np.searchsorted(own.ids, ids)] for own, ids in side if own is not None]))
-    left, right = rectified_points(rig, *pixels)
+    try:
+        left, right = rectified_points(_rig(bundle, views[0].image_size, "water"), *pixels)
+    except CalibrationError:
+        return np.array([np.nan])
     return left[:, 1] - right[:, 1]
 
 
@@ -244,8 +118,8 @@ def _report(
     scores: list[LensScore],
     chosen: int,
 ) -> CalibrationReport:
-    errors = _view_errors(bundle, views, target).tolist()
-    sides = [[o for o in _observations(views, target) if o.side == side] for side in (0, 1)]
+    errors = view_errors(bundle, views, target).tolist()
+    sides = [[o for o in observations_of(views, target) if o.side == side] for side in (0, 1)]
     return CalibrationReport(
         rig=rig,
         scores=tuple(scores),

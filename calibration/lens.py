@@ -1,13 +1,37 @@
-"""First guesses of cameras and poses from views of a target, before everything is refined together."""
+"""A rig from views of a target: each camera alone, the rig between them, then everything together."""
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
 
 from calibration.bundle import Array, Bundle, Observation, camera_matrix, rms, solve
-from calibration.rig import Camera, CameraModel
+from calibration.errors import CalibrationError
+from calibration.rig import Camera, CameraModel, inverse_transform
+from calibration.targets import Target
+from calibration.views import View, observations_of
 
 FISHEYE_FOCAL_GUESSES = (0.25, 0.4, 0.6, 0.9, 1.4)  # of the image's width
 Size = tuple[int, int]
+Lens = tuple[CameraModel, int]
+
+
+def fit_rig(views: Sequence[View], target: Target, lens: Lens) -> Bundle:
+    """The rig and the target's poses of least reprojection error. lens: model and number of coefficients."""
+    return solve(first_guess(views, target, lens), observations_of(views, target))
+
+
+def first_guess(views: Sequence[View], target: Target, lens: Lens) -> Bundle:
+    """Each camera fitted alone, and the rig between them that most views agree on.
+
+    Raises CalibrationError if the views do not determine a camera.
+    """
+    observations = observations_of(views, target)
+    sides = [[replace(o, side=0) for o in observations if o.side == side] for side in (0, 1)]
+    left, right = (fit_camera(*lens, own, views[0].image_size) for own in sides)
+    steps = [T_right @ inverse_transform(T_left) for T_left, T_right in zip(left.T_left_target, right.T_left_target, strict=True)]
+    return Bundle(lens[0], (left.intrinsics[0], right.intrinsics[0]), _middle(steps), left.T_left_target)
 
 
 def fit_camera(model: CameraModel, coefficients: int, observations: list[Observation], image_size: Size) -> Bundle:
@@ -17,7 +41,10 @@ def fit_camera(model: CameraModel, coefficients: int, observations: list[Observa
         return min(fits, key=lambda fit: rms(fit, observations))
     points = [observation.points_m.astype(np.float32) for observation in observations]
     pixels = [observation.pixels.astype(np.float32) for observation in observations]
-    _, K, distortion, rotations, translations = cv2.calibrateCamera(points, pixels, image_size, None, None)
+    try:
+        _, K, distortion, rotations, translations = cv2.calibrateCamera(points, pixels, image_size, None, None)
+    except cv2.error as error:
+        raise CalibrationError("the views do not determine a camera: tilt the target differently in each") from error
     intrinsics = np.concatenate([K[[0, 1, 0, 1], [0, 1, 2, 2]], np.ravel(distortion)[:5], np.zeros(coefficients - 5)])
     poses = np.array([rigid(cv2.Rodrigues(r)[0], t) for r, t in zip(rotations, translations, strict=True)])
     return solve(Bundle("pinhole", (intrinsics, intrinsics), np.eye(4), poses), observations)
@@ -53,3 +80,10 @@ def _fit_fisheye(focal_px: float, observations: list[Observation], image_size: S
     camera = to_camera("fisheye", intrinsics, image_size)
     poses = np.array([target_pose(camera, observation) for observation in observations])
     return solve(Bundle("fisheye", (intrinsics, intrinsics), np.eye(4), poses), observations)
+
+
+def _middle(transforms: list[Array]) -> Array:
+    """The transform nearest to all others: no mean of rotations needed, and one bad view changes nothing."""
+    stacked = np.array([T[:3].ravel() for T in transforms])
+    distances = np.linalg.norm(stacked[:, None] - stacked[None], axis=2).sum(axis=1)
+    return transforms[int(np.argmin(distances))]

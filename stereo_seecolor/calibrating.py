@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Rectification, StereoRig
-from calibration.calibrate import calibrate, detect_views
+from calibration.calibrate import calibrate
 from calibration.checks import RowCheck, check_rows, suspicions
 from calibration.formats import load_rig
 from calibration.port import FlatPort
@@ -14,6 +14,7 @@ from calibration.port_error import port_error
 from calibration.report import CalibrationReport
 from calibration.rig import Medium
 from calibration.targets import parse_target
+from calibration.views import detect_views
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from calibration import Camera, StereoRig
-from calibration.calibrate import View
 from calibration.targets import Chessboard, Corners
+from calibration.views import View
 
 SIZE = (1280, 960)
 

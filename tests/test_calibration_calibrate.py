@@ -9,10 +9,11 @@ import pytest
 from calibration_boards import SIZE, fisheye_rig, pinhole_rig, projected_views, rendered
 
 from calibration import CalibrationError, Camera, StereoRig
-from calibration.calibrate import View, calibrate, detect_views
+from calibration.calibrate import calibrate
 from calibration.gray import to_gray
 from calibration.printing import print_target
 from calibration.targets import Charuco, Chessboard, Corners, parse_target
+from calibration.views import View, detect_views
 
 BOARD = Chessboard(9, 6, 0.03)
 
@@ -57,6 +58,33 @@ def test_bad_views_are_dropped_with_the_reason() -> None:
     assert "do not lie on a flat board in left" in str(reasons["view9"])
     assert "not found in the left and the right image" in str(reasons["nothing"])
     assert found.baseline_m == pytest.approx(0.12, rel=0.003)
+
+
+def test_many_wrong_pairs_are_dropped() -> None:
+    views = projected_views(pinhole_rig(), BOARD, 10, 0.1, np.random.default_rng(0))
+    other = projected_views(pinhole_rig(), BOARD, 4, 0.1, np.random.default_rng(1))
+    for number, wrong in enumerate(other):
+        views[2 * number] = replace(views[2 * number], right=wrong.right)
+    found, report = calibrate(views, BOARD)
+    dropped = {view.name for view in report.views if view.reason and "paired wrongly" in view.reason}
+    assert dropped == {"view0", "view2", "view4", "view6"}
+    assert found.baseline_m == pytest.approx(0.12, rel=0.005)
+
+
+def test_swapped_folders_give_no_rig() -> None:
+    views = projected_views(pinhole_rig(), BOARD, 6, 0.1, np.random.default_rng(0))
+    with pytest.raises(CalibrationError, match=r"no rig that can be.*to the LEFT.*folders are swapped"):
+        calibrate([replace(view, left=view.right, right=view.left) for view in views], BOARD)
+
+
+def test_views_all_from_the_front_do_not_pass_for_good() -> None:
+    views = projected_views(pinhole_rig(), BOARD, 1, 0.1, np.random.default_rng(0))
+    try:
+        _, report = calibrate([replace(views[0], name=str(number)) for number in range(6)], BOARD)
+    except CalibrationError as error:
+        assert "tilt the target" in str(error)
+    else:
+        assert report.verdict[0] == "do it again"
 
 
 def test_few_views_in_one_corner_are_not_good() -> None:

@@ -1,0 +1,68 @@
+"""Views that do not belong: pairs that show two moments, misread boards, blur."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from calibration.bundle import Array, Bundle, rms, solve
+from calibration.lens import Lens, first_guess, fit_rig
+from calibration.report import ViewReport
+from calibration.targets import Target
+from calibration.views import MIN_VIEWS, SIDES, View, observations_of
+
+OUTLIER_RATIO = 3.0
+OUTLIER_MIN_PX = 0.3
+WRONG_PAIR = 0.03  # of the image's width
+
+
+def without_outliers(views: list[View], target: Target, lenses: Sequence[Lens]) -> tuple[list[View], list[ViewReport]]:
+    """The views that fit one rig, and the others with the reason.
+
+    First the pairs that most others contradict, by each camera alone; then the worst of a common fit, again and again until none
+    stands out, so that a bad view cannot make a good one look bad. lenses: whichever of these fits best is the judge.
+    """
+    kept, dropped = _without_wrong_pairs(views, target, lenses[0])
+    while len(kept) > max(MIN_VIEWS, len(views) // 2):
+        observations = observations_of(kept, target)
+        bundle = min((fit_rig(kept, target, lens) for lens in lenses), key=lambda fit: rms(fit, observations))
+        errors = view_errors(bundle, kept, target)
+        both = np.sqrt((errors**2).mean(axis=1))
+        worst = int(np.argmax(both))
+        limit = max(OUTLIER_RATIO * float(np.median(both)), OUTLIER_MIN_PX)
+        if both[worst] <= limit:
+            break
+        left_px, right_px = errors[worst].tolist()
+        dropped.append(ViewReport(kept[worst].name, left_px, right_px, _blame(bundle, kept, worst, target, limit)))
+        del kept[worst]
+    return kept, dropped
+
+
+def _without_wrong_pairs(views: list[View], target: Target, lens: Lens) -> tuple[list[View], list[ViewReport]]:
+    """Drop pairs whose right corners lie far from where the left ones and the rig of most views put them."""
+    errors = view_errors(first_guess(views, target, lens), views, target)[:, 1]
+    wrong = errors > max(WRONG_PAIR * views[0].image_size[0], 5 * float(np.median(errors)))
+    if wrong.sum() > len(views) - MIN_VIEWS:
+        return list(views), []
+    reason = "left and right disagree ({:.0f} px): not taken at the same moment, or paired wrongly?"
+    dropped = [
+        ViewReport(view.name, reason=reason.format(error)) for view, error, bad in zip(views, errors, wrong, strict=True) if bad
+    ]
+    return [view for view, bad in zip(views, wrong, strict=True) if not bad], dropped
+
+
+def view_errors(bundle: Bundle, views: Sequence[View], target: Target) -> Array:
+    """(views, 2) rms in the left and the right image, pixels."""
+    errors = np.zeros((len(views), 2))
+    for observation in observations_of(views, target):
+        errors[observation.view, observation.side] = rms(bundle, [observation])
+    return errors
+
+
+def _blame(bundle: Bundle, views: list[View], number: int, target: Target, limit: float) -> str:
+    """Why a view does not fit: each image alone tells whether its corners are bad, or the two disagree."""
+    own = [o for o in observations_of(views, target) if o.view == number]
+    alone = [rms(solve(bundle, [o], poses_only=True), [o]) for o in own]
+    bad = [f"{side} ({error:.2f} px)" for side, error in zip(SIDES, alone, strict=True) if error > limit]
+    if bad:
+        return f"corners do not lie on a flat board in {' and '.join(bad)}: blurred, misread or bent"
+    return f"left and right disagree ({rms(bundle, own):.2f} px): taken at different moments?"
