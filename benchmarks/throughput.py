@@ -58,7 +58,7 @@ def plain_loop(dive: Path, out: Path) -> None:
 def whole_run(dive: Path, out: Path, workers: int) -> None:
     from stereo_seecolor import jobs
     from stereo_seecolor.config import load_config
-    from stereo_seecolor.pipeline import RunOptions
+    from stereo_seecolor.options import RunOptions
 
     config = load_config(None, ["color.lock=survey"])
     summary = jobs.run(dive / "left", dive / "right", dive / "rendered/cam.yaml", out, config, RunOptions(workers=workers))

@@ -17,8 +17,8 @@ import typer
 if TYPE_CHECKING:
     from stereo_seecolor.config import RunConfig
     from stereo_seecolor.evaluation.truth import TruthReport
+    from stereo_seecolor.options import RunOptions
     from stereo_seecolor.outputs.frames_table import RunSummary
-    from stereo_seecolor.pipeline import RunOptions
 
 app = typer.Typer(
     name="stereo-seecolor",
@@ -362,7 +362,7 @@ def _config(path: Path | None, settings: list[str] | None) -> "RunConfig":
 
 def _report(job: "Callable[[RunOptions], RunSummary]", out: Path, how: tuple[int, bool, bool, bool]) -> int:
     """Run a job with its progress shown, say what came of it, and return the exit code that tells the same."""
-    from stereo_seecolor.pipeline import RunOptions
+    from stereo_seecolor.options import RunOptions
     from stereo_seecolor.progress import progress
 
     workers, overwrite, strict, as_json = how

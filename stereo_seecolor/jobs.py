@@ -14,12 +14,13 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_by_stem, pair_folders
 from stereo_seecolor.inputs.video import is_video, unpack
+from stereo_seecolor.options import Listener, RunOptions, Silence
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.frames_table import FrameRow, RunSummary, frames_csv
 from stereo_seecolor.outputs.run_folder import STATE, RunFolder, content_key
 from stereo_seecolor.outputs.survey_frames import SurveyFrames
 from stereo_seecolor.outputs.water_file import read_waters, write_waters
-from stereo_seecolor.pipeline import Listener, Pipeline, RunOptions, Silence, Survey
+from stereo_seecolor.pipeline import Pipeline, Survey
 from stereo_seecolor.sources import RangedSource, StereoSource
 
 if TYPE_CHECKING:

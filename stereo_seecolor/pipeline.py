@@ -7,7 +7,7 @@ writes it. Whatever an earlier run finished with the same inputs and settings is
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +20,7 @@ from stereo_seecolor.data import FrameResult, Image, RangeMap, StereoFrame, Wate
 from stereo_seecolor.errors import DeviceError, MatchingError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.options import RunOptions
 from stereo_seecolor.outputs.frames_table import FrameRow
 from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
 from stereo_seecolor.outputs.water_file import water_content
@@ -97,39 +98,6 @@ class Source(Protocol):
 
     def ranged(self, pair: Pair, clock: Clock) -> Ranged:
         """The pair's image and range map, from any thread."""
-
-
-class Listener(Protocol):
-    """Who wants to know how far a survey is; see cli.py."""
-
-    def begin(self, stage: str, total: int) -> None:
-        """A pass over ``total`` pairs begins."""
-
-    def advance(self, row: FrameRow) -> None:
-        """One more pair is through the pass."""
-
-
-class Silence:
-    """A listener that nobody hears."""
-
-    def begin(self, stage: str, total: int) -> None:
-        """Say nothing."""
-
-    def advance(self, row: FrameRow) -> None:
-        """Say nothing."""
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """How a job goes about it, not what it makes.
-
-    workers: pairs under way at once. overwrite: begin anew in a used folder. strict: stop at the first bad pair.
-    """
-
-    workers: int = 2
-    overwrite: bool = False
-    strict: bool = False
-    listener: Listener = field(default_factory=Silence)
 
 
 class Survey:

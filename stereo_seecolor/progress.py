@@ -7,8 +7,8 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from stereo_seecolor.options import Listener, Silence
 from stereo_seecolor.outputs.frames_table import FrameRow
-from stereo_seecolor.pipeline import Listener, Silence
 
 
 @contextmanager

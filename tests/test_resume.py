@@ -17,8 +17,8 @@ import pytest
 from stereo_seecolor import jobs
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.options import RunOptions
 from stereo_seecolor.outputs.frames_table import FrameRow
-from stereo_seecolor.pipeline import RunOptions
 
 PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
 PRODUCTS = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
