@@ -65,14 +65,14 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     if start is not None and (start.v == RATE_OF_CHANGE).all():
         x[:WATER] = _numbers(start, scale)
     _begin_content(x, seen.range_m, light)
-    trust = np.where(seen.clipped, 0.0, (seen.pixels / (seen.pixels + FEW_PIXELS))[:, None])
-    x, curvature = _minimise(x, seen.range_m, light, trust, mean, precision, NOISE)
-    return replace(_water(x, curvature, scale, prior_error, config), warnings=_warnings(seen, trust))
+    trust = seen.pixels / (seen.pixels + FEW_PIXELS)
+    x, curvature = _minimise(x, seen.range_m, light, seen.clipped, trust, mean, precision, NOISE)
+    return replace(_water(x, curvature, scale, prior_error, config), warnings=_warnings(seen))
 
 
-def _warnings(seen: OrderStatistics, trust: NDArray[np.float64]) -> tuple[str, ...]:
+def _warnings(seen: OrderStatistics) -> tuple[str, ...]:
     """What a person should know before trusting the water."""
-    if not trust.any():
+    if seen.clipped.all():
         return ("every pixel is at full scale: the water is known waters' (Jerlov's types), not measured",)
     near_m, far_m = seen.range_m[0], seen.range_m[-1]
     if far_m > LITTLE_RELIEF * near_m:
@@ -167,17 +167,17 @@ def _pinned(
 
 
 @njit(cache=True, nogil=True)
-def _minimise(x, z, light, trust, mean, precision, noise):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _minimise(x, z, light, clipped, trust, mean, precision, noise):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Levenberg's damped Gauss-Newton steps: the parameters at the least cost, and the Gauss-Newton matrix there."""
     n = x.size
     normal, slope = np.zeros((n, n)), np.zeros(n)
     unused_normal, unused_slope = np.zeros((1, 1)), np.zeros(1)
     weights = np.empty(light.shape)
-    over = trust[:, :, 0] / noise[4] ** 2
+    over = np.where(clipped[:, :, 0], 0.0, trust / noise[4] ** 2)
     trial = x.copy()
     damping = 1e-3
     for _ in range(OUTER):
-        _weigh(x, z, light, trust, noise, weights)
+        _weigh(x, z, light, clipped, trust, noise, weights)
         cost = _cost(x, z, light, mean, precision, weights, over, noise[3], normal, slope, True)
         start = cost
         for _ in range(INNER):
@@ -203,8 +203,11 @@ def _minimise(x, z, light, trust, mean, precision, noise):  # type: ignore[no-un
 
 
 @njit(cache=True, nogil=True)
-def _weigh(x, z, light, trust, noise, weights):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Into ``weights`` (3, G, P) the inverse variances of the quantiles under ``x``, less for outliers (Cauchy), times trust."""
+def _weigh(x, z, light, clipped, trust, noise, weights):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Into ``weights`` (3, G, P) the inverse variances of the quantiles under ``x``, less for outliers (Cauchy), times trust.
+
+    Light at full scale may have been brighter: no model above it is wrong.
+    """
     channels, groups, shares = light.shape
     for c in range(channels):
         far, near, beta, veil, white = np.exp(x[c]), np.exp(x[3 + c]), np.exp(x[6 + c]), np.exp(x[9 + c]), np.exp(x[12 + c])
@@ -216,7 +219,9 @@ def _weigh(x, z, light, trust, noise, weights):  # type: ignore[no-untyped-def] 
                 model = direct + backscatter + noise[3]
                 r = np.log(model / (light[c, g, p] + noise[3]))
                 variance = (noise[0] * direct / model) ** 2 + noise[1] ** 2
-                weights[c, g, p] = trust[c, g, p] / variance / (1 + r * r / (noise[2] ** 2 * variance))
+                weights[c, g, p] = (
+                    0.0 if clipped[c, g, p] and r > 0.0 else trust[g] / variance / (1 + r * r / (noise[2] ** 2 * variance))
+                )
 
 
 @njit(cache=True, nogil=True)
