@@ -18,8 +18,8 @@ from calibration.views import detect_views
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders
-from stereo_seecolor.outputs.frames_table import FrameRow
 from stereo_seecolor.options import Listener
+from stereo_seecolor.outputs.frames_table import FrameRow
 
 Pixels = NDArray[np.generic]
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)  # of the working range

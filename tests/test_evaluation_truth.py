@@ -11,7 +11,7 @@ from stereo_seecolor.config import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import evaluate_truth
 from stereo_seecolor.jobs import run
-from stereo_seecolor.pipeline import RunOptions
+from stereo_seecolor.options import RunOptions
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 TRUTH = SAMPLES / "truth"
