@@ -65,7 +65,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
     if start is not None and (start.v == RATE_OF_CHANGE).all():
         x[:WATER] = _numbers(start, scale)
     _begin_content(x, seen.range_m, light)
-    trust = seen.pixels / (seen.pixels + FEW_PIXELS)
+    trust = seen.pixels / (seen.pixels + FEW_PIXELS) * (not seen.clipped.all())
     x, curvature = _minimise(x, seen.range_m, light, seen.clipped, trust, mean, precision, NOISE)
     return replace(_water(x, curvature, scale, prior_error, config), warnings=_warnings(seen))
 
