@@ -20,6 +20,7 @@ Four = NDArray[np.float64]
 """The four parameters of one channel's backscatter or attenuation."""
 
 COLD_STEPS, WARM_STEPS = 120, 25
+MOST_RESTARTS, LEAST_GAIN = 4, 1e-4
 CLAMP_DEVIATIONS = 5.0
 """The direct signal is clamped to this many standard deviations about its mean before attenuation is fitted."""
 
@@ -99,22 +100,30 @@ def direct_signal(channel: Channel, parameters: NDArray[np.float64]) -> Direct:
 
 def _best(
     which: int,
-    warm: NDArray[np.float64] | None,
-    guesses: list[NDArray[np.float64]],
+    warm: Four | None,
+    guesses: list[Four],
     channel: Channel,
     direct: Direct,
     penalty: float,
-) -> NDArray[np.float64]:
+) -> Four:
     """The lowest minimum: from ``warm`` in a few steps where it begins lower than every guess, else from each of the guesses."""
     slopes, gradient = np.empty((channel.z.size, 4)), np.empty(4)
     begin = [_loss(which, raw, channel, direct, penalty, slopes, gradient) for raw in guesses]
     if warm is not None and _loss(which, warm, channel, direct, penalty, slopes, gradient) <= min(begin):
-        starts, steps = [warm], WARM_STEPS
-    else:
-        starts, steps = guesses, COLD_STEPS
-    minima = [minimise(which, raw, channel, direct, penalty, steps) for raw in starts]
-    best: NDArray[np.float64] = min(minima, key=lambda minimum: minimum[0])[1]
+        return _minimum(which, warm, channel, direct, penalty, WARM_STEPS)[1]
+    minima = [_minimum(which, raw, channel, direct, penalty, COLD_STEPS) for raw in guesses]
+    loss, best = min(minima, key=lambda minimum: minimum[0])
+    for _ in range(MOST_RESTARTS):  # a kink can hold the search; without what it learned of the curvature it may get away
+        again, found = _minimum(which, best, channel, direct, penalty, COLD_STEPS)
+        if again > (1 - LEAST_GAIN) * loss:
+            break
+        loss, best = again, found
     return best
+
+
+def _minimum(which: int, raw: Four, channel: Channel, direct: Direct, penalty: float, steps: int) -> tuple[float, Four]:
+    loss, found = minimise(which, raw, channel, direct, penalty, steps)
+    return loss, found
 
 
 def _standard_errors(which: int, raw: NDArray[np.float64], channel: Channel, direct: Direct, penalty: float) -> NDArray[np.float64]:
@@ -151,7 +160,8 @@ def _backscatter_guesses(channel: Channel, penalty: float) -> list[NDArray[np.fl
     darkest = channel.light[reached.argmax(axis=1)]
     middle = float(np.average(channel.z, weights=number))
     low = float(np.average(darkest, weights=number))
-    return [np.array([low + 0.02, 1 / middle, low, 1 / middle]), np.array([low + 0.02, 0.2 / middle, 0.5 * low, 0.2 / middle])]
+    steep, flat = [low + 0.02, 1 / middle, low, 1 / middle], [low + 0.02, 0.2 / middle, 0.5 * low, 0.2 / middle]
+    return [np.array(steep), np.array(flat), np.array([0.1, 0.2, 0.02, 1.0])]
 
 
 def _attenuation_guesses(channel: Channel, direct: Direct) -> list[NDArray[np.float64]]:
@@ -160,7 +170,8 @@ def _attenuation_guesses(channel: Channel, direct: Direct) -> list[NDArray[np.fl
     mean = float(direct.sums[:, 0].sum()) * 3 * channel.scale
     rate = max(float(np.log(0.5 / max(mean, 1e-3))), 0.1) / middle
     flat, steep = [0.5 * rate, 0.1 / middle, 0.5 * rate, 0.1 / middle], [0.3 * rate, 0.02 / middle, 2 * rate, 2 / middle]
-    return [np.array(flat), np.array(steep)]
+    steeper = [0.5 * rate, 0.02 / middle, 20 * rate, 4 / middle]
+    return [np.array(flat), np.array(steep), np.array(steeper)]
 
 
 @njit(cache=True, nogil=True)
@@ -192,13 +203,13 @@ def curvature(which, raw, channel, direct, penalty, slopes, hessian):  # type: i
 def minimise(which, raw, channel, direct, penalty, most_steps):  # type: ignore[no-untyped-def]
     """BFGS with a weak Wolfe line search, which also holds on losses with kinks (Lewis and Overton 2013).
 
-    Gives the loss, the raw weights and the number of evaluations.
+    Gives the loss and the raw weights.
     """
     n = raw.size
     x, gradient, slopes = raw.copy(), np.empty(n), np.empty((channel.z.size, n))
     loss = _loss(which, x, channel, direct, penalty, slopes, gradient)
     inverse = np.eye(n) * (0.2 / max(np.sqrt(np.sum(gradient * gradient)), 1e-12))
-    trial_gradient, evaluations, small = np.empty(n), 1, 0
+    trial_gradient, small = np.empty(n), 0
     for _ in range(most_steps):
         direction = -_times(inverse, gradient)
         longest = np.max(np.abs(direction))
@@ -212,7 +223,6 @@ def minimise(which, raw, channel, direct, penalty, most_steps):  # type: ignore[
         for _ in range(25):
             trial = x + step * direction
             trial_loss = _loss(which, trial, channel, direct, penalty, slopes, trial_gradient)
-            evaluations += 1
             if trial_loss > loss + 1e-4 * step * slope:
                 high = step
             elif np.sum(trial_gradient * direction) < 0.9 * slope and step * longest < 10 * LONGEST_STEP:
@@ -228,7 +238,7 @@ def minimise(which, raw, channel, direct, penalty, most_steps):  # type: ignore[
         gradient[:] = trial_gradient
         if small == 2:
             break
-    return loss, x, evaluations
+    return loss, x
 
 
 @njit(cache=True, nogil=True)
