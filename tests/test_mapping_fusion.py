@@ -149,6 +149,16 @@ def test_a_full_disk_is_named_and_what_is_done_is_kept(tmp_path: Path, monkeypat
     assert not list(tmp_path.rglob(".writing-*"))
 
 
+def test_a_disk_too_small_for_the_mosaic_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.posix_fallocate", full, raising=False)
+    with pytest.raises(OutputError, match=r"terrain.npy: cannot be written: No space left"):
+        build_map([flat_frame(i) for i in range(3)], PAIR, tmp_path, CONFIG, track(3))
+    assert (tmp_path / "mesh.ply").exists()
+
+
 def test_a_jump_makes_two_maps(tmp_path: Path) -> None:
     trajectory = track(7)
     trajectory.T_world_camera[4:, 1, 3] += 50

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
+from stereo_seecolor.mapping.files import scratch_array
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.poses import inverse
@@ -39,8 +40,7 @@ def render_mosaic(
     progress: Progress = silent,
 ) -> NDArray[np.uint8]:
     """RGBA (4, H, W) on ``grid``, alpha 0 where no view reaches; kept in a file under ``scratch``, a block in memory at a time."""
-    scratch.mkdir(parents=True, exist_ok=True)
-    mosaic = np.lib.format.open_memmap(scratch / "mosaic.npy", "w+", np.uint8, (4, *grid.shape))
+    mosaic = scratch_array(scratch / "mosaic.npy", np.uint8, (4, *grid.shape))
     boxes = {int(i): _box(index.points_m[i], T_world_camera[i]) for i in chosen if len(index.points_m[i])}
     cache = _Cache(frames)
     windows = grid.windows(BLOCK_PX)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.mapping.files import scratch_array
 from stereo_seecolor.mapping.fusion import Surface
 from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.raster import rasterize
@@ -13,8 +14,7 @@ from stereo_seecolor.mapping.raster import rasterize
 
 def render_terrain(surfaces: Iterable[Surface], grid: Grid, scratch: Path) -> NDArray[np.float32]:
     """Heights (H, W) float32 metres, NaN where nothing was seen; kept in a file under ``scratch``, so that memory is bounded."""
-    scratch.mkdir(parents=True, exist_ok=True)
-    terrain = np.lib.format.open_memmap(scratch / "terrain.npy", "w+", np.float32, grid.shape)
+    terrain = scratch_array(scratch / "terrain.npy", np.float32, grid.shape)
     terrain[:] = np.nan
     for surface in surfaces:
         if not len(surface.triangles):
