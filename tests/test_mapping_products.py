@@ -9,10 +9,11 @@ from mapping_scene import CONFIG, PAIR, flat_frame, track
 
 from stereo_seecolor.data import GeoOrigin, Trajectory
 from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.mapping.block_raster import BlockRaster
 from stereo_seecolor.mapping.fusion import Surface
 from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.preview import render_preview
-from stereo_seecolor.mapping.reef_metrics import ReefMetrics, measure, measure_squares
+from stereo_seecolor.mapping.reef_metrics import measure, measure_squares, site_of
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.terrain import render_terrain
 from stereo_seecolor.mapping.viewer import view
@@ -60,13 +61,26 @@ def test_rough_ground_has_a_higher_dimension() -> None:
     assert measure(rough, CELL_M).vector_ruggedness > 0.2
 
 
-def test_what_was_not_seen_is_unknown() -> None:
-    heights = np.zeros((200, 300))
-    heights[:, 100:] = np.nan
-    squares = measure_squares(heights, CELL_M, 1.0)
-    assert squares.shape == (len(ReefMetrics.names()), 2, 3)
-    assert np.isfinite(squares[1]).tolist() == [[True, False, False]] * 2
-    assert squares[0].tolist() == [[1, 0, 0]] * 2
+def test_squares_exist_only_where_something_was_seen(tmp_path: Path) -> None:
+    grid = Grid(0.0, 2000.0, CELL_M, (200_000, 300_000))  # 2 by 3 km: as one array it would take 240 GB
+    terrain = BlockRaster(tmp_path / "terrain", grid, 1, np.float32, np.nan)
+    terrain.write(slice(150_000, 150_200), slice(100_000, 100_100), np.zeros((1, 200, 100)))
+    squares = measure_squares(terrain, 1.0, tmp_path / "squares")
+    block = squares.read(slice(1500, 1503), slice(1000, 1002))
+    assert np.isfinite(block[1]).tolist() == [[True, False], [True, False], [False, False]]
+    site = site_of(block[:, :2, :1].reshape(len(block), -1))
+    assert (site[0], site[1]) == (1, pytest.approx(1))
+
+
+def test_windows_of_a_block_raster_round_trip(tmp_path: Path) -> None:
+    raster = BlockRaster(tmp_path, Grid(0.0, 0.0, 1.0, (1000, 1300)), 2, np.float32, -1)
+    values = np.random.default_rng(0).normal(size=(2, 600, 700)).astype(np.float32)
+    raster.write(slice(300, 900), slice(400, 1100), values)
+    np.testing.assert_array_equal(raster.read(slice(300, 900), slice(400, 1100)), values)
+    around = raster.read(slice(-5, 310), slice(390, 410))
+    np.testing.assert_array_equal(around[:, 305:, 10:], values[:, :10, :10])
+    assert (around[:, :305] == -1).all()
+    assert len(list(raster.windows())) == 6
 
 
 def pyramid() -> Surface:
@@ -80,8 +94,7 @@ def test_terrain_is_the_highest_surface_over_each_cell(tmp_path: Path) -> None:
     grid = Grid.around(np.array([-0.5, 0.0]), np.array([1.0, 1.0]), 0.1)
     roof = pyramid()
     floor = Surface(roof.points_m * np.float32([1, 1, 0]), roof.normals, roof.colors, roof.triangles)
-    terrain = render_terrain([roof, floor], grid, tmp_path)
-    assert terrain.shape == (10, 15)
+    terrain = render_terrain([roof, floor], grid, tmp_path).read(slice(0, 10), slice(0, 15))[0]
     assert np.isnan(terrain[:, :5]).all()
     x, y = grid.centers(slice(0, 10), slice(5, 15))
     np.testing.assert_allclose(terrain[:, 5:], 1 - 2 * np.maximum(abs(x - 0.5), abs(y - 0.5)), atol=1e-6)

@@ -1,15 +1,14 @@
 """Where the map lies on Earth, in the words of geographic programs; needs the ``geo`` extra."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.data import GeoOrigin
 from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.mapping.block_raster import BlockRaster
 from stereo_seecolor.mapping.files import whole
-from stereo_seecolor.mapping.grid import Grid
 
 CHUNK = 1_000_000
 HINT = "pip install 'stereo-seecolor[geo]'"
@@ -43,34 +42,31 @@ def local_crs_wkt(origin: GeoOrigin) -> str:
     return str(pyproj.CRS.from_proj4(f"{projection} +units=m +no_defs +type=crs").to_wkt())
 
 
-def write_geotiff(
-    path: Path, bands: NDArray[Any], grid: Grid, origin: GeoOrigin | None, descriptions: tuple[str, ...] = ()
-) -> None:
-    """Write (C, H, W): float32 with NaN as nodata, or uint8 RGBA with alpha; tiled, compressed, with overviews.
+def write_geotiff(path: Path, raster: BlockRaster, origin: GeoOrigin | None, descriptions: tuple[str, ...] = ()) -> None:
+    """Write float32 with NaN as nodata, or uint8 RGBA with alpha; tiled, compressed, sparse, with overviews.
 
-    Without an origin the coordinates are local metres and no CRS is given. bands may be a memory map: it is read by rows.
+    Without an origin the coordinates are local metres and no CRS is given.
     """
     import rasterio
     from rasterio.enums import ColorInterp, Resampling
 
-    count, rows, columns = bands.shape
-    floating = bands.dtype == np.float32
+    grid, floating = raster.grid, raster.dtype == np.float32
     profile = {
-        "driver": "GTiff", "dtype": bands.dtype, "count": count, "height": rows, "width": columns, "tiled": True,
-        "blockxsize": 256, "blockysize": 256, "compress": "deflate", "predictor": 3 if floating else 2, "bigtiff": "if_safer",
+        "driver": "GTiff", "dtype": raster.dtype, "count": raster.bands, "height": grid.shape[0], "width": grid.shape[1],
+        "tiled": True, "blockxsize": 256, "blockysize": 256, "compress": "deflate", "predictor": 3 if floating else 2,
+        "bigtiff": "if_safer", "sparse_ok": True, "crs": local_crs_wkt(origin) if origin else None,
         "transform": rasterio.Affine(grid.cell_m, 0, grid.west_m, 0, -grid.cell_m, grid.north_m),
-        "crs": local_crs_wkt(origin) if origin else None, "nodata": np.nan if floating else None,
+        "nodata": np.nan if floating else None,
     }  # fmt: skip
     with whole(path) as temporary:
         with rasterio.open(temporary, "w", **profile) as file:
-            for window_rows in (slice(r, min(r + 1024, rows)) for r in range(0, rows, 1024)):
-                part = np.ascontiguousarray(bands[:, window_rows])
-                file.write(part, window=((window_rows.start, window_rows.stop), (0, columns)))
+            for rows, columns in raster.windows():
+                file.write(raster.read(rows, columns), window=((rows.start, rows.stop), (columns.start, columns.stop)))
             if not floating:
                 file.colorinterp = [ColorInterp.red, ColorInterp.green, ColorInterp.blue, ColorInterp.alpha]
             for band, description in enumerate(descriptions, start=1):
                 file.set_band_description(band, description)
-        factors = [f for f in (2, 4, 8, 16, 32) if min(rows, columns) // f >= 128]
+        factors = [f for f in (2, 4, 8, 16, 32) if min(grid.shape) // f >= 128]
         if factors:
             with rasterio.open(temporary, "r+") as file:
                 file.build_overviews(factors, Resampling.average)

@@ -34,12 +34,3 @@ class Grid:
         y = self.north_m - (np.arange(rows.start, rows.stop) + 0.5) * self.cell_m
         grid_x, grid_y = np.meshgrid(x, y)
         return grid_x, grid_y
-
-    def windows(self, size: int) -> list[tuple[slice, slice]]:
-        """All windows of at most ``size`` cells a side, row by row."""
-        rows, columns = self.shape
-        return [
-            (slice(r, min(r + size, rows)), slice(c, min(c + size, columns)))
-            for r in range(0, rows, size)
-            for c in range(0, columns, size)
-        ]

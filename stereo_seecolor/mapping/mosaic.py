@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
-from stereo_seecolor.mapping.files import scratch_array
+from stereo_seecolor.mapping.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.poses import inverse
 
-BLOCK_PX = 512
 MAX_VIEWS = 12
 CACHED_FRAMES = 16
 SMOOTH_PX = 21
@@ -34,20 +33,21 @@ def render_mosaic(
     index: FrameIndex,
     T_world_camera: NDArray[np.float64],
     chosen: NDArray[np.int64],
-    terrain: tuple[NDArray[np.float32], Grid],
+    terrain: BlockRaster,
     grid: Grid,
-    scratch: Path,
+    folder: Path,
     progress: Progress = silent,
-) -> NDArray[np.uint8]:
-    """RGBA (4, H, W) on ``grid``, alpha 0 where no view reaches; kept in a file under ``scratch``, a block in memory at a time."""
-    mosaic = scratch_array(scratch / "mosaic.npy", np.uint8, (4, *grid.shape))
+) -> BlockRaster:
+    """RGBA (4, H, W) on ``grid``, alpha 0 where no view reaches."""
+    mosaic = BlockRaster(folder, grid, 4, np.uint8, 0)
     boxes = {int(i): _box(index.points_m[i], T_world_camera[i]) for i in chosen if len(index.points_m[i])}
     cache = _Cache(frames)
-    windows = grid.windows(BLOCK_PX)
+    windows = _windows(terrain, grid)
     for done, (rows, columns) in enumerate(windows):
         points = _points(terrain, grid, rows, columns)
         if np.isfinite(points[..., 2]).any():
-            mosaic[:, rows, columns] = _paint(points, _reaching(points, boxes, T_world_camera), cache, pair, T_world_camera)
+            reaching = _reaching(points, boxes, T_world_camera)
+            mosaic.write(rows, columns, _paint(points, reaching, cache, pair, T_world_camera))
         progress("painting the mosaic", done + 1, len(windows))
     return mosaic
 
@@ -73,14 +73,31 @@ def _box(points_m: NDArray[np.float32], T: NDArray[np.float64]) -> tuple[NDArray
     return world.min(axis=0), world.max(axis=0)
 
 
-def _points(terrain: tuple[NDArray[np.float32], Grid], grid: Grid, rows: slice, columns: slice) -> NDArray[np.float64]:
+def _windows(terrain: BlockRaster, grid: Grid) -> list[tuple[slice, slice]]:
+    """The mosaic's blocks that lie over blocks of the terrain, row by row."""
+    blocks = set()
+    for rows, columns in terrain.windows():
+        x, y = terrain.grid.centers(rows, columns)
+        corners = grid.pixels(np.array([[x[0, 0], y[0, 0]], [x[-1, -1], y[-1, -1]]]))
+        first, last = np.floor((corners - 1) / BLOCK_PX).astype(int), np.floor((corners + 1) / BLOCK_PX).astype(int)
+        for row in range(max(first[0, 1], 0), last[1, 1] + 1):
+            blocks |= {(row, column) for column in range(max(first[0, 0], 0), last[1, 0] + 1)}
+    sides = [(slice(r * BLOCK_PX, (r + 1) * BLOCK_PX), slice(c * BLOCK_PX, (c + 1) * BLOCK_PX)) for r, c in sorted(blocks)]
+    height, width = grid.shape
+    return [
+        (slice(rows.start, min(rows.stop, height)), slice(columns.start, min(columns.stop, width)))
+        for rows, columns in sides
+        if rows.start < height and columns.start < width
+    ]
+
+
+def _points(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> NDArray[np.float64]:
     """(h, w, 3) of the cells of a window, heights interpolated in the terrain; NaN where it is unknown."""
-    heights, cells = terrain
     x, y = grid.centers(rows, columns)
-    pixels = cells.pixels(np.stack([x.ravel(), y.ravel()], axis=-1)).reshape(*x.shape, 2)
-    low = np.maximum(np.floor(pixels.min(axis=(0, 1))).astype(int) - 1, 0)
+    pixels = terrain.grid.pixels(np.stack([x.ravel(), y.ravel()], axis=-1)).reshape(*x.shape, 2)
+    low = np.floor(pixels.min(axis=(0, 1))).astype(int) - 1
     high = np.ceil(pixels.max(axis=(0, 1))).astype(int) + 2
-    part = np.array(heights[low[1] : high[1], low[0] : high[0]])
+    part = terrain.read(slice(int(low[1]), int(high[1])), slice(int(low[0]), int(high[0])))[0]
     known = np.isfinite(part).astype(np.float32)
     local = (pixels - low).astype(np.float32)
     weight = cv2.remap(known, local, None, cv2.INTER_LINEAR)

@@ -13,13 +13,14 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.data import GeoOrigin, SurveyFrame
 from stereo_seecolor.mapping import georeference
+from stereo_seecolor.mapping.block_raster import BlockRaster
 from stereo_seecolor.mapping.files import whole
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress
 from stereo_seecolor.mapping.fusion import Surface
 from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.mosaic import render_mosaic
 from stereo_seecolor.mapping.preview import render_preview
-from stereo_seecolor.mapping.reef_metrics import ReefMetrics, measure, measure_squares
+from stereo_seecolor.mapping.reef_metrics import ReefMetrics, measure_squares, site_of
 from stereo_seecolor.mapping.terrain import render_terrain
 
 PREVIEW_PX = 3000
@@ -46,20 +47,20 @@ def write_products(
     if not np.isfinite(low).all():
         return files
     dem_grid, mosaic_grid = Grid.around(low, high, config.dem_m), Grid.around(low, high, config.mosaic_m)
-    terrain = render_terrain(piece.surfaces(), dem_grid, scratch)
+    terrain = render_terrain(piece.surfaces(), dem_grid, scratch / "terrain")
     mosaic = render_mosaic(
-        frames, pair, piece.index, piece.T_world_camera, piece.chosen, (terrain, dem_grid), mosaic_grid, scratch, progress
+        frames, pair, piece.index, piece.T_world_camera, piece.chosen, terrain, mosaic_grid, scratch / "mosaic", progress
     )
+    squares = measure_squares(terrain, config.metrics_m, scratch / "squares")
     files.append(_write_image(piece.folder / "orthomosaic_preview.png", _reduced(mosaic)))
-    squares = measure_squares(terrain, config.dem_m, config.metrics_m)
-    size_m = max(3, round(config.metrics_m / config.dem_m)) * config.dem_m
-    squares_grid = Grid(dem_grid.west_m, dem_grid.north_m, size_m, squares.shape[1:])
-    files.append(_write_csv(piece.folder / "reef_metrics.csv", squares, squares_grid, measure(terrain, config.dem_m)))
+    files.append(_write_csv(piece.folder / "reef_metrics.csv", squares))
     if georeference.available():
-        rasters = (("dem.tif", terrain[None], dem_grid, ()), ("orthomosaic.tif", mosaic, mosaic_grid, ()))
-        metrics = ("reef_metrics.tif", squares, squares_grid, ReefMetrics.names())
-        for name, bands, grid, descriptions in (*rasters, metrics):
-            georeference.write_geotiff(piece.folder / name, bands, grid, piece.origin, descriptions)
+        for name, raster, descriptions in (
+            ("dem.tif", terrain, ()),
+            ("orthomosaic.tif", mosaic, ()),
+            ("reef_metrics.tif", squares, ReefMetrics.names()),
+        ):
+            georeference.write_geotiff(piece.folder / name, raster, piece.origin, descriptions)
             files.append(piece.folder / name)
         if piece.origin:
             georeference.write_laz(piece.folder / "cloud.laz", piece.folder / "cloud.ply", piece.origin)
@@ -75,12 +76,16 @@ def _extent(surfaces: Iterable[Surface]) -> tuple[NDArray[np.float64], NDArray[n
     return low, high
 
 
-def _reduced(mosaic: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(h, w, 4) of at most 3000 px a side."""
-    step = -(-max(mosaic.shape[1:]) // PREVIEW_PX)
-    rows, columns = (n // step * step for n in mosaic.shape[1:])
-    image = np.moveaxis(np.array(mosaic[:, :rows, :columns]), 0, -1)
-    return np.asarray(cv2.resize(image, (columns // step, rows // step), interpolation=cv2.INTER_AREA)) if step > 1 else image
+def _reduced(mosaic: BlockRaster) -> NDArray[np.uint8]:
+    """(h, w, 4) of at most about 3000 px a side."""
+    step = 2 ** max(0, int(np.ceil(np.log2(max(mosaic.grid.shape) / PREVIEW_PX))))
+    image = np.zeros((*(-(-n // step) for n in mosaic.grid.shape), 4), np.uint8)
+    for rows, columns in mosaic.windows():
+        block = np.moveaxis(mosaic.read(rows, columns), 0, -1)
+        size = -(-block.shape[1] // step), -(-block.shape[0] // step)
+        part = cv2.resize(block, size, interpolation=cv2.INTER_AREA)
+        image[rows.start // step :, columns.start // step :][: size[1], : size[0]] = part
+    return image
 
 
 def _write_image(path: Path, image: NDArray[np.uint8]) -> Path:
@@ -91,13 +96,19 @@ def _write_image(path: Path, image: NDArray[np.uint8]) -> Path:
     return path
 
 
-def _write_csv(path: Path, squares: NDArray[np.float32], grid: Grid, site: ReefMetrics) -> Path:
-    """A row for the whole site, then one for each square that was seen; x and y of its centre, metres."""
+def _write_csv(path: Path, squares: BlockRaster) -> Path:
+    """A row for the site, the mean of its squares, then one for each square that was seen; x and y of its centre, metres."""
+    seen, grid = [], squares.grid
+    for rows, columns in squares.windows():
+        block = squares.read(rows, columns)
+        for row, column in np.argwhere(np.isfinite(block[1])):
+            seen.append((rows.start + int(row), columns.start + int(column), block[:, row, column]))
+    site = site_of(np.stack([values for *_, values in seen], axis=-1)) if seen else np.full(squares.bands, np.nan)
     with whole(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["square", "x_m", "y_m", *ReefMetrics.names()])
-        writer.writerow(["site", "", "", *(f"{value:.6g}" for value in site.values())])
-        for row, column in np.argwhere(np.isfinite(squares[1])):
+        writer.writerow(["site", "", "", *(f"{value:.6g}" for value in site)])
+        for row, column, values in seen:
             x, y = grid.west_m + (column + 0.5) * grid.cell_m, grid.north_m - (row + 0.5) * grid.cell_m
-            writer.writerow([f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in squares[:, row, column])])
+            writer.writerow([f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in values)])
     return path

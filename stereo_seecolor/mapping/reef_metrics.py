@@ -12,9 +12,13 @@ height_range_m: highest less lowest cell, after the plane was taken out.
 """
 
 from dataclasses import astuple, dataclass, fields
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.block_raster import BlockRaster
+from stereo_seecolor.mapping.grid import Grid
 
 MIN_COVERAGE = 0.5
 _SCALES = (1, 2, 4, 8, 16)
@@ -65,18 +69,37 @@ def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
     )
 
 
-def measure_squares(height_m: NDArray[np.floating], cell_m: float, square_m: float) -> NDArray[np.float32]:
-    """(metrics, rows, columns) of all squares of a terrain model, from the north-west corner; holds one square at a time."""
+def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> BlockRaster:
+    """(metrics, rows, columns) of all squares of a terrain model that were seen, counted from its north-west corner."""
+    cell_m = terrain.grid.cell_m
     size = max(3, round(square_m / cell_m))
-    rows, columns = (-(-n // size) for n in height_m.shape)
-    result = np.full((len(ReefMetrics.names()), rows, columns), np.nan, np.float32)
-    for row in range(rows):
-        for column in range(columns):
-            square = np.full((size, size), np.nan)
-            part = height_m[row * size : (row + 1) * size, column * size : (column + 1) * size]
-            square[: part.shape[0], : part.shape[1]] = part
-            result[:, row, column] = measure(square, cell_m).values()
-    return result
+    shape = -(-terrain.grid.shape[0] // size), -(-terrain.grid.shape[1] // size)
+    grid = Grid(terrain.grid.west_m, terrain.grid.north_m, size * cell_m, shape)
+    squares = BlockRaster(folder, grid, len(ReefMetrics.names()), np.float32, np.nan)
+    wanted = set()
+    for rows, columns in terrain.windows():
+        for row in range(rows.start // size, -(-rows.stop // size)):
+            wanted |= {(row, column) for column in range(columns.start // size, -(-columns.stop // size))}
+    for row, column in sorted(wanted):
+        heights = terrain.read(slice(row * size, (row + 1) * size), slice(column * size, (column + 1) * size))[0]
+        values = np.array(measure(heights, cell_m).values(), np.float32)
+        if values[0] > 0:
+            squares.write(slice(row, row + 1), slice(column, column + 1), values[:, None, None])
+    return squares
+
+
+def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(metrics,) of a site from those of its squares (metrics, N): means weighted by what was seen, aspects as directions."""
+    values = np.asarray(squares, np.float64)
+    known = np.isfinite(values[1])
+    if not known.any():
+        return np.full(len(values), np.nan)
+    site = np.average(values[:, known], axis=1, weights=values[0, known])
+    site[0] = values[0].mean()
+    aspect = ReefMetrics.names().index("aspect_deg")
+    directions = np.exp(1j * np.radians(values[aspect, known])) * values[0, known]
+    site[aspect] = np.degrees(np.angle(directions.sum())) % 360
+    return site
 
 
 def _plane(heights: Heights, known: NDArray[np.bool_], cell_m: float) -> tuple[float, float, Heights]:
