@@ -117,8 +117,11 @@ def _spread(part: Callable[[int], None], parts: int) -> None:
     if parts == 1:
         part(0)
         return
-    with ThreadPoolExecutor(parts) as pool:
-        list(pool.map(part, range(parts)))
+    with ThreadPoolExecutor(parts - 1) as pool:
+        others = [pool.submit(part, i) for i in range(1, parts)]
+        part(0)
+        for other in others:
+            other.result()
 
 
 @njit(cache=True, nogil=True)
