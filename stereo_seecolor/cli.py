@@ -185,6 +185,7 @@ def view(out: Annotated[Path, typer.Argument(help="The output folder of a fused 
 def demo(out: Out = Path("demo"), workers: Workers = DEFAULT_WORKERS) -> None:
     """Make a small reef, run the whole job on it, and say how near the truth it comes."""
     from stereo_seecolor import jobs
+    from stereo_seecolor.evaluation.truth import evaluate_truth
     from stereo_seecolor.synthetic.dive import synthesize
     from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -197,6 +198,7 @@ def demo(out: Out = Path("demo"), workers: Workers = DEFAULT_WORKERS) -> None:
         out / "out",
         (workers, True, False, False),
     )
+    _print_truth(evaluate_truth(out / "out", dive / "truth"))
     raise typer.Exit(code)
 
 

@@ -354,3 +354,11 @@ def test_doctor_names_the_mend(cli) -> None:
     assert "torch" in printed
     assert "open3d" in printed
     assert printed.count("LACK") == printed.count("mend it with: ")
+
+
+def test_demo_shows_how_near_the_truth_it_comes(cli, tmp_path) -> None:
+    code, printed, _ = cli("demo", "--out", str(tmp_path / "demo"))
+    assert code == 0
+    assert "4 pairs done" in printed
+    assert "median error" in printed
+    assert len(list((tmp_path / "demo/out/corrected").iterdir())) == 4
