@@ -18,7 +18,7 @@ from stereo_seecolor.mapping.placement import Placement, Unplaced
 from stereo_seecolor.mapping.poses import inverse, rotation_vector
 from stereo_seecolor.mapping.relative_pose import Edge, relate
 
-WINDOW = 3
+WINDOW = pose_graph.TRACK
 """Frames back that each new frame is measured against."""
 MIN_PIECE = 2
 LOOP_TURNS = 2
@@ -142,7 +142,7 @@ def _close_loops(
     progress: Progress,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Solve; then find loops by appearance and by overlap and solve again, so often, since overlap is better known each time."""
-    T, _ = _solve(T, pieces, survey.edges, priors)
+    T, pieces = _settle(survey, T, pieces, order, priors)
     for turn in range(turns):
         candidates = set(loop_closure.by_appearance(survey.features)) if turn == 0 else set()
         candidates |= set(loop_closure.between_pieces(pieces))
@@ -158,8 +158,21 @@ def _close_loops(
         survey.edges += inside + joins
         if joins:
             T, pieces = _chain(survey.edges, len(order), order)
-        T, bad = _solve(T, pieces, survey.edges, priors)
-        survey.edges = [e for e in survey.edges if not any(e is b for b in bad)]
+        T, pieces = _settle(survey, T, pieces, order, priors)
+    return T, pieces
+
+
+def _settle(
+    survey: _Survey, T: NDArray[np.float64], pieces: NDArray[np.int64], order: Sequence[int], priors: Sequence[pose_graph.Prior]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Solve each piece; drop the false loops, let pieces fall apart that only they held together, and solve again."""
+    T, false = _solve(T, pieces, survey.edges, priors)
+    if false:
+        dropped = {id(edge) for edge in false}
+        survey.edges = [edge for edge in survey.edges if id(edge) not in dropped]
+        _, pieces = _chain(survey.edges, len(order), order)
+        T = np.where((pieces >= 0)[:, None, None], T, np.nan)
+        T, _ = _solve(T, pieces, survey.edges, priors)
     return T, pieces
 
 

@@ -12,6 +12,8 @@ from stereo_seecolor.mapping.relative_pose import Edge
 
 REJECT_SIGMAS = 6.0
 CAUCHY = 3.0
+TRACK = 3
+"""Frames so far apart at most belong to the track, not to a loop."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,19 +43,18 @@ def check_available() -> None:
 def solve(
     T_world_camera: NDArray[np.float64], frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior] = ()
 ) -> tuple[NDArray[np.float64], list[Edge]]:
-    """Poses that agree best with edges and priors, and the edges that do not fit the rest (false loops), left out of it.
+    """Poses that agree best with edges and priors, and the edges that do not fit the rest: false loops.
 
-    T_world_camera: (N, 4, 4) first guess; only ``frames`` are solved for, the first of them stays put without priors.
-    Levenberg-Marquardt under a Cauchy kernel; then without the edges beyond six sigmas.
+    T_world_camera: (N, 4, 4) first guess; only ``frames`` are solved for, and the edges must hang them all together; the first
+    stays put where there are no priors. Levenberg-Marquardt under a Cauchy kernel, which false loops hardly bend; an edge beyond
+    six sigmas is false, unless it is one of the track itself.
 
     Raises DeviceError if GTSAM is missing.
     """
     gtsam = _gtsam()
-    first, _ = _optimize(gtsam, T_world_camera, frames, edges, priors)
-    bad = [edge for edge in edges if abs(edge.j - edge.i) > 1 and _sigmas(gtsam, first, edge) > REJECT_SIGMAS]
-    kept = [edge for edge in edges if not any(edge is other for other in bad)]
-    final, _ = _optimize(gtsam, first, frames, kept, priors)
-    return final, bad
+    solved = _optimize(gtsam, T_world_camera, frames, edges, priors)
+    false = [edge for edge in edges if abs(edge.j - edge.i) > TRACK and _sigmas(gtsam, solved, edge) > REJECT_SIGMAS]
+    return solved, false
 
 
 def _gtsam() -> Any:
@@ -67,7 +68,7 @@ def _gtsam() -> Any:
 
 def _optimize(
     gtsam: Any, T: NDArray[np.float64], frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior]
-) -> tuple[NDArray[np.float64], float]:
+) -> NDArray[np.float64]:
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for frame in frames:
         values.insert(frame, gtsam.Pose3(T[frame]))
@@ -83,12 +84,11 @@ def _optimize(
         graph.add(gtsam.PriorFactorPose3(prior.frame, pose, noise.Diagonal.Sigmas(attitude)))
     if not priors:
         graph.add(gtsam.PriorFactorPose3(frames[0], gtsam.Pose3(T[frames[0]]), noise.Isotropic.Sigma(6, 1e-6)))
-    optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values)
-    result = optimizer.optimize()
+    result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     solved = T.copy()
     for frame in frames:
         solved[frame] = result.atPose3(frame).matrix()
-    return solved, float(optimizer.error())
+    return solved
 
 
 def _sigmas(gtsam: Any, T: NDArray[np.float64], edge: Edge) -> float:

@@ -53,7 +53,10 @@ def relate(i: int, a: Features, j: int, b: Features, pair: RectifiedPair) -> Edg
     T_b_a = np.eye(4)
     T_b_a[:3, :3], T_b_a[:3, 3] = rotation_from_vector(turn.ravel()), shift.ravel()
     chosen_a, chosen_b = index_a[inliers.ravel()], index_b[inliers.ravel()]
-    T_a_b, covariance, kept = _refine(inverse(T_b_a), a, chosen_a, b, chosen_b)
+    try:
+        T_a_b, covariance, kept = _refine(inverse(T_b_a), a, chosen_a, b, chosen_b)
+    except np.linalg.LinAlgError:  # all points on a line
+        return None
     if kept.sum() < MIN_INLIERS or not _spread_out(b.pixels[chosen_b[kept]], pair):
         return None
     return Edge(i, j, T_a_b, covariance, int(kept.sum()))
