@@ -67,7 +67,8 @@ class Scene:
         stereo_rig = rig(spec)
         camera_depth_m = spec.bottom_depth_m - float(np.mean(spec.altitude_m))
         encoding: Literal["srgb", "linear"] = "srgb" if spec.bits == 8 else "linear"
-        water = lit_water(spec.water, spec.bottom_depth_m, camera_depth_m, spec.exposure_range_m, encoding)
+        lamps = spec.lamp_intensity / spec.exposure_range_m**2
+        water = lit_water(spec.water, spec.bottom_depth_m, camera_depth_m, spec.exposure_range_m, lamps, encoding)
         return cls(spec, build_reef(spec), stereo_rig, Rectification.from_rig(stereo_rig), track(spec), water)
 
     def render(self, index: int) -> RenderedPair:

@@ -24,7 +24,7 @@ class SurveySpec:
     bottom_depth_m: depth of the mean bottom below the surface. relief_m: height of the coarse relief.
     full_well_e, read_noise_e: electrons of a full and of an empty pixel; they set the noise.
     caustic_contrast: relative strength of the moving light that waves focus on the bottom, 0 for none.
-    lamp_intensity: lamps of the rig at 1 m against a white patch in the sun at the bottom, 0 for none.
+    lamp_intensity: light of the rig's lamps at 1 m against the sun's at the bottom, 0 for none; 200 makes it night.
     bits: 8 for sRGB-encoded images, 16 for linear ones.
     """
 

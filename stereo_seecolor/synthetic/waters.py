@@ -53,12 +53,17 @@ class LitWater:
 
 
 def lit_water(
-    name: WaterName, depth_m: float, camera_depth_m: float, exposure_range_m: float, encoding: Literal["srgb", "linear"] = "srgb"
+    name: WaterName,
+    depth_m: float,
+    camera_depth_m: float,
+    exposure_range_m: float,
+    lamps: float = 0.0,
+    encoding: Literal["srgb", "linear"] = "srgb",
 ) -> LitWater:
     """The named water over a bottom at ``depth_m``, seen from ``camera_depth_m``.
 
-    Exposure is set as a camera would: a white patch at ``exposure_range_m`` just fits its brightest channel.
-    encoding: of the images; the water itself acts in linear light.
+    Exposure is set as a camera would: a white patch at ``exposure_range_m`` just fits its brightest channel, with ``lamps`` times
+    the sun's light added. encoding: of the images; the water itself acts in linear light.
     """
     kd = np.interp(_WAVELENGTH_NM, _TABLE_NM, _KD[name])
     kd_535 = float(np.interp(535.0, _TABLE_NM, _KD[name]))
@@ -67,7 +72,7 @@ def lit_water(
     sunlight = np.exp(-kd * depth_m)
 
     rate, decay = _falling_rate(_transmission(beam, sunlight))
-    exposure = 0.95 / _band(sunlight * np.exp(-beam * exposure_range_m)).max()
+    exposure = 0.95 / _band(sunlight * np.exp(-beam * exposure_range_m)).max() / (1.0 + lamps)
     veiling_spectrum = _VEILING_SHARE * np.exp(-kd * camera_depth_m) * scattering / beam
     zero = np.zeros(3)
     water = Water(
