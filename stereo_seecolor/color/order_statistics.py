@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.encoding import InputEncoding, decode
 from stereo_seecolor.color.tables import MomentTable
 
-SHARES = np.array([0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
+SHARES = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
 """Quantiles, from what is nearly in shadow to the brightest things, which are the likeliest to be white."""
 
 MOST_GROUPS = 20
@@ -21,8 +21,8 @@ CLIPPED = 0.99
 class OrderStatistics:
     """What is seen at each range.
 
-    range_m (G,): mean range of each group of pixels, metres, near to far. pixels (G,): how many. light (3, G, 8): quantiles, linear
-    light. clipped (3, G, 8): True where a quantile is at full scale, and the light may have been anything above.
+    range_m (G,): mean range of each group of pixels, metres, near to far. pixels (G,): how many. light (3, G, 9): quantiles, linear
+    light. clipped (3, G, 9): True where a quantile is at full scale, and the light may have been anything above.
     """
 
     range_m: NDArray[np.float64]

@@ -26,14 +26,14 @@ Vector = NDArray[np.float64]
 WATER = 15
 """Parameters of the water: log far, log(near / far), log beta, log(gamma_inf / white), log white, each for R, G, B."""
 
-REFLECTANCE = np.log([0.012, 0.022, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0])
+REFLECTANCE = np.log([0.009, 0.012, 0.022, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0])
 """A scene's quantiles (SHARES of order_statistics) against its brightest thousandth."""
 NATURAL = np.array([0.2, 0.0, -0.25])
 """Natural scenes are not gray but warm: sand, rock, algae and coral reflect more red than blue (logarithm against green; coral
 sand is at 0.16, 0, -0.27, and the mean of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25)."""
-NATURAL_SHARE = np.array([1, 1, 1, 1, 1, 0.8, 0.5, 0.2])
+NATURAL_SHARE = np.array([1, 1, 1, 1, 1, 1, 0.8, 0.5, 0.2])
 """The brighter, the nearer to gray: what is brightest is white, or shines."""
-CAST = np.array([0.7, 0.5, 0.35, 0.28, 0.25, 0.21, 0.18, 0.17])
+CAST = np.array([0.8, 0.7, 0.5, 0.35, 0.28, 0.25, 0.21, 0.18, 0.17])
 """Standard deviation of a channel's quantile about that, logarithm: dark things have any color, bright ones less."""
 TOGETHER, BRIGHTNESS = 0.7, 0.5
 """Standard deviations of what all channels share: a quantile's reflectance, a range's brightness (light, shade, content)."""
@@ -228,7 +228,7 @@ def _weigh(x, z, light, clipped, trust, noise, weights):  # type: ignore[no-unty
 def _cost(x, z, light, mean, precision, weights, over, floor, normal, slope, derivatives):  # type: ignore[no-untyped-def]  # noqa: C901  # pragma: no cover
     """Half the sum of squares; into ``normal`` and ``slope`` the Gauss-Newton matrix and the gradient.
 
-    Besides the quantiles: nothing is darker than the veil before it, so a veil above the darkest hundredth costs, by ``over``.
+    Besides the quantiles: nothing is darker than the veil before it, so a veil above the darkest quantile costs, by ``over``.
     """
     channels, groups, shares = light.shape
     n = x.size
