@@ -69,8 +69,18 @@ def baseline(name: str) -> Method:
     return lambda case: METHODS[name](case.image / 255.0, case.range_m.astype(np.float64))
 
 
+def in_linear_light(name: str) -> Method:
+    """A baseline on decoded values, as its authors ran it on raw images."""
+
+    def correct(case: Case) -> Result:
+        return srgb_from_linear(METHODS[name](linear_from_srgb(case.image / 255.0), case.range_m.astype(np.float64)))
+
+    return correct
+
+
 METHODS_COMPARED: dict[str, Method] = {
     **{name: baseline(name) for name in METHODS},
+    **{f"{name}, linear light": in_linear_light(name) for name in ("gray world", "simple model", "sea-thru")},
     "darkest 1 % a bin, gray world log-linear": lambda case: bins_of_range(case.image / 255.0, case.range_m, 1.0, 1.0),
     "half of it, 8-norm log-linear": lambda case: bins_of_range(case.image / 255.0, case.range_m, 0.5, 8.0),
     "the paper's objective": by_config(objective="paper"),
@@ -170,10 +180,15 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--reef-seed", type=int, default=100)
     parser.add_argument("--data", type=Path, default=Path(__file__).resolve().parents[2] / "shared" / "data")
+    parser.add_argument("--methods", help="only methods whose name holds this")
     asked = parser.parse_args()
     start = time.perf_counter()
     drawn = [make_case(seed) for seed in range(asked.first_seed, asked.first_seed + asked.cases)]
     reef = [case for case in reef_cases(asked.reef_seed) if (case.image >= 254).any(axis=-1).mean() < 0.5]
+    if asked.methods:
+        for name in [name for name in METHODS_COMPARED if asked.methods not in name]:
+            del METHODS_COMPARED[name]
+        SWITCHES.clear()
     table("Drawn scenes in drawn waters", drawn, METHODS_COMPARED)
     table("Synthetic reef, three waters, 1 to 4 m", reef, METHODS_COMPARED)
     if asked.data.is_dir():
