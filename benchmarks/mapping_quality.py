@@ -9,6 +9,7 @@ pair; FOLDER keeps what was rendered, matched and corrected, and the maps.
 
 import sys
 from collections.abc import Sequence
+from functools import cached_property
 from pathlib import Path
 
 import cv2
@@ -77,6 +78,24 @@ class Survey(Sequence[SurveyFrame]):
         with np.load(self._path(i, what)) as content:
             return dict(content)
 
+    @cached_property
+    def surface(self) -> NDArray[np.float64]:
+        """The whole reef as points."""
+        return surface_points(self.scene.reef.height_m, self.scene.reef.origin_m, CELL_M)
+
+    @cached_property
+    def seen(self) -> NDArray[np.float64]:
+        """Points of the reef that some frame saw, one a 5 mm cell, thinned out."""
+        points = []
+        for i in range(len(self)):
+            z = self.load(i)
+            range_m = np.where(z["moving"], np.float32(np.nan), z["truth"])
+            local = self.pair.points_from_range(range_m)[::7, ::7].reshape(-1, 3)
+            T = self.trajectory.T_world_camera[i]
+            points.append(local[np.isfinite(local).all(axis=1)] @ T[:3, :3].T + T[:3, 3])
+        everything = np.concatenate(points)
+        return everything[np.unique(np.floor(everything / 0.005).astype(int), axis=0, return_index=True)[1]]
+
     def _path(self, i: int, what: str) -> Path:
         return self.folder / f"{what}{i:04d}.npz"
 
@@ -96,24 +115,9 @@ def score(survey: Survey, out: Path) -> Rows:
     return rows | color_rows(survey, cloud, np.asarray(vertices["color"]))
 
 
-def seen(survey: Survey, step: int) -> NDArray[np.float64]:
-    """Points of the reef that some frame saw, one a 5 mm cell."""
-    points = []
-    for i in range(len(survey)):
-        z = survey.load(i)
-        range_m = np.where(z["moving"], np.float32(np.nan), z["truth"])
-        local = survey.pair.points_from_range(range_m)[::step, ::step].reshape(-1, 3)
-        T = survey.trajectory.T_world_camera[i]
-        points.append(local[np.isfinite(local).all(axis=1)] @ T[:3, :3].T + T[:3, 3])
-    everything = np.concatenate(points)
-    return everything[np.unique(np.floor(everything / 0.005).astype(int), axis=0, return_index=True)[1]]
-
-
 def cloud_rows(survey: Survey, cloud: NDArray) -> Rows:
-    reef = survey.scene.reef
-    surface = surface_points(reef.height_m, reef.origin_m, CELL_M)
-    off_m = np.minimum(nearest_distance_m(cloud[::23], surface, REACH_M), REACH_M)
-    missing = nearest_distance_m(seen(survey, 7), cloud, 0.03) > 0.03
+    off_m = np.minimum(nearest_distance_m(cloud[::23], survey.surface, REACH_M), REACH_M)
+    missing = nearest_distance_m(survey.seen, cloud, 0.03) > 0.03
     return {
         "cloud to surface: median, 95 %": f"{1000 * np.median(off_m):.1f} mm, {1000 * np.quantile(off_m, 0.95):.1f} mm",
         "completeness (within 3 cm)": f"{100 * (1 - missing.mean()):.1f} %",

@@ -167,6 +167,8 @@ def test_a_jump_makes_two_maps(tmp_path: Path) -> None:
     assert "jumps 50.0 m between f3 and f4" in summary.warnings[0]
     assert read_cloud(tmp_path / "cloud.ply")["position"][:, 1].max() < 1
     assert read_cloud(tmp_path / "piece_1" / "cloud.ply")["position"][:, 1].min() > 49
+    build_map([flat_frame(i) for i in range(7)], PAIR, tmp_path, CONFIG, track(7))  # mended: one piece again
+    assert not (tmp_path / "piece_1").exists()
 
 
 def test_a_frame_without_ranges_does_no_harm(tmp_path: Path) -> None:

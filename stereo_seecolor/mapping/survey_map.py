@@ -1,5 +1,6 @@
 """START HERE: a survey's finished frames into the map of a reef."""
 
+import shutil
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -74,6 +75,7 @@ def build_map(
         written, count = _build_piece(frames, pair, folder, config, index, placement, number, origin, progress)
         files += written
         points = points or count
+    _remove_pieces_of_earlier_maps(out_dir, len(sizes))
     return MapSummary(
         frames=len(index.names),
         placed=int(sizes.sum()),
@@ -84,6 +86,12 @@ def build_map(
         seconds=time.perf_counter() - started,
         warnings=placement.warnings,
     )
+
+
+def _remove_pieces_of_earlier_maps(out_dir: Path, count: int) -> None:
+    for folder in out_dir.glob("piece_*"):
+        if folder.name.removeprefix("piece_").isdigit() and int(folder.name.removeprefix("piece_")) >= count:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _place(
