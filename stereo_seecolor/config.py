@@ -38,6 +38,19 @@ class MatchingConfig(_Stage):
 
     min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, metres; sets the largest disparity searched.")
     max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, metres.")
+    min_confidence: float = Field(
+        default=0.5,
+        ge=0,
+        le=1,
+        description="Pixels less sure than this to be right within one pixel of disparity are left unknown.",
+    )
+    fill: bool = Field(default=False, description="Close the holes with what their neighbours suggest; such pixels are marked.")
+    engine: Literal["sgbm", "onnx"] = Field(
+        default="sgbm", description="sgbm: semi-global matching. onnx: your own stereo network, run by onnxruntime."
+    )
+    model: Path | None = Field(
+        default=None, description="The network of engine onnx: an .onnx file (contract in docs/matching.md)."
+    )
 
 
 class ColorConfig(_Stage):

@@ -16,6 +16,7 @@ Census = NDArray[np.uint32]
 SMOOTHING_PX = 1.0
 """Sigma of the blur before the census, which compares single pixels: without it noise decides the comparisons."""
 
+EDGE_LEVELS = 8
 _REACH = 3
 _PATTERN = np.array(
     [(dy, dx) for dy in (-3, -1, 0, 1, 3) for dx in range(-3, 4) if (dy + dx) % 2 == 0 and (dy, dx) != (0, 0)]
@@ -60,6 +61,31 @@ def mirrored_census(image: Gray, before: int, after: int) -> Census:
     bits = np.zeros((height, before + width + after), np.uint32)
     bits[:, before : before + width] = census(image)[:, ::-1]
     return bits
+
+
+def jump_costs(image: Gray, full: int, least: int) -> NDArray[np.uint16]:
+    """(2, H + 1, W + 1) what a jump of disparity costs from the pixel above, and from the pixel to the left.
+
+    Surfaces end where the image changes (Hirschmueller 2008, section 2.3): ``full`` on even ground, half of it where gray
+    changes by EDGE_LEVELS, never under ``least``.
+    """
+    costs = np.full((2, image.shape[0] + 1, image.shape[1] + 1), full, np.uint16)
+    _jump_costs(image, np.float32(full), np.float32(least), costs)
+    return costs
+
+
+@_compiled
+def _jump_costs(image: Gray, full: np.float32, least: np.float32, costs: NDArray[np.uint16]) -> None:
+    height, width = image.shape
+    scale = np.float32(1 / (256 * EDGE_LEVELS))
+    for y in range(height):
+        here, above = image[y], image[max(y - 1, 0)]
+        for x in range(width):
+            change = abs(np.float32(here[x]) - np.float32(above[x])) * scale
+            costs[0, y, x] = np.uint16(max(full / (np.float32(1) + change), least))
+        for x in range(1, width):
+            change = abs(np.float32(here[x]) - np.float32(here[x - 1])) * scale
+            costs[1, y, x] = np.uint16(max(full / (np.float32(1) + change), least))
 
 
 def _padded(image: Gray) -> Gray:

@@ -2,46 +2,44 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
-from stereo_seecolor.data import Map, Mask, RangeMap, StereoFrame
+from stereo_seecolor.data import Mask, RangeMap, StereoFrame
+from stereo_seecolor.matching import inspection
 from stereo_seecolor.matching.band import Band
-from stereo_seecolor.matching.images import Gray, census, gray, mirrored_census, shrink, smooth
+from stereo_seecolor.matching.confidence import confidence
+from stereo_seecolor.matching.filling import fill
+from stereo_seecolor.matching.images import Gray, gray, shrink, smooth
+from stereo_seecolor.matching.network import Network
 from stereo_seecolor.matching.refine import refine_rows
-from stereo_seecolor.matching.semiglobal import compare_rows, match_rows
+from stereo_seecolor.matching.search import AMBIGUOUS, LARGE_IMAGE_PX, STRIP, Found, search, without_speckles
+from stereo_seecolor.matching.semiglobal import compare_rows
+
+Pair = tuple[Gray, Gray]
 
 UNKNOWN = np.float32(np.nan)
-P1, P2 = 12, 100
-"""What a change of disparity by one, or by more, costs on a path, in bits of the census."""
-STRIP, HALO = 128, 16
-"""Rows of a strip, and rows beyond its ends in which its vertical paths settle."""
-LARGE_IMAGE_PX = 600_000
-SPECKLE_PX = 100
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """disparity: left, NaN at band edges. rival: lead over the next best, as a share of P2. left_right: |left - right|, px."""
-
-    disparity: Map
-    rival: Map
-    left_right: Map
+COARSE_SMOOTHING_PX = 0.7
+SPECKLE_PX, COARSE_SPECKLE_PX = 100, 10
+LEFT_RIGHT_PX = 1.0
+RIVAL_OF_NETWORK = 0.5
+"""A network names no rival; this is what matching gives a good pixel."""
 
 
 class Matcher:
     """Range maps of rectified pairs; built once for a run, safe to call from many threads.
 
     pair: the geometry of the rectified images. seen_left: (H, W) True where the rectified left image shows something.
+    Raises ConfigError or DeviceError for an engine that cannot run.
     """
 
     def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
         self._pair = pair
+        self._config = config
         self._seen_left = seen_left
+        self._network = Network(config.model) if config.engine == "onnx" else None
         width, height = pair.image_size
         limits = pair.disparity_from_depth(np.array([config.max_range_m, config.min_range_m], dtype=np.float32))
         self._lowest = int(np.floor(limits[0]))
@@ -49,67 +47,85 @@ class Matcher:
         self._scale = 4 if width * height > LARGE_IMAGE_PX else 2
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """The range map of a rectified pair (8 or 16 bit RGB); depends on nothing but that pair."""
+        """The range map of a rectified pair (8 or 16 bit RGB); depends on nothing but that pair.
+
+        A pair that cannot be matched gives a map without a known pixel and says why in ``warnings``.
+        """
         with ThreadPoolExecutor(os.cpu_count()) as pool:
-            return self._match(frame, pool)
+            left, right = pool.map(gray, (frame.left, frame.right))
+            small = shrink(left, self._scale), shrink(right, self._scale)
+            reason = inspection.unusable(*small)
+            if reason:
+                return self._unknown(f"{reason}: no range is known")
+            left, right = pool.map(smooth, (left, right))
+            if self._network:
+                return self._range_map(self._predicted(self._network, frame), (left, right), (), pool)
+            found, warnings = self._searched(small, (left, right), pool)
+            return self._range_map(found, (left, right), warnings, pool)
 
-    def _match(self, frame: StereoFrame, pool: ThreadPoolExecutor) -> RangeMap:
-        left, right = pool.map(gray, (frame.left, frame.right))
-        band = self._band(left, right, pool)
-        left, right = pool.map(smooth, (left, right))
-        found = search(left, right, band, pool)
-        disparity = without_speckles(np.where(found.left_right <= 1, found.disparity, UNKNOWN), SPECKLE_PX)
-        if self._seen_left is not None:
-            disparity = np.where(self._seen_left, disparity, UNKNOWN)
-        strips = [(first, min(first + STRIP, disparity.shape[0])) for first in range(0, disparity.shape[0], STRIP)]
-        parts = list(pool.map(lambda rows: refine_rows(left, right, disparity, rows), strips))
-        refined, std = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
-        return self._range_map(refined, std, found)
-
-    def _band(self, left: Gray, right: Gray, pool: ThreadPoolExecutor) -> Band:
-        small = [smooth(shrink(image, self._scale), 0.7) for image in (left, right)]
+    def _searched(self, small: Pair, sharp: Pair, pool: ThreadPoolExecutor) -> tuple[Found, tuple[str, ...]]:
+        """Coarse, to learn where the bottom is and what to warn of; then fine, near it."""
+        small = smooth(small[0], COARSE_SMOOTHING_PX), smooth(small[1], COARSE_SMOOTHING_PX)
         low, high = self._lowest // self._scale, -(-self._highest // self._scale)
-        found = search(small[0], small[1], Band.everywhere(small[0].shape, low, high), pool)
-        coarse = without_speckles(np.where(found.left_right <= 1, found.disparity, UNKNOWN), 10)
-        return Band.around(coarse, self._scale, left.shape, self._lowest, self._highest)
+        coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high), pool)
+        near = without_speckles(np.where(coarse.left_right <= LEFT_RIGHT_PX, coarse.disparity, UNKNOWN), COARSE_SPECKLE_PX)
+        found = search(sharp[0], sharp[1], Band.around(near, self._scale, sharp[0].shape, self._lowest, self._highest), pool)
+        told = (
+            inspection.repeats(coarse.rival, AMBIGUOUS) or inspection.repeats(found.rival, AMBIGUOUS),
+            inspection.one_sided(small[0], near),
+            inspection.misaligned(found.row_shift_px),
+        )
+        return found, tuple(warning for warning in told if warning)
 
-    def _range_map(self, disparity: Map, std: Map, found: Found) -> RangeMap:
+    def _predicted(self, network: Network, frame: StereoFrame) -> Found:
+        """A network's disparity, checked as matching's is: against that of the pair mirrored and swapped."""
+        disparity = network.disparity(frame.left, frame.right)
+        back = np.ascontiguousarray(network.disparity(frame.right[:, ::-1], frame.left[:, ::-1])[:, ::-1])
+        rival = np.full_like(disparity, RIVAL_OF_NETWORK)
+        compare_rows(disparity, rival, back, AMBIGUOUS)
+        return Found(disparity, rival, back)
+
+    def _range_map(self, found: Found, sharp: Pair, warnings: tuple[str, ...], pool: ThreadPoolExecutor) -> RangeMap:
+        """Check, refine, judge, and turn into metres, in strips on the threads of the pool."""
         pair = self._pair
+        checked = without_speckles(np.where(found.left_right <= LEFT_RIGHT_PX, found.disparity, UNKNOWN), SPECKLE_PX)
+        if self._seen_left is not None:
+            checked = np.where(self._seen_left, checked, UNKNOWN)
+        disparity, sure, std = (np.empty(checked.shape, np.float32) for _ in range(3))
+
+        def refine(first: int) -> None:
+            rows = slice(first, min(first + STRIP, checked.shape[0]))
+            refined, std[rows], support, relief = refine_rows(sharp[0], sharp[1], checked, (rows.start, rows.stop))
+            disparity[rows] = checked[rows] if self._network else refined
+            sure[rows] = confidence(std[rows], found.rival[rows], support, relief)
+            disparity[rows][~(sure[rows] >= self._config.min_confidence)] = UNKNOWN
+
+        list(pool.map(refine, range(0, checked.shape[0], STRIP)))
+        filled = np.zeros(disparity.shape, np.bool_)
+        if self._config.fill:
+            whole = fill(disparity)
+            if self._seen_left is not None:
+                whole[~self._seen_left] = UNKNOWN
+            filled = np.isnan(disparity) & np.isfinite(whole)
+            disparity = whole
         depth_m = pair.depth_from_disparity(disparity)
+        depth_m[(depth_m < self._config.min_range_m) | (depth_m > self._config.max_range_m)] = UNKNOWN
+        disparity[np.isnan(depth_m)] = UNKNOWN
         range_m = pair.range_from_depth(depth_m)
-        known = np.isfinite(range_m)
-        confidence = np.where(known, np.exp(-np.where(known, found.left_right, 0)), 0).astype(np.float32)
+        measured = np.isfinite(range_m) & ~filled
+        range_std_m = range_m * depth_m * std * np.float32(1 / (pair.focal_px * pair.baseline_m))
         return RangeMap(
-            disparity=np.where(known, disparity, UNKNOWN),
+            disparity=disparity,
             depth_m=depth_m,
             range_m=range_m,
-            range_std_m=range_m * depth_m / np.float32(pair.focal_px * pair.baseline_m) * std,
-            confidence=confidence,
-            filled=np.zeros(known.shape, dtype=np.bool_),
+            range_std_m=np.where(filled, UNKNOWN, range_std_m),
+            confidence=np.where(measured, sure, np.float32(0)),
+            filled=filled & np.isfinite(range_m),
+            warnings=warnings,
         )
 
-
-def search(left: Gray, right: Gray, band: Band, pool: ThreadPoolExecutor) -> Found:
-    """Match two smoothed images over a band, in strips on the threads of the pool."""
-    height, width = left.shape
-    before = max(0, -int(band.lowest.min()))
-    after = max(0, int((band.lowest + band.count).max()))
-    left_census, right_census = census(left), mirrored_census(right, before, after)
-    disparity, rival, left_right = (np.empty((height, width), np.float32) for _ in range(3))
-
-    def strip(first: int) -> None:
-        end = min(first + STRIP, height)
-        rows = (max(0, first - HALO), first, end, min(height, end + HALO))
-        match_rows(left_census, right_census, before, band.lowest, band.count, rows, P1, P2, disparity, rival, left_right)
-        compare_rows(disparity[first:end], left_right[first:end])
-
-    list(pool.map(strip, range(0, height, STRIP)))
-    return Found(disparity, rival, left_right)
-
-
-def without_speckles(disparity: Map, pixels: int) -> Map:
-    """NaN also where fewer than that many connected pixels share a disparity."""
-    known = np.isfinite(disparity)
-    fixed = np.where(known, disparity * 16, -0x8000).astype(np.int16)
-    cv2.filterSpeckles(fixed, -0x8000, pixels, 16)
-    return np.where(fixed > -0x8000, disparity, UNKNOWN)
+    def _unknown(self, warning: str) -> RangeMap:
+        width, height = self._pair.image_size
+        nothing = np.full((height, width), UNKNOWN)
+        none = np.zeros((height, width), np.float32)
+        return RangeMap(nothing, nothing, nothing, nothing, none, np.zeros((height, width), np.bool_), (warning,))

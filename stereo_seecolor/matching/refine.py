@@ -23,88 +23,106 @@ SAMPLES = WINDOW**2 / (4 * np.pi * SMOOTHING_PX**2)
 _compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 
 
-def refine_rows(left: Gray, right: Gray, disparity: Map, rows: tuple[int, int]) -> tuple[Map, Map]:
-    """Disparity and its standard error, pixels, for rows[0]..rows[1]-1; NaN where disparity (H, W) is.
+def refine_rows(left: Gray, right: Gray, disparity: Map, rows: tuple[int, int]) -> tuple[Map, Map, Map, Map]:
+    """Disparity and its standard error, pixels, support and relief, for rows[0]..rows[1]-1; NaN where disparity (H, W) is.
 
     The residual e = right(x - d) - left(x) and the gradient g of both images are summed over the window, means taken out
     (exposure may differ): the step is cov(g, e) / var(g), its variance that of what is left of e over n var(g). The window
-    sees each neighbour at its own, smoothed disparity, so slopes do no harm.
+    sees each neighbour at its own, smoothed disparity, so slopes do no harm. support: share of the window that is known.
+    relief: |disparity - its mean over the window|, pixels: large beside an edge.
     """
     first, end = max(0, rows[0] - REACH), min(disparity.shape[0], rows[1] + REACH)
     base = _smoothed(disparity[first:end])
-    moments = np.zeros((2, *base.shape, 3), np.float32)
-    _residuals(left[first:end], right[first:end], base, moments[0], moments[1])
-    sums = [cv2.blur(part, (WINDOW, WINDOW), borderType=cv2.BORDER_CONSTANT) for part in moments]
+    moments = np.zeros((7, *base.shape), np.float32)
+    _residuals(left[first:end], right[first:end], base, moments)
+    for moment in moments:
+        cv2.blur(moment, (WINDOW, WINDOW), moment, borderType=cv2.BORDER_CONSTANT)
     inner = slice(rows[0] - first, rows[1] - first)
-    refined = np.empty((rows[1] - rows[0], base.shape[1]), np.float32)
-    std = np.empty_like(refined)
-    _solve(base[inner], sums[0][inner], sums[1][inner], refined, std)
-    return refined, std
+    refined, std, relief = (np.empty((rows[1] - rows[0], base.shape[1]), np.float32) for _ in range(3))
+    _solve(base[inner], moments[:, inner], refined, std, relief)
+    return refined, std, moments[0, inner], relief
 
 
 def _smoothed(disparity: Map) -> Map:
     """Mean over 5 x 5 of the disparities within one pixel of the centre's: steps of matching taken out, edges kept."""
-    across, both = np.empty_like(disparity), np.empty_like(disparity)
-    _mean_near(np.ascontiguousarray(disparity), across, 0, 1)
-    _mean_near(across, both, 1, 0)
+    across, both = disparity.copy(), np.empty_like(disparity)
+    _mean_near(disparity[:, 2:-2], (disparity[:, :-4], disparity[:, 1:-3], disparity[:, 3:-1], disparity[:, 4:]), across[:, 2:-2])
+    padded = np.concatenate([across[:1], across[:1], across, across[-1:], across[-1:]])
+    _mean_near(across, (padded[:-4], padded[1:-3], padded[3:-1], padded[4:]), both)
     return both
 
 
 @_compiled
-def _mean_near(disparity: Map, mean: Map, down: int, across: int) -> None:
-    height, width = disparity.shape
-    for y in range(height):
-        for x in range(width):
-            centre = disparity[y, x]
-            total, count = np.float32(0), np.float32(0)
-            for i in range(-2, 3):
-                row, column = min(max(y + i * down, 0), height - 1), min(max(x + i * across, 0), width - 1)
-                value = disparity[row, column]
-                near = abs(value - centre) < np.float32(1)
-                total += value if near else np.float32(0)
-                count += np.float32(1) if near else np.float32(0)
+def _mean_near(centre: Map, neighbors: tuple[Map, Map, Map, Map], mean: Map) -> None:
+    one, none = np.float32(1), np.float32(0)
+    for y in range(centre.shape[0]):
+        c, n0, n1, n2, n3 = centre[y], neighbors[0][y], neighbors[1][y], neighbors[2][y], neighbors[3][y]
+        for x in range(c.size):
+            here = c[x]
+            near0, near1, near2, near3 = (
+                abs(n0[x] - here) < one,
+                abs(n1[x] - here) < one,
+                abs(n2[x] - here) < one,
+                abs(n3[x] - here) < one,
+            )
+            total = (
+                here
+                + (n0[x] if near0 else none)
+                + (n1[x] if near1 else none)
+                + (n2[x] if near2 else none)
+                + (n3[x] if near3 else none)
+            )
+            count = one + (one if near0 else none) + (one if near1 else none) + (one if near2 else none) + (one if near3 else none)
             mean[y, x] = total / count
 
 
 @_compiled
-def _residuals(left: Gray, right: Gray, disparity: Map, first: NDArray[np.float32], second: NDArray[np.float32]) -> None:
-    """first: 1, g, e; second: g g, g e, e e; zero where nothing is known. Gray levels of 8 bits."""
+def _residuals(left: Gray, right: Gray, disparity: Map, moments: NDArray[np.float32]) -> None:
+    """moments: planes of 1, g, e, g g, g e, e e, d; zero where nothing is known. In gray levels of 8 bits."""
     height, width = disparity.shape
-    scale = np.float32(1 / 256)
+    scale, half = np.float32(1 / 256), np.float32(0.5)
+    one, g, e, gg, ge, ee = moments[0], moments[1], moments[2], moments[3], moments[4], moments[5]
     for y in range(height):
         for x in range(1, width - 1):
             place = np.float32(x) - disparity[y, x]
             if not (place >= 1 and place < width - 3):
                 continue
-            i = int(place)
+            i = np.int32(place)
             t = place - np.float32(i)
             a, b = np.float32(right[y, i - 1]), np.float32(right[y, i])
             c, d = np.float32(right[y, i + 1]), np.float32(right[y, i + 2])
             # Catmull-Rom cubic through b and c
-            c1, c2, c3 = (c - a) / 2, a - np.float32(2.5) * b + 2 * c - d / 2, (d - a) / 2 + np.float32(1.5) * (b - c)
+            c1 = half * (c - a)
+            c2 = a - np.float32(2.5) * b + np.float32(2) * c - half * d
+            c3 = half * (d - a) + np.float32(1.5) * (b - c)
             value = b + t * (c1 + t * (c2 + t * c3))
-            slope = c1 + t * (2 * c2 + 3 * t * c3)
-            left_slope = (np.float32(left[y, x + 1]) - np.float32(left[y, x - 1])) / 2
-            g = (slope + left_slope) / 2 * scale
-            e = (value - np.float32(left[y, x])) * scale
-            first[y, x, 0], first[y, x, 1], first[y, x, 2] = 1, g, e
-            second[y, x, 0], second[y, x, 1], second[y, x, 2] = g * g, g * e, e * e
+            slope = c1 + t * (np.float32(2) * c2 + np.float32(3) * t * c3)
+            left_slope = half * (np.float32(left[y, x + 1]) - np.float32(left[y, x - 1]))
+            gradient = half * scale * (slope + left_slope)
+            residual = scale * (value - np.float32(left[y, x]))
+            one[y, x], g[y, x], e[y, x] = np.float32(1), gradient, residual
+            moments[6, y, x] = disparity[y, x]
+            gg[y, x], ge[y, x], ee[y, x] = gradient * gradient, gradient * residual, residual * residual
 
 
 @_compiled
-def _solve(base: Map, first: NDArray[np.float32], second: NDArray[np.float32], refined: Map, std: Map) -> None:
+def _solve(base: Map, moments: NDArray[np.float32], refined: Map, std: Map, relief: Map) -> None:
     height, width = base.shape
-    prior = np.float32(1 / MATCHING_STD_PX**2)
+    one, largest = np.float32(1), np.float32(LARGEST_STEP_PX)
+    prior, samples = np.float32(1 / MATCHING_STD_PX**2), np.float32(SAMPLES)
     for y in range(height):
+        share_row, g_row, e_row = moments[0, y], moments[1, y], moments[2, y]
+        gg_row, ge_row, ee_row = moments[3, y], moments[4, y], moments[5, y]
         for x in range(width):
-            share = first[y, x, 0]
-            if not np.isfinite(base[y, x]) or share < 0.15:
-                refined[y, x], std[y, x] = base[y, x], np.nan if np.isnan(base[y, x]) else LARGEST_STEP_PX
-                continue
-            g, e = first[y, x, 1] / share, first[y, x, 2] / share
-            gg, ge, ee = second[y, x, 0] / share - g * g, second[y, x, 1] / share - g * e, second[y, x, 2] / share - e * e
-            noise = max(ee - ge * ge / max(gg, np.float32(1e-6)), np.float32(1e-4))
-            information = gg * share * SAMPLES / noise
-            step = ge * share * SAMPLES / noise / (information + prior)
-            refined[y, x] = base[y, x] + min(max(step, -LARGEST_STEP_PX), LARGEST_STEP_PX)
-            std[y, x] = 1 / np.sqrt(information + prior)
+            share = share_row[x]
+            known = one / max(share, np.float32(0.02))
+            g, e = g_row[x] * known, e_row[x] * known
+            gg = max(gg_row[x] * known - g * g, np.float32(1e-6))
+            ge = ge_row[x] * known - g * e
+            noise = max(ee_row[x] * known - e * e - ge * ge / gg, np.float32(1e-4))
+            weight = share * samples / noise
+            information = gg * weight + prior
+            step = ge * weight / information
+            refined[y, x] = base[y, x] + min(max(step, -largest), largest)
+            std[y, x] = one / np.sqrt(information)
+            relief[y, x] = abs(base[y, x] - moments[6, y, x] * known)

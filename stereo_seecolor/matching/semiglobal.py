@@ -46,6 +46,7 @@ def match_rows(
     lowest: NDArray[np.int32],
     count: NDArray[np.int32],
     rows: tuple[int, int, int, int],
+    jump: NDArray[np.uint16],
     P1: int,
     P2: int,
     disparity: Map,
@@ -55,6 +56,7 @@ def match_rows(
     """Fill rows[1]..rows[2]-1 of the three maps from rows[0]..rows[3]-1 of the census images.
 
     left: (H, W). right: (H, offset + W + ...) mirrored, the pixel x at column offset + W - 1 - x, zero where nothing was seen.
+    jump: (2, H + 1, W + 1) what a jump costs from the pixel above, and from the pixel to the left.
     disparity: of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band.
     rival: how much worse the best disparity beyond +-1 is, as a share of P2. back: whole disparity of the right image,
     from the same costs, NaN where no left pixel looked.
@@ -83,7 +85,22 @@ def match_rows(
             inside = first <= y < end
             row_place = row_places[y - first] if inside else -1
             _follow(
-                sweep, left[y], right[y], origin, band, before, along, along_next, row_place, paths, floors, cost, total, P1, P2
+                sweep,
+                left[y],
+                right[y],
+                origin,
+                band,
+                before,
+                along,
+                along_next,
+                row_place,
+                paths,
+                floors,
+                cost,
+                total,
+                jump[0, y + sweep],
+                jump[1, y],
+                P1,
             )
             along, along_next, before = along_next, along, band
             if sweep == 1 and inside:
@@ -114,7 +131,7 @@ def _scratch(most: int) -> int:
 @_compiled
 def _follow(
     sweep: int, bits: Any, others: Any, origin: int, band: Any, band_before: Any, along: int, along_next: int, row_place: int,
-    paths: Any, floors: Any, cost: Any, total: Any, P1: int, P2: int,
+    paths: Any, floors: Any, cost: Any, total: Any, jump_along: Any, jump_across: Any, P1: int,
 ) -> None:  # fmt: skip
     """Take the vertical path from the row before to this one and, for a row inside the strip, the horizontal one along it.
 
@@ -123,7 +140,7 @@ def _follow(
     """
     width = bits.size
     across, across_next = SHIFTED + cost.size + 2, SHIFTED + 2 * (cost.size + 2)
-    p1, p2 = np.uint16(P1), np.uint16(P2)
+    p1 = np.uint16(P1)
     floor, low_before, count_before = np.uint16(0), 0, 0
     for column in range(width):
         x = column if sweep == 0 else width - 1 - column
@@ -135,13 +152,13 @@ def _follow(
         before, now = along + band_before[2, x], along_next + place
         if low != band_before[0, x] or count != band_before[1, x]:
             before = _shift(paths, before, band_before[0, x], band_before[1, x], low, count)
-        floors[x] = _advance(paths, before, cost, now, count, floors[x], p1, p2)
+        floors[x] = _advance(paths, before, cost, now, count, floors[x], p1, jump_along[x])
         if row_place < 0:
             continue
         before = across
         if low != low_before or count != count_before:
             before = _shift(paths, across, low_before, count_before, low, count)
-        floor = _advance(paths, before, cost, across_next, count, floor, p1, p2)
+        floor = _advance(paths, before, cost, across_next, count, floor, p1, jump_across[x + sweep])
         low_before, count_before = low, count
         at = row_place + place
         if sweep == 0:
@@ -208,23 +225,29 @@ def _winner(total: NDArray[np.uint16], at: int, low: int, count: int, scale: Any
     second = int(smallest_but(total, at, np.int16(best)))
     for k in range(LANES, count, LANES):
         second = min(second, int(smallest_but(total, at + k, np.int16(best - k))))
+    lead = np.float32(second - least) * scale
     if best == 0 or best == count - 1:
-        return np.float32(np.nan), np.float32(0)
+        return np.float32(np.nan), lead
     below, above = np.int32(total[at + best - 1]), np.int32(total[at + best + 1])
     bend = np.float32(max(below, above) - least)
     fraction = np.float32(0.5) * np.float32(below - above) / bend if bend > 0 else np.float32(0)
-    return np.float32(low + best) + fraction, np.float32(second - least) * scale
+    return np.float32(low + best) + fraction, lead
 
 
 @_compiled
-def compare_rows(disparity: Map, back: Map) -> None:
-    """Replace back, the disparity of the right image, by |disparity - back there|; inf where either is unknown."""
+def compare_rows(disparity: Map, rival: Map, back: Map, least: float) -> None:
+    """Replace back, the disparity of the right image, by |disparity - back there|; inf where either is unknown.
+
+    disparity becomes NaN where its lead over its rival is under ``least``.
+    """
     height, width = disparity.shape
     right = np.empty(width, np.float32)
     for y in range(height):
         right[:] = back[y]
         for x in range(width):
             back[y, x] = np.inf
+            if rival[y, x] < least:
+                disparity[y, x] = np.nan
             if np.isfinite(disparity[y, x]):
                 met = int(np.rint(x - disparity[y, x]))
                 if 0 <= met < width and np.isfinite(right[met]):

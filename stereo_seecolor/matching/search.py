@@ -1,0 +1,91 @@
+"""Match two images over a band of disparities: census, semi-global matching in strips, and the checks on what it finds."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.data import Map
+from stereo_seecolor.matching.band import WIDENING, Band
+from stereo_seecolor.matching.images import Gray, census, jump_costs, mirrored_census
+from stereo_seecolor.matching.inspection import row_shift_px
+from stereo_seecolor.matching.semiglobal import TILE, compare_rows, match_rows
+
+UNKNOWN = np.float32(np.nan)
+P1, P2, P2_LEAST = 12, 100, 15
+"""What a change of disparity by one, or by more (on even ground, on an edge), costs on a path, in bits of the census."""
+STRIP, HALO = 128, 16
+"""Rows of a strip, and rows beyond its ends in which its vertical paths settle."""
+LARGE_IMAGE_PX = 600_000
+AMBIGUOUS = 0.05
+"""Lead over the next best, as a share of P2, below which a pixel matches both."""
+TOO_NARROW_TILE, TOO_NARROW_STRIP = 0.5, 0.01
+"""Share of a tile's pixels that end on the edge of its band, and share of such tiles, with which a strip is searched again."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """What a search found for the left image.
+
+    disparity: pixels, NaN where the best lies on the edge of its band or another is as good. rival: lead over the next best, as
+    a share of P2. left_right: |left - right disparity|, pixels, inf where there is none.
+    row_shift_px: how far the rows of the right image lie below the left's.
+    """
+
+    disparity: Map
+    rival: Map
+    left_right: Map
+    row_shift_px: float = 0.0
+
+
+def search(left: Gray, right: Gray, band: Band, pool: ThreadPoolExecutor) -> Found:
+    """Match two smoothed images over a band, in strips on the threads of the pool.
+
+    Where a strip's tiles end on the edges of their bands, these are widened and the strip is searched once more.
+    """
+    height, width = left.shape
+    before = max(0, WIDENING - int(band.lowest.min()))
+    after = max(0, int((band.lowest + band.count).max())) + WIDENING
+    left_census, right_census = pool.map(lambda job: job(), (lambda: census(left), lambda: mirrored_census(right, before, after)))
+    jump = jump_costs(left, P2, P2_LEAST)
+    disparity, rival, left_right = (np.empty((height, width), np.float32) for _ in range(3))
+
+    def strip(first: int) -> None:
+        end = min(first + STRIP, height)
+        rows = (max(0, first - HALO), first, end, min(height, end + HALO))
+
+        def match(band: Band) -> None:
+            lowest, count = band.lowest, band.count
+            match_rows(left_census, right_census, before, lowest, count, rows, jump, P1, P2, disparity, rival, left_right)
+
+        match(band)
+        narrow = _too_narrow(disparity, first, end, band.lowest.shape)
+        if narrow.sum() > TOO_NARROW_STRIP * (-(-(end - first) // TILE) * narrow.shape[1]):
+            match(band.widened(narrow))
+        compare_rows(disparity[first:end], rival[first:end], left_right[first:end], AMBIGUOUS)
+
+    list(pool.map(strip, range(0, height, STRIP)))
+    return Found(disparity, rival, left_right, row_shift_px(left_census, right_census, before + width - 1, disparity))
+
+
+def _too_narrow(disparity: Map, first: int, end: int, tiles: tuple[int, int]) -> NDArray[np.bool_]:
+    """Tiles of the rows first..end-1 most of whose pixels ended on the edge of their band."""
+    lost = np.zeros((-(-(end - first) // TILE) * TILE, tiles[1] * TILE), np.bool_)
+    lost[: end - first, : disparity.shape[1]] = np.isnan(disparity[first:end])
+    narrow = np.zeros(tiles, np.bool_)
+    share = lost.reshape(-1, TILE, tiles[1], TILE).mean(axis=(1, 3))
+    narrow[first // TILE : first // TILE + share.shape[0]] = share > TOO_NARROW_TILE
+    return narrow
+
+
+def without_speckles(disparity: Map, pixels: int) -> Map:
+    """NaN also where fewer than that many connected pixels share a disparity; large images are judged on every second pixel."""
+    every = 2 if disparity.size > LARGE_IMAGE_PX else 1
+    thin = disparity[::every, ::every]
+    fixed = np.where(np.isfinite(thin), thin * 16, -0x8000).astype(np.int16)
+    kept = fixed.copy()
+    cv2.filterSpeckles(kept, -0x8000, pixels // every**2, 16)
+    speckle = (kept != fixed).repeat(every, axis=0).repeat(every, axis=1)
+    return np.where(speckle[: disparity.shape[0], : disparity.shape[1]], UNKNOWN, disparity)

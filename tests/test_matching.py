@@ -1,0 +1,204 @@
+"""Range maps against known truth, and what comes out of pairs that cannot be matched."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from matching_scenes import Scene, render
+
+from calibration import RectifiedPair
+from stereo_seecolor.config import MatchingConfig
+from stereo_seecolor.data import RangeMap, StereoFrame
+from stereo_seecolor.matching.matcher import Matcher
+
+CONFIG = MatchingConfig(min_range_m=0.8)
+
+
+@lru_cache
+def scene(**options: float) -> Scene:
+    return render(**{"image_size": (480, 384), "relief_m": 0.5, "seed": 3} | options)
+
+
+def match(scene: Scene, config: MatchingConfig = CONFIG) -> RangeMap:
+    return Matcher(scene.pair, config).match(scene.frame)
+
+
+def swapped(scene: Scene, left: np.ndarray, right: np.ndarray) -> Scene:
+    return replace(scene, frame=StereoFrame("pair", left, right))
+
+
+def bad_share(found: RangeMap, scene: Scene, px: float) -> float:
+    error = np.abs(found.disparity - scene.disparity)[np.isfinite(found.disparity)]
+    return float((error > px).mean())
+
+
+def test_clear_water_is_dense_and_right() -> None:
+    found = match(scene())
+    assert np.isfinite(found.range_m)[scene().both].mean() > 0.93
+    assert bad_share(found, scene(), 1.0) < 0.015
+    known = np.isfinite(found.range_m)
+    truth_m = scene().pair.range_from_depth(scene().depth_m)
+    assert np.median(np.abs(found.range_m / truth_m - 1)[known]) < 0.003
+    assert found.warnings == ()
+
+
+def test_maps_agree_with_one_another() -> None:
+    found, pair = match(scene()), scene().pair
+    known = np.isfinite(found.disparity)
+    assert np.array_equal(known, np.isfinite(found.range_m)) and np.array_equal(known, np.isfinite(found.range_std_m))
+    assert np.array_equal(known, found.confidence > 0)
+    np.testing.assert_allclose(found.depth_m[known], pair.depth_from_disparity(found.disparity)[known])
+    assert np.all(found.range_m[known] >= found.depth_m[known])
+    assert not found.filled.any()
+
+
+def test_principal_points_may_differ() -> None:
+    moved = scene(doffs_px=11.0)
+    found = match(moved)
+    assert np.nanmedian(np.abs(found.depth_m / moved.depth_m - 1)) < 0.003
+
+
+@pytest.mark.parametrize("altitude_m", [1.0, 2.0, 4.0])
+def test_flat_bottom_has_no_bias(altitude_m: float) -> None:
+    flat = scene(altitude_m=altitude_m, relief_m=0.0)
+    found = match(flat, MatchingConfig(min_range_m=0.7))
+    assert abs(np.nanmedian(found.depth_m / flat.depth_m) - 1) < 0.003
+
+
+def test_fractions_of_disparity_are_not_locked_to_whole_pixels() -> None:
+    slope = scene(relief_m=0.05, tilt=0.5)
+    found = match(slope)
+    known = np.isfinite(found.disparity)
+    histogram = [np.histogram(d[known] % 1, 10, (0, 1))[0] for d in (found.disparity, slope.disparity)]
+    assert np.all(np.abs(histogram[0] / histogram[1] - 1) < 0.2)
+
+
+def test_standard_error_is_that_of_the_range() -> None:
+    hazy = scene(haze_per_m=0.4, noise=2.0)
+    found = match(hazy)
+    truth_m = hazy.pair.range_from_depth(hazy.depth_m)
+    z = ((found.range_m - truth_m) / found.range_std_m)[hazy.both & np.isfinite(found.range_m)]
+    assert 0.5 < 1.4826 * np.median(np.abs(z)) < 1.5
+
+
+def test_confidence_means_what_it_says() -> None:
+    hazy = scene(haze_per_m=0.7, noise=2.5, seed=8)
+    found = match(hazy, MatchingConfig(min_range_m=0.8, min_confidence=0.0))
+    right = np.abs(found.disparity - hazy.disparity) <= 1
+    sure = (found.confidence > 0.85) & (found.confidence < 0.95)
+    assert sure.sum() > 2000
+    assert 0.82 < right[sure].mean() < 0.99
+    unsure = (found.confidence > 0) & (found.confidence < 0.5)
+    assert right[unsure].mean() < 0.7
+
+
+def test_exposure_may_differ() -> None:
+    darker = swapped(scene(), scene().frame.left, (scene().frame.right * 0.6 + 8).astype(np.uint8))
+    found = match(darker)
+    assert np.isfinite(found.range_m)[scene().both].mean() > 0.9
+    assert bad_share(found, scene(), 1.0) < 0.02
+
+
+def test_sixteen_bits_hold_the_same_scene() -> None:
+    wide = swapped(scene(), *(image.astype(np.uint16) * 257 for image in (scene().frame.left, scene().frame.right)))
+    both = match(wide), match(scene())
+    np.testing.assert_allclose(both[0].disparity, both[1].disparity, atol=0.1)
+
+
+def test_order_and_threads_do_not_matter() -> None:
+    scenes = [scene(), scene(haze_per_m=0.4, noise=2.0)]
+    matcher = Matcher(scene().pair, CONFIG)
+    alone = [Matcher(s.pair, CONFIG).match(s.frame) for s in scenes]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda s: matcher.match(s.frame), [scenes[1], scenes[0], scenes[1], scenes[0]]))
+    for found, expected in zip(together, [alone[1], alone[0], alone[1], alone[0]], strict=True):
+        np.testing.assert_array_equal(found.range_m, expected.range_m)
+        np.testing.assert_array_equal(found.confidence, expected.confidence)
+
+
+def test_what_the_left_camera_did_not_see_is_unknown() -> None:
+    seen = np.ones(scene().disparity.shape, np.bool_)
+    seen[:, 200:230] = False
+    for fill in (False, True):
+        found = Matcher(scene().pair, MatchingConfig(min_range_m=0.8, fill=fill), seen).match(scene().frame)
+        assert np.isnan(found.range_m[~seen]).all() and np.isfinite(found.range_m[seen]).mean() > 0.8
+
+
+def test_ranges_outside_the_limits_are_unknown() -> None:
+    found = match(scene(), MatchingConfig(min_range_m=0.8, max_range_m=2.0))
+    assert np.nanmax(found.depth_m) <= 2.0
+
+
+def test_filling_is_marked_and_leaves_the_measured_alone() -> None:
+    measured, filled = match(scene()), match(scene(), MatchingConfig(min_range_m=0.8, fill=True))
+    known = np.isfinite(measured.range_m)
+    np.testing.assert_array_equal(filled.range_m[known], measured.range_m[known])
+    np.testing.assert_array_equal(filled.filled, np.isfinite(filled.range_m) & ~known)
+    assert np.isfinite(filled.range_m).mean() > 0.98
+    assert np.all(filled.confidence[filled.filled] == 0) and np.isnan(filled.range_std_m[filled.filled]).all()
+    np.testing.assert_array_equal(filled.measured_m, measured.range_m)
+
+
+@pytest.mark.parametrize(
+    ("value", "complaint"), [(0, "the left image is black"), (255, "the left image is saturated"), (90, "the left image is uniform")]
+)
+def test_empty_images_are_named(value: int, complaint: str) -> None:
+    empty = swapped(scene(), np.full_like(scene().frame.left, value), scene().frame.right)
+    found = match(empty)
+    assert found.warnings == (f"{complaint}: no range is known",) or complaint in found.warnings[0]
+    assert np.isnan(found.range_m).all() and not found.confidence.any()
+
+
+def test_one_image_twice_is_named() -> None:
+    found = match(swapped(scene(), scene().frame.left, scene().frame.left))
+    assert "same image" in found.warnings[0] and np.isnan(found.range_m).all()
+
+
+@pytest.mark.parametrize("period_px", [12, 24, 40])
+def test_repeated_stripes_are_not_noise(period_px: int) -> None:
+    wave = (128 + 80 * np.sin(2 * np.pi * np.arange(480 + 30) / period_px)).astype(np.uint8)
+    left, right = (np.repeat(np.tile(w, (384, 1))[..., None], 3, axis=2) for w in (wave[:480], wave[30:]))
+    found = match(swapped(scene(), left, right))
+    assert any("repeats" in warning for warning in found.warnings)
+    assert np.isfinite(found.range_m).mean() < 0.05
+
+
+def test_a_fish_that_one_camera_sees_is_a_hole() -> None:
+    left = scene().frame.left.copy()
+    fish = np.zeros(left.shape[:2], np.uint8)
+    cv2.ellipse(fish, (260, 200), (50, 22), 10, 0, 360, 1, -1)
+    scales = np.random.default_rng(1).integers(60, 220, left.shape).astype(np.uint8)
+    left[fish == 1] = cv2.GaussianBlur(scales, (0, 0), 1.5)[fish == 1]
+    found = match(swapped(scene(), left, scene().frame.right))
+    inside = cv2.erode(fish, np.ones((9, 9), np.uint8)) == 1
+    assert np.isfinite(found.range_m[inside]).mean() < 0.1
+    assert any("no counterpart" in warning for warning in found.warnings)
+
+
+def test_rows_that_do_not_correspond_are_reported() -> None:
+    right = np.roll(scene().frame.right, 2, axis=0)
+    found = match(swapped(scene(), scene().frame.left, right))
+    (complaint,) = [warning for warning in found.warnings if "px apart" in warning]
+    assert 1.5 < float(complaint.split()[6]) < 2.5
+
+
+def test_unrelated_images_give_next_to_nothing() -> None:
+    found = match(swapped(scene(), scene().frame.left, scene(seed=4).frame.right[::-1]))
+    assert np.isfinite(found.range_m).mean() < 0.05
+
+
+@pytest.mark.real_data
+def test_teddy(real_data: Path) -> None:
+    left, right = (cv2.imread(str(real_data / "teddy" / f"{side}.png"))[..., ::-1].copy() for side in ("left", "right"))
+    truth = cv2.imread(str(real_data / "teddy" / "disparity_x4.pgm"), cv2.IMREAD_GRAYSCALE) / np.float32(4)
+    height, width = truth.shape
+    pair = RectifiedPair(500.0, width / 2, width / 2, height / 2, 0.1, (width, height))
+    for fill, coverage, bad in ((False, 0.84, 0.037), (True, 0.97, 0.073)):
+        found = Matcher(pair, MatchingConfig(min_range_m=50 / 64, fill=fill)).match(StereoFrame("teddy", left, right))
+        known = (truth > 0) & np.isfinite(found.disparity)
+        assert known.sum() / (truth > 0).sum() > coverage
+        assert (np.abs(found.disparity - truth) > 2)[known].mean() < bad
