@@ -110,9 +110,12 @@ def test_gain_stops_where_noise_would_pass_the_stated_level_and_says_where():
     found = Corrector(ColorConfig(output_noise=0.1)).apply(image, range_m, water, exposure=1.0)
     assert found.unrecoverable[:, -1].all()
     assert not found.unrecoverable[:, 0].any()
-    noise = 0.006 * 0.9  # of full scale; the slope of the decoding at mid-gray is about 0.9
-    begins = range_m[0, found.unrecoverable[0].argmax()]
-    assert begins == pytest.approx(np.log(0.1 / noise), rel=0.1)
+    begins = found.unrecoverable[0].argmax()
+    gain = np.exp(range_m[0, begins])
+    seen = encode(0.18 / gain, "srgb")  # a mid-gray surface there, as the camera encodes it
+    darker, brighter = decode(seen + np.array([-0.003, 0.003]), "srgb")
+    slope = (brighter - darker) / 0.006
+    assert gain * slope * 0.006 == pytest.approx(0.1, rel=0.1)
     free = Corrector(ColorConfig(output_noise=1e9)).apply(image, range_m, water, exposure=1.0)
     assert not free.unrecoverable.any()
 

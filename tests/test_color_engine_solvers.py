@@ -156,6 +156,7 @@ def test_real_frames_come_out_whole(real_data):
 def test_dense_solver_is_the_paper_s_whatever_the_objective():
     image, range_m = scene(0, (20, 30))
     few = {"solver": "dense", "first_steps": 3, "device": "cpu"}
-    ours, paper = (Corrector(ColorConfig(objective=objective, **few)).fit_frame(image, range_m) for objective in ("robust", "paper"))
+    configs = [ColorConfig(objective=objective, **few) for objective in ("robust", "paper")]
+    ours, paper = (Corrector(config).fit_frame(image, range_m) for config in configs)
     assert np.array_equal(ours.w, paper.w)
     assert np.array_equal(ours.white, np.ones(3))

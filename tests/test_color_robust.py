@@ -210,7 +210,7 @@ def test_real_frames_have_no_bands_of_color(real_data: Path) -> None:
         range_m = cv2.imread(str(real_data / "flsea" / "range" / f"{path.stem}.tif"), cv2.IMREAD_UNCHANGED)
         corrector = Corrector(CONFIG)
         table = corrector.measure(image, range_m)
-        light = corrector.apply_linear(image, range_m, corrector.fit(table), table)
+        light = corrector.apply_linear(image, range_m, corrector.fit(table))
         known = range_m > 0
         edges = np.quantile(range_m[known], np.linspace(0, 1, 13))
         means = np.stack([light[known & (range_m >= a) & (range_m <= b)].mean(axis=0) for a, b in itertools.pairwise(edges)])

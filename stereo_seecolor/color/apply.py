@@ -7,19 +7,17 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.encoding import decoded_values, encoding_curve
 from stereo_seecolor.color.gains import Gains, gains
-from stereo_seecolor.color.tables import MomentTable, range_bits
+from stereo_seecolor.color.tables import range_bits
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Correction, Image, Map, Water
 
 
-def correct(
-    image: Image, range_m: Map, water: Water, table: MomentTable, config: ColorConfig, exposure: float | None = None
-) -> Correction:
+def correct(image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig) -> Correction:
     """The image without its water, at its own size and bit depth; black where the range is unknown, unless the config says else."""
     bits = range_bits(image, range_m)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
-    by_level = gains(table, water, config, exposure)
-    depth, encoding = table.bit_depth, config.input_encoding
+    by_level = gains(water, config, exposure)
+    depth, encoding = 8 * image.dtype.itemsize, config.input_encoding
     out, unknown, beyond, clipped = _apply(
         flat, bits, by_level, decoded_values(depth, encoding), encoding_curve(depth, encoding), config
     )
@@ -33,18 +31,16 @@ def correct(
         unrecoverable=beyond.reshape(shape),
         clipped_share=clipped / max(unknown.size - int(np.count_nonzero(unknown)), 1),
         water=water,
-        exposure=by_level.exposure,
+        exposure=exposure,
         warnings=water.warnings,
     )
 
 
-def correct_linear(
-    image: Image, range_m: Map, water: Water, table: MomentTable, config: ColorConfig, exposure: float = 1.0
-) -> NDArray[np.float32]:
+def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig) -> NDArray[np.float32]:
     """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
-    by_level = gains(table, water, config, exposure)
+    by_level = gains(water, config, exposure)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
-    decoded = decoded_values(table.bit_depth, config.input_encoding)
+    decoded = decoded_values(8 * image.dtype.itemsize, config.input_encoding)
     if config.device == "cuda":
         from stereo_seecolor.color import tensors
         from stereo_seecolor.color.device import find_device

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color import tables
 from stereo_seecolor.color.apply import correct, correct_linear
 from stereo_seecolor.color.evidence import doubts
+from stereo_seecolor.color.gains import clipping_exposure
 from stereo_seecolor.color.parameters import clear_water
 from stereo_seecolor.color.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.tables import MomentTable
@@ -77,18 +78,20 @@ class Corrector:
     ) -> Correction:
         """The image in its true colours, at its own size and bit depth.
 
-        table: what ``measure`` gave for this image, if at hand. exposure: the brightness; None lets ``config.clipped_share`` of the
-        pixels clip. Raises ColorError where image and range map do not belong together, or the water is of another encoding.
+        table: what ``measure`` gave for this image, if at hand. exposure: the brightness; None is the water's, or else the one that
+        lets ``config.clipped_share`` of the pixels clip.
+        Raises ColorError where image and range map do not belong together, or the water is of another encoding.
         """
         self._check(water)
-        return correct(image, range_m, water, table or self.measure(image, range_m), self.config, exposure)
+        exposure = water.exposure if exposure is None else exposure
+        if exposure is None:
+            exposure = clipping_exposure(table or self.measure(image, range_m), water, self.config)
+        return correct(image, range_m, water, exposure, self.config)
 
-    def apply_linear(
-        self, image: Image, range_m: Map, water: Water, table: MomentTable | None = None, exposure: float = 1.0
-    ) -> NDArray[np.float32]:
+    def apply_linear(self, image: Image, range_m: Map, water: Water, exposure: float = 1.0) -> NDArray[np.float32]:
         """(H, W, 3) float32 corrected linear light, unclipped and not encoded; 0 where the range is unknown."""
         self._check(water)
-        return correct_linear(image, range_m, water, table or self.measure(image, range_m), self.config, exposure)
+        return correct_linear(image, range_m, water, exposure, self.config)
 
     def _check(self, water: Water) -> None:
         if water.input_encoding != self.config.input_encoding:

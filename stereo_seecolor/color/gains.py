@@ -5,10 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.encoding import decode, decoded_bins
+from stereo_seecolor.color.encoding import decode, decoded_bins, encode
 from stereo_seecolor.color.tables import LEVELS, MomentTable, level_edges_m
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Water
+
+MID_GRAY = 0.18
+"""Linear light of a surface in the middle of the grays."""
 
 FINE = 4
 FINE_LEVELS = FINE * LEVELS
@@ -19,13 +22,12 @@ FINE_LEVELS = FINE * LEVELS
 class Gains:
     """J = gain I - offset for each channel and fine level of range; capped: where noise allowed no more gain.
 
-    gain, offset: (3, 1024) float32, of full scale. capped: (1024,) bool. exposure: what they hold of it.
+    gain, offset: (3, 1024) float32, of full scale. capped: (1024,) bool.
     """
 
     gain: NDArray[np.float32]
     offset: NDArray[np.float32]
     capped: NDArray[np.bool_]
-    exposure: float
 
 
 def fine_ranges_m() -> NDArray[np.float64]:
@@ -35,29 +37,20 @@ def fine_ranges_m() -> NDArray[np.float64]:
     return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())
 
 
-def gains(table: MomentTable, water: Water, config: ColorConfig, exposure: float | None = None) -> Gains:
-    """What takes this water out of the table's image.
-
-    exposure None: the water's own, or else the one that lets ``config.clipped_share`` of the pixels clip.
-    """
+def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
+    """What takes this water out and shows the scene at this exposure."""
     gain, offset = _unexposed(water)
-    exposure = water.exposure if exposure is None else exposure
-    if exposure is None:
-        exposure = _clipping_exposure(table, gain, offset, config)
-    most = config.output_noise / exposure / _noise(table, config)[:, None]
+    most = config.output_noise / exposure / _noise(water, config, exposure)
     share = np.minimum(1.0, most / gain)  # of the gain that is wanted
     gain, offset = gain * share * exposure, offset * share * exposure
-    return Gains(gain.astype(np.float32), offset.astype(np.float32), np.any(share < 1, axis=0), exposure)
+    return Gains(gain.astype(np.float32), offset.astype(np.float32), np.any(share < 1, axis=0))
 
 
 def clipping_exposure(table: MomentTable, water: Water, config: ColorConfig) -> float:
     """The exposure at which at most ``config.clipped_share`` of the pixels have a channel at full scale; 1 for a black image."""
-    return _clipping_exposure(table, *_unexposed(water), config)
-
-
-def _clipping_exposure(table: MomentTable, gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig) -> float:
     from stereo_seecolor.color import kernels
 
+    gain, offset = _unexposed(water)
     occupied = np.flatnonzero(table.pixels)
     middle = occupied * FINE + FINE // 2
     light = decoded_bins(table.bit_depth, config.input_encoding)
@@ -76,10 +69,12 @@ def _unexposed(water: Water) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return gain, gain * water.backscatter(z).T
 
 
-def _noise(table: MomentTable, config: ColorConfig) -> NDArray[np.float64]:
-    """(3,) noise of a channel in linear light: the config's, times the slope of the decoding at the channel's mean value."""
-    total = max(int(table.pixels.sum()), 1)
-    mean = table.counts.sum(axis=1) @ table.values / total
-    step = 0.5 * config.input_noise
-    slope = (decode(mean + step, config.input_encoding) - decode(mean - step, config.input_encoding)) / (2 * step)
+def _noise(water: Water, config: ColorConfig, exposure: float) -> NDArray[np.float64]:
+    """(3, 1024) noise in linear light of a surface that comes out mid-gray: the config's, times the slope of the decoding there."""
+    z = fine_ranges_m()
+    light = water.backscatter(z) + water.attenuation(z) * water.white * (MID_GRAY / exposure)
+    value, step = encode(np.clip(light, 0, 1), config.input_encoding).T, 0.5 * config.input_noise
+    if config.input_encoding == "linear":  # encode() is for the output, and linear input has one slope everywhere
+        return np.full(value.shape, config.input_noise)
+    slope = (decode(value + step, config.input_encoding) - decode(value - step, config.input_encoding)) / (2 * step)
     return np.asarray(slope * config.input_noise)
