@@ -2,6 +2,7 @@
 
 import dataclasses
 
+import cv2
 import numpy as np
 import pytest
 from mapping_scene import ReefFrames
@@ -66,6 +67,19 @@ def test_a_frame_that_shows_nothing_is_named_and_the_rest_goes_on(reef: ReefFram
     placement = estimate([*frames[:3], blank(frames[3]), *frames[4:]], reef, ALONE)
     assert [u.name for u in placement.unplaced] == [frames[3].name]
     assert placement.pieces.tolist() == [0, 0, 0, -1] + [0] * 8
+
+
+def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    rng = np.random.default_rng(2)
+    holed = []
+    for frame in frames[:6]:
+        hole = cv2.resize((rng.random((13, 16)) < 0.35).astype(np.uint8), (256, 208), interpolation=cv2.INTER_NEAREST) > 0
+        color = np.where(hole[..., None], np.uint8(0), frame.color)
+        holed.append(dataclasses.replace(frame, color=color, range_m=np.where(hole, np.float32(np.nan), frame.range_m)))
+    placement = estimate(holed, reef, ALONE)
+    assert placement.pieces.tolist() == [0] * 6
+    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:6, :3, 3])
+    assert error.rms_m < 0.03
 
 
 def test_a_long_blank_stretch_breaks_the_map_in_two(reef: ReefFrames, frames: list[SurveyFrame]) -> None:

@@ -12,6 +12,7 @@ from stereo_seecolor.data import SurveyFrame
 MAX_FEATURES = 1000
 MAX_WIDTH_PX = 960
 WINDOW_PX = 5
+FILL_PX = (9, 33, 129, 513)
 LATERAL_STD_PX = 0.7
 
 
@@ -27,14 +28,14 @@ class Features:
 
 def detect(frame: SurveyFrame, pair: RectifiedPair) -> Features:
     """SIFT (Lowe 2004) on the locally equalised gray image, kept where the range is measured and smooth all around."""
-    gray = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
+    gray = _gray(frame.color)
     scale = min(1.0, MAX_WIDTH_PX / gray.shape[1])
     if scale < 1:
         gray = cv2.resize(gray, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     gray = cv2.createCLAHE(clipLimit=4.0, tileGridSize=(8, 8)).apply(gray)
     range_m, std_m, usable = _smooth_range(frame)
     mask = cv2.resize(usable.astype(np.uint8), gray.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=0.02)
+    sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=0.01)
     keypoints, descriptors = sift.detectAndCompute(gray, mask)
     if not keypoints:
         return Features(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 128), np.uint8))
@@ -52,6 +53,21 @@ def detect(frame: SurveyFrame, pair: RectifiedPair) -> Features:
     outer = rays[:, :, None] * rays[:, None, :]
     covariance = across[:, None, None] * (np.eye(3) - outer) + along[:, None, None] * outer
     return Features(pixels, rays * distance_m[:, None], covariance, np.rint(descriptors[good]).astype(np.uint8))
+
+
+def _gray(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Gray, with what was painted black for want of a range filled in smoothly: its rim is no thing on the bottom."""
+    gray: NDArray[np.uint8] = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
+    known = (gray > 0).astype(np.float32)
+    filled = gray.astype(np.float32)
+    for width in FILL_PX:
+        share = cv2.blur(known, (width, width))
+        mean = cv2.blur(filled * known, (width, width)) / np.maximum(share, 1e-6)
+        filled = np.where((known == 0) & (share > 0.02), mean, filled)
+        known = np.where(share > 0.02, np.float32(1), known)
+        if known.all():
+            break
+    return np.rint(filled).astype(np.uint8)
 
 
 def _smooth_range(frame: SurveyFrame) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.bool_]]:
