@@ -170,10 +170,12 @@ def _look(
     u, v = np.where(inside, u, 0), np.where(inside, v, 0)
     color = cv2.remap(frame.color, u, v, cv2.INTER_LINEAR).astype(np.float32)
     measured = cv2.remap(frame.range_m, u, v, cv2.INTER_NEAREST)
+    # Where the range is unknown the frame may be painted black: such a pixel must not bleed into its neighbours.
+    whole = cv2.remap(np.isfinite(frame.range_m).astype(np.float32), u, v, cv2.INTER_LINEAR) > 0.999
     distance = np.sqrt(local[..., 0] ** 2 + local[..., 1] ** 2 + local[..., 2] ** 2)
     with np.errstate(invalid="ignore"):
         hidden = np.abs(measured - distance) > HIDDEN_M + 0.02 * distance  # something stands before it, or it moved
-        seen = inside & ~hidden & np.isfinite(measured)
+        seen = inside & ~hidden & whole
         offset = points - T_world_camera[:3, 3]
         cost = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)
     cost += CLIPPED_COST * (np.maximum(np.maximum(color[..., 0], color[..., 1]), color[..., 2]) >= 254)
