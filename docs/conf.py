@@ -8,8 +8,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from sphinx.application import Sphinx
 
-from stereo_seecolor import __version__
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.version import __version__
 
 project = "stereo-seecolor"
 author = "the stereo-seecolor authors"

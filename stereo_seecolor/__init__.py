@@ -3,10 +3,10 @@
 >>> from stereo_seecolor import Pipeline, run  # doctest: +SKIP
 """
 
-from importlib.metadata import version
 from typing import Any
 
-__version__ = version("stereo-seecolor")
+from stereo_seecolor.version import __version__
+
 __all__ = ["Pipeline", "__version__", "run"]
 
 

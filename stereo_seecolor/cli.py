@@ -50,7 +50,7 @@ DEFAULT_WORKERS = min(os.cpu_count() or 1, 8)
 def version_option(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
     """Options before a command."""
     if version:
-        from stereo_seecolor import __version__
+        from stereo_seecolor.version import __version__
 
         print(__version__)
         raise typer.Exit
@@ -407,10 +407,10 @@ def _evaluate_charts(
     if as_json:
         print(json.dumps({**asdict(report), "sheet": str(sheet), "means": [asdict(row) for row in report.means()]}))
         return
-    table = Table("frame", "target", "method", "range m", "psi, degrees", "CIEDE2000", "clipped", box=None, header_style="")
+    table = Table("frame", "target", "method", "range m", "psi", "psi linear", "CIEDE2000", "clipped", box=None, header_style="")
     for row in (*report.rows, *report.means()):
-        numbers = (f"{row.range_m:.2f}", f"{row.psi_deg:.1f}", f"{row.ciede2000:.1f}", f"{row.clipped_share:.1%}")
-        table.add_row(row.frame, row.target, row.method, *numbers)
+        numbers = [f"{value:.1f}" for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)]
+        table.add_row(row.frame, row.target, row.method, *numbers, f"{row.clipped_share:.1%}")
     console = Console(soft_wrap=True, highlight=False)
     console.print(table)
     if report.without_target:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 from calibration import RectifiedPair, StereoRig
 from calibration.formats import load_rig, write_rig
-from stereo_seecolor import __version__
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -22,6 +21,7 @@ from stereo_seecolor.outputs.survey_frames import SurveyFrames
 from stereo_seecolor.outputs.water_file import read_waters, write_waters
 from stereo_seecolor.pipeline import Pipeline, Survey
 from stereo_seecolor.sources import RangedSource, StereoSource
+from stereo_seecolor.version import __version__
 
 if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 
 from calibration import RectifiedPair
-from stereo_seecolor import __version__
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.data import Image, Map, Mask, RangeMap, StereoFrame
 from stereo_seecolor.errors import InputError
@@ -19,6 +18,7 @@ from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
 from stereo_seecolor.outputs.write import range_outputs, write_range
 from stereo_seecolor.pipeline import Done, Pipeline, Ranged
 from stereo_seecolor.schedule import Clock
+from stereo_seecolor.version import __version__
 
 
 class StereoSource:
