@@ -27,9 +27,9 @@ _TILE_WIDTH, _LABEL_HEIGHT = 320, 22
 class ChartRow:
     """A method on a target.
 
-    range_m: median distance, NaN where unknown. psi_deg: mean angle to gray of its neutral patches, degrees. ciede2000: median over
-    its patches after one exposure gain, against the chart's published colours, or for something merely neutral against gray of the
-    same brightness. clipped_share: of its pixels. pixels counted.
+    range_m: median distance, NaN where unknown. psi_deg: mean angle to gray of its neutral patches as displayed, psi_linear_deg: in
+    linear light, degrees. ciede2000: median over its patches after one exposure gain, against the chart's published colours, or for
+    something merely neutral against gray of the same brightness. clipped_share: of its pixels. pixels counted.
     """
 
     frame: str
@@ -37,6 +37,7 @@ class ChartRow:
     method: str
     range_m: float
     psi_deg: float
+    psi_linear_deg: float
     ciede2000: float
     clipped_share: float
     pixels: int
@@ -110,7 +111,7 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
     """A method's row for a target."""
     colors = [result[patch] for patch in target.patches]
     grays = colors if target.srgb is None else colors[GRAYS]
-    neutral = [score_neutral(pixels) for pixels in grays]
+    psi = np.mean([(score_neutral(pixels).psi_deg, score_neutral(linear_from_srgb(pixels)).psi_deg) for pixels in grays], axis=0)
     whole = np.concatenate(colors)
     known = np.isfinite(whole).all(axis=-1)
     seen = range_m[target.mask]
@@ -119,7 +120,8 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
         target=target.name,
         method=method,
         range_m=float(np.nanmedian(seen)) if np.isfinite(seen).any() else float("nan"),
-        psi_deg=float(np.mean([score.psi_deg for score in neutral])),
+        psi_deg=float(psi[0]),
+        psi_linear_deg=float(psi[1]),
         ciede2000=_difference(colors, target.srgb),
         clipped_share=float(clipped(whole[known]).mean()) if known.any() else float("nan"),
         pixels=int(known.sum()),
@@ -136,9 +138,8 @@ def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64]
 
 
 def _mean(method: str, rows: Sequence[ChartRow]) -> ChartRow:
-    number = {
-        key: float(np.mean([getattr(row, key) for row in rows])) for key in ("range_m", "psi_deg", "ciede2000", "clipped_share")
-    }
+    keys = ("range_m", "psi_deg", "psi_linear_deg", "ciede2000", "clipped_share")
+    number = {key: float(np.mean([getattr(row, key) for row in rows])) for key in keys}
     return ChartRow("all", f"mean of {len(rows)}", method, pixels=sum(row.pixels for row in rows), **number)
 
 
