@@ -52,6 +52,17 @@ def test_a_flat_bottom_comes_out_flat_and_in_its_color(tmp_path: Path) -> None:
     assert x.max() == pytest.approx(0.9 + 0.6, abs=0.03)
 
 
+def test_fine_voxels_leave_no_holes_in_what_was_seen(tmp_path: Path) -> None:
+    config = CONFIG.model_copy(update={"voxel_m": 0.008})  # pixels of 7.5 mm: every 16th would miss blocks of 64 mm
+    build_map([flat_frame(i) for i in range(2)], PAIR, tmp_path, config, track(2))
+    position = read_cloud(tmp_path / "cloud.ply")["position"]
+    x, y = np.floor(position[:, :2].T / 0.02).astype(int)
+    filled = np.zeros((60, 60), np.bool_)
+    inside = (x >= -25) & (x < 35) & (y >= -20) & (y < 20)
+    filled[y[inside] + 20, x[inside] + 25] = True
+    assert filled[:40].all()
+
+
 def test_tiles_join_without_seams(tmp_path: Path) -> None:
     frames = [flat_frame(i, altitude_m=1.5) for i in range(4)]
     waves = [dataclasses.replace(f, range_m=f.range_m + 0.05 * np.sin(np.arange(160) / 9).astype(np.float32)) for f in frames]

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
 
-STRIDE_PX = 16
+MAX_STRIDE_PX = 16
+SPACING_M = 0.04
+FAR_SHARE = 0.95
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many are done, how many there are."""
@@ -23,7 +25,7 @@ def silent(what: str, done: int, total: int) -> None:
 class FrameIndex:
     """Names, times (NaN where unknown) and coarse sights of N frames.
 
-    points_m: one (n, 3) float32 array a frame, every 16th pixel's point in the camera, measured ones only.
+    points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels.
     """
 
     names: tuple[str, ...]
@@ -31,21 +33,27 @@ class FrameIndex:
     points_m: tuple[NDArray[np.float32], ...]
 
     @classmethod
-    def build(cls, frames: Sequence[SurveyFrame], pair: RectifiedPair, progress: Progress = silent) -> "FrameIndex":
-        """Read every frame once; memory grows by about 20 KB a frame."""
+    def build(
+        cls, frames: Sequence[SurveyFrame], pair: RectifiedPair, spacing_m: float = SPACING_M, progress: Progress = silent
+    ) -> "FrameIndex":
+        """Read every frame once. spacing_m: how far apart the points may lie on the bottom; memory grows by some 50 KB a frame."""
         names, times, points = [], [], []
         for i in range(len(frames)):
             frame = frames[i]
             names.append(frame.name)
             times.append(np.nan if frame.timestamp_s is None else frame.timestamp_s)
-            points.append(_coarse_points(frame, pair))
+            points.append(_coarse_points(frame, pair, spacing_m))
             progress("looking through the frames", i + 1, len(frames))
         return cls(tuple(names), np.array(times, dtype=np.float64), tuple(points))
 
 
-def _coarse_points(frame: SurveyFrame, pair: RectifiedPair) -> NDArray[np.float32]:
-    start = STRIDE_PX // 2
-    rows, columns = np.mgrid[start : frame.range_m.shape[0] : STRIDE_PX, start : frame.range_m.shape[1] : STRIDE_PX]
+def _coarse_points(frame: SurveyFrame, pair: RectifiedPair, spacing_m: float) -> NDArray[np.float32]:
+    sample = frame.range_m[::MAX_STRIDE_PX, ::MAX_STRIDE_PX]
+    sample = sample[np.isfinite(sample)]
+    far_m = float(np.quantile(sample, FAR_SHARE)) if sample.size else 1.0
+    stride = int(np.clip(pair.focal_px * spacing_m / far_m, 1, MAX_STRIDE_PX))
+    start = stride // 2
+    rows, columns = np.mgrid[start : frame.range_m.shape[0] : stride, start : frame.range_m.shape[1] : stride]
     range_m = frame.range_m[rows, columns]
     known = np.isfinite(range_m) & (frame.confidence[rows, columns] > 0)
     depth_m = range_m[known] / pair.ray_length[rows, columns][known]

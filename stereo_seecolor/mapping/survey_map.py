@@ -18,6 +18,7 @@ from stereo_seecolor.mapping.files import whole
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.fusion import Surface, check_available, fuse_tile
 from stereo_seecolor.mapping.join import write_map
+from stereo_seecolor.mapping.kernels import BLOCK
 from stereo_seecolor.mapping.odometry import estimate, priors_from
 from stereo_seecolor.mapping.placement import Placement, Unplaced, place, upright
 from stereo_seecolor.mapping.products import Piece, write_products
@@ -64,7 +65,7 @@ def build_map(
     if trajectory is not None and config.poses == "prior":
         pose_graph.check_available()
     started = time.perf_counter()
-    index = FrameIndex.build(frames, pair, progress)
+    index = FrameIndex.build(frames, pair, BLOCK * config.voxel_m / 2, progress)
     placement = _place(frames, pair, config, index, trajectory, progress)
     sizes = np.bincount(placement.pieces[placement.pieces >= 0])
     origin = trajectory.origin if trajectory else None
