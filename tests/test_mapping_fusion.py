@@ -53,7 +53,7 @@ def test_a_flat_bottom_comes_out_flat_and_in_its_color(tmp_path: Path) -> None:
 
 
 def test_fine_voxels_leave_no_holes_in_what_was_seen(tmp_path: Path) -> None:
-    config = CONFIG.model_copy(update={"voxel_m": 0.008})  # pixels of 7.5 mm: every 16th would miss blocks of 64 mm
+    config = CONFIG.model_copy(update={"voxel_m": 0.004})  # pixels of 7.5 mm: every 16th would miss blocks of 32 mm
     build_map([flat_frame(i) for i in range(2)], PAIR, tmp_path, config, track(2))
     position = read_cloud(tmp_path / "cloud.ply")["position"]
     x, y = np.floor(position[:, :2].T / 0.02).astype(int)
