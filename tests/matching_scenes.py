@@ -12,6 +12,7 @@ from stereo_seecolor.data import Map, Mask, StereoFrame
 
 CELL_M = 0.01
 FIELD = 1024
+TEXTURE = 2048
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,14 +70,14 @@ def _noise(rng: np.random.Generator, sigma: float) -> Map:
 
 
 def _texture(rng: np.random.Generator) -> NDArray[np.float32]:
-    """(4 FIELD, 4 FIELD, 3) albedo, 2.5 mm a cell: sand grain, patches, some of them plain."""
-    size = 4 * FIELD
+    """(TEXTURE, TEXTURE, 3) albedo, 2.5 mm a cell: sand grain, patches, some of them plain."""
+    size = TEXTURE
     base = np.full((size, size, 3), 0.45, np.float32)
     for grid, share in ((1, 0.10), (2, 0.10), (4, 0.08), (16, 0.12), (64, 0.15)):
-        coarse = rng.normal(size=(size // grid, size // grid, 3)).astype(np.float32)
+        coarse = rng.standard_normal((size // grid, size // grid, 3), dtype=np.float32)
         coarse = 0.7 * coarse.mean(2, keepdims=True) * 1.7 + 0.3 * coarse
         base += share * cv2.resize(coarse, (size, size), interpolation=cv2.INTER_CUBIC)
-    calm = np.clip(cv2.resize(_noise(rng, 30), (size, size)) * 1.5 + 0.7, 0.05, 1)[..., None]
+    calm = np.clip(cv2.resize(_noise(rng, 30), (size, size)) * 1.5 + 0.7, 0.15, 1)[..., None]
     return np.clip(0.45 + (base - 0.45) * calm, 0.02, 1).astype(np.float32)
 
 
@@ -123,7 +124,7 @@ def _shade(
     twice = cv2.resize(depth_m, (2 * width, 2 * height), interpolation=cv2.INTER_LINEAR)
     col = ((np.arange(2 * width, dtype=np.float32) - 0.5) / 2 - np.float32(cx_px)) / np.float32(pair.focal_px)
     row = ((np.arange(2 * height, dtype=np.float32) - 0.5) / 2 - np.float32(pair.cy_px)) / np.float32(pair.focal_px)
-    scale, size = 4 / CELL_M, 4 * FIELD
+    scale, size = 4 / CELL_M, TEXTURE
     u = np.mod((col[None] * twice + np.float32(camera_x_m)) * scale + size / 2, size).astype(np.float32)
     v = np.mod(row[:, None] * twice * scale + size / 2, size).astype(np.float32)
     fine = cv2.remap(albedo, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)

@@ -105,8 +105,9 @@ def test_exposure_may_differ() -> None:
 
 def test_sixteen_bits_hold_the_same_scene() -> None:
     wide = swapped(scene(), *(image.astype(np.uint16) * 257 for image in (scene().frame.left, scene().frame.right)))
-    both = match(wide), match(scene())
-    np.testing.assert_allclose(both[0].disparity, both[1].disparity, atol=0.1)
+    difference = np.abs(match(wide).disparity - match(scene()).disparity)
+    assert np.isfinite(difference).mean() > 0.85
+    assert np.nanpercentile(difference, 99) < 0.05
 
 
 def test_order_and_threads_do_not_matter() -> None:
@@ -144,7 +145,8 @@ def test_filling_is_marked_and_leaves_the_measured_alone() -> None:
 
 
 @pytest.mark.parametrize(
-    ("value", "complaint"), [(0, "the left image is black"), (255, "the left image is saturated"), (90, "the left image is uniform")]
+    ("value", "complaint"),
+    [(0, "the left image is black"), (255, "the left image is saturated"), (90, "the left image is uniform")],
 )
 def test_empty_images_are_named(value: int, complaint: str) -> None:
     empty = swapped(scene(), np.full_like(scene().frame.left, value), scene().frame.right)

@@ -15,7 +15,12 @@ FULL_SCALE = 65280
 BLACK, SATURATED = 0.02 * FULL_SCALE, 0.985 * FULL_SCALE
 LEAST_TEXTURE = 0.25 * 256
 """Standard deviation of the 1/2 or 1/4 size image: a quarter of an 8-bit level, which is rounding alone."""
-REPEATED_SHARE, ONE_SIDED_SHARE = 0.3, 0.005
+REPEATED_SHARE, ONE_SIDED_SHARE = 0.05, 0.01
+LEAST_EXCESS_PX = 6
+REPEATED_SIMILARITY = 0.85
+WINDOW = (16, 64)
+NO_MATTER_SHARE = 0.05
+"""Rows shifted must agree better than unshifted ones by this share to count."""
 LARGEST_ROW_SHIFT = 4
 BAD_ROW_SHIFT_PX = 0.75
 
@@ -36,30 +41,57 @@ def unusable(left: Gray, right: Gray) -> str | None:
     return None
 
 
-def repeats(rival: Map, least: float) -> str | None:
-    """Told when many pixels match several disparities equally well: their lead over the next best is under ``least``."""
-    share = float((rival < least).mean())
+def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
+    """(H, W) True where the rows of a small image repeat themselves within the disparities searched: any of them would match.
+
+    Told from the autocorrelation of windows of WINDOW pixels: a second peak nearly as high as the first.
+    """
+    height, width = image.shape
+    mask = np.zeros(image.shape, np.bool_)
+    rows, columns = min(WINDOW[0], height), min(WINDOW[1], width)
+    tops = [*range(0, height - rows, rows), height - rows]
+    lefts = [*range(0, width - columns, columns // 2), width - columns]
+    windows = np.stack([[image[y : y + rows, x : x + columns] for x in lefts] for y in tops]).astype(np.float32)
+    windows -= windows.mean(axis=-1, keepdims=True)
+    power = (np.abs(np.fft.rfft(windows, 2 * columns)) ** 2).sum(axis=-2)
+    lags = np.arange(min(search_px, columns // 2) + 1)
+    similarity = np.fft.irfft(power)[..., : lags.size] * (columns / (columns - lags))
+    energy = np.maximum(similarity[..., :1], rows * columns * LEAST_TEXTURE**2)
+    past_first_peak = np.maximum.accumulate(similarity < 0.3 * energy, axis=-1)
+    again = np.where(past_first_peak, similarity / energy, 0).max(axis=-1) > REPEATED_SIMILARITY
+    for i, j in np.argwhere(again):
+        mask[tops[i] : tops[i] + rows, lefts[j] : lefts[j] + columns] = True
+    return mask
+
+
+def repeats(repeated: NDArray[np.bool_]) -> str | None:
+    """Told when a good part of the image repeats itself."""
+    share = float(repeated.mean())
     if share < REPEATED_SHARE:
         return None
-    return f"the texture repeats or is too weak: {share:.0%} of the pixels match several ranges equally well and are left unknown"
+    return f"the texture repeats over {share:.0%} of the left image: many ranges match there, so none is given"
 
 
-def one_sided(left: Gray, disparity: Map) -> str | None:
+def one_sided(left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: int) -> str | None:
     """Told when the left image has a textured thing that the right one lacks: a fish, or a lens half covered.
 
-    Occlusions beside edges are thin and go with the opening; the left strip that the right camera cannot see is left out.
+    left, disparity: small, the disparity in pixels of the full size, ``scale`` times this one. A hole in a row as long as the
+    disparity jumps up across it is an occlusion; what is longer has no such excuse.
     """
     known = np.isfinite(disparity)
-    if not known.any():
-        return None
-    strip = int(np.ceil(np.nanmax(disparity)))
+    column = np.arange(disparity.shape[1])
+    before = np.maximum.accumulate(np.where(known, column, -1), axis=1)
+    after = np.minimum.accumulate(np.where(known, column, column.size)[:, ::-1], axis=1)[:, ::-1]
+    between = (before >= 0) & (after < column.size) & ~known
+    ends = [np.take_along_axis(disparity, np.clip(i, 0, column.size - 1), axis=1) for i in (before, after)]
+    excess_px = (after - before - 1) - np.maximum(ends[1] - ends[0], 0) / scale
     texture = cv2.blur(cv2.absdiff(left, cv2.blur(left, (5, 5))), (5, 5)) > 256
-    lonely = (~known & texture).astype(np.uint8)
-    lonely[:, :strip] = 0
-    share = float(cv2.morphologyEx(lonely, cv2.MORPH_OPEN, np.ones((7, 7), np.uint8)).mean())
+    lonely = (between & (excess_px > LEAST_EXCESS_PX) & texture & ~repeated).astype(np.uint8)
+    share = float(cv2.morphologyEx(cv2.medianBlur(lonely, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)).mean())
     if share < ONE_SIDED_SHARE:
         return None
-    return f"{share:.1%} of the left image has no counterpart in the right one (a fish, or something over one lens)"
+    why = "it moved, covers one lens, or is nearer than matching.min_range_m"
+    return f"{share:.1%} of the left image finds no counterpart in the right one: {why}"
 
 
 def misaligned(shift_px: float) -> str | None:
@@ -73,7 +105,7 @@ def row_shift_px(left: Census, right: Census, origin: int, disparity: Map) -> fl
     """The shift of the right rows with which matched pixels agree best; 0 where that cannot be told."""
     cost = _row_costs(left, right, origin, disparity)
     best = int(np.argmin(cost))
-    if cost[best] == 0:
+    if cost[best] >= (1 - NO_MATTER_SHARE) * cost[LARGEST_ROW_SHIFT]:
         return 0.0
     if not 0 < best < cost.size - 1:
         return float(best - LARGEST_ROW_SHIFT)

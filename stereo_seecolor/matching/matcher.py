@@ -2,6 +2,7 @@
 
 import os
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
@@ -59,23 +60,29 @@ class Matcher:
                 return self._unknown(f"{reason}: no range is known")
             left, right = pool.map(smooth, (left, right))
             if self._network:
-                return self._range_map(self._predicted(self._network, frame), (left, right), (), pool)
-            found, warnings = self._searched(small, (left, right), pool)
-            return self._range_map(found, (left, right), warnings, pool)
+                return self._range_map(self._predicted(self._network, frame), (left, right), pool)
+            repeated = inspection.repeated(small[0], (self._highest - self._lowest) // self._scale)
+            found = self._searched(small, (left, right), repeated, pool)
+            range_map = self._range_map(found, (left, right), pool)
+            measured = np.where(range_map.filled, UNKNOWN, range_map.disparity)[:: self._scale, :: self._scale]
+            told = (
+                inspection.repeats(repeated),
+                inspection.one_sided(small[0], measured, repeated, self._scale),
+                inspection.misaligned(found.row_shift_px),
+            )
+            return replace(range_map, warnings=tuple(warning for warning in told if warning))
 
-    def _searched(self, small: Pair, sharp: Pair, pool: ThreadPoolExecutor) -> tuple[Found, tuple[str, ...]]:
-        """Coarse, to learn where the bottom is and what to warn of; then fine, near it."""
+    def _searched(self, small: Pair, sharp: Pair, repeated: Mask, pool: ThreadPoolExecutor) -> Found:
+        """Coarse, to learn where the bottom is; then fine, near it. Nothing is known where the image repeats itself."""
         small = smooth(small[0], COARSE_SMOOTHING_PX), smooth(small[1], COARSE_SMOOTHING_PX)
         low, high = self._lowest // self._scale, -(-self._highest // self._scale)
         coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high), pool)
         near = without_speckles(np.where(coarse.left_right <= LEFT_RIGHT_PX, coarse.disparity, UNKNOWN), COARSE_SPECKLE_PX)
         found = search(sharp[0], sharp[1], Band.around(near, self._scale, sharp[0].shape, self._lowest, self._highest), pool)
-        told = (
-            inspection.repeats(coarse.rival, AMBIGUOUS) or inspection.repeats(found.rival, AMBIGUOUS),
-            inspection.one_sided(small[0], near),
-            inspection.misaligned(found.row_shift_px),
-        )
-        return found, tuple(warning for warning in told if warning)
+        if repeated.any():
+            height, width = found.disparity.shape
+            found.disparity[repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width]] = UNKNOWN
+        return found
 
     def _predicted(self, network: Network, frame: StereoFrame) -> Found:
         """A network's disparity, checked as matching's is: against that of the pair mirrored and swapped."""
@@ -85,7 +92,7 @@ class Matcher:
         compare_rows(disparity, rival, back, AMBIGUOUS)
         return Found(disparity, rival, back)
 
-    def _range_map(self, found: Found, sharp: Pair, warnings: tuple[str, ...], pool: ThreadPoolExecutor) -> RangeMap:
+    def _range_map(self, found: Found, sharp: Pair, pool: ThreadPoolExecutor) -> RangeMap:
         """Check, refine, judge, and turn into metres, in strips on the threads of the pool."""
         pair = self._pair
         checked = without_speckles(np.where(found.left_right <= LEFT_RIGHT_PX, found.disparity, UNKNOWN), SPECKLE_PX)
@@ -121,7 +128,6 @@ class Matcher:
             range_std_m=np.where(filled, UNKNOWN, range_std_m),
             confidence=np.where(measured, sure, np.float32(0)),
             filled=filled & np.isfinite(range_m),
-            warnings=warnings,
         )
 
     def _unknown(self, warning: str) -> RangeMap:
