@@ -28,6 +28,20 @@ class Observation:
     pixels: Array
 
 
+@dataclass(frozen=True)
+class Lens:
+    """A family of lens models. square_pixels: fx = fy, as sensors are made; False where a tilted port or a lens stretches them."""
+
+    model: CameraModel
+    coefficients: int
+    square_pixels: bool = True
+
+    @property
+    def name(self) -> str:
+        """Such as "pinhole, 5 coefficients"."""
+        return f"{self.model}, {self.coefficients} coefficients{'' if self.square_pixels else ', fx and fy apart'}"
+
+
 @dataclass(frozen=True, eq=False)
 class Bundle:
     """What is solved for.
@@ -35,7 +49,7 @@ class Bundle:
     intrinsics: fx fy cx cy and distortion of the left and the right camera; T_right_left: (4, 4); T_left_target: (views, 4, 4).
     """
 
-    model: CameraModel
+    lens: Lens
     intrinsics: tuple[Array, Array]
     T_right_left: Array
     T_left_target: Array
@@ -65,7 +79,7 @@ def residuals(bundle: Bundle, observation: Observation) -> Array:
     """(n, 2) projected minus measured, pixels."""
     in_left = _transform(bundle.T_left_target[observation.view], observation.points_m)
     points = in_left if observation.side == 0 else _transform(bundle.T_right_left, in_left)
-    return project(points, bundle.intrinsics[observation.side], bundle.model)[0] - observation.pixels
+    return project(points, bundle.intrinsics[observation.side], bundle.lens.model)[0] - observation.pixels
 
 
 def rms(bundle: Bundle, observations: list[Observation]) -> float:
@@ -138,7 +152,9 @@ def _linearize(bundle: Bundle, observation: Observation, sizes: list[int]) -> tu
         points = _transform(T_rig, in_left)
         by_pose = T_rig[:3, :3] @ by_pose
         by_rig = _by_motion(points - T_rig[:3, 3])
-    pixels, by_point, by_intrinsics = project(points, bundle.intrinsics[observation.side], bundle.model)
+    pixels, by_point, by_intrinsics = project(points, bundle.intrinsics[observation.side], bundle.lens.model)
+    if bundle.lens.square_pixels:
+        by_intrinsics = np.dstack([by_intrinsics[:, :, :2].sum(axis=2), np.zeros((n, 2)), by_intrinsics[:, :, 2:]])
     J_shared = np.zeros((n, 2, sum(sizes) + 6))
     first = 0 if observation.side == 0 else sizes[0]
     J_shared[:, :, first : first + sizes[observation.side]] = by_intrinsics
@@ -175,10 +191,15 @@ def _damped(H: Array, damping: float) -> Array:
 
 
 def _move(bundle: Bundle, shared: Array, views: Array) -> Bundle:
-    left, right = bundle.intrinsics
+    moved = []
+    for intrinsics, first in zip(bundle.intrinsics, (0, bundle.intrinsics[0].size), strict=True):
+        step = shared[first : first + intrinsics.size].copy()
+        if bundle.lens.square_pixels:
+            step[1] = step[0]
+        moved.append(intrinsics + step)
     return replace(
         bundle,
-        intrinsics=(left + shared[: left.size], right + shared[left.size : left.size + right.size]),
+        intrinsics=(moved[0], moved[1]),
         T_right_left=_moved(bundle.T_right_left, shared[-6:]),
         T_left_target=np.array([_moved(T, step) for T, step in zip(bundle.T_left_target, views, strict=True)]),
     )

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from calibration.bundle import Array, Bundle, rms, solve
+from calibration.bundle import Array, Bundle, Lens, rms, solve
 from calibration.errors import CalibrationError
-from calibration.lens import Lens, fit_rig, to_camera
+from calibration.lens import fit_rig, to_camera
 from calibration.outliers import view_errors, without_outliers
 from calibration.rectification import rectified_points
 from calibration.report import CalibrationReport, LensScore, ViewReport
@@ -15,10 +15,11 @@ from calibration.rig import Medium, StereoRig
 from calibration.targets import Target
 from calibration.views import View, common_ids, observations_of, usable_views
 
-LENSES: tuple[Lens, ...] = (("pinhole", 5), ("fisheye", 4), ("pinhole", 8))  # simplest first
+LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
 FOLDS = 10
-MIN_VIEWS_FOR_CHOICE = 8
+MIN_VIEWS_FOR_CHOICE = 5
 NEGLIGIBLE = 0.05  # of a squared error: 2.5 % of an error
+TINY = 1e-12  # px^2: corners without noise have no error to compare
 
 
 def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -> tuple[StereoRig, CalibrationReport]:
@@ -32,11 +33,13 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
     usable, dropped = usable_views(views)
     size = usable[0].image_size
     kept, outliers = without_outliers(usable, target, LENSES[:2])
-    candidates = LENSES if len(kept) >= MIN_VIEWS_FOR_CHOICE else LENSES[:1]
-    fits = {lens: fit_rig(kept, target, lens) for lens in candidates}
-    scores = [_cross_validate(fits[lens], kept, target) for lens in candidates]
-    chosen = _choose(scores)
-    bundle = fits[candidates[chosen]]
+    fits = [fit_rig(kept, target, lens) for lens in (LENSES if len(kept) >= MIN_VIEWS_FOR_CHOICE else LENSES[:1])]
+    scores = [_cross_validate(fit, kept, target) for fit in fits]
+    bundle, score = _choose(fits, scores)
+    if len(kept) >= MIN_VIEWS_FOR_CHOICE:
+        fits.append(solve(replace(bundle, lens=replace(bundle.lens, square_pixels=False)), observations_of(kept, target)))
+        scores.append(_cross_validate(fits[-1], kept, target))
+        bundle, score = _choose([bundle, fits[-1]], [score, scores[-1]])
     try:
         rig = replace(_rig(bundle, size, medium), rms_px=rms(bundle, observations_of(kept, target)))
     except CalibrationError as error:
@@ -44,7 +47,7 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
             f"the {len(kept)} views give no rig that can be ({error}): see whether the folders are swapped, whether pairs were "
             "taken at one moment, and tilt the target more"
         ) from error
-    return rig, _report(bundle, rig, kept, target, dropped + outliers, scores, chosen)
+    return rig, _report(bundle, rig, kept, target, dropped + outliers, scores, score)
 
 
 def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScore:
@@ -63,8 +66,7 @@ def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScor
         rows.append(_row_errors(fitted, test))
         fits.append([*(intrinsics[:2].mean() for intrinsics in fitted.intrinsics), np.linalg.norm(fitted.T_right_left[:3, 3])])
     focal_left, focal_right, baseline_m = _jackknife(np.array(fits))
-    lens = (full.model, full.intrinsics[0].size - 4)
-    return LensScore(*lens, squares, np.concatenate(rows), (focal_left, focal_right), baseline_m)
+    return LensScore(full.lens, squares, np.concatenate(rows), (focal_left, focal_right), baseline_m)
 
 
 def _jackknife(estimates: Array) -> tuple[float, ...]:
@@ -77,7 +79,7 @@ def _jackknife(estimates: Array) -> tuple[float, ...]:
 
 
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:
-    left, right = (to_camera(bundle.model, intrinsics, image_size) for intrinsics in bundle.intrinsics)
+    left, right = (to_camera(bundle.lens.model, intrinsics, image_size) for intrinsics in bundle.intrinsics)
     return StereoRig(left, right, bundle.T_right_left, medium)
 
 
@@ -94,19 +96,22 @@ def _row_errors(bundle: Bundle, views: list[View]) -> Array:
     return left[:, 1] - right[:, 1]
 
 
-def _choose(scores: list[LensScore]) -> int:
-    """The simplest lens whose left-out error is no worse than the best's beyond doubt, or by too little to matter.
+def _choose(fits: list[Bundle], scores: list[LensScore]) -> tuple[Bundle, LensScore]:
+    """The simplest lens whose left-out errors are no worse than the best's beyond doubt, or by too little to matter.
 
-    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), with two: from ten views, chance favours a needless
-    coefficient often enough, and it costs more than it gives.
+    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), but with two: from ten views, chance favours a needless
+    coefficient often enough, and it costs more than it gives. The errors of a view are compared as a ratio, so that the many views
+    that agree outweigh one that is large.
     """
     best = min(scores, key=lambda score: score.rms_px)
-    for number, score in enumerate(scores):
-        difference = score.squares - best.squares
-        standard_error = difference.std(ddof=1) / np.sqrt(difference.size)
-        if difference.mean() <= max(2 * standard_error, NEGLIGIBLE * best.squares.mean()):
-            return number
-    return scores.index(best)
+    reached = any(np.isfinite(score.row_error_px) for score in scores)
+    for fit, score in zip(fits, scores, strict=True):
+        ratio = np.log(np.maximum(score.squares, TINY) / np.maximum(best.squares, TINY))
+        doubt = 2 * ratio.std(ddof=1) / np.sqrt(ratio.size)
+        fair = score.squares.mean() <= (1 + NEGLIGIBLE) * best.squares.mean() or ratio.mean() <= doubt
+        if score is best or (fair and (np.isfinite(score.row_error_px) or not reached)):
+            return fit, score
+    raise AssertionError("the best is among them")
 
 
 def _report(
@@ -116,14 +121,14 @@ def _report(
     target: Target,
     dropped: list[ViewReport],
     scores: list[LensScore],
-    chosen: int,
+    score: LensScore,
 ) -> CalibrationReport:
     errors = view_errors(bundle, views, target).tolist()
     sides = [[o for o in observations_of(views, target) if o.side == side] for side in (0, 1)]
     return CalibrationReport(
         rig=rig,
         scores=tuple(scores),
-        chosen=chosen,
+        lens=score,
         views=tuple(ViewReport(view.name, *error) for view, error in zip(views, errors, strict=True)) + tuple(dropped),
         rms_left_px=rms(bundle, sides[0]),
         rms_right_px=rms(bundle, sides[1]),

@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from calibration.bundle import Array, Bundle, Observation, camera_matrix, rms, solve
+from calibration.bundle import Array, Bundle, Lens, Observation, camera_matrix, rms, solve
 from calibration.errors import CalibrationError
 from calibration.rig import Camera, CameraModel, inverse_transform
 from calibration.targets import Target
@@ -14,11 +14,10 @@ from calibration.views import View, observations_of
 
 FISHEYE_FOCAL_GUESSES = (0.25, 0.4, 0.6, 0.9, 1.4)  # of the image's width
 Size = tuple[int, int]
-Lens = tuple[CameraModel, int]
 
 
 def fit_rig(views: Sequence[View], target: Target, lens: Lens) -> Bundle:
-    """The rig and the target's poses of least reprojection error. lens: model and number of coefficients."""
+    """The rig and the target's poses of least reprojection error."""
     return solve(first_guess(views, target, lens), observations_of(views, target))
 
 
@@ -29,15 +28,15 @@ def first_guess(views: Sequence[View], target: Target, lens: Lens) -> Bundle:
     """
     observations = observations_of(views, target)
     sides = [[replace(o, side=0) for o in observations if o.side == side] for side in (0, 1)]
-    left, right = (fit_camera(*lens, own, views[0].image_size) for own in sides)
+    left, right = (fit_camera(lens, own, views[0].image_size) for own in sides)
     steps = [T_right @ inverse_transform(T_left) for T_left, T_right in zip(left.T_left_target, right.T_left_target, strict=True)]
-    return Bundle(lens[0], (left.intrinsics[0], right.intrinsics[0]), _middle(steps), left.T_left_target)
+    return Bundle(lens, (left.intrinsics[0], right.intrinsics[0]), _middle(steps), left.T_left_target)
 
 
-def fit_camera(model: CameraModel, coefficients: int, observations: list[Observation], image_size: Size) -> Bundle:
+def fit_camera(lens: Lens, observations: list[Observation], image_size: Size) -> Bundle:
     """One camera alone, refined. observations: all of side 0, views numbered from 0 without a gap."""
-    if model == "fisheye":
-        fits = [_fit_fisheye(guess * image_size[0], observations, image_size) for guess in FISHEYE_FOCAL_GUESSES]
+    if lens.model == "fisheye":
+        fits = [_fit_fisheye(lens, guess * image_size[0], observations, image_size) for guess in FISHEYE_FOCAL_GUESSES]
         return min(fits, key=lambda fit: rms(fit, observations))
     points = [observation.points_m.astype(np.float32) for observation in observations]
     pixels = [observation.pixels.astype(np.float32) for observation in observations]
@@ -45,9 +44,10 @@ def fit_camera(model: CameraModel, coefficients: int, observations: list[Observa
         _, K, distortion, rotations, translations = cv2.calibrateCamera(points, pixels, image_size, None, None)
     except cv2.error as error:
         raise CalibrationError("the views do not determine a camera: tilt the target differently in each") from error
-    intrinsics = np.concatenate([K[[0, 1, 0, 1], [0, 1, 2, 2]], np.ravel(distortion)[:5], np.zeros(coefficients - 5)])
+    focal_px = np.full(2, (K[0, 0] + K[1, 1]) / 2) if lens.square_pixels else K[[0, 1], [0, 1]]
+    intrinsics = np.concatenate([focal_px, K[:2, 2], np.ravel(distortion)[:5], np.zeros(lens.coefficients - 5)])
     poses = np.array([rigid(cv2.Rodrigues(r)[0], t) for r, t in zip(rotations, translations, strict=True)])
-    return solve(Bundle("pinhole", (intrinsics, intrinsics), np.eye(4), poses), observations)
+    return solve(Bundle(lens, (intrinsics, intrinsics), np.eye(4), poses), observations)
 
 
 def target_pose(camera: Camera, observation: Observation) -> Array:
@@ -73,13 +73,13 @@ def rigid(R: Array, t: Array) -> Array:
     return T
 
 
-def _fit_fisheye(focal_px: float, observations: list[Observation], image_size: Size) -> Bundle:
+def _fit_fisheye(lens: Lens, focal_px: float, observations: list[Observation], image_size: Size) -> Bundle:
     """From an ideal fisheye (r = f theta) of this focal length; cv2.fisheye.calibrate has no such start and often fails."""
     width, height = image_size
     intrinsics = np.array([focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, 0, 0, 0, 0])
     camera = to_camera("fisheye", intrinsics, image_size)
     poses = np.array([target_pose(camera, observation) for observation in observations])
-    return solve(Bundle("fisheye", (intrinsics, intrinsics), np.eye(4), poses), observations)
+    return solve(Bundle(lens, (intrinsics, intrinsics), np.eye(4), poses), observations)
 
 
 def _middle(transforms: list[Array]) -> Array:

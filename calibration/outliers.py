@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from calibration.bundle import Array, Bundle, rms, solve
-from calibration.lens import Lens, first_guess, fit_rig
+from calibration.bundle import Array, Bundle, Lens, rms, solve
+from calibration.lens import first_guess, fit_rig
 from calibration.report import ViewReport
 from calibration.targets import Target
 from calibration.views import MIN_VIEWS, SIDES, View, observations_of
@@ -21,7 +21,7 @@ def without_outliers(views: list[View], target: Target, lenses: Sequence[Lens]) 
     First the pairs that most others contradict, by each camera alone; then the worst of a common fit, again and again until none
     stands out, so that a bad view cannot make a good one look bad. lenses: whichever of these fits best is the judge.
     """
-    kept, dropped = _without_wrong_pairs(views, target, lenses[0])
+    kept, dropped = _without_wrong_pairs(views, target, lenses)
     while len(kept) > max(MIN_VIEWS, len(views) // 2):
         observations = observations_of(kept, target)
         bundle = min((fit_rig(kept, target, lens) for lens in lenses), key=lambda fit: rms(fit, observations))
@@ -37,9 +37,10 @@ def without_outliers(views: list[View], target: Target, lenses: Sequence[Lens]) 
     return kept, dropped
 
 
-def _without_wrong_pairs(views: list[View], target: Target, lens: Lens) -> tuple[list[View], list[ViewReport]]:
+def _without_wrong_pairs(views: list[View], target: Target, lenses: Sequence[Lens]) -> tuple[list[View], list[ViewReport]]:
     """Drop pairs whose right corners lie far from where the left ones and the rig of most views put them."""
-    errors = view_errors(first_guess(views, target, lens), views, target)[:, 1]
+    guesses = [view_errors(first_guess(views, target, lens), views, target) for lens in lenses]
+    errors = min(guesses, key=lambda guess: float(guess[:, 0].mean()))[:, 1]  # the left camera was fitted alone
     wrong = errors > max(WRONG_PAIR * views[0].image_size[0], 5 * float(np.median(errors)))
     if wrong.sum() > len(views) - MIN_VIEWS:
         return list(views), []

@@ -7,7 +7,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.rig import CameraModel, StereoRig
+from calibration.bundle import Lens
+from calibration.rig import StereoRig
 
 Array = NDArray[np.float64]
 Verdict = Literal["good", "usable", "do it again"]
@@ -42,17 +43,11 @@ class LensScore:
     fx and fy); baseline_std_m: of the baseline.
     """
 
-    model: CameraModel
-    coefficients: int
+    lens: Lens
     squares: Array
     row_errors: Array
     focal_std_px: tuple[float, float]
     baseline_std_m: float
-
-    @property
-    def name(self) -> str:
-        """Such as "pinhole, 5 coefficients"."""
-        return f"{self.model}, {self.coefficients} coefficients"
 
     @property
     def rms_px(self) -> float:
@@ -69,24 +64,19 @@ class LensScore:
 class CalibrationReport:
     """The figures of a calibration.
 
-    scores: of each lens model tried; chosen: which one was taken. views: those used, then those dropped.
+    scores: of each lens model tried; lens: of the one taken, the same object as in scores. views: those used, then those dropped.
     rms_left_px, rms_right_px: reprojection errors of the common fit, by image; both together are in the rig.
     corners_left, corners_right: (n, 2) pixels of all corners used.
     """
 
     rig: StereoRig
     scores: tuple[LensScore, ...]
-    chosen: int
+    lens: LensScore
     views: tuple[ViewReport, ...]
     rms_left_px: float
     rms_right_px: float
     corners_left: Array
     corners_right: Array
-
-    @property
-    def lens(self) -> LensScore:
-        """The lens model taken; its errors are those on views left out of the fit."""
-        return self.scores[self.chosen]
 
     @property
     def used(self) -> tuple[ViewReport, ...]:
@@ -152,7 +142,7 @@ class CalibrationReport:
             for view in sorted(self.views, key=lambda view: view.name)
         ]
         tried = [
-            f"  {score.name}: {score.rms_px:.3f} px, rows {score.row_error_px:.3f} px" + (" (taken)" if score is lens else "")
+            f"  {score.lens.name}: {score.rms_px:.3f} px, rows {score.row_error_px:.3f} px" + (" (taken)" if score is lens else "")
             for score in self.scores
         ]
         verdict, why = self.verdict
