@@ -115,11 +115,11 @@ def row_shift_px(left: Census, right: Census, origin: int, disparity: Map) -> fl
 
 @_compiled
 def _row_costs(left: Census, right: Census, origin: int, disparity: Map) -> NDArray[np.float64]:
-    """Mean bits by which matched pixels differ, for each shift of rows; every fourth pixel of every fourth row."""
+    """Mean bits by which matched pixels differ, for each shift of rows; every eighth pixel of every eighth row."""
     height, width = left.shape
     cost = np.zeros(2 * LARGEST_ROW_SHIFT + 1, np.float64)
-    for y in range(LARGEST_ROW_SHIFT, height - LARGEST_ROW_SHIFT, 4):
-        for x in range(0, width, 4):
+    for y in range(LARGEST_ROW_SHIFT, height - LARGEST_ROW_SHIFT, 8):
+        for x in range(0, width, 8):
             if not np.isfinite(disparity[y, x]):
                 continue
             place = origin - x + int(np.rint(disparity[y, x]))

@@ -115,20 +115,24 @@ class Matcher:
                 whole[~self._seen_left] = UNKNOWN
             filled = np.isnan(disparity) & np.isfinite(whole)
             disparity = whole
-        depth_m = pair.depth_from_disparity(disparity)
-        depth_m[(depth_m < self._config.min_range_m) | (depth_m > self._config.max_range_m)] = UNKNOWN
-        disparity[np.isnan(depth_m)] = UNKNOWN
-        range_m = pair.range_from_depth(depth_m)
-        measured = np.isfinite(range_m) & ~filled
-        range_std_m = range_m * depth_m * std * np.float32(1 / (pair.focal_px * pair.baseline_m))
-        return RangeMap(
-            disparity=disparity,
-            depth_m=depth_m,
-            range_m=range_m,
-            range_std_m=np.where(filled, UNKNOWN, range_std_m),
-            confidence=np.where(measured, sure, np.float32(0)),
-            filled=filled & np.isfinite(range_m),
-        )
+        depth_m, range_m, range_std_m = (np.empty(checked.shape, np.float32) for _ in range(3))
+
+        def measure(first: int) -> None:
+            rows = slice(first, first + STRIP)
+            depth = pair.depth_from_disparity(disparity[rows])
+            depth[~((depth >= self._config.min_range_m) & (depth <= self._config.max_range_m))] = UNKNOWN
+            unknown = np.isnan(depth)
+            disparity[rows][unknown] = UNKNOWN
+            filled[rows][unknown] = False
+            unmeasured = unknown | filled[rows]
+            sure[rows][unmeasured] = 0
+            std[rows][unmeasured] = UNKNOWN
+            depth_m[rows] = depth
+            range_m[rows] = depth * pair.ray_length[rows]
+            range_std_m[rows] = range_m[rows] * depth * std[rows] * np.float32(1 / (pair.focal_px * pair.baseline_m))
+
+        list(pool.map(measure, range(0, checked.shape[0], STRIP)))
+        return RangeMap(disparity, depth_m, range_m, range_std_m, sure, filled)
 
     def _unknown(self, warning: str) -> RangeMap:
         width, height = self._pair.image_size

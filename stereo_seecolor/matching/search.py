@@ -72,11 +72,12 @@ def search(left: Gray, right: Gray, band: Band, pool: ThreadPoolExecutor) -> Fou
 
 def _too_narrow(disparity: Map, first: int, end: int, tiles: tuple[int, int]) -> NDArray[np.bool_]:
     """Tiles of the rows first..end-1 most of whose pixels ended on the edge of their band."""
-    lost = np.zeros((-(-(end - first) // TILE) * TILE, tiles[1] * TILE), np.bool_)
-    lost[: end - first, : disparity.shape[1]] = np.isnan(disparity[first:end])
+    lost = np.isnan(disparity[first:end]).astype(np.uint8) * 255
+    height, width = lost.shape
+    lost = cv2.copyMakeBorder(lost, 0, -height % TILE, 0, -width % TILE, cv2.BORDER_REPLICATE)
+    share = cv2.resize(lost, (lost.shape[1] // TILE, lost.shape[0] // TILE), interpolation=cv2.INTER_AREA)
     narrow = np.zeros(tiles, np.bool_)
-    share = lost.reshape(-1, TILE, tiles[1], TILE).mean(axis=(1, 3))
-    narrow[first // TILE : first // TILE + share.shape[0]] = share > TOO_NARROW_TILE
+    narrow[first // TILE : first // TILE + share.shape[0]] = share > 255 * TOO_NARROW_TILE
     return narrow
 
 
