@@ -100,9 +100,11 @@ class Matcher:
             checked = np.where(self._seen_left, checked, UNKNOWN)
         disparity, sure, std = (np.empty(checked.shape, np.float32) for _ in range(3))
 
+        gain = float(sharp[0][::4, ::4].std() / max(sharp[1][::4, ::4].std(), 1e-6))
+
         def refine(first: int) -> None:
             rows = slice(first, min(first + STRIP, checked.shape[0]))
-            refined, std[rows], support, relief = refine_rows(sharp[0], sharp[1], checked, (rows.start, rows.stop))
+            refined, std[rows], support, relief = refine_rows(sharp[0], sharp[1], gain, checked, (rows.start, rows.stop))
             disparity[rows] = checked[rows] if self._network else refined
             sure[rows] = confidence(std[rows], found.rival[rows], support, relief)
             disparity[rows][~(sure[rows] >= self._config.min_confidence)] = UNKNOWN

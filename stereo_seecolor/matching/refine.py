@@ -23,18 +23,18 @@ SAMPLES = WINDOW**2 / (4 * np.pi * SMOOTHING_PX**2)
 _compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 
 
-def refine_rows(left: Gray, right: Gray, disparity: Map, rows: tuple[int, int]) -> tuple[Map, Map, Map, Map]:
+def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, rows: tuple[int, int]) -> tuple[Map, Map, Map, Map]:
     """Disparity and its standard error, pixels, support and relief, for rows[0]..rows[1]-1; NaN where disparity (H, W) is.
 
-    The residual e = right(x - d) - left(x) and the gradient g of both images are summed over the window, means taken out
-    (exposure may differ): the step is cov(g, e) / var(g), its variance that of what is left of e over n var(g). The window
+    gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient g of both images are
+    summed over the window, means taken out (exposure may differ): the step is cov(g, e) / var(g), its variance that of what is left of e over n var(g). The window
     sees each neighbour at its own, smoothed disparity, so slopes do no harm. support: share of the window that is known.
     relief: |disparity - its mean over the window|, pixels: large beside an edge.
     """
     first, end = max(0, rows[0] - REACH), min(disparity.shape[0], rows[1] + REACH)
     base = _smoothed(disparity[first:end])
     moments = np.zeros((7, *base.shape), np.float32)
-    _residuals(left[first:end], right[first:end], base, moments)
+    _residuals(left[first:end], right[first:end], base, np.float32(gain), moments)
     for moment in moments:
         cv2.blur(moment, (WINDOW, WINDOW), moment, borderType=cv2.BORDER_CONSTANT)
     inner = slice(rows[0] - first, rows[1] - first)
@@ -77,7 +77,7 @@ def _mean_near(centre: Map, neighbors: tuple[Map, Map, Map, Map], mean: Map) -> 
 
 
 @_compiled
-def _residuals(left: Gray, right: Gray, disparity: Map, moments: NDArray[np.float32]) -> None:
+def _residuals(left: Gray, right: Gray, disparity: Map, gain: Any, moments: NDArray[np.float32]) -> None:
     """moments: planes of 1, g, e, g g, g e, e e, d; zero where nothing is known. In gray levels of 8 bits."""
     height, width = disparity.shape
     scale, half = np.float32(1 / 256), np.float32(0.5)
@@ -98,8 +98,8 @@ def _residuals(left: Gray, right: Gray, disparity: Map, moments: NDArray[np.floa
             value = b + t * (c1 + t * (c2 + t * c3))
             slope = c1 + t * (np.float32(2) * c2 + np.float32(3) * t * c3)
             left_slope = half * (np.float32(left[y, x + 1]) - np.float32(left[y, x - 1]))
-            gradient = half * scale * (slope + left_slope)
-            residual = scale * (value - np.float32(left[y, x]))
+            gradient = half * scale * (gain * slope + left_slope)
+            residual = scale * (gain * value - np.float32(left[y, x]))
             one[y, x], g[y, x], e[y, x] = np.float32(1), gradient, residual
             moments[6, y, x] = disparity[y, x]
             gg[y, x], ge[y, x], ee[y, x] = gradient * gradient, gradient * residual, residual * residual
