@@ -326,6 +326,25 @@ def check(
 
 
 @app.command()
+def water(
+    out: Annotated[Path, typer.Argument(help="The output folder of a finished run with color.lock=survey.")],
+    poses: Annotated[Path, typer.Option("--poses", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")],
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> None:
+    """Measure the water from places that several frames see; run again with --water to use it."""
+    from stereo_seecolor.measured_water import measure_water
+
+    path, found = measure_water(out, poses, _config(config, settings))
+    errors = found.standard_errors["y"]
+    rates = ", ".join(
+        f"{name} {rate:.3f} +- {error:.3f}" for name, rate, error in zip(("red", "green", "blue"), found.y, errors, strict=True)
+    )
+    print(f"attenuation at long range, 1/m: {rates} (nan: the sightings cannot tell)")
+    print(f"use it with: stereo-seecolor run ... --water {path}")
+
+
+@app.command()
 def doctor() -> None:
     """What this machine has, what it lacks, and the command that mends it."""
     from stereo_seecolor.doctor import examine
@@ -457,7 +476,7 @@ def _print_summary(summary: "RunSummary", out: Path) -> None:
     console = Console(soft_wrap=True, highlight=False)
     for row in summary.rows:
         if row.status != "ok":
-            console.print(f"{row.status}: {row.error}", markup=False)
+            console.print(f"{row.status}: {row.name}: {row.error}", markup=False)
     for note in summary.notes:
         console.print(f"note: {note}", markup=False)
     problems = summary.problems()

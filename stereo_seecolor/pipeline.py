@@ -46,29 +46,33 @@ class Pipeline:
         return StereoFrame(frame.name, left, right, frame.timestamp_s)
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """The range map of a rectified pair. Raises MatchingError if left and right are swapped."""
-        range_map = self.matcher.match(frame)
+        """The range map of a rectified pair."""
+        return self.matcher.match(frame)
+
+    def check_sides(self, raw: StereoFrame, range_map: RangeMap) -> None:
+        """Raise MatchingError if so little of a pair was matched that it looks swapped, and the other way round gives far more."""
         coverage = np.isfinite(range_map.measured_m).mean()
-        if coverage < SUSPICIOUS_COVERAGE:
-            swapped = self.matcher.match(StereoFrame(frame.name, frame.right, frame.left))
-            if (other := np.isfinite(swapped.measured_m).mean()) > 3 * coverage + 0.1:
-                raise MatchingError(
-                    f"{frame.name}: left and right look swapped: {coverage:.0%} of the pixels match as given and {other:.0%} the "
-                    "other way round: exchange --left and --right"
-                )
-        return range_map
+        if coverage > SUSPICIOUS_COVERAGE:
+            return
+        other = self.match(self.rectify(StereoFrame(raw.name, raw.right, raw.left)))
+        if (swapped := np.isfinite(other.measured_m).mean()) > 3 * coverage + 0.1:
+            raise MatchingError(
+                f"{raw.name}: left and right look swapped: {coverage:.0%} of the pixels match as given and {swapped:.0%} the "
+                "other way round: exchange --left and --right"
+            )
 
     def process(self, frame: StereoFrame, water: Water | None = None) -> FrameResult:
         """A pair as the cameras gave it through all stages; ``water`` is fitted to this one frame if not given."""
         clock = Clock()
         with clock("rectify"):
-            frame = self.rectify(frame)
+            rectified = self.rectify(frame)
         with clock("match"):
-            range_map = self.match(frame)
+            range_map = self.match(rectified)
+            self.check_sides(frame, range_map)
         with clock("color"):
-            water = water or self.corrector.fit_frame(frame.left, range_map.measured_m)
-            correction = self.corrector.apply(frame.left, range_map.range_m, water)
-        return FrameResult(frame, range_map, correction, clock.seconds)
+            water = water or self.corrector.fit_frame(rectified.left, range_map.measured_m)
+            correction = self.corrector.apply(rectified.left, range_map.range_m, water)
+        return FrameResult(rectified, range_map, correction, clock.seconds)
 
 
 @dataclass(frozen=True, eq=False)

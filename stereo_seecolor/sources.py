@@ -8,7 +8,7 @@ import numpy as np
 from calibration import RectifiedPair
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.data import Image, Map, Mask, RangeMap, StereoFrame
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.inputs.images import decode_image, read_bytes, read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.outputs.atomic import write_atomic
@@ -45,6 +45,8 @@ class StereoSource:
         with clock("read"):
             left, right = read_bytes(pair.left), read_bytes(pair.right)
             hashes = {"left": hashlib.sha256(left).hexdigest(), "right": hashlib.sha256(right).hexdigest()}
+            if hashes["left"] == hashes["right"]:
+                raise MatchingError(f"{pair.left} and {pair.right} are the same picture: no range can be had from it")
             key = content_key(hashes, self._settings)
             done = self._folder.finished("range", pair.name, key, self._outputs(pair))
         image, range_map = self._kept(pair, left, done, clock) if done else self._match(pair, left, right, key, clock)
@@ -65,10 +67,12 @@ class StereoSource:
     def _match(self, pair: Pair, left: bytes, right: bytes, key: str, clock: Clock) -> tuple[Image, RangeMap]:
         with clock("read"):
             images = [decode_image(c, p, self._pipeline.config.input) for c, p in ((left, pair.left), (right, pair.right))]
+            raw = StereoFrame(pair.name, images[0], images[1], pair.timestamp_s)
         with clock("rectify"):
-            frame = self._pipeline.rectify(StereoFrame(pair.name, images[0], images[1], pair.timestamp_s))
+            frame = self._pipeline.rectify(raw)
         with clock("match"):
             range_map = self._pipeline.match(frame)
+            self._pipeline.check_sides(raw, range_map)
         with clock("write"):
             write_range(self._folder, pair.name, range_map, self._pipeline.config.output)
             self._folder.finish("range", pair.name, Finished(key, warnings=range_map.warnings))

@@ -284,6 +284,26 @@ def test_swapped_folders_are_noticed(make_dive, cli, tmp_path) -> None:
     assert "swapped" in printed + said
 
 
+def test_swapped_folders_of_a_rig_that_needs_rectification(cli, tmp_path) -> None:
+    reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
+    for side, other in (("left", "right"), ("right", "left")):
+        (tmp_path / other).mkdir()
+        first = min((reef / side).iterdir())
+        (tmp_path / other / first.name).symlink_to(first)
+    words = ["range", "--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(reef / "cam.yaml")]
+    code, printed, _ = cli(*words, "--out", str(tmp_path / "out"))
+    assert code == 3
+    assert "left and right look swapped" in printed
+
+
+def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
+    dive = make_dive(1)
+    words = ["run", "--left", str(dive.root / "L"), "--right", str(dive.root / "L"), "--calib", str(dive.root / "cam.yaml")]
+    code, printed, _ = cli(*words, "--out", str(tmp_path / "out"))
+    assert code == 3
+    assert "are the same picture" in printed
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [

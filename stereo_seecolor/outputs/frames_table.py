@@ -2,12 +2,14 @@
 
 import csv
 import io
+import re
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 Status = Literal["ok", "failed", "unpaired"]
+_PATH = re.compile(r"^\S*/.*?: ")
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,7 @@ class RunSummary:
         first: dict[str, str] = {}
         for row in self.rows:
             for what in (*((row.error,) if row.error else ()), *row.warnings):
-                kind = what.split(": ", 1)[-1] if row.error == what else what
+                kind = _PATH.sub("", what)
                 seen[kind] += 1
                 first.setdefault(kind, row.name)
         return [(what, often, first[what]) for what, often in seen.most_common()]
