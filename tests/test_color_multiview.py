@@ -1,19 +1,23 @@
 """The water from places seen twice: known waters come back, whatever the reef's colours, moving light and wrong matches."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from calibration import Rectification, RectifiedPair
+from calibration.formats import load_rig
 from stereo_seecolor.color.multiview import fit_sightings
 from stereo_seecolor.color.sightings import KeyFrame, Sightings, find_sightings
 from stereo_seecolor.data import Water
 from stereo_seecolor.errors import ColorError
-from stereo_seecolor.synthetic.render import Scene
-from stereo_seecolor.synthetic.survey import SurveySpec
+from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.synthetic.waters import WATER_NAMES, WaterName, lit_water
 
+SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 RANGES_M = (1.2, 3.2)
 
 
@@ -92,28 +96,32 @@ def test_what_cannot_carry_a_fit_is_refused() -> None:
 
 
 @pytest.fixture(scope="module")
-def dive() -> tuple[Scene, list[KeyFrame]]:
-    scene = Scene.from_spec(SurveySpec(pairs=6, image_size=(256, 208), water="coastal-green"))
-    pairs = [scene.render(index) for index in range(6)]
-    return scene, [KeyFrame(pair.rectified.left, pair.range_map.range_m, pair.T_world_camera) for pair in pairs]
+def dive() -> tuple[RectifiedPair, list[KeyFrame]]:
+    """The sample dive with its true ranges."""
+    rectification = Rectification.from_rig(load_rig(SAMPLES / "cam.yaml"))
+    poses = read_trajectory(SAMPLES / "trajectory.tum").T_world_camera
+    names = sorted(path.stem for path in (SAMPLES / "left").glob("*.png"))
+    images = [rectification.apply_left(read_image(SAMPLES / "left" / f"{name}.png")) for name in names]
+    ranges = [read_range_map(SAMPLES / "truth" / "range" / f"{name}.tiff") for name in names]
+    return rectification.pair, [KeyFrame(*parts) for parts in zip(images, ranges, poses, strict=True)]
 
 
-def test_water_of_a_rendered_dive(dive: tuple[Scene, list[KeyFrame]]) -> None:
+def test_water_of_the_sample_dive(dive: tuple[RectifiedPair, list[KeyFrame]]) -> None:
     """Two lines at two altitudes: attenuation within 10 % of truth, with no assumption on the reef's colours."""
-    scene, frames = dive
-    sightings = find_sightings(frames, scene.rectification.pair, "srgb")
-    found, truth = fit_sightings(sightings, "srgb"), scene.water.water
+    geometry, frames = dive
+    sightings = find_sightings(frames, geometry, "srgb")
+    found = fit_sightings(sightings, "srgb")
+    truth = lit_water("blue-ocean", 8.0, 8.0 - 2.15, 1.7).water
     z = np.array(np.median(sightings.range_m))
     np.testing.assert_allclose(np.log(found.attenuation(z)), np.log(truth.attenuation(z)), rtol=0.1)
-    np.testing.assert_allclose(found.backscatter(z), truth.backscatter(z), rtol=0.1)
 
 
-def test_clipped_places_and_edges_are_left_out(dive: tuple[Scene, list[KeyFrame]]) -> None:
-    scene, frames = dive
-    usual = find_sightings(frames, scene.rectification.pair, "srgb")
+def test_clipped_places_and_edges_are_left_out(dive: tuple[RectifiedPair, list[KeyFrame]]) -> None:
+    geometry, frames = dive[0], dive[1][:4]
+    usual = find_sightings(frames, geometry, "srgb")
     assert np.isfinite(usual.light).all()
     assert (np.bincount(usual.place) >= 2).all()
     blown = [replace(frame, image=np.full_like(frame.image, 255)) for frame in frames]
-    assert find_sightings(blown, scene.rectification.pair, "srgb").place.size == 0
+    assert find_sightings(blown, geometry, "srgb").place.size == 0
     unknown = [replace(frame, range_m=np.full_like(frame.range_m, np.nan)) for frame in frames]
-    assert find_sightings(unknown, scene.rectification.pair, "srgb").place.size == 0
+    assert find_sightings(unknown, geometry, "srgb").place.size == 0

@@ -76,7 +76,8 @@ def even_light(image: Image, range_m: Map, field: LightField, encoding: InputEnc
     light = decoded_values(8 * image.dtype.itemsize, encoding)[image] / field.light(range_m)[..., None]
     clipped = np.clip(light, 0.0, 1.0).astype(np.float64)
     shown = encode(clipped, "srgb") if encoding == "srgb" else clipped
-    return np.asarray(np.round(shown * full), dtype=image.dtype)
+    rounded = np.round(shown * full)
+    return rounded.astype(np.uint8) if image.dtype == np.uint8 else rounded.astype(np.uint16)
 
 
 def _parts(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -110,8 +111,8 @@ def _smoothed(values: NDArray[np.float64]) -> NDArray[np.float64]:
     y, x = np.meshgrid(*(np.linspace(-1.0, 1.0, n) for n in values.shape), indexing="ij")
     terms = np.stack([x**i * y**j for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)], axis=-1)
     known = np.isfinite(values)
-    weights = np.ones(int(known.sum()))
-    coefficients = np.zeros(terms.shape[-1])
+    weights: NDArray[np.floating] = np.ones(int(known.sum()))
+    coefficients: NDArray[np.floating] = np.zeros(terms.shape[-1])
     for _ in range(10):
         root = np.sqrt(weights)[:, None]
         coefficients = np.linalg.lstsq(root * terms[known], root[:, 0] * values[known], rcond=None)[0]

@@ -11,7 +11,7 @@ matches weigh less (Cauchy).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,16 @@ def fit_sightings(sightings: Sightings, encoding: InputEncoding) -> Water:
             break
     covariance = _covariance(fit, precision)
     return _water(x, np.sqrt(np.diag(covariance)), np.sqrt(np.diag(np.linalg.inv(precision))), encoding)
+
+
+def with_white_of(water: Water, scene: Water, sightings: Sightings) -> Water:
+    """``water`` with the white point that gives a middling sighting the color that ``scene``, fitted to images, gives it."""
+    z: Array = np.array(np.median(sightings.range_m))
+    light: Array = np.array(np.median(sightings.light, axis=0))
+    direct, scene_direct = (np.maximum(light - w.backscatter(z), 0.05 * light) for w in (water, scene))
+    white = scene.white * (direct / scene_direct) * scene.attenuation(z) / water.attenuation(z)
+    errors = water.standard_errors | {"white": scene.standard_errors.get("white", np.full(3, np.nan))}
+    return replace(water, white=white, standard_errors=errors)
 
 
 @dataclass(frozen=True)

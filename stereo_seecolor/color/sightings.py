@@ -13,9 +13,10 @@ from stereo_seecolor.data import Image, Map
 
 Vector = NDArray[np.float64]
 
-PATCH_M = 0.03
+PATCH_M = 0.05
 """Places are this wide on the reef, in every frame: a mean over them sees the same texture from any range."""
-POINTS_A_FRAME = 400
+PLACES, PLACES_A_FRAME = 20_000, 1600
+"""At most so many places are looked for, in all and in a frame."""
 SAME_PLACE = 0.02
 """A place is the same if the other frame's range agrees with the projected one to this share."""
 LEVEL_PATCH = 0.06
@@ -46,24 +47,32 @@ class Sightings:
 
 
 def find_sightings(frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding) -> Sightings:
-    """Where the frames see the same places; wrong matches are few but not none."""
-    views = [_View.of(frame, geometry, encoding) for frame in frames]
+    """Where the frames see the same places; wrong matches are few but not none. Each frame is asked for twice, one at a time."""
+    number = min(PLACES_A_FRAME, PLACES // max(len(frames), 1))
+    points_m = np.concatenate([_places_m(frame, geometry, number) for frame in frames])
     places, numbers, ranges, lights = [], [], [], []
-    first = 0
-    for view in views:
-        points_m = view.places_m()
-        for number, other in enumerate(views):
-            seen, range_m, light = other.look_at(points_m)
-            places.append(first + np.flatnonzero(seen))
-            numbers.append(np.full(int(seen.sum()), number))
-            ranges.append(range_m[seen])
-            lights.append(light[seen])
-        first += len(points_m)
-    place, frame, range_m, light = (np.concatenate(parts) for parts in (places, numbers, ranges, lights))
-    several = np.bincount(place, minlength=first)[place] > 1
+    for index, frame in enumerate(frames):
+        place, range_m, light = _View.of(frame, geometry, encoding).look_at(points_m)
+        places.append(place)
+        numbers.append(np.full(place.size, index))
+        ranges.append(range_m)
+        lights.append(light)
+    place, seen_by, range_m, light = (np.concatenate(parts) for parts in (places, numbers, ranges, lights))
+    several = np.bincount(place, minlength=len(points_m))[place] > 1
     order = np.flatnonzero(several)[np.argsort(place[several], kind="stable")]
     compact = np.unique(place[order], return_inverse=True)[1]
-    return Sightings(compact, frame[order], range_m[order], light[order])
+    return Sightings(compact, seen_by[order], range_m[order], light[order])
+
+
+def _places_m(frame: KeyFrame, geometry: RectifiedPair, number: int) -> Vector:
+    """(P, 3) about ``number`` world points on a grid over what a frame measured."""
+    level_m = _without_edges(frame.range_m)
+    height, width = level_m.shape
+    step = max(int(np.sqrt(height * width / max(number, 1))), 1)
+    grid = np.zeros((height, width), np.bool_)
+    grid[step // 2 :: step, step // 2 :: step] = True
+    points = geometry.points_from_range(level_m)[grid & np.isfinite(level_m)].astype(np.float64)
+    return np.asarray(points @ frame.T_world_camera[:3, :3].T + frame.T_world_camera[:3, 3])
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,18 +95,11 @@ class _View:
         sums[1:, 1:, 3] = blind.astype(float).cumsum(axis=0).cumsum(axis=1)
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
-    def places_m(self) -> Vector:
-        """(P, 3) world points on a grid over what this frame measured."""
-        height, width = self.level_m.shape
-        step = max(int(np.sqrt(height * width / POINTS_A_FRAME)), 1)
-        grid = np.zeros((height, width), np.bool_)
-        grid[step // 2 :: step, step // 2 :: step] = True
-        points = self.geometry.points_from_range(self.level_m)[grid & np.isfinite(self.level_m)].astype(np.float64)
-        return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
-
-    def look_at(self, points_m: Vector) -> tuple[NDArray[np.bool_], Vector, Vector]:
-        """Which of the (P, 3) places this frame sees, the range to each, and its light (P, 3)."""
-        local = (points_m - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :3]
+    def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector]:
+        """Which of the (P, 3) places this frame sees, by number; the range to each, and its light (n, 3)."""
+        farthest_m = float(np.nanmax(self.level_m)) if np.isfinite(self.level_m).any() else 0.0
+        near = np.flatnonzero(np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1) < (1 + SAME_PLACE) * farthest_m)
+        local = (points_m[near] - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :3]
         range_m = np.linalg.norm(local, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             x = self.geometry.focal_px * local[:, 0] / local[:, 2] + self.geometry.cx_left_px
@@ -114,7 +116,7 @@ class _View:
         with np.errstate(divide="ignore", invalid="ignore"):
             mean = (corners[3] - corners[2] - corners[1] + corners[0]) / (2 * half_px[:, None]) ** 2
         seen &= np.nan_to_num(mean[:, 3], nan=1.0) < 1e-6
-        return seen, range_m, mean[:, :3]
+        return near[seen], range_m[seen], mean[seen, :3]
 
     def _sum_to(self, x: Vector, y: Vector) -> Vector:
         """(P, 4) sum over all pixels left of and above a point, fractions of pixels counted."""

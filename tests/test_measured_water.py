@@ -1,0 +1,39 @@
+"""The whole way on the sample dive: run, measure the water from overlapping frames, run again with it."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stereo_seecolor.config import load_config
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.truth import evaluate_truth
+from stereo_seecolor.jobs import run
+from stereo_seecolor.measured_water import measure_water
+
+SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
+SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
+
+
+def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
+    """Attenuation within 10 % of truth from matched ranges, and colours no worse for it."""
+    config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
+    run(*SIDES, tmp_path / "first", config)
+    path, found = measure_water(tmp_path / "first", SAMPLES / "trajectory.tum")
+    truth = json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"]
+    z = 2.0
+    np.testing.assert_allclose(
+        -np.log(found.attenuation(np.array(z))) / z, np.array(truth["w"]) * np.exp(-np.array(truth["v"]) * z), rtol=0.1
+    )
+    run(*SIDES, tmp_path / "second", config, water=path)
+    first, second = (evaluate_truth(tmp_path / name, SAMPLES / "truth") for name in ("first", "second"))
+    assert second.color.angle_deg < first.color.angle_deg + 0.3
+    assert second.color.angle_after_gains_deg < first.color.angle_after_gains_deg + 0.1
+
+
+def test_a_run_with_a_water_for_each_frame_is_refused(tmp_path: Path) -> None:
+    config = load_config(overrides=["output.clouds=false"])
+    run(*SIDES, tmp_path / "out", config)
+    with pytest.raises(InputError, match=r"color\.lock=survey"):
+        measure_water(tmp_path / "out", SAMPLES / "trajectory.tum")
