@@ -92,10 +92,9 @@ def _out_of_sight(corner: Any, camera: Any, T: Any, width: int, height: int, vox
 
 @numba.njit(cache=True, nogil=True)
 def _mix(color: Any, color_weight: Any, i: int, rgb: Any, nearness: float) -> None:
-    """Weight (cosine from the vertical / range)^4: near and nadir views; hardly anything where a channel is clipped."""
+    """Weight (cosine from the vertical / range)^4: near and nadir views; next to nothing where a channel is clipped."""
     w = nearness**4 + 1e-9
-    brightest = max(rgb[0], rgb[1], rgb[2])
-    if brightest >= 254 or brightest == 0:
+    if max(rgb[0], rgb[1], rgb[2]) >= 254 or min(rgb[0], rgb[1], rgb[2]) == 0:
         w *= CLIPPED_WEIGHT
     color_weight[i] += w
     for c in range(3):
