@@ -27,8 +27,9 @@ def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, rows: tupl
     """Disparity and its standard error, pixels, support and relief, for rows[0]..rows[1]-1; NaN where disparity (H, W) is.
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient g of both images are
-    summed over the window, means taken out (exposure may differ): the step is cov(g, e) / var(g), its variance that of what is left of e over n var(g). The window
-    sees each neighbour at its own, smoothed disparity, so slopes do no harm. support: share of the window that is known.
+    summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of what is left of e over
+    n var(g). The window sees each neighbour at its own, smoothed disparity, so slopes do no harm.
+    support: share of the window that is known.
     relief: |disparity - its mean over the window|, pixels: large beside an edge.
     """
     first, end = max(0, rows[0] - REACH), min(disparity.shape[0], rows[1] + REACH)
