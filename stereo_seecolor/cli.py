@@ -76,10 +76,10 @@ def run(
     from stereo_seecolor import jobs
 
     settled = _config(config, settings)
+    if poses and not fuse:
+        raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
     if fuse:
-        from stereo_seecolor.mapping.fusion import check_available
-
-        check_available()
+        jobs.check_fusion(poses, settled)
     code = _report(
         lambda options: jobs.run(left, right, calib, out, settled, options, water=water),
         out,

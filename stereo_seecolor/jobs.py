@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from calibration import RectifiedPair, StereoRig
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.data import Trajectory
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_by_stem, pair_folders
@@ -95,18 +96,29 @@ def rectify(
         return job.go(lambda survey: survey.each("rectified", pairing.pairs, source.write_rectified))
 
 
+def check_fusion(poses: Path | None, config: RunConfig) -> Trajectory | None:
+    """All that fusion needs, looked at before the first frame: the library, and the trajectory, which is returned.
+
+    Raises DeviceError if Open3D cannot be loaded, with the command that mends it; InputError for a bad trajectory.
+    """
+    from stereo_seecolor.inputs.trajectories import read_trajectory
+    from stereo_seecolor.mapping.fusion import check_available
+
+    check_available()
+    return read_trajectory(poses, config.mapping.mount) if poses else None
+
+
 def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, listener: Listener | None = None) -> "MapSummary":
     """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config asks for.
 
     poses: a trajectory of the rectified left camera in any known format; without it the program finds the track itself.
-    Raises DeviceError, before the first frame, if Open3D is asked for and missing; InputError; MappingError.
+    Raises DeviceError, before the first frame, if Open3D is missing; InputError; MappingError.
     """
-    from stereo_seecolor.inputs.trajectories import read_trajectory
     from stereo_seecolor.mapping.survey_map import build_map
 
     config = config or RunConfig()
+    trajectory = check_fusion(poses, config)
     frames = SurveyFrames(out)
-    trajectory = read_trajectory(poses, config.mapping.mount) if poses else None
     return build_map(frames, frames.pair, out / "map", config.mapping, trajectory, _stages_of(listener or Silence()))
 
 
