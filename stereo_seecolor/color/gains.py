@@ -17,6 +17,9 @@ FINE = 4
 FINE_LEVELS = FINE * LEVELS
 """Levels of gain: 128 an octave, steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
 
+BRIGHTEST_SHOWN = 0.97
+"""Of full scale, as displayed: where the brightest pixel that may not clip comes to lie; a white card's noise needs the rest."""
+
 
 @dataclass(frozen=True, eq=False)
 class Gains:
@@ -57,8 +60,7 @@ def clipping_exposure(table: MomentTable, water: Water, config: ColorConfig) -> 
     allowed = int(config.clipped_share * table.pixels.sum())
     counts = np.ascontiguousarray(table.counts[:, occupied])
     brightest = float(kernels.brightest(counts, light, gain[:, middle], offset[:, middle], allowed))
-    full = 2.0**table.bit_depth - 1
-    limit = float(decode(np.array((full - 0.6) / full), "as-is" if config.input_encoding == "as-is" else "srgb"))
+    limit = float(decode(np.array(BRIGHTEST_SHOWN), "as-is" if config.input_encoding == "as-is" else "srgb"))
     return limit / brightest if brightest > 0 else 1.0
 
 
