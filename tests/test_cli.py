@@ -13,6 +13,8 @@ import pytest
 import yaml
 
 from stereo_seecolor.cli import main
+from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.mapping.fusion import check_available
 
 
 @pytest.fixture
@@ -317,7 +319,10 @@ def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
 )
 def test_what_is_not_there(make_dive, cli, tmp_path, words, message) -> None:
     if "--fuse" in words:
-        pytest.importorskip("open3d", reason="Open3D or a system library of it is missing", exc_type=ImportError)
+        try:
+            check_available()
+        except DeviceError as error:
+            pytest.skip(str(error))
     code, printed, said = cli(*make_dive(1).command(tmp_path / "out"), *words)
     assert (code, printed) == (1, "")
     assert message in said
