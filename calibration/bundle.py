@@ -15,7 +15,7 @@ from calibration.rig import CameraModel
 
 Array = NDArray[np.float64]
 MAX_ITERATIONS = 100
-CONVERGED = 1e-10
+CONVERGED = 1e-7  # gain of a step, of the squared error
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +88,11 @@ def rms(bundle: Bundle, observations: list[Observation]) -> float:
     return float(np.sqrt(np.concatenate(squares).mean()))
 
 
-def solve(start: Bundle, observations: list[Observation], poses_only: bool = False) -> Bundle:
+def solve(start: Bundle, observations: list[Observation], poses_only: bool = False, iterations: int = MAX_ITERATIONS) -> Bundle:
     """The bundle of least reprojection error near ``start``. poses_only: keep cameras and rig, move the target."""
     bundle, error = start, _cost(start, observations)
     damping = 1e-3
-    for _ in range(MAX_ITERATIONS):
+    for _ in range(iterations):
         equations = _normal_equations(bundle, observations)
         improved = False
         while not improved and damping < 1e12:

@@ -12,6 +12,7 @@ from calibration.rig import Camera, CameraModel, inverse_transform
 from calibration.targets import Target
 from calibration.views import View, observations_of
 
+FISHEYE_TRIAL_ITERATIONS = 10
 FISHEYE_FOCAL_GUESSES = (0.25, 0.4, 0.6, 0.9, 1.4)  # of the image's width
 Size = tuple[int, int]
 
@@ -37,7 +38,7 @@ def fit_camera(lens: Lens, observations: list[Observation], image_size: Size) ->
     """One camera alone, refined. observations: all of side 0, views numbered from 0 without a gap."""
     if lens.model == "fisheye":
         fits = [_fit_fisheye(lens, guess * image_size[0], observations, image_size) for guess in FISHEYE_FOCAL_GUESSES]
-        return min(fits, key=lambda fit: rms(fit, observations))
+        return solve(min(fits, key=lambda fit: rms(fit, observations)), observations)
     points = [observation.points_m.astype(np.float32) for observation in observations]
     pixels = [observation.pixels.astype(np.float32) for observation in observations]
     try:
@@ -79,7 +80,7 @@ def _fit_fisheye(lens: Lens, focal_px: float, observations: list[Observation], i
     intrinsics = np.array([focal_px, focal_px, (width - 1) / 2, (height - 1) / 2, 0, 0, 0, 0])
     camera = to_camera("fisheye", intrinsics, image_size)
     poses = np.array([target_pose(camera, observation) for observation in observations])
-    return solve(Bundle(lens, (intrinsics, intrinsics), np.eye(4), poses), observations)
+    return solve(Bundle(lens, (intrinsics, intrinsics), np.eye(4), poses), observations, iterations=FISHEYE_TRIAL_ITERATIONS)
 
 
 def _middle(transforms: list[Array]) -> Array:

@@ -20,7 +20,7 @@ BOARD = Chessboard(9, 6, 0.03)
 
 @pytest.mark.parametrize("rig", [pinhole_rig(), fisheye_rig()], ids=["pinhole", "fisheye"])
 def test_known_rig_is_found_again(rig: StereoRig) -> None:
-    views = projected_views(rig, BOARD, 20, 0.1, np.random.default_rng(3))
+    views = projected_views(rig, BOARD, 16, 0.1, np.random.default_rng(3))
     found, report = calibrate(views, BOARD)
     assert found.left.model == rig.left.model
     assert found.left.K[0, 0] == pytest.approx(rig.left.K[0, 0], rel=0.002)
