@@ -2,11 +2,12 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibration import RectifiedPair, StereoRig
+from calibration.checks import suspicions
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.data import Trajectory
@@ -48,8 +49,7 @@ def run(
     """
     config, options = config or RunConfig(), options or RunOptions()
     identity = content_key("stereo", str(left.resolve()), str(right.resolve()))
-    pairing = _pair(left, right, out, config)
-    pipeline = Pipeline(load_rig_for(calib, pairing, config), config)
+    pairing, pipeline = _open(left, right, calib, out, config)
     with RunFolder(out, identity, config.output.image_format, options.overwrite) as folder:
         source = StereoSource(pipeline, folder)
         job = _Job(folder, Survey(source, config, folder, options), pairing, config)
@@ -85,8 +85,7 @@ def rectify(
 ) -> RunSummary:
     """Rectified pairs as PNG in ``rectified_left`` and ``rectified_right``; ``rectified.yaml``, the calibration they have now."""
     config, options = config or RunConfig(), options or RunOptions()
-    pairing = _pair(left, right, out, config)
-    pipeline = Pipeline(load_rig_for(calib, pairing, config), config)
+    pairing, pipeline = _open(left, right, calib, out, config)
     with RunFolder(out, content_key("rectify", str(left.resolve()), str(right.resolve())), overwrite=options.overwrite) as folder:
         source = StereoSource(pipeline, folder)
         job = _Job(folder, Survey(source, config, folder, options), pairing, config)
@@ -135,11 +134,17 @@ def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
     return progress
 
 
-def _pair(left: Path, right: Path, out: Path, config: RunConfig) -> Pairing:
-    """The pairs of two folders, or of videos, whose frames are unpacked into the output folder first."""
+def _open(left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig) -> tuple[Pairing, Pipeline]:
+    """The pairs of two folders, or of videos, whose frames are unpacked into ``out`` first; and the pipeline for their rig.
+
+    What looks wrong with the rig, though it can be used, is added to the pairing's notes.
+    """
     if is_video(left) and is_video(right):
         left, right = unpack(left, right, out / STATE / "frames", config.input.video_every)
-    return pair_folders(left, right, config.input)
+    pairing = pair_folders(left, right, config.input)
+    rig = load_rig_for(calib, pairing, config)
+    notes = pairing.notes + tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
+    return replace(pairing, notes=notes), Pipeline(rig, config)
 
 
 def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> StereoRig:

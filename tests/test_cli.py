@@ -269,6 +269,16 @@ def test_bad_calibrations_in_one_line(make_dive, cli, tmp_path, key, value, mess
     assert message in said
 
 
+def test_a_suspicious_calibration_is_used_and_named(make_dive, cli, tmp_path) -> None:
+    dive = make_dive(1)
+    rig = yaml.safe_load((dive.root / "cam.yaml").read_text())
+    rig["medium"] = "air"
+    (dive.root / "cam.yaml").write_text(yaml.safe_dump(rig))
+    code, printed, _ = cli(*dive.command(tmp_path / "out"))
+    assert code == 0
+    assert "note: calibration: calibrated in air: behind a flat port" in printed
+
+
 def test_calibration_that_is_no_yaml(make_dive, cli, tmp_path) -> None:
     dive = make_dive(1)
     (dive.root / "cam.yaml").write_text("left: [")
