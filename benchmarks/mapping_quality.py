@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import rasterio
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
@@ -35,6 +36,7 @@ from stereo_seecolor.synthetic.render import Scene
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 GRID_M = 0.02
+SAMPLE = 50
 Rows = dict[str, str]
 
 
@@ -170,24 +172,27 @@ def terrain_rows(survey: Survey, out: Path, T: NDArray) -> Rows:
 
 
 def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
-    """Angles between colors in linear light, on cells of 2 cm seen from above: map against truth, single frames against truth."""
+    """Angles to the true colors in linear light: of the map's nearest point and of the frame, at the same pixels of every third
+    frame; and how the map's tint changes across the seams, on cells of 2 cm seen from above.
+    """
     low = cloud[:, :2].min(axis=0) - 1
     shape = tuple(((cloud[:, :2].max(axis=0) + 1 - low) / GRID_M).astype(int)[::-1])
     mapped = gather(shape, low, cloud, linear_from_srgb(colors / 255))
-    truth, single = np.zeros((*shape, 4)), []
-    frames = []
+    truth, single, fused = np.zeros((*shape, 4)), [], []
+    tree, linear = cKDTree(cloud), linear_from_srgb(colors / 255)
     for i in range(0, len(survey), 3):
         z, image, ranges = survey.load(i), survey.load(i, "c")["image"], survey.load(i, "m")["range_m"]
         good = ~z["moving"] & np.isfinite(z["truth"]) & np.isfinite(ranges) & (image.max(axis=2) < 254) & (image.min(axis=2) > 0)
         T = survey.trajectory.T_world_camera[i]
         points = survey.pair.points_from_range(z["truth"])[good] @ T[:3, :3].T + T[:3, 3]
-        truth += gather(shape, low, points, linear_from_srgb(z["color"][good] / 255))
-        frames.append(gather(shape, low, points, linear_from_srgb(image[good] / 255)))
+        true = linear_from_srgb(z["color"][good] / 255)
+        truth += gather(shape, low, points, true)
+        distance_m, nearest = tree.query(points[::SAMPLE], distance_upper_bound=0.03)
+        on = np.isfinite(distance_m)
+        on[on] &= linear[nearest[on]].any(axis=1)  # black has no angle
+        fused.append(angle_deg(linear[nearest[on]], true[::SAMPLE][on]))
+        single.append(angle_deg(linear_from_srgb(image[good] / 255)[::SAMPLE][on], true[::SAMPLE][on]))
     both = (truth[..., 3] > 8) & (mapped[..., 3] > 1)
-    off = angle_deg(mapped[both][:, :3], truth[both][:, :3])
-    for frame in frames:
-        cells = both & (frame[..., 3] > 4)
-        single.append(angle_deg(frame[cells][:, :3], truth[cells][:, :3]))
     steps = []
     for seam in np.arange(survey.spec.lines - 1) + 0.5:
         y = seam * survey.spec.line_spacing_m
@@ -195,9 +200,9 @@ def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
             sides = [tint(mapped, truth, both, low, x, y + shift) for shift in (-0.3, 0.1)]
             if all(np.isfinite(side).all() for side in sides):
                 steps.append(float(angle_deg(sides[0][None], sides[1][None])[0]))
-    alone = np.concatenate(single).mean()
+    off, alone = np.concatenate(fused).mean(), np.concatenate(single).mean()
     return {
-        "color on the surface: mean angle to the truth": f"{off.mean():.2f} deg (single frames {alone:.2f} deg)",
+        "color on the surface: mean angle to the truth": f"{off:.2f} deg (single frames {alone:.2f} deg)",
         "color step between lines: mean, largest": f"{np.mean(steps):.2f} deg, {np.max(steps):.2f} deg",
     }
 
