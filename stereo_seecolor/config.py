@@ -103,6 +103,11 @@ class ColorConfig(_Stage):
         description="How far below the surface the reef lies, metres, where known: the light that arrives then follows from the "
         "water (objective robust).",
     )
+    lights: Literal["none", "learn"] = Field(
+        default="none",
+        description="learn: the rig's own lamps, learned from the dive (at least 12 frames), are divided out first. For dives lit "
+        "by lamps alone; where the sun is about as strong it makes things worse.",
+    )
     penalty: float = Field(
         default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."
     )

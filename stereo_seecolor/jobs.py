@@ -57,7 +57,7 @@ def run(
         job.geometry = source.geometry
         if ranges_only:
             return job.go(lambda survey: survey.match(pairing.pairs))
-        return job.go(lambda survey: _color(survey, folder, pairing.pairs, water))
+        return job.go(lambda survey: _color(survey, config, folder, pairing.pairs, water))
 
 
 def correct(
@@ -77,7 +77,7 @@ def correct(
         survey = Survey(RangedSource(config), config, folder, options)
         job = _Job(folder, survey, pairing, config)
         job.inputs = {"images": str(images), "range": str(ranges)}
-        return job.go(lambda survey: _color(survey, folder, pairing.pairs, water))
+        return job.go(lambda survey: _color(survey, config, folder, pairing.pairs, water))
 
 
 def rectify(
@@ -158,8 +158,10 @@ def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> Ster
     raise InputError(f"{pairing.pairs[0].left.parent}: none of the {len(pairing.pairs)} left images can be read")
 
 
-def _color(survey: Survey, folder: RunFolder, pairs: Sequence[Pair], water: Path | None) -> None:
-    """Both passes; only the second where the water is known already."""
+def _color(survey: Survey, config: RunConfig, folder: RunFolder, pairs: Sequence[Pair], water: Path | None) -> None:
+    """Both passes; only the second where the water is known already. Before them, if asked, the rig's own lights are learned."""
+    if config.color.lights == "learn":
+        survey.learn_light(pairs)
     waters = read_waters(water, [pair.name for pair in pairs]) if water else survey.fit(pairs)
     if waters:
         write_waters(folder.root / "water.json", waters)

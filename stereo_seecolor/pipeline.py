@@ -14,6 +14,7 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification, RectifiedPair, StereoRig
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.lights import LightField, even_light, learn_light
 from stereo_seecolor.color.tables import MomentTable
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.data import FrameResult, Image, RangeMap, StereoFrame, Water
@@ -26,6 +27,9 @@ from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
 from stereo_seecolor.outputs.water_file import water_content
 from stereo_seecolor.outputs.write import correction_outputs, write_correction
 from stereo_seecolor.schedule import Clock, in_order
+
+LIGHT_FRAMES = 60
+"""So many frames, spread over the dive, teach the rig's lights; more would teach little more."""
 
 SUSPICIOUS_COVERAGE = 0.35
 """With fewer pixels matched than this, it is worth looking whether left and right are swapped."""
@@ -113,11 +117,20 @@ class Survey:
     def __init__(self, source: Source, config: RunConfig, folder: RunFolder, options: RunOptions) -> None:
         self._source, self._config, self._folder, self._options = source, config, folder, options
         self._corrector = Corrector(config.color)
+        self._light: LightField | None = None
         self.rows: dict[str, FrameRow] = {}
 
     def match(self, pairs: Sequence[Pair]) -> None:
         """The range maps alone."""
         self.each("ranges", pairs, self._range)
+
+    def learn_light(self, pairs: Sequence[Pair]) -> None:
+        """Learn the rig's own lights from frames spread over the dive; they are divided out of every frame from then on."""
+        self.match(pairs)
+        good = [pair for pair in pairs if self.rows[pair.name].status == "ok"]
+        spread = good[:: -(-len(good) // LIGHT_FRAMES) or 1]
+        ranged = (self._source.ranged(pair, Clock()) for pair in spread)
+        self._light = learn_light(((r.image, r.range_map.measured_m) for r in ranged), self._config.color.input_encoding)
 
     def fit(self, pairs: Sequence[Pair]) -> dict[str, Water]:
         """First pass: range maps, and from all colours over range each frame's water, by name."""
@@ -163,6 +176,10 @@ class Survey:
     def _range(self, pair: Pair, clock: Clock) -> Done:
         ranged = self._source.ranged(pair, clock)
         measured_m = ranged.range_map.measured_m
+        if self._light:
+            with clock("light"):
+                even = even_light(ranged.image, ranged.range_map.range_m, self._light, self._config.color.input_encoding)
+                ranged = replace(ranged, image=even, key=content_key(ranged.key, self._light.pattern.tobytes()))
         facts = {"coverage": float(np.isfinite(measured_m).mean())}
         if facts["coverage"] > 0:
             sample_m = measured_m[::4, ::4]  # the median of all is ten times as slow, and no truer

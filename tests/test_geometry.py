@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from calibration import Camera, RectifiedPair, Rectification, StereoRig
+from calibration import Camera, Rectification, RectifiedPair, StereoRig
 
 PAIR = RectifiedPair(focal_px=500, cx_left_px=40, cx_right_px=30, cy_px=20, baseline_m=0.1, image_size=(80, 60))
 

@@ -23,6 +23,8 @@ GRID = (24, 32)
 """Rows and columns of parts that a picture is divided into."""
 LEAST_FRAMES = 12
 LAMP_FALL_OFF = 2.0
+LEAST_SPREAD = 0.05
+"""Relative spread of the ranges at one place of the picture below which they tell nothing of the trend: they are mostly noise."""
 DEGREE = 4
 """Of the polynomial that the logarithm of the pattern is."""
 DARK = 1e-4
@@ -63,6 +65,7 @@ def learn_light(frames: Iterable[tuple[Image, Map]], encoding: InputEncoding, fa
         raise ColorError("no part of the picture has light and a known range in enough frames to learn the rig's light from")
     brightness, log_range = (np.where(known & seen, values, np.nan) for values in (brightness, log_range))
     reference = float(np.nanmedian(log_range))
+    brightness = brightness + fall_off * (log_range - reference)  # what light() takes out must not be in the pattern too
     flat = brightness - _trend(brightness, log_range, reference)
     pattern = np.full(GRID, np.nan)
     pattern[seen] = np.nanmedian(flat[:, seen], axis=0)
@@ -94,14 +97,17 @@ def _parts(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[NDArray
 
 
 def _trend(brightness: NDArray[np.float64], log_range: NDArray[np.float64], reference: float) -> NDArray[np.float64]:
-    """Brightness lost to range, a straight line in log range: least absolute deviations of differences within each part."""
+    """Brightness lost to range, a straight line in log range: least absolute deviations of differences within each part.
+
+    The slope is held near zero where the ranges of a part hardly change from frame to frame.
+    """
     known = np.isfinite(brightness)
     count = np.maximum(known.sum(axis=0), 1)
     aside = np.where(known, log_range - np.where(known, log_range, 0).sum(axis=0) / count, 0)[known]
     below = np.where(known, brightness - np.where(known, brightness, 0).sum(axis=0) / count, 0)[known]
     slope, weights = 0.0, np.ones(aside.size)
     for _ in range(20):
-        slope = float((weights * aside * below).sum() / max((weights * aside**2).sum(), 1e-12))
+        slope = float((weights * aside * below).sum() / (weights * (aside**2 + LEAST_SPREAD**2)).sum())
         weights = 1.0 / np.maximum(np.abs(below - slope * aside), 0.02)
     return slope * (log_range - reference)
 

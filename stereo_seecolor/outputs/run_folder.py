@@ -27,6 +27,7 @@ WHAT_IS_WHERE = {
     "rectified.yaml": "the calibration that the rectified images have",
     "map": "the fused map of the dive",
     "water.json": "the water that was fitted, for another run's --water",
+    "water_measured.json": "the water measured from places seen at two ranges, for another run's --water",
     "frames.csv": "a row for each pair: status, warnings, shares, seconds a stage",
     "run.json": "the whole configuration, inputs with their hashes, totals",
 }
