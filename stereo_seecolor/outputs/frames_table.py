@@ -12,7 +12,7 @@ Status = Literal["ok", "failed", "unpaired"]
 _PATH = re.compile(r"^\S*/.*?: ")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class FrameRow:
     """What became of one pair, or of one file without a partner.
 
