@@ -24,7 +24,7 @@ _PATTERN = np.array(
 )
 """Every other pixel of a window of 7 x 7, and the four neighbours."""
 
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
+_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 
 
 def gray(image: Image) -> Gray:
@@ -35,8 +35,8 @@ def gray(image: Image) -> Gray:
 
 
 def smooth(image: Gray, sigma_px: float = SMOOTHING_PX) -> Gray:
-    """Gaussian blur."""
-    blurred: Gray = cv2.GaussianBlur(image, (0, 0), sigma_px)
+    """Gaussian blur, cut off beyond three pixels."""
+    blurred: Gray = cv2.GaussianBlur(image, (7, 7), sigma_px)
     return blurred
 
 
@@ -79,13 +79,14 @@ def _jump_costs(image: Gray, full: np.float32, least: np.float32, costs: NDArray
     height, width = image.shape
     scale = np.float32(1 / (256 * EDGE_LEVELS))
     for y in range(height):
-        here, above = image[y], image[max(y - 1, 0)]
+        here, above, after = image[y], image[max(y - 1, 0)], image[y, 1:]
+        down, right = costs[0, y], costs[1, y, 1:]
         for x in range(width):
-            change = abs(np.float32(here[x]) - np.float32(above[x])) * scale
-            costs[0, y, x] = np.uint16(max(full / (np.float32(1) + change), least))
-        for x in range(1, width):
-            change = abs(np.float32(here[x]) - np.float32(here[x - 1])) * scale
-            costs[1, y, x] = np.uint16(max(full / (np.float32(1) + change), least))
+            cost = full / (np.float32(1) + abs(np.float32(here[x]) - np.float32(above[x])) * scale)
+            down[x] = np.int32(cost if cost > least else least)
+        for x in range(width - 1):
+            cost = full / (np.float32(1) + abs(np.float32(after[x]) - np.float32(here[x])) * scale)
+            right[x] = np.int32(cost if cost > least else least)
 
 
 def _padded(image: Gray) -> Gray:
@@ -96,9 +97,10 @@ def _padded(image: Gray) -> Gray:
 @_compiled
 def _luma(image: Image, shift: np.uint32, luma: Gray) -> None:
     for y in range(image.shape[0]):
-        for x in range(image.shape[1]):
-            r, g, b = np.uint32(image[y, x, 0]), np.uint32(image[y, x, 1]), np.uint32(image[y, x, 2])
-            luma[y, x] = (np.uint32(77) * r + np.uint32(150) * g + np.uint32(29) * b) >> shift
+        pixels, row = image[y], luma[y]
+        for x in range(row.size):
+            r, g, b = np.uint32(pixels[x, 0]), np.uint32(pixels[x, 1]), np.uint32(pixels[x, 2])
+            row[x] = (np.uint32(77) * r + np.uint32(150) * g + np.uint32(29) * b) >> shift
 
 
 @_compiled

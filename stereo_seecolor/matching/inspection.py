@@ -125,7 +125,8 @@ def _row_costs(left: Census, right: Census, origin: int, disparity: Map) -> NDAr
             place = origin - x + int(np.rint(disparity[y, x]))
             for i in range(cost.size):
                 different = left[y, x] ^ right[y + i - LARGEST_ROW_SHIFT, place]
-                while different:
-                    different &= different - np.uint32(1)
-                    cost[i] += 1
+                different -= (different >> np.uint32(1)) & np.uint32(0x55555555)
+                different = (different & np.uint32(0x33333333)) + ((different >> np.uint32(2)) & np.uint32(0x33333333))
+                different = (different + (different >> np.uint32(4))) & np.uint32(0x0F0F0F0F)
+                cost[i] += np.uint32(different * np.uint32(0x01010101)) >> np.uint32(24)
     return cost

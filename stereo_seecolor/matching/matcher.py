@@ -14,9 +14,10 @@ from stereo_seecolor.matching.band import Band
 from stereo_seecolor.matching.confidence import confidence
 from stereo_seecolor.matching.filling import fill
 from stereo_seecolor.matching.images import Gray, gray, shrink, smooth
+from stereo_seecolor.matching.metres import measure_rows
 from stereo_seecolor.matching.network import Network
 from stereo_seecolor.matching.refine import refine_rows
-from stereo_seecolor.matching.search import AMBIGUOUS, LARGE_IMAGE_PX, STRIP, Found, search, without_speckles
+from stereo_seecolor.matching.search import AMBIGUOUS, LARGE_IMAGE_PX, LEFT_RIGHT_PX, Found, remove_speckles, search
 from stereo_seecolor.matching.semiglobal import compare_rows
 
 Pair = tuple[Gray, Gray]
@@ -24,7 +25,8 @@ Pair = tuple[Gray, Gray]
 UNKNOWN = np.float32(np.nan)
 COARSE_SMOOTHING_PX = 0.7
 SPECKLE_PX, COARSE_SPECKLE_PX = 100, 10
-LEFT_RIGHT_PX = 1.0
+HOT_STRIP = 64
+"""Rows that are refined, judged and measured together while they are in the processor's cache."""
 RIVAL_OF_NETWORK = 0.5
 """A network names no rival; this is what matching gives a good pixel."""
 
@@ -77,7 +79,8 @@ class Matcher:
         small = smooth(small[0], COARSE_SMOOTHING_PX), smooth(small[1], COARSE_SMOOTHING_PX)
         low, high = self._lowest // self._scale, -(-self._highest // self._scale)
         coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high), pool)
-        near = without_speckles(np.where(coarse.left_right <= LEFT_RIGHT_PX, coarse.disparity, UNKNOWN), COARSE_SPECKLE_PX)
+        remove_speckles(coarse.disparity, COARSE_SPECKLE_PX)
+        near = coarse.disparity
         found = search(sharp[0], sharp[1], Band.around(near, self._scale, sharp[0].shape, self._lowest, self._highest), pool)
         if repeated.any():
             height, width = found.disparity.shape
@@ -89,51 +92,42 @@ class Matcher:
         disparity = network.disparity(frame.left, frame.right)
         back = np.ascontiguousarray(network.disparity(frame.right[:, ::-1], frame.left[:, ::-1])[:, ::-1])
         rival = np.full_like(disparity, RIVAL_OF_NETWORK)
-        compare_rows(disparity, rival, back, AMBIGUOUS)
-        return Found(disparity, rival, back)
+        compare_rows(disparity, rival, back, AMBIGUOUS, LEFT_RIGHT_PX)
+        return Found(disparity, rival)
 
     def _range_map(self, found: Found, sharp: Pair, pool: ThreadPoolExecutor) -> RangeMap:
         """Check, refine, judge, and turn into metres, in strips on the threads of the pool."""
-        pair = self._pair
-        checked = without_speckles(np.where(found.left_right <= LEFT_RIGHT_PX, found.disparity, UNKNOWN), SPECKLE_PX)
+        pair, checked = self._pair, found.disparity
+        remove_speckles(checked, SPECKLE_PX)
         if self._seen_left is not None:
-            checked = np.where(self._seen_left, checked, UNKNOWN)
-        disparity, sure, std = (np.empty(checked.shape, np.float32) for _ in range(3))
-
+            np.copyto(checked, UNKNOWN, where=~self._seen_left)
+        # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it anew.
+        disparity, sure, std, depth_m, range_m, range_std_m = np.empty((6, *checked.shape), np.float32)
+        filled = np.zeros(checked.shape, np.bool_)
         gain = float(sharp[0][::4, ::4].std() / max(sharp[1][::4, ::4].std(), 1e-6))
+        limits_m = self._config.min_range_m, self._config.max_range_m
+        strips = [slice(first, min(first + HOT_STRIP, checked.shape[0])) for first in range(0, checked.shape[0], HOT_STRIP)]
 
-        def refine(first: int) -> None:
-            rows = slice(first, min(first + STRIP, checked.shape[0]))
+        def measure(rows: slice) -> None:
+            maps = disparity[rows], sure[rows], std[rows], filled[rows], depth_m[rows], range_m[rows], range_std_m[rows]
+            measure_rows(pair, limits_m, rows.start, *maps)
+
+        def judge(rows: slice) -> None:
             refined, std[rows], support, relief = refine_rows(sharp[0], sharp[1], gain, checked, (rows.start, rows.stop))
-            disparity[rows] = checked[rows] if self._network else refined
             sure[rows] = confidence(std[rows], found.rival[rows], support, relief)
-            disparity[rows][~(sure[rows] >= self._config.min_confidence)] = UNKNOWN
+            chosen = checked[rows] if self._network else refined
+            disparity[rows] = np.where(sure[rows] >= self._config.min_confidence, chosen, UNKNOWN)
+            if not self._config.fill:
+                measure(rows)
 
-        list(pool.map(refine, range(0, checked.shape[0], STRIP)))
-        filled = np.zeros(disparity.shape, np.bool_)
+        list(pool.map(judge, strips))
         if self._config.fill:
             whole = fill(disparity)
             if self._seen_left is not None:
                 whole[~self._seen_left] = UNKNOWN
             filled = np.isnan(disparity) & np.isfinite(whole)
             disparity = whole
-        depth_m, range_m, range_std_m = (np.empty(checked.shape, np.float32) for _ in range(3))
-
-        def measure(first: int) -> None:
-            rows = slice(first, first + STRIP)
-            depth = pair.depth_from_disparity(disparity[rows])
-            depth[~((depth >= self._config.min_range_m) & (depth <= self._config.max_range_m))] = UNKNOWN
-            unknown = np.isnan(depth)
-            disparity[rows][unknown] = UNKNOWN
-            filled[rows][unknown] = False
-            unmeasured = unknown | filled[rows]
-            sure[rows][unmeasured] = 0
-            std[rows][unmeasured] = UNKNOWN
-            depth_m[rows] = depth
-            range_m[rows] = depth * pair.ray_length[rows]
-            range_std_m[rows] = range_m[rows] * depth * std[rows] * np.float32(1 / (pair.focal_px * pair.baseline_m))
-
-        list(pool.map(measure, range(0, checked.shape[0], STRIP)))
+            list(pool.map(measure, strips))
         return RangeMap(disparity, depth_m, range_m, range_std_m, sure, filled)
 
     def _unknown(self, warning: str) -> RangeMap:

@@ -3,17 +3,16 @@
 from collections.abc import Callable
 from typing import Any
 
-import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from stereo_seecolor.data import Map
 from stereo_seecolor.matching.images import SMOOTHING_PX, Gray
 
 WINDOW = 7
-REACH = WINDOW // 2 + 2
-"""Rows beyond its own that a strip needs."""
+SMOOTHED = 5
+"""Sides of the windows of the registration and of the smoothing before it."""
+MOMENTS = 7
 LARGEST_STEP_PX = 1.0
 MATCHING_STD_PX = 0.3
 """Standard error of what matching gives: where the images say less than that, the step shrinks towards none."""
@@ -32,98 +31,150 @@ def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, rows: tupl
     support: share of the window that is known.
     relief: |disparity - its mean over the window|, pixels: large beside an edge.
     """
-    first, end = max(0, rows[0] - REACH), min(disparity.shape[0], rows[1] + REACH)
-    base = _smoothed(disparity[first:end])
-    moments = np.zeros((7, *base.shape), np.float32)
-    _residuals(left[first:end], right[first:end], base, np.float32(gain), moments)
-    for moment in moments:
-        cv2.blur(moment, (WINDOW, WINDOW), moment, borderType=cv2.BORDER_CONSTANT)
-    inner = slice(rows[0] - first, rows[1] - first)
-    refined, std, relief = (np.empty((rows[1] - rows[0], base.shape[1]), np.float32) for _ in range(3))
-    _solve(base[inner], moments[:, inner], refined, std, relief)
-    return refined, std, moments[0, inner], relief
-
-
-def _smoothed(disparity: Map) -> Map:
-    """Mean over 5 x 5 of the disparities within one pixel of the centre's: steps of matching taken out, edges kept."""
-    across, both = disparity.copy(), np.empty_like(disparity)
-    _mean_near(disparity[:, 2:-2], (disparity[:, :-4], disparity[:, 1:-3], disparity[:, 3:-1], disparity[:, 4:]), across[:, 2:-2])
-    padded = np.concatenate([across[:1], across[:1], across, across[-1:], across[-1:]])
-    _mean_near(across, (padded[:-4], padded[1:-3], padded[3:-1], padded[4:]), both)
-    return both
+    refined, std, support, relief = (np.empty((rows[1] - rows[0], disparity.shape[1]), np.float32) for _ in range(4))
+    _refine(left, right, np.float32(gain), disparity, rows, (refined, std, support, relief))
+    return refined, std, support, relief
 
 
 @_compiled
-def _mean_near(centre: Map, neighbors: tuple[Map, Map, Map, Map], mean: Map) -> None:
-    one, none = np.float32(1), np.float32(0)
-    for y in range(centre.shape[0]):
-        c, n0, n1, n2, n3 = centre[y], neighbors[0][y], neighbors[1][y], neighbors[2][y], neighbors[3][y]
-        for x in range(c.size):
-            here = c[x]
-            near0, near1, near2, near3 = (
-                abs(n0[x] - here) < one,
-                abs(n1[x] - here) < one,
-                abs(n2[x] - here) < one,
-                abs(n3[x] - here) < one,
-            )
-            total = (
-                here
-                + (n0[x] if near0 else none)
-                + (n1[x] if near1 else none)
-                + (n2[x] if near2 else none)
-                + (n3[x] if near3 else none)
-            )
-            count = one + (one if near0 else none) + (one if near1 else none) + (one if near2 else none) + (one if near3 else none)
-            mean[y, x] = total / count
-
-
-@_compiled
-def _residuals(left: Gray, right: Gray, disparity: Map, gain: Any, moments: NDArray[np.float32]) -> None:
-    """moments: planes of 1, g, e, g g, g e, e e, d; zero where nothing is known. In gray levels of 8 bits."""
+def _refine(left: Gray, right: Gray, gain: Any, disparity: Map, rows: tuple[int, int], found: tuple[Map, Map, Map, Map]) -> None:
+    """Fill the four maps in one pass, in rings of as many rows as a window has: what is at hand stays in the processor's cache."""
     height, width = disparity.shape
-    scale, half = np.float32(1 / 256), np.float32(0.5)
-    one, g, e, gg, ge, ee = moments[0], moments[1], moments[2], moments[3], moments[4], moments[5]
-    for y in range(height):
-        for x in range(1, width - 1):
-            place = np.float32(x) - disparity[y, x]
-            if not (place >= 1 and place < width - 3):
-                continue
-            i = np.int32(place)
-            t = place - np.float32(i)
-            a, b = np.float32(right[y, i - 1]), np.float32(right[y, i])
-            c, d = np.float32(right[y, i + 1]), np.float32(right[y, i + 2])
-            # Catmull-Rom cubic through b and c
-            c1 = half * (c - a)
-            c2 = a - np.float32(2.5) * b + np.float32(2) * c - half * d
-            c3 = half * (d - a) + np.float32(1.5) * (b - c)
-            value = b + t * (c1 + t * (c2 + t * c3))
-            slope = c1 + t * (np.float32(2) * c2 + np.float32(3) * t * c3)
-            left_slope = half * (np.float32(left[y, x + 1]) - np.float32(left[y, x - 1]))
-            gradient = half * scale * (gain * slope + left_slope)
-            residual = scale * (gain * value - np.float32(left[y, x]))
-            one[y, x], g[y, x], e[y, x] = np.float32(1), gradient, residual
-            moments[6, y, x] = disparity[y, x]
-            gg[y, x], ge[y, x], ee[y, x] = gradient * gradient, gradient * residual, residual * residual
+    half, near = WINDOW // 2, SMOOTHED // 2
+    across = np.empty((SMOOTHED, width), np.float32)
+    base = np.empty((WINDOW, width), np.float32)
+    samples = np.zeros((MOMENTS + 5, width + 2 * half), np.float32)
+    ring = np.zeros((WINDOW, MOMENTS, width), np.float32)
+    moments = np.empty((MOMENTS, width), np.float32)
+    first = max(0, rows[0] - half)
+    for y in range(max(0, first - near), min(height, first + near)):
+        _smooth_across(disparity[y], across[y % SMOOTHED])
+    for y in range(first, rows[1] + half):
+        sums = ring[y % WINDOW]
+        if y < height:
+            if y + near < height:
+                _smooth_across(disparity[y + near], across[(y + near) % SMOOTHED])
+            here = base[y % WINDOW]
+            above, above2 = across[max(y - 1, 0) % SMOOTHED], across[max(y - 2, 0) % SMOOTHED]
+            below, below2 = across[min(y + 1, height - 1) % SMOOTHED], across[min(y + 2, height - 1) % SMOOTHED]
+            _mean_near(across[y % SMOOTHED], above2, above, below, below2, here)
+            _residuals(left[y], right[y], here, gain, samples, half)
+            for moment in range(MOMENTS):
+                _sum_across(samples[moment], sums[moment])
+        else:
+            sums[:] = 0
+        row = y - half
+        if row >= rows[0]:
+            for moment in range(MOMENTS):
+                _sum_down(ring, moment, moments[moment])
+            i = row - rows[0]
+            found[2][i] = moments[0]
+            _solve(base[row % WINDOW], moments, found[0][i], found[1][i], found[3][i])
 
 
 @_compiled
-def _solve(base: Map, moments: NDArray[np.float32], refined: Map, std: Map, relief: Map) -> None:
-    height, width = base.shape
+def _smooth_across(disparity: Any, mean: Any) -> None:
+    mean[:2], mean[-2:] = disparity[:2], disparity[-2:]
+    _mean_near(disparity[2:-2], disparity[:-4], disparity[1:-3], disparity[3:-1], disparity[4:], mean[2:-2])
+
+
+@_compiled
+def _mean_near(centre: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> None:
+    """Mean with those neighbors that are within one pixel: steps of matching taken out, edges kept."""
+    one, none = np.float32(1), np.float32(0)
+    for x in range(centre.size):
+        here = centre[x]
+        near0, near1, near2, near3 = (
+            abs(n0[x] - here) < one,
+            abs(n1[x] - here) < one,
+            abs(n2[x] - here) < one,
+            abs(n3[x] - here) < one,
+        )
+        total = (
+            here + (n0[x] if near0 else none) + (n1[x] if near1 else none) + (n2[x] if near2 else none) + (n3[x] if near3 else none)
+        )
+        count = one + (one if near0 else none) + (one if near1 else none) + (one if near2 else none) + (one if near3 else none)
+        mean[x] = total / count
+
+
+@_compiled
+def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, margin: int) -> None:
+    """samples: rows of 1, g, e, g g, g e, e e, d, in gray levels of 8 bits, zero where nothing is known; then five of scratch.
+
+    What is fetched from places that follow the disparity is fetched first, so that the arithmetic goes many pixels at a time.
+    """
+    width = disparity.size
+    scale, half = np.float32(1 / 256), np.float32(0.5)
+    one, g, e = samples[0, margin : margin + width], samples[1, margin : margin + width], samples[2, margin : margin + width]
+    gg, ge, ee = samples[3, margin : margin + width], samples[4, margin : margin + width], samples[5, margin : margin + width]
+    d = samples[6, margin : margin + width]
+    p0, p1, p2 = samples[7, margin : margin + width], samples[8, margin : margin + width], samples[9, margin : margin + width]
+    p3, fraction = samples[10, margin : margin + width], samples[11, margin : margin + width]
+    for x in range(width):
+        place = np.float32(x) - disparity[x]
+        inside = place >= 1 and place < width - 3 and 0 < x < width - 1
+        i = np.int32(place) if inside else np.int32(1)
+        one[x] = np.float32(1) if inside else np.float32(0)
+        fraction[x] = place - np.float32(i) if inside else np.float32(0)
+        p0[x], p1[x] = np.float32(right[i - 1]), np.float32(right[i])
+        p2[x], p3[x] = np.float32(right[i + 1]), np.float32(right[i + 2])
+    before, here, after = left[: width - 2], left[1 : width - 1], left[2:]
+    for x in range(1, width - 1):
+        t, a, b, c, f = fraction[x], p0[x], p1[x], p2[x], p3[x]
+        # Catmull-Rom cubic through b and c
+        c1 = half * (c - a)
+        c2 = a - np.float32(2.5) * b + np.float32(2) * c - half * f
+        c3 = half * (f - a) + np.float32(1.5) * (b - c)
+        value = b + t * (c1 + t * (c2 + t * c3))
+        slope = c1 + t * (np.float32(2) * c2 + np.float32(3) * t * c3)
+        left_slope = half * (np.float32(after[x - 1]) - np.float32(before[x - 1]))
+        gradient = one[x] * (half * scale * (gain * slope + left_slope))
+        residual = one[x] * (scale * (gain * value - np.float32(here[x - 1])))
+        g[x], e[x], d[x] = gradient, residual, disparity[x] if one[x] > 0 else np.float32(0)
+        gg[x], ge[x], ee[x] = gradient * gradient, gradient * residual, residual * residual
+
+
+@_compiled
+def _sum_across(values: Any, total: Any) -> None:
+    width = total.size
+    a, b, c = values[0 : 0 + width], values[1 : 1 + width], values[2 : 2 + width]
+    d, e, f = values[3 : 3 + width], values[4 : 4 + width], values[5 : 5 + width]
+    g = values[6 : 6 + width]
+    for x in range(width):
+        total[x] = a[x] + b[x] + c[x] + d[x] + e[x] + f[x] + g[x]
+
+
+@_compiled
+def _sum_down(ring: Any, moment: int, mean: Any) -> None:
+    a, b, c = ring[0, moment], ring[1, moment], ring[2, moment]
+    d, e, f = ring[3, moment], ring[4, moment], ring[5, moment]
+    g = ring[6, moment]
+    scale = np.float32(1 / WINDOW**2)
+    for x in range(mean.size):
+        mean[x] = (a[x] + b[x] + c[x] + d[x] + e[x] + f[x] + g[x]) * scale
+
+
+@_compiled
+def _solve(base: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
     one, largest = np.float32(1), np.float32(LARGEST_STEP_PX)
     prior, samples = np.float32(1 / MATCHING_STD_PX**2), np.float32(SAMPLES)
-    for y in range(height):
-        share_row, g_row, e_row = moments[0, y], moments[1, y], moments[2, y]
-        gg_row, ge_row, ee_row = moments[3, y], moments[4, y], moments[5, y]
-        for x in range(width):
-            share = share_row[x]
-            known = one / max(share, np.float32(0.02))
-            g, e = g_row[x] * known, e_row[x] * known
-            gg = max(gg_row[x] * known - g * g, np.float32(1e-6))
-            ge = ge_row[x] * known - g * e
-            noise = max(ee_row[x] * known - e * e - ge * ge / gg, np.float32(1e-4))
-            weight = share * samples / noise
-            information = gg * weight + prior
-            step = ge * weight / information
-            refined[y, x] = base[y, x] + min(max(step, -largest), largest)
-            std[y, x] = one / np.sqrt(information)
-            relief[y, x] = abs(base[y, x] - moments[6, y, x] * known)
+    least, dark, still = np.float32(0.02), np.float32(1e-6), np.float32(1e-4)
+    share_row, g_row, e_row = moments[0], moments[1], moments[2]
+    gg_row, ge_row, ee_row = moments[3], moments[4], moments[5]
+    d_row = moments[6]
+    for x in range(base.size):
+        share = share_row[x]
+        known = one / (share if share > least else least)
+        g, e = g_row[x] * known, e_row[x] * known
+        gg = gg_row[x] * known - g * g
+        gg = gg if gg > dark else dark
+        ge = ge_row[x] * known - g * e
+        noise = ee_row[x] * known - e * e - ge * ge / gg
+        noise = noise if noise > still else still
+        weight = share * samples / noise
+        information = gg * weight + prior
+        step = ge * weight / information
+        step = step if step < largest else largest
+        refined[x] = base[x] + (step if step > -largest else -largest)
+        std[x] = one / np.sqrt(information)
+        relief[x] = abs(base[x] - d_row[x] * known)

@@ -1,10 +1,13 @@
 """Match two images over a band of disparities: census, semi-global matching in strips, and the checks on what it finds."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import Any
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.data import Map
@@ -13,7 +16,7 @@ from stereo_seecolor.matching.images import Gray, census, jump_costs, mirrored_c
 from stereo_seecolor.matching.inspection import row_shift_px
 from stereo_seecolor.matching.semiglobal import TILE, compare_rows, match_rows
 
-UNKNOWN = np.float32(np.nan)
+NOTHING = -0x8000
 P1, P2, P2_LEAST = 12, 100, 15
 """What a change of disparity by one, or by more (on even ground, on an edge), costs on a path, in bits of the census."""
 STRIP, HALO = 128, 16
@@ -21,22 +24,26 @@ STRIP, HALO = 128, 16
 LARGE_IMAGE_PX = 600_000
 AMBIGUOUS = 0.05
 """Lead over the next best, as a share of P2, below which a pixel matches both."""
+LEFT_RIGHT_PX = 1.0
+"""Largest difference between the disparity of a pixel and that of the pixel of the right image that it meets."""
 TOO_NARROW_TILE, TOO_NARROW_STRIP = 0.5, 0.01
 """Share of a tile's pixels that end on the edge of its band, and share of such tiles, with which a strip is searched again."""
+
+
+_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
     """What a search found for the left image.
 
-    disparity: pixels, NaN where the best lies on the edge of its band or another is as good. rival: lead over the next best, as
-    a share of P2. left_right: |left - right disparity|, pixels, inf where there is none.
+    disparity: pixels, NaN where the best lies on the edge of its band, another is as good, or the right image disagrees.
+    rival: lead over the next best, as a share of P2.
     row_shift_px: how far the rows of the right image lie below the left's.
     """
 
     disparity: Map
     rival: Map
-    left_right: Map
     row_shift_px: float = 0.0
 
 
@@ -48,9 +55,10 @@ def search(left: Gray, right: Gray, band: Band, pool: ThreadPoolExecutor) -> Fou
     height, width = left.shape
     before = max(0, WIDENING - int(band.lowest.min()))
     after = max(0, int((band.lowest + band.count).max())) + WIDENING
-    left_census, right_census = pool.map(lambda job: job(), (lambda: census(left), lambda: mirrored_census(right, before, after)))
-    jump = jump_costs(left, P2, P2_LEAST)
-    disparity, rival, left_right = (np.empty((height, width), np.float32) for _ in range(3))
+    jump_job = pool.submit(jump_costs, left, P2, P2_LEAST)
+    census_jobs = pool.submit(census, left), pool.submit(mirrored_census, right, before, after)
+    jump, left_census, right_census = jump_job.result(), census_jobs[0].result(), census_jobs[1].result()
+    disparity, rival, back = (np.empty((height, width), np.float32) for _ in range(3))
 
     def strip(first: int) -> None:
         end = min(first + STRIP, height)
@@ -58,16 +66,16 @@ def search(left: Gray, right: Gray, band: Band, pool: ThreadPoolExecutor) -> Fou
 
         def match(band: Band) -> None:
             lowest, count = band.lowest, band.count
-            match_rows(left_census, right_census, before, lowest, count, rows, jump, P1, P2, disparity, rival, left_right)
+            match_rows(left_census, right_census, before, lowest, count, rows, jump, P1, P2, disparity, rival, back)
 
         match(band)
         narrow = _too_narrow(disparity, first, end, band.lowest.shape)
         if narrow.sum() > TOO_NARROW_STRIP * (-(-(end - first) // TILE) * narrow.shape[1]):
             match(band.widened(narrow))
-        compare_rows(disparity[first:end], rival[first:end], left_right[first:end], AMBIGUOUS)
+        compare_rows(disparity[first:end], rival[first:end], back[first:end], AMBIGUOUS, LEFT_RIGHT_PX)
 
     list(pool.map(strip, range(0, height, STRIP)))
-    return Found(disparity, rival, left_right, row_shift_px(left_census, right_census, before + width - 1, disparity))
+    return Found(disparity, rival, row_shift_px(left_census, right_census, before + width - 1, disparity))
 
 
 def _too_narrow(disparity: Map, first: int, end: int, tiles: tuple[int, int]) -> NDArray[np.bool_]:
@@ -81,12 +89,28 @@ def _too_narrow(disparity: Map, first: int, end: int, tiles: tuple[int, int]) ->
     return narrow
 
 
-def without_speckles(disparity: Map, pixels: int) -> Map:
-    """NaN also where fewer than that many connected pixels share a disparity; large images are judged on every second pixel."""
+def remove_speckles(disparity: Map, pixels: int) -> None:
+    """Make NaN where fewer than that many connected pixels share a disparity; large images are judged on every second pixel."""
     every = 2 if disparity.size > LARGE_IMAGE_PX else 1
-    thin = disparity[::every, ::every]
-    fixed = np.where(np.isfinite(thin), thin * 16, -0x8000).astype(np.int16)
+    fixed = np.empty((-(-disparity.shape[0] // every), -(-disparity.shape[1] // every)), np.int16)
+    _thinned(disparity, every, fixed)
     kept = fixed.copy()
-    cv2.filterSpeckles(kept, -0x8000, pixels // every**2, 16)
-    speckle = (kept != fixed).repeat(every, axis=0).repeat(every, axis=1)
-    return np.where(speckle[: disparity.shape[0], : disparity.shape[1]], UNKNOWN, disparity)
+    cv2.filterSpeckles(kept, NOTHING, pixels // every**2, 16)
+    speckle = cv2.compare(kept, fixed, cv2.CMP_NE)
+    _without(disparity, every, speckle)
+
+
+@_compiled
+def _thinned(disparity: Map, every: int, fixed: NDArray[np.int16]) -> None:
+    for y in range(fixed.shape[0]):
+        for x in range(fixed.shape[1]):
+            d = disparity[y * every, x * every]
+            fixed[y, x] = np.int16(d * np.float32(16)) if np.isfinite(d) else np.int16(NOTHING)
+
+
+@_compiled
+def _without(disparity: Map, every: int, speckle: NDArray[np.uint8]) -> None:
+    for y in range(speckle.shape[0]):
+        for x in range(speckle.shape[1]):
+            if speckle[y, x]:
+                disparity[y * every : (y + 1) * every, x * every : (x + 1) * every] = np.nan

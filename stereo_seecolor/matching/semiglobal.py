@@ -235,20 +235,16 @@ def _winner(total: NDArray[np.uint16], at: int, low: int, count: int, scale: Any
 
 
 @_compiled
-def compare_rows(disparity: Map, rival: Map, back: Map, least: float) -> None:
-    """Replace back, the disparity of the right image, by |disparity - back there|; inf where either is unknown.
-
-    disparity becomes NaN where its lead over its rival is under ``least``.
-    """
+def compare_rows(disparity: Map, rival: Map, back: Map, least: float, most_px: float) -> None:
+    """NaN in disparity where its lead over its rival is under ``least``, or back, of the right image, is not within most_px."""
     height, width = disparity.shape
-    right = np.empty(width, np.float32)
+    least32, most32 = np.float32(least), np.float32(most_px)
     for y in range(height):
-        right[:] = back[y]
         for x in range(width):
-            back[y, x] = np.inf
-            if rival[y, x] < least:
+            here = disparity[y, x]
+            met = np.float32(x) - here
+            agrees = False
+            if rival[y, x] >= least32 and met >= np.float32(-0.5) and met <= np.float32(width) - np.float32(0.5):
+                agrees = abs(here - back[y, np.int64(np.rint(met))]) <= most32
+            if not agrees:
                 disparity[y, x] = np.nan
-            if np.isfinite(disparity[y, x]):
-                met = int(np.rint(x - disparity[y, x]))
-                if 0 <= met < width and np.isfinite(right[met]):
-                    back[y, x] = abs(disparity[y, x] - right[met])
