@@ -56,14 +56,16 @@ class Matcher:
         """
         with ThreadPoolExecutor(os.cpu_count()) as pool:
             left, right = pool.map(gray, (frame.left, frame.right))
-            small = shrink(left, self._scale), shrink(right, self._scale)
+            small_left, small_right = pool.map(lambda image: shrink(image, self._scale), (left, right))
+            small = small_left, small_right
             reason = inspection.unusable(*small)
             if reason:
                 return self._unknown(f"{reason}: no range is known")
-            left, right = pool.map(smooth, (left, right))
+            smoothed = pool.map(smooth, (left, right))
+            repeated = inspection.repeated(small[0], (self._highest - self._lowest) // self._scale)
+            left, right = smoothed
             if self._network:
                 return self._range_map(self._predicted(self._network, frame), (left, right), pool)
-            repeated = inspection.repeated(small[0], (self._highest - self._lowest) // self._scale)
             found = self._searched(small, (left, right), repeated, pool)
             range_map = self._range_map(found, (left, right), pool)
             measured = np.where(range_map.filled, UNKNOWN, range_map.disparity)[:: self._scale, :: self._scale]

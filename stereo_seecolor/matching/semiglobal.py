@@ -23,6 +23,7 @@ from stereo_seecolor.matching.vectors import (
     hamming,
     path_step,
     path_step_alone,
+    shift,
     smallest,
     smallest_but,
 )
@@ -73,7 +74,7 @@ def match_rows(
     cost = np.empty(count.max(), np.uint16)
     along = _scratch(cost.size)
     along_next = along + lengths.max()
-    paths = np.full(along_next + lengths.max(), FAR, np.uint16)
+    paths = np.full(along_next + lengths.max() + LANES, FAR, np.uint16)
     floors = np.zeros(width, np.uint16)
     claims = np.empty(right.shape[1], np.uint16), np.empty(right.shape[1], np.int16)
     nothing = np.zeros_like(bands[0])
@@ -124,8 +125,11 @@ def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, 
 
 @_compiled
 def _scratch(most: int) -> int:
-    """Cells of ``paths`` before the vertical ones: two pixels of the horizontal path and a shifted one, with their guards."""
-    return 3 * (most + 2)
+    """Cells of ``paths`` before the vertical ones: two pixels of the horizontal path and a shifted one, with their guards.
+
+    The shifted one is written LANES at a time, and so past its end.
+    """
+    return 3 * (most + 2) + LANES
 
 
 @_compiled
@@ -139,7 +143,7 @@ def _follow(
     one array are: numba would count references for each pixel.
     """
     width = bits.size
-    across, across_next = SHIFTED + cost.size + 2, SHIFTED + 2 * (cost.size + 2)
+    across, across_next = SHIFTED + cost.size + 2 + LANES, SHIFTED + 2 * (cost.size + 2) + LANES
     p1 = np.uint16(P1)
     floor, low_before, count_before = np.uint16(0), 0, 0
     for column in range(width):
@@ -175,9 +179,12 @@ def _follow(
 @_compiled
 def _shift(paths: Any, before: int, low_before: int, count_before: int, low: int, count: int) -> int:
     """Copy the costs of the pixel before, over its own band, to where the band low.. of this pixel finds them."""
-    for k in range(-1, count + 1):
+    for k in range(-1, count + 1, LANES):
         i = k + low - low_before
-        paths[SHIFTED + k] = paths[before + i] if 0 <= i < count_before else FAR
+        if -LANES < i < count_before:
+            shift(paths, before, i, count_before, SHIFTED + k)
+        else:
+            shift(paths, SHIFTED, 0, 0, SHIFTED + k)
     return SHIFTED
 
 

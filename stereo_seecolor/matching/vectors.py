@@ -162,6 +162,22 @@ def claim(typing: Any, a: Any, i: Any, best: Any, disparity: Any, j: Any, first:
     return types.void(a, types.intp, best, disparity, types.intp, types.int16), generate
 
 
+@_written_out
+def shift(typing: Any, a: Any, b: Any, i: Any, count: Any, t: Any) -> Any:
+    """a[t:] = a[b + i:] for those lanes whose i + lane lies in 0..count - 1, FAR for the others."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        a, b, i, count, t = arguments
+        values = _load(builder, _at(context, builder, signature.args[0], a, builder.add(b, i), _SHORTS), 2)
+        place = builder.add(_LANE, _splat(builder, builder.trunc(i, _SHORT), _SHORTS))
+        inside = builder.icmp_unsigned("<", place, _splat(builder, builder.trunc(count, _SHORT), _SHORTS))
+        shifted = builder.select(inside, values, ir.Constant(_SHORTS, [FAR] * LANES))
+        builder.store(shifted, _at(context, builder, signature.args[0], a, t, _SHORTS), align=2)
+        return context.get_dummy_value()
+
+    return types.void(a, types.intp, types.intp, types.intp, types.intp), generate
+
+
 def _at(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Any) -> Any:
     data = context.make_array(array_type)(context, builder, array).data
     return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
