@@ -99,7 +99,8 @@ class SurveyFitter:
 
     def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
         """One more frame."""
-        self._frames[name] = brightness = Brightness.of(table, self._config.input_encoding)
+        brightness = Brightness.of(table, self._config.input_encoding)
+        self._frames[name] = brightness.small()
         if not np.isfinite(brightness.stops):
             return
         if self._config.camera_exposure == "auto" and self._classes:
