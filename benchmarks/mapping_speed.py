@@ -5,25 +5,22 @@
 24 frames of a synthetic reef are laid end to end until there are as many as asked for, so that disk and memory see a long dive.
 """
 
-import json
 import platform
 import resource
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
-from mapping_scene import ReefFrames
+from mapping_scene import ReefFrames, write_run
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.data import SurveyFrame, Trajectory
 from stereo_seecolor.mapping.survey_map import build_map
-from stereo_seecolor.outputs.encode import encode_confidence, encode_image, encode_map
 from stereo_seecolor.outputs.survey_frames import SurveyFrames
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -47,30 +44,11 @@ class Repeated(Sequence[SurveyFrame]):
         return SurveyFrame(f"{i:06d}", float(i), frame.color, frame.range_m, frame.range_std_m, frame.confidence)
 
 
-def write_run(out: Path) -> ReefFrames:
-    reef = ReefFrames(SPEC)
-    rows = ["name,status,timestamp_s"]
-    for frame in reef:
-        products = {
-            f"corrected/{frame.name}.png": encode_image(frame.color, "png"),
-            f"range/{frame.name}.tiff": encode_map(frame.range_m),
-            f"range_std/{frame.name}.tiff": encode_map(frame.range_std_m),
-            f"confidence/{frame.name}.png": encode_confidence(frame.confidence),
-        }
-        for name, content in products.items():
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            (out / name).write_bytes(content)
-        rows.append(f"{frame.name},ok,{frame.timestamp_s}")
-    (out / "frames.csv").write_text("\n".join(rows) + "\n")
-    (out / "run.json").write_text(json.dumps({"geometry": asdict(reef.pair)}))
-    return reef
-
-
 def main(pairs: int, folder: Path) -> None:
     run = folder / "run"
     if not (run / "run.json").exists():
-        run.mkdir(parents=True, exist_ok=True)
-        write_run(run)
+        reef = ReefFrames(SPEC)
+        write_run(run, reef, reef.pair)
     base = ReefFrames(SPEC).trajectory
     number = np.arange(pairs)
     T = base.T_world_camera[number % SPEC.pairs].copy()

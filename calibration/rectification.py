@@ -25,6 +25,7 @@ class Rectification:
 
     pair: the geometry after rectification.
     R_left, R_right: (3, 3) rotation from each camera's axes to the rectified axes.
+    centre_left_m: (3,) in the left camera's axes, where the rectified left camera has its centre; off zero behind a flat port.
     maps_left, maps_right: cv2.remap tables (fixed point), None for a rig that is rectified already: its images pass
     through untouched.
     """
@@ -32,6 +33,7 @@ class Rectification:
     pair: RectifiedPair
     R_left: Array
     R_right: Array
+    centre_left_m: Array
     maps_left: RemapTables | None
     maps_right: RemapTables | None
 
@@ -40,9 +42,10 @@ class Rectification:
         """Rectify ``rig`` onto images of the left camera's size, as wide as both cameras see without empty corners."""
         pair, R_left, R_right = plan_rectification(rig)
         if rig.is_rectified:
-            return cls(pair, R_left, R_right, None, None)
+            return cls(pair, R_left, R_right, np.zeros(3), None, None)
         left, right, _ = cameras_in_water(rig)
-        return cls(pair, R_left, R_right, _maps(left, R_left, pair), _maps(right, R_right, pair))
+        centre_m = left.centre_m if isinstance(left, CameraInWater) else np.zeros(3)
+        return cls(pair, R_left, R_right, centre_m, _maps(left, R_left, pair), _maps(right, R_right, pair))
 
     def apply_left(self, image: Image) -> Image:
         """Rectify a left image (H, W) or (H, W, C); dtype kept, black where the camera saw nothing."""
@@ -51,6 +54,13 @@ class Rectification:
     def apply_right(self, image: Image) -> Image:
         """Rectify a right image; as apply_left."""
         return _remap(image, self.maps_right, self.pair.image_size, "right")
+
+    @property
+    def T_rectified_left(self) -> Array:
+        """(4, 4): a point in the left camera's axes, as calibrated, into the rectified left camera's."""
+        T = np.eye(4)
+        T[:3, :3], T[:3, 3] = self.R_left, -self.R_left @ self.centre_left_m
+        return T
 
     def rectified_rig(self) -> StereoRig:
         """The rig that the rectified images look taken by: no distortion, no rotation, one focal length."""

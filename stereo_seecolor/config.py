@@ -161,6 +161,10 @@ class MappingConfig(_Stage):
     poses: Literal["given", "prior"] = Field(
         default="given", description="A trajectory's poses are the map's; or prior: own odometry, held to them by the errors below."
     )
+    poses_of: Literal["format", "raw", "rectified"] = Field(
+        default="format",
+        description="A trajectory's poses are the left camera's as calibrated (raw), or the rectified one's; format: its own way.",
+    )
     prior_position_std_m: float = Field(default=0.5, gt=0, description="Standard error of a prior's position, east and north.")
     prior_depth_std_m: float = Field(default=0.05, gt=0, description="Standard error of a prior's depth: its pressure sensor's.")
     prior_attitude_std_deg: float = Field(default=1.0, gt=0, description="Standard error of a prior's roll, pitch and heading.")

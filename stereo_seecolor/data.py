@@ -1,6 +1,6 @@
 """What the stages exchange: frozen, units and shapes on every field, NaN for unknown."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -166,12 +166,14 @@ class GeoOrigin:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Where the rectified left camera stood: p_world = T_world_camera @ p_camera, metres.
+    """Where the left camera stood: p_world = T_world_camera @ p_camera, metres.
 
     names: (N,) frame names ("" where the file names none). timestamps_s: (N,) float64, NaN where the file holds no time.
     T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world east-north-up when georeferenced.
     up: "z" where the world's z axis points up; "unknown" where the format does not say (KITTI: the first camera's axes).
     origin: where the world's origin lies on Earth, None for a local map.
+    camera: "rectified" where the poses are the rectified left camera's; "raw" where they are those of the camera as it was
+    calibrated and mounted, which rectification turns.
     """
 
     names: tuple[str, ...]
@@ -179,3 +181,10 @@ class Trajectory:
     T_world_camera: NDArray[np.float64]
     up: Literal["z", "unknown"] = "z"
     origin: GeoOrigin | None = None
+    camera: Literal["raw", "rectified"] = "rectified"
+
+    def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
+        """The same track as the rectified camera's. T_rectified_left: (4, 4), from the raw left camera's axes."""
+        if self.camera == "rectified":
+            return self
+        return replace(self, T_world_camera=self.T_world_camera @ np.linalg.inv(T_rectified_left), camera="rectified")

@@ -6,11 +6,10 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibration import RectifiedPair, StereoRig
+from calibration import Rectification, StereoRig
 from calibration.checks import suspicions
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.data import Trajectory
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_by_stem, pair_folders
@@ -54,7 +53,7 @@ def run(
         source = StereoSource(pipeline, folder)
         job = _Job(folder, Survey(source, config, folder, options), pairing, config)
         job.inputs = {"left": str(left), "right": str(right), "calib": str(calib)}
-        job.geometry = source.geometry
+        job.rectification = pipeline.rectification
         if ranges_only:
             return job.go(lambda survey: survey.match(pairing.pairs))
         return job.go(lambda survey: _color(survey, config, folder, pairing.pairs, water))
@@ -90,13 +89,13 @@ def rectify(
         source = StereoSource(pipeline, folder)
         job = _Job(folder, Survey(source, config, folder, options), pairing, config)
         job.inputs = {"left": str(left), "right": str(right), "calib": str(calib)}
-        job.geometry = source.geometry
+        job.rectification = pipeline.rectification
         write_rig(pipeline.rectification.rectified_rig(), folder.root / "rectified.yaml")
         return job.go(lambda survey: survey.each("rectified", pairing.pairs, source.write_rectified))
 
 
-def check_fusion(poses: Path | None, config: RunConfig) -> Trajectory | None:
-    """All that fusion needs, looked at before the first frame: the library, and the trajectory, which is returned.
+def check_fusion(poses: Path | None, config: RunConfig) -> None:
+    """Look at all that fusion needs before the first frame: the library, and the trajectory.
 
     Raises DeviceError if Open3D cannot be loaded, with the command that mends it; InputError for a bad trajectory.
     """
@@ -104,20 +103,23 @@ def check_fusion(poses: Path | None, config: RunConfig) -> Trajectory | None:
     from stereo_seecolor.mapping.fusion import check_available
 
     check_available()
-    return read_trajectory(poses, config.mapping.mount) if poses else None
+    if poses:
+        read_trajectory(poses, config.mapping.mount)
 
 
 def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, listener: Listener | None = None) -> "MapSummary":
     """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config asks for.
 
-    poses: a trajectory of the rectified left camera in any known format; without it the program finds the track itself.
+    poses: a trajectory of the left camera in any known format; without it the program finds the track itself.
     Raises DeviceError, before the first frame, if Open3D is missing; InputError; MappingError.
     """
+    from stereo_seecolor.inputs.trajectories import rectified_trajectory
     from stereo_seecolor.mapping.survey_map import build_map
 
     config = config or RunConfig()
-    trajectory = check_fusion(poses, config)
+    check_fusion(poses, config)
     frames = SurveyFrames(out)
+    trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
     return build_map(frames, frames.pair, out / "map", config.mapping, trajectory, _stages_of(listener or Silence()))
 
 
@@ -171,7 +173,7 @@ def _color(survey: Survey, config: RunConfig, folder: RunFolder, pairs: Sequence
 class _Job:
     """One job over all pairs: its passes, and the files that tell of it, also when it is stopped midway."""
 
-    geometry: RectifiedPair | None = None
+    rectification: Rectification | None = None
     inputs: dict[str, str]
 
     def __init__(self, folder: RunFolder, survey: Survey, pairing: Pairing, config: RunConfig) -> None:
@@ -209,6 +211,7 @@ class _Job:
             "version": __version__,
             "inputs": {**self.inputs, "files": {row.name: row.hashes for row in summary.rows if row.hashes}},
             "config": self._config.model_dump(),
-            "geometry": asdict(self.geometry) if self.geometry else None,
+            "geometry": asdict(self.rectification.pair) if self.rectification else None,
+            "T_rectified_left": self.rectification.T_rectified_left.tolist() if self.rectification else None,
             "totals": summary.totals(),
         }

@@ -17,7 +17,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.data import Image, Water
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.placement import place
 from stereo_seecolor.outputs.survey_frames import SurveyFrames
@@ -27,13 +27,14 @@ from stereo_seecolor.outputs.water_file import read_waters, write_waters
 def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> tuple[Path, Water]:
     """Write OUT/water_measured.json: attenuation and backscatter from places seen at two ranges, the white point as fitted before.
 
-    out: a run with color.lock=survey. poses: a trajectory of the rectified left camera in any known format.
+    out: a run with color.lock=survey. poses: a trajectory of the left camera in any known format.
     Raises InputError, MappingError, ColorError where the run, the poses or the overlap cannot carry it.
     """
     config = config or RunConfig()
     frames = SurveyFrames(out)
     index = FrameIndex.build(frames, frames.pair)
-    placed = place(index, read_trajectory(poses, config.mapping.mount), config.mapping)
+    trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left)
+    placed = place(index, trajectory, config.mapping)
     waters = read_waters(out / "water.json", list(index.names))
     if len({tuple(water.white) for water in waters.values()}) > 1:
         raise InputError(f"{out / 'water.json'}: holds a water for each frame: run again with --set color.lock=survey")

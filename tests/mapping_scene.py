@@ -1,7 +1,10 @@
 """A reef with known truth as the map's stages see it: frames with exact colours and ranges of known noise, without stereo."""
 
-from collections.abc import Sequence
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from functools import cached_property
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,6 +13,8 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.data import SurveyFrame, Trajectory
+from stereo_seecolor.mapping.join import VERTEX
+from stereo_seecolor.outputs.encode import encode_confidence, encode_image, encode_map
 from stereo_seecolor.synthetic import survey
 from stereo_seecolor.synthetic.casting import cast, look_up
 from stereo_seecolor.synthetic.reef import CELL_M, Reef, build_reef
@@ -35,6 +40,32 @@ def track(count: int, altitude_m: float = 1.5, step_m: float = 0.3) -> Trajector
     T[:, :3, :3] = DOWN
     T[:, 0, 3], T[:, 2, 3] = np.arange(count) * step_m, altitude_m
     return Trajectory(tuple(f"f{i}" for i in range(count)), np.arange(count, dtype=float), T)
+
+
+def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_rectified_left: NDArray | None = None) -> None:
+    """What a run leaves of the frames in its folder, as far as the map reads it."""
+    rows = ["name,status,timestamp_s"]
+    for frame in frames:
+        products = {
+            f"corrected/{frame.name}.png": encode_image(frame.color, "png"),
+            f"range/{frame.name}.tiff": encode_map(frame.range_m),
+            f"range_std/{frame.name}.tiff": encode_map(frame.range_std_m),
+            f"confidence/{frame.name}.png": encode_confidence(frame.confidence),
+        }
+        for name, content in products.items():
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
+            (out / name).write_bytes(content)
+        rows.append(f"{frame.name},ok,{frame.timestamp_s}")
+    (out / "frames.csv").write_text("\n".join(rows) + "\n")
+    T = np.eye(4) if T_rectified_left is None else T_rectified_left
+    (out / "run.json").write_text(json.dumps({"geometry": asdict(pair), "T_rectified_left": T.tolist()}))
+
+
+def read_cloud(path: Path) -> NDArray[np.void]:
+    content = path.read_bytes()
+    header, body = content.split(b"end_header\n", 1)
+    count = int(header.split(b"element vertex ")[1].split()[0])
+    return np.frombuffer(body, VERTEX, count)
 
 
 class ReefFrames(Sequence[SurveyFrame]):

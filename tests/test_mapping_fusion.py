@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, height_at, track
+from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, height_at, read_cloud, track
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
@@ -23,13 +23,6 @@ try:
     fusion.check_available()
 except DeviceError as error:
     pytest.skip(str(error), allow_module_level=True)
-
-
-def read_cloud(path: Path) -> NDArray[np.void]:
-    content = path.read_bytes()
-    header, body = content.split(b"end_header\n", 1)
-    count = int(header.split(b"element vertex ")[1].split()[0])
-    return np.frombuffer(body, VERTEX, count)
 
 
 def read_triangles(path: Path) -> NDArray[np.int32]:

@@ -18,7 +18,8 @@ from stereo_seecolor.errors import InputError
 class SurveyFrames(Sequence[SurveyFrame]):
     """The frames of ``OUT/`` that went through all stages, in the order of their names; each is read when asked for.
 
-    pair: the geometry of the rectified images. Raises InputError if OUT/ holds no finished run with ranges and colours.
+    pair: the geometry of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes.
+    Raises InputError if OUT/ holds no finished run with ranges and colours.
     """
 
     def __init__(self, out: Path) -> None:
@@ -27,6 +28,9 @@ class SurveyFrames(Sequence[SurveyFrame]):
         if content.get("geometry") is None:
             raise InputError(f"{out / 'run.json'}: knows nothing of the camera (made by correct?): a map needs the output of run")
         self.pair = RectifiedPair(**{**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])})
+        if "T_rectified_left" not in content:
+            raise InputError(f"{out / 'run.json'}: made by an earlier version: run again, which keeps what is finished")
+        self.T_rectified_left = np.array(content["T_rectified_left"])
         self._rows = [row for row in _rows(out) if row["status"] == "ok"]
         if not self._rows:
             raise InputError(f"{out}: holds no frame that went through all stages")

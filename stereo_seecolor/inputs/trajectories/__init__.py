@@ -1,11 +1,12 @@
 """Trajectories as vehicles and other programs write them: one file a format, ``read_trajectory`` finds out which it is."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.config import MountConfig
+from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.data import Trajectory
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import acfr, colmap, kitti, matisse, oplab, orca, tum
@@ -20,7 +21,7 @@ _FORMATS: tuple[tuple[Callable[[Lines], bool], _Reader], ...] = tuple(
 
 
 def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
-    """Read the poses of the left camera from any known format.
+    """Read the poses of the left camera from any known format; ``camera`` of what is returned tells whether of the raw one.
 
     mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude (oplab, ORCA, Matisse).
     A pose that is not finite is kept as NaN, so that the map can name the frame that has none.
@@ -32,6 +33,17 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     if not np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).any():
         raise InputError(f"{path}: holds no finite pose")
     return trajectory
+
+
+def rectified_trajectory(path: Path, config: MappingConfig, T_rectified_left: np.ndarray) -> Trajectory:
+    """As read_trajectory, of the rectified left camera, whosever poses the file holds.
+
+    T_rectified_left: (4, 4), from the axes of the left camera as calibrated; a run's own is in its run.json.
+    """
+    trajectory = read_trajectory(path, config.mount)
+    if config.poses_of != "format":
+        trajectory = replace(trajectory, camera=config.poses_of)
+    return trajectory.of_rectified(T_rectified_left)
 
 
 def _reader(lines: Lines) -> _Reader:

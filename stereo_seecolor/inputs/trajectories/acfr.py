@@ -18,7 +18,7 @@ def recognizes(lines: Lines) -> bool:
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
-    """The angles are the camera's own (x right, y down, z along the optical axis): no mount is needed."""
+    """The angles are the raw camera's own (x right, y down, z along the optical axis): no mount is needed."""
     origin, rows = _origin(lines)
     values, names = [], []
     for number, line in rows:
@@ -30,7 +30,7 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
         names.append(fields[first + 6])
     table = np.reshape(values, (-1, 7))
     T = poses_from_ned(rotation_from_euler(table[:, 4], table[:, 5], table[:, 6]), table[:, 1:4])
-    return Trajectory(tuple(names), table[:, 0], T, origin=origin)
+    return Trajectory(tuple(names), table[:, 0], T, origin=origin, camera="raw")
 
 
 def _origin(lines: Lines) -> tuple[GeoOrigin | None, tuple[tuple[int, str], ...]]:

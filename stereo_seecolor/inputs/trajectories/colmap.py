@@ -15,7 +15,10 @@ def recognizes(lines: Lines) -> bool:
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:
-    """COLMAP's world is arbitrary: up is unknown, and so is the scale unless the model was made metric."""
+    """COLMAP's world is arbitrary: up is unknown, and so is the scale unless the model was made metric.
+
+    The pictures it was given are taken to be the raw left ones (as they are, or undistorted, which does not turn them).
+    """
     rows, names = [], []
     for number, line in _image_lines(lines):
         fields = line.split(maxsplit=9)
@@ -27,7 +30,8 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     R_camera_world = rotation_from_quaternion(table[:, [1, 2, 3, 0]])
     R_world_camera = R_camera_world.transpose(0, 2, 1)
     position_m = -np.einsum("nij,nj->ni", R_world_camera, table[:, 4:])
-    return Trajectory(tuple(names), np.full(len(names), np.nan), poses(R_world_camera, position_m), up="unknown")
+    T = poses(R_world_camera, position_m)
+    return Trajectory(tuple(names), np.full(len(names), np.nan), T, up="unknown", camera="raw")
 
 
 def _image_lines(lines: Lines) -> list[tuple[int, str]]:

@@ -28,7 +28,8 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     R_ned_vehicle = rotation_from_euler(*angles)
     origin = _origin(table, position, R_ned_vehicle, mount)
     T = poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position)
-    return Trajectory(tuple(table.text("relative_path")), np.array(table.column("timestamp [s]", np.nan)), T, origin=origin)
+    times = np.array(table.column("timestamp [s]", np.nan))
+    return Trajectory(tuple(table.text("relative_path")), times, T, origin=origin, camera="raw")
 
 
 def _origin(table: Table, camera_ned: np.ndarray, R_ned_vehicle: np.ndarray, mount: MountConfig) -> GeoOrigin | None:

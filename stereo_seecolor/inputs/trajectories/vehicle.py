@@ -23,7 +23,7 @@ def camera_trajectory(
     attitude_deg: NDArray[np.float64],
     mount: MountConfig,
 ) -> Trajectory:
-    """The camera's poses in east-north-up; the origin is the first position that is known, at the water's surface.
+    """The raw camera's poses in east-north-up; the origin is the first position that is known, at the water's surface.
 
     attitude_deg: (N, 3) roll, pitch, heading of the vehicle. What is NaN gives a NaN pose.
     """
@@ -33,4 +33,5 @@ def camera_trajectory(
     north_east = north_east_from_degrees(latitude_deg, longitude_deg, origin)
     R_ned_vehicle = rotation_from_euler(*np.radians(attitude_deg.T))
     position = np.concatenate([north_east, depth_m[:, None]], axis=1) + R_ned_vehicle @ mount_offset_m(mount)
-    return Trajectory(names, timestamps_s, poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position), origin=origin)
+    T = poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position)
+    return Trajectory(names, timestamps_s, T, origin=origin, camera="raw")
