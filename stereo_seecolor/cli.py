@@ -86,7 +86,7 @@ def run(
         (workers, overwrite, strict, as_json),
     )
     if fuse:
-        _fuse(out, poses, settled, quiet=as_json)
+        code = max(code, _fuse(out, poses, settled, quiet=as_json))
     raise typer.Exit(code)
 
 
@@ -170,7 +170,7 @@ def fuse(
     settings: Settings = None,
 ) -> None:
     """Fuse a finished run into one map of the dive, OUT/map."""
-    _fuse(out, poses, _config(config, settings), quiet=False)
+    raise typer.Exit(_fuse(out, poses, _config(config, settings), quiet=False))
 
 
 @app.command()
@@ -395,21 +395,21 @@ def _report(job: "Callable[[RunOptions], RunSummary]", out: Path, how: tuple[int
     return EXIT_DONE if summary.all_done else EXIT_SOME_FAILED
 
 
-def _fuse(out: Path, poses: Path | None, config: "RunConfig", quiet: bool) -> None:
+def _fuse(out: Path, poses: Path | None, config: "RunConfig", quiet: bool) -> int:
     from stereo_seecolor import jobs
     from stereo_seecolor.progress import progress
 
     with progress(quiet) as listener:
         made = jobs.fuse(out, poses, config, listener)
-    if quiet:
-        return
+    told = sys.stderr if quiet else sys.stdout
     for frame in made.unplaced:
-        print(f"not placed: {frame.name}: {frame.reason}")
+        print(f"not placed: {frame.name}: {frame.reason}", file=told)
     for warning in made.warnings:
-        print(f"warning: {warning}")
-    print(f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s")
+        print(f"warning: {warning}", file=told)
+    print(f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s", file=told)
     for file in made.files:
-        print(f"  {file}")
+        print(f"  {file}", file=told)
+    return EXIT_SOME_FAILED if made.unplaced else EXIT_DONE
 
 
 def _evaluate_charts(

@@ -9,6 +9,14 @@ class InputError(SeeColorError):
     """An input folder, image, range map or trajectory that cannot be used."""
 
 
+class FrameError(InputError):
+    """One frame's files are gone or damaged; the others can go on without it. name: the frame's."""
+
+    def __init__(self, name: str, message: str) -> None:
+        super().__init__(message)
+        self.name = name
+
+
 class ConfigError(SeeColorError):
     """A configuration file or --set that cannot be used."""
 

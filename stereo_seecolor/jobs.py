@@ -17,7 +17,7 @@ from stereo_seecolor.inputs.video import is_video, unpack
 from stereo_seecolor.options import Listener, RunOptions, Silence
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.frames_table import FrameRow, RunSummary, frames_csv
-from stereo_seecolor.outputs.run_folder import STATE, RunFolder, content_key
+from stereo_seecolor.outputs.run_folder import STATE, RunFolder, content_key, held
 from stereo_seecolor.outputs.survey_frames import SurveyFrames
 from stereo_seecolor.outputs.water_file import read_waters, write_waters
 from stereo_seecolor.pipeline import Pipeline, Survey
@@ -111,16 +111,19 @@ def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, 
     """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config asks for.
 
     poses: a trajectory of the left camera in any known format; without it the program finds the track itself.
-    Raises DeviceError, before the first frame, if Open3D is missing; InputError; MappingError.
+    Raises DeviceError, before the first frame, if Open3D is missing; InputError; MappingError; OutputError,
+    also where another run or fusion writes into ``out`` now. A frame that is gone or damaged is named, and the rest fused.
     """
     from stereo_seecolor.inputs.trajectories import rectified_trajectory
     from stereo_seecolor.mapping.survey_map import build_map
 
     config = config or RunConfig()
     check_fusion(poses, config)
-    frames = SurveyFrames(out)
-    trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
-    return build_map(frames, frames.pair, out / "map", config.mapping, trajectory, _stages_of(listener or Silence()))
+    SurveyFrames(out)  # refuses what is no run's folder before anything is written into it
+    with held(out):
+        frames = SurveyFrames(out)
+        trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
+        return build_map(frames, frames.pair, out / "map", config.mapping, trajectory, _stages_of(listener or Silence()))
 
 
 def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:

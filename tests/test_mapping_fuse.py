@@ -1,14 +1,15 @@
 """Fusing a run's folder: whose poses they are, who else writes there, and what is damaged in it."""
 
 import json
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from conftest import Dive
-from mapping_scene import ReefFrames, height_at, read_cloud, write_run
+from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, height_at, read_cloud, track, write_run
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
@@ -17,11 +18,17 @@ from calibration.port import FlatPort, FlatWindow
 from calibration.rectification import rectified_points
 from calibration.refraction import CameraInWater
 from stereo_seecolor import jobs
+from stereo_seecolor.cli import main
 from stereo_seecolor.config import MappingConfig, RunConfig
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.data import SurveyFrame
+from stereo_seecolor.errors import DeviceError, FrameError, InputError, MappingError, OutputError
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
-from stereo_seecolor.mapping import fusion
+from stereo_seecolor.mapping import fusion, odometry, survey_map
+from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.poses import inverse, rotation_from_vector
+from stereo_seecolor.mapping.salvage import Salvage
+from stereo_seecolor.mapping.tum_file import write_tum
+from stereo_seecolor.outputs.run_folder import held
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 try:
@@ -100,3 +107,127 @@ def test_a_raw_cameras_navigation_gives_the_true_reef(tmp_path: Path, poses_of: 
     position = read_cloud(tmp_path / "map" / "cloud.ply")["position"]
     error_m = np.median(np.abs(position[:, 2] - height_at(frames.reef, position)))
     assert error_m < 0.01 if true else error_m > 0.03
+
+
+def fuse(out: Path, poses: Path | None = None) -> survey_map.MapSummary:
+    return jobs.fuse(out, poses, RunConfig(mapping=CONFIG))
+
+
+@pytest.fixture
+def small_run(tmp_path: Path) -> Path:
+    out = tmp_path / "out"
+    write_run(out, [flat_frame(i) for i in range(4)], PAIR)
+    write_tum(
+        out.with_name("track.tum"), FrameIndex.build([flat_frame(i) for i in range(4)], PAIR), track(4).T_world_camera, range(4)
+    )
+    return out
+
+
+@pytest.mark.parametrize(
+    ("file", "harm"),
+    [
+        ("range/f2.tiff", "gone"),
+        ("corrected/f2.png", "gone"),
+        ("corrected/f2.png", "cut short"),
+        ("corrected/f2.jpg", "cut short"),
+        ("confidence/f2.png", "of another size"),
+    ],
+)
+def test_a_damaged_frame_is_named_and_the_rest_fused(small_run: Path, file: str, harm: str) -> None:
+    path = small_run / file
+    if path.suffix == ".jpg":
+        frame = cv2.imread(str(path.with_suffix(".png")))
+        path.with_suffix(".png").unlink()
+        cv2.imwrite(str(path), frame)
+    if harm == "gone":
+        path.unlink()
+    elif harm == "cut short":
+        path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    else:
+        cv2.imwrite(str(path), np.zeros((9, 9), np.uint8))
+    summary = fuse(small_run, small_run.with_name("track.tum"))
+    assert (summary.frames, summary.placed) == (4, 3)
+    assert [frame.name for frame in summary.unplaced] == ["f2"]
+    assert "f2" in summary.unplaced[0].reason
+    assert "gone" in summary.unplaced[0].reason
+    assert len(read_cloud(small_run / "map" / "cloud.ply")) > 1000
+
+
+class Vanishing(Sequence[SurveyFrame]):
+    """Frames of which one can be read so many times, and then no more."""
+
+    def __init__(self, frames: Sequence[SurveyFrame], number: int, reads: int) -> None:
+        self.frames, self.number, self.reads = frames, number, reads
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def __getitem__(self, i: int) -> SurveyFrame:  # type: ignore[override]
+        if i == self.number:
+            self.reads -= 1
+            if self.reads < 0:
+                raise FrameError(self.frames[i].name, "the disk is gone")
+        return self.frames[i]
+
+
+@pytest.mark.parametrize("reads", [0, 1, 2, 6])
+def test_a_frame_may_vanish_at_any_moment(tmp_path: Path, reads: int) -> None:
+    summary = survey_map.build_map(Vanishing([flat_frame(i) for i in range(4)], 1, reads), PAIR, tmp_path, CONFIG, track(4))
+    assert [(frame.name, frame.reason) for frame in summary.unplaced] == [("f1", "the disk is gone")]
+    assert summary.placed == 3
+    assert (tmp_path / "orthomosaic_preview.png").exists()
+
+
+def test_a_frame_may_vanish_while_its_own_track_is_followed() -> None:
+    reef = ReefFrames(SurveySpec(pairs=5, lines=1, image_size=(256, 208), seed=3), noise_px=0.1)
+    frames = Salvage(Vanishing(list(reef), 2, 1))  # type: ignore[call-overload]
+    placement = odometry.estimate(frames, reef.pair, MappingConfig(loop_closure=False), FrameIndex.build(frames, reef.pair))
+    assert placement.pieces.tolist() == [0, 0, -1, 0, 0]
+    assert placement.unplaced[0].reason == "the disk is gone"
+
+
+def test_a_run_of_which_nothing_is_left_is_refused(small_run: Path) -> None:
+    for path in (small_run / "range").iterdir():
+        path.unlink()
+    with pytest.raises(MappingError, match=r"none of the 4 frames can be read: .*range/f0.tiff: is gone or damaged"):
+        fuse(small_run)
+
+
+def test_a_run_of_an_earlier_version_is_refused(small_run: Path) -> None:
+    content = json.loads((small_run / "run.json").read_text())
+    del content["T_rectified_left"]
+    (small_run / "run.json").write_text(json.dumps(content))
+    with pytest.raises(InputError, match="made by an earlier version: run again"):
+        fuse(small_run)
+
+
+def test_two_programs_never_write_one_folder(small_run: Path) -> None:
+    poses = small_run.with_name("track.tum")
+    with held(small_run), pytest.raises(OutputError, match="another run is writing into it now"):
+        fuse(small_run, poses)
+    assert not (small_run / "map").exists()
+    assert fuse(small_run, poses).placed == 4
+    with held(small_run):
+        pass
+
+
+def test_a_folder_that_holds_no_run_is_left_as_it_was(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no finished run"):
+        fuse(tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_command_names_what_is_missing_and_ends_with_3(
+    small_run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (small_run / "range" / "f2.tiff").unlink()
+    poses = small_run.with_name("track.tum")
+    monkeypatch.setattr(
+        sys, "argv", ["stereo-seecolor", "fuse", str(small_run), "--poses", str(poses), "--set", "mapping.voxel_m=0.02"]
+    )
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 3
+    printed = capsys.readouterr().out
+    assert "not placed: f2: " in printed
+    assert "3 of 4 frames fused" in printed

@@ -25,6 +25,11 @@ class Features:
     covariance_m2: NDArray[np.float64]
     descriptors: NDArray[np.uint8]
 
+    @classmethod
+    def none(cls) -> "Features":
+        """Of a frame that shows nothing."""
+        return cls(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 128), np.uint8))
+
 
 def detect(frame: SurveyFrame, pair: RectifiedPair) -> Features:
     """SIFT (Lowe 2004) on the locally equalised gray image, kept where the range is measured and smooth all around."""
@@ -38,7 +43,7 @@ def detect(frame: SurveyFrame, pair: RectifiedPair) -> Features:
     sift = cv2.SIFT.create(nfeatures=MAX_FEATURES, contrastThreshold=0.01)
     keypoints, descriptors = sift.detectAndCompute(gray, mask)
     if not keypoints:
-        return Features(np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 3, 3)), np.zeros((0, 128), np.uint8))
+        return Features.none()
     pixels = (np.array([k.pt for k in keypoints], dtype=np.float64) + 0.5) / scale - 0.5
     columns, rows = np.clip(np.rint(pixels).astype(int), 0, np.array(frame.range_m.shape[::-1]) - 1).T
     good = usable[rows, columns]

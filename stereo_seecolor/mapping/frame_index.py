@@ -1,13 +1,14 @@
 """One pass over a survey's frames: what they are called, when they were taken, and roughly what they see."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
+from stereo_seecolor.mapping.salvage import Frames, Unplaced
 
 MAX_STRIDE_PX = 16
 SPACING_M = 0.04
@@ -25,26 +26,39 @@ def silent(what: str, done: int, total: int) -> None:
 class FrameIndex:
     """Names, times (NaN where unknown) and coarse sights of N frames.
 
-    points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels.
+    points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels. lost: the frames that could not
+    be read, and why.
     """
 
     names: tuple[str, ...]
     timestamps_s: NDArray[np.float64]
     points_m: tuple[NDArray[np.float32], ...]
+    lost: dict[int, str] = field(default_factory=dict)
 
     @classmethod
-    def build(
-        cls, frames: Sequence[SurveyFrame], pair: RectifiedPair, spacing_m: float = SPACING_M, progress: Progress = silent
-    ) -> "FrameIndex":
+    def build(cls, frames: Frames, pair: RectifiedPair, spacing_m: float = SPACING_M, progress: Progress = silent) -> "FrameIndex":
         """Read every frame once. spacing_m: how far apart the points may lie on the bottom; memory grows by some 50 KB a frame."""
-        names, times, points = [], [], []
+        names, times, points, lost = [], [], [], {}
         for i in range(len(frames)):
             frame = frames[i]
             names.append(frame.name)
-            times.append(np.nan if frame.timestamp_s is None else frame.timestamp_s)
-            points.append(_coarse_points(frame, pair, spacing_m))
+            if isinstance(frame, Unplaced):
+                lost[i] = frame.reason
+                times.append(np.nan)
+                points.append(np.zeros((0, 3), np.float32))
+            else:
+                times.append(np.nan if frame.timestamp_s is None else frame.timestamp_s)
+                points.append(_coarse_points(frame, pair, spacing_m))
             progress("looking through the frames", i + 1, len(frames))
-        return cls(tuple(names), np.array(times, dtype=np.float64), tuple(points))
+        return cls(tuple(names), np.array(times, dtype=np.float64), tuple(points), lost)
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """Frames by time where all that could be read have one, else as they come."""
+        timeless = set(np.flatnonzero(np.isnan(self.timestamps_s)).tolist())
+        if timeless <= self.lost.keys():
+            return np.argsort(self.timestamps_s, kind="stable")
+        return np.arange(len(self.names))
 
 
 def _coarse_points(frame: SurveyFrame, pair: RectifiedPair, spacing_m: float) -> NDArray[np.float32]:

@@ -1,7 +1,6 @@
 """The orthomosaic: each cell of the terrain painted from its best view, seams where neighbouring views agree."""
 
 from collections import OrderedDict
-from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -14,6 +13,7 @@ from stereo_seecolor.mapping.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.poses import inverse
+from stereo_seecolor.mapping.salvage import Frames, Unplaced
 
 MAX_VIEWS = 12
 CACHED_FRAMES = 16
@@ -28,7 +28,7 @@ Float = NDArray[np.float32]
 
 
 def render_mosaic(
-    frames: Sequence[SurveyFrame],
+    frames: Frames,
     pair: RectifiedPair,
     index: FrameIndex,
     T_world_camera: NDArray[np.float64],
@@ -55,11 +55,11 @@ def render_mosaic(
 class _Cache:
     """The frames read last."""
 
-    def __init__(self, frames: Sequence[SurveyFrame]) -> None:
+    def __init__(self, frames: Frames) -> None:
         self._frames = frames
-        self._held: OrderedDict[int, SurveyFrame] = OrderedDict()
+        self._held: OrderedDict[int, SurveyFrame | Unplaced] = OrderedDict()
 
-    def __getitem__(self, i: int) -> SurveyFrame:
+    def __getitem__(self, i: int) -> SurveyFrame | Unplaced:
         if i not in self._held:
             self._held[i] = self._frames[i]
             if len(self._held) > CACHED_FRAMES:
@@ -126,7 +126,8 @@ def _paint(
     from the median of all views: fish, shadows and badly placed frames lose there, and seams move to where views agree.
     """
     result = np.zeros((4, *points.shape[:2]), np.uint8)
-    looks = [look for i in views if (look := _look(points, cache[i], pair, T_world_camera[i])) is not None]
+    readable = [(i, frame) for i in views if isinstance(frame := cache[i], SurveyFrame)]
+    looks = [look for i, frame in readable if (look := _look(points, frame, pair, T_world_camera[i])) is not None]
     if not looks:
         return result
     colors, costs = np.stack([look[0] for look in looks]), np.stack([look[1] for look in looks])

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping import loop_closure, pose_graph
 from stereo_seecolor.mapping.features import Features, detect
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
-from stereo_seecolor.mapping.placement import Placement, Unplaced
+from stereo_seecolor.mapping.placement import Placement
 from stereo_seecolor.mapping.poses import inverse, rotation_vector
 from stereo_seecolor.mapping.relative_pose import Edge, relate
+from stereo_seecolor.mapping.salvage import Frames, Unplaced
 
 WINDOW = pose_graph.TRACK
 """Frames back that each new frame is measured against."""
@@ -47,7 +47,7 @@ class _Survey:
 
 
 def estimate(
-    frames: Sequence[SurveyFrame],
+    frames: Frames,
     pair: RectifiedPair,
     config: MappingConfig,
     index: FrameIndex,
@@ -61,12 +61,17 @@ def estimate(
     Frames that match no other are named; frames that only match among themselves make a piece of their own.
     Raises MappingError if no two frames match.
     """
-    order = _time_order(index)
+    order = index.order.tolist()
     survey = _Survey(pair)
+    reasons = dict.fromkeys(order, "it shows nothing that another frame shows")
     for done, i in enumerate(order):
-        survey.features[i] = detect(frames[i], pair)
+        frame = frames[i]
+        if isinstance(frame, Unplaced):
+            reasons[i], survey.features[i] = frame.reason, Features.none()
+        else:
+            survey.features[i] = detect(frame, pair)
         for back in order[max(0, done - WINDOW) : done][::-1]:
-            if edge := survey.relate(int(back), int(i)):
+            if edge := survey.relate(back, i):
                 survey.edges.append(edge)
         progress("following the track", done + 1, len(order))
     if not survey.edges:
@@ -77,7 +82,7 @@ def estimate(
         T, pieces = _close_loops(survey, index, T, pieces, order, priors, LOOP_TURNS if config.loop_closure else 0, progress)
     elif config.loop_closure:
         warnings.append("loops were not closed: pip install 'stereo-seecolor[slam]' (GTSAM)")
-    unplaced = tuple(Unplaced(index.names[i], "it shows nothing that another frame shows") for i in np.flatnonzero(pieces < 0))
+    unplaced = tuple(Unplaced(index.names[i], reasons[int(i)]) for i in np.flatnonzero(pieces < 0))
     if pieces.max() > 0:
         sizes = ", ".join(str(n) for n in np.bincount(pieces[pieces >= 0]))
         warnings.append(f"the track is broken into {pieces.max() + 1} pieces of {sizes} frames")
@@ -90,12 +95,6 @@ def priors_from(placement: Placement, config: MappingConfig) -> list[pose_graph.
     attitude = float(np.radians(config.prior_attitude_std_deg))
     placed = np.flatnonzero(placement.pieces >= 0)
     return [pose_graph.Prior(int(i), placement.T_world_camera[i], position, attitude) for i in placed]
-
-
-def _time_order(index: FrameIndex) -> list[int]:
-    if np.isfinite(index.timestamps_s).all():
-        return [int(i) for i in np.argsort(index.timestamps_s, kind="stable")]
-    return list(range(len(index.names)))
 
 
 def _chain(edges: Sequence[Edge], count: int, order: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

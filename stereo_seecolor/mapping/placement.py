@@ -14,18 +14,11 @@ from stereo_seecolor.data import Trajectory
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.poses import interpolate, rotation_to_z
+from stereo_seecolor.mapping.salvage import Unplaced
 
 END_TOLERANCE_S = 0.01
 MIN_JUMP_M = 2.0
 JUMP_STEPS = 10.0
-
-
-@dataclass(frozen=True)
-class Unplaced:
-    """A frame that is not in the map, and why."""
-
-    name: str
-    reason: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,12 +42,13 @@ def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> P
     pieces. Raises MappingError if nothing matches, or if the bottom lies above the cameras.
     """
     T, reasons, warnings = _match(index, trajectory, config)
+    T[list(index.lost)] = np.nan
+    reasons |= index.lost
     for name, count in Counter(index.names).items():
         if count > 1:
             warnings.append(f"{count} pairs are called {name}")
-    order = _time_order(index)
-    _drop_spikes(T, index, order, reasons, config)
-    pieces, breaks = _pieces(T, index, order, config)
+    _drop_spikes(T, index, reasons, config)
+    pieces, breaks = _pieces(T, index, config)
     if not (pieces >= 0).any():
         first = next(iter(reasons.values()), "")
         raise MappingError(f"no frame has a pose in the trajectory ({first}): compare the frames' names and times with the file's")
@@ -186,18 +180,9 @@ def _at(times: NDArray[np.float64], poses: NDArray[np.float64], time_s: float, m
     return interpolate(poses[after - 1], poses[after], float(share))
 
 
-def _time_order(index: FrameIndex) -> NDArray[np.int64]:
-    """Frames by time where all have one, else as they come."""
-    if np.isfinite(index.timestamps_s).all():
-        return np.argsort(index.timestamps_s, kind="stable")
-    return np.arange(len(index.names))
-
-
-def _drop_spikes(
-    T: NDArray[np.float64], index: FrameIndex, order: NDArray[np.int64], reasons: dict[int, str], config: MappingConfig
-) -> None:
+def _drop_spikes(T: NDArray[np.float64], index: FrameIndex, reasons: dict[int, str], config: MappingConfig) -> None:
     """Take out single poses that jump away and back."""
-    placed = [int(i) for i in order if np.isfinite(T[i]).all()]
+    placed = [int(i) for i in index.order if np.isfinite(T[i]).all()]
     limit = _step_limit_m(T, index, placed, config)
     for before, spike, after in zip(placed, placed[1:], placed[2:], strict=False):
         away = _distance_m(T, before, spike) > limit(before, spike) and _distance_m(T, spike, after) > limit(spike, after)
@@ -206,11 +191,9 @@ def _drop_spikes(
             T[spike] = np.nan
 
 
-def _pieces(
-    T: NDArray[np.float64], index: FrameIndex, order: NDArray[np.int64], config: MappingConfig
-) -> tuple[NDArray[np.int64], list[str]]:
+def _pieces(T: NDArray[np.float64], index: FrameIndex, config: MappingConfig) -> tuple[NDArray[np.int64], list[str]]:
     """Number the stretches between jumps; the one with most frames is piece 0."""
-    placed = [int(i) for i in order if np.isfinite(T[i]).all()]
+    placed = [int(i) for i in index.order if np.isfinite(T[i]).all()]
     limit = _step_limit_m(T, index, placed, config)
     stretches: list[list[int]] = []
     warnings = []

@@ -1,7 +1,7 @@
 """What is made of a fused surface: terrain, mosaic, metrics, preview, and their files."""
 
 import csv
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import GeoOrigin, SurveyFrame
+from stereo_seecolor.data import GeoOrigin
 from stereo_seecolor.mapping import georeference
 from stereo_seecolor.mapping.block_raster import BlockRaster
 from stereo_seecolor.mapping.files import whole
@@ -21,6 +21,7 @@ from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.mosaic import render_mosaic
 from stereo_seecolor.mapping.preview import render_preview
 from stereo_seecolor.mapping.reef_metrics import ReefMetrics, measure_squares, site_of
+from stereo_seecolor.mapping.salvage import Frames
 from stereo_seecolor.mapping.terrain import render_terrain
 
 PREVIEW_PX = 3000
@@ -39,7 +40,7 @@ class Piece:
 
 
 def write_products(
-    piece: Piece, frames: Sequence[SurveyFrame], pair: RectifiedPair, config: MappingConfig, scratch: Path, progress: Progress
+    piece: Piece, frames: Frames, pair: RectifiedPair, config: MappingConfig, scratch: Path, progress: Progress
 ) -> list[Path]:
     """Write preview, terrain, mosaic and metrics; GeoTIFFs where the geo extra is there, else pictures and CSV only."""
     files = [_write_image(piece.folder / "preview.png", render_preview(piece.surfaces))]

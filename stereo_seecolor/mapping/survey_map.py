@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.data import GeoOrigin, SurveyFrame, Trajectory
+from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping import islands, pose_graph
 from stereo_seecolor.mapping.files import whole
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
@@ -20,8 +21,9 @@ from stereo_seecolor.mapping.fusion import Surface, check_available, fuse_tile
 from stereo_seecolor.mapping.join import write_map
 from stereo_seecolor.mapping.kernels import BLOCK
 from stereo_seecolor.mapping.odometry import estimate, priors_from
-from stereo_seecolor.mapping.placement import Placement, Unplaced, place, upright
+from stereo_seecolor.mapping.placement import Placement, place, upright
 from stereo_seecolor.mapping.products import Piece, write_products
+from stereo_seecolor.mapping.salvage import Frames, Salvage, Unplaced
 from stereo_seecolor.mapping.tile_store import TileStore
 from stereo_seecolor.mapping.tiles import Tile, cut
 from stereo_seecolor.mapping.tum_file import write_tum
@@ -32,7 +34,8 @@ class MapSummary:
     """What became of a survey.
 
     frames, placed: how many there were, and how many found their place. pieces: frames in each piece, the main one first.
-    unplaced: the others, each with the reason. files: all that was written. points: of the main cloud.
+    unplaced: the others, each with the reason, and those whose files were lost on the way. files: all that was written.
+    points: of the main cloud.
     """
 
     frames: int
@@ -55,33 +58,38 @@ def build_map(
 ) -> MapSummary:
     """Place the frames, fuse them and write all map products into ``out_dir``.
 
-    frames: read lazily, several times, one at a time. trajectory: poses from a file; None: own stereo odometry.
+    frames: read lazily, several times, one at a time; one that raises FrameError is named and left out.
+    trajectory: poses from a file; None: own stereo odometry.
     Piece 0, the one with most frames, is written to out_dir itself, others to out_dir/piece_<n>.
 
     Raises DeviceError before the first frame if Open3D is missing, or GTSAM for a trajectory taken as a prior; MappingError if
-    nothing can be placed; OutputError if the disk is full: finished tiles are kept, and the next run goes on from them.
+    nothing can be read or placed; OutputError if the disk is full: finished tiles are kept, and the next run goes on from them.
     """
     check_available()
     if trajectory is not None and config.poses == "prior":
         pose_graph.check_available()
     started = time.perf_counter()
-    index = FrameIndex.build(frames, pair, BLOCK * config.voxel_m / 2, progress)
-    placement = _place(frames, pair, config, index, trajectory, progress)
+    found = Salvage(frames)
+    index = FrameIndex.build(found, pair, BLOCK * config.voxel_m / 2, progress)
+    if len(index.lost) == len(frames):
+        raise MappingError(f"none of the {len(frames)} frames can be read: {next(iter(index.lost.values()), 'there are none')}")
+    placement = _place(found, pair, config, index, trajectory, progress)
     sizes = np.bincount(placement.pieces[placement.pieces >= 0])
     origin = trajectory.origin if trajectory else None
     files: list[Path] = []
     points = 0
     for number in range(len(sizes)):
         folder = out_dir if number == 0 else out_dir / f"piece_{number}"
-        written, count = _build_piece(frames, pair, folder, config, index, placement, number, origin, progress)
+        written, count = _build_piece(found, pair, folder, config, index, placement, number, origin, progress)
         files += written
         points = points or count
     _remove_pieces_of_earlier_maps(out_dir, len(sizes))
+    lost_on_the_way = [frame for i, frame in found.lost.items() if placement.pieces[i] >= 0]
     return MapSummary(
         frames=len(index.names),
-        placed=int(sizes.sum()),
+        placed=int(sizes.sum()) - len(lost_on_the_way),
         pieces=tuple(sizes.tolist()),
-        unplaced=placement.unplaced,
+        unplaced=(*placement.unplaced, *lost_on_the_way),
         files=tuple(files),
         points=points,
         seconds=time.perf_counter() - started,
@@ -96,7 +104,7 @@ def _remove_pieces_of_earlier_maps(out_dir: Path, count: int) -> None:
 
 
 def _place(
-    frames: Sequence[SurveyFrame],
+    frames: Frames,
     pair: RectifiedPair,
     config: MappingConfig,
     index: FrameIndex,
@@ -113,7 +121,7 @@ def _place(
 
 
 def _build_piece(
-    frames: Sequence[SurveyFrame],
+    frames: Frames,
     pair: RectifiedPair,
     folder: Path,
     config: MappingConfig,
@@ -148,14 +156,13 @@ def _build_piece(
     return [trajectory, cloud, mesh, *products], points
 
 
-def _read(
-    frames: Sequence[SurveyFrame], tile: Tile, T_world_camera: NDArray[np.float64]
-) -> Iterator[tuple[SurveyFrame, NDArray[np.float64]]]:
-    """The tile's frames, the next one being read while one is fused."""
+def _read(frames: Frames, tile: Tile, T_world_camera: NDArray[np.float64]) -> Iterator[tuple[SurveyFrame, NDArray[np.float64]]]:
+    """The tile's frames that can be read, the next one being read while one is fused."""
     with ThreadPoolExecutor(max_workers=1) as reader:
         upcoming = reader.submit(frames.__getitem__, tile.frames[0])
         for i, following in zip(tile.frames, (*tile.frames[1:], None), strict=True):
             frame = upcoming.result()
             if following is not None:
                 upcoming = reader.submit(frames.__getitem__, following)
-            yield frame, T_world_camera[i]
+            if isinstance(frame, SurveyFrame):
+                yield frame, T_world_camera[i]

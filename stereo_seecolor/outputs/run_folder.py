@@ -3,7 +3,8 @@
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -60,25 +61,17 @@ class RunFolder:
         self._identity = identity
         self._image_suffix = SUFFIX[image_format]
         self._overwrite = overwrite
-        self._lock = FileLock(root / STATE / "lock", timeout=0)
+        self._hold = ExitStack()
 
     def __enter__(self) -> Self:
-        try:
-            (self.root / STATE).mkdir(parents=True, exist_ok=True)
-            self._lock.acquire()
-        except Timeout as error:
-            raise OutputError(f"{self.root}: another run is writing into it now: wait for it, or choose another --out") from error
-        except OSError as error:
-            raise OutputError(f"{self.root}: cannot be written: {error.strerror or error}: choose another --out") from error
-        try:
+        with ExitStack() as hold:
+            hold.enter_context(held(self.root))
             self._claim()
-        except BaseException:
-            self._lock.release()
-            raise
+            self._hold = hold.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._lock.release()
+        self._hold.close()
 
     def _claim(self) -> None:
         """Refuse what is not ours, begin anew if asked, and write down whose the folder is."""
@@ -146,6 +139,26 @@ class RunFolder:
 
     def _state(self, stage: str, name: str) -> Path:
         return self.root / STATE / stage / f"{name}.json"
+
+
+@contextmanager
+def held(root: Path) -> Iterator[None]:
+    """Hold a run's folder, made where it is missing: nothing else of ours writes into it meanwhile.
+
+    Raises OutputError if it cannot be written, or is held already.
+    """
+    lock = FileLock(root / STATE / "lock", timeout=0)
+    try:
+        (root / STATE).mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout as error:
+        raise OutputError(f"{root}: another run is writing into it now: wait for it, or choose another --out") from error
+    except OSError as error:
+        raise OutputError(f"{root}: cannot be written: {error.strerror or error}: choose another --out") from error
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def content_key(*parts: object) -> str:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import FrameError, InputError
 
 
 class SurveyFrames(Sequence[SurveyFrame]):
@@ -43,20 +43,26 @@ class SurveyFrames(Sequence[SurveyFrame]):
     @overload
     def __getitem__(self, index: slice) -> Sequence[SurveyFrame]: ...
     def __getitem__(self, index: int | slice) -> SurveyFrame | Sequence[SurveyFrame]:
-        """Read one frame. Raises InputError if one of its files is gone."""
+        """Read one frame. Raises FrameError if one of its files is gone or damaged."""
         if isinstance(index, slice):
             return [self[i] for i in range(*index.indices(len(self)))]
         row = self._rows[index]
+        try:
+            return self._frame(row)
+        except InputError as error:
+            raise FrameError(row["name"], str(error)) from error
+
+    def _frame(self, row: dict[str, str]) -> SurveyFrame:
         name = row["name"]
-        confidence = _read(self._out / "confidence" / f"{name}.png")
+        confidence = self._read(self._out / "confidence" / f"{name}.png")
         measured = confidence > 0
-        range_m = np.where(measured, _read(self._out / "range" / f"{name}.tiff"), np.float32(np.nan))
+        range_m = np.where(measured, self._read(self._out / "range" / f"{name}.tiff"), np.float32(np.nan))
         return SurveyFrame(
             name=name,
             timestamp_s=float(row["timestamp_s"]) if row["timestamp_s"] else None,
             color=self._color(name),
             range_m=range_m,
-            range_std_m=_read(self._out / "range_std" / f"{name}.tiff"),
+            range_std_m=self._read(self._out / "range_std" / f"{name}.tiff"),
             confidence=(confidence / np.float32(255)).astype(np.float32),
         )
 
@@ -66,13 +72,20 @@ class SurveyFrames(Sequence[SurveyFrame]):
         )
         if path is None:
             raise InputError(f"{self._out / 'corrected' / name}: is gone; run again to make it anew")
-        image = _read(path)
+        image = self._read(path)
         if image.dtype == np.uint16:
             image = image >> 8
         elif image.dtype == np.float32:
             raise InputError(f"{path}: is linear and unclipped; a map needs output.image_format=png, png16 or jpg")
         rgb: NDArray[np.uint8] = cv2.cvtColor(image.astype(np.uint8), cv2.COLOR_BGR2RGB)
         return rgb
+
+    def _read(self, path: Path) -> NDArray[Any]:
+        image: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+        cut_short = path.suffix == ".jpg" and image is not None and not path.read_bytes().endswith(b"\xff\xd9")
+        if image is None or cut_short or image.shape[1::-1] != self.pair.image_size:
+            raise InputError(f"{path}: is gone or damaged; run again to make it anew")
+        return image
 
 
 def _run_content(out: Path) -> dict[str, Any]:
@@ -88,10 +101,3 @@ def _rows(out: Path) -> list[dict[str, str]]:
         return list(csv.DictReader((out / "frames.csv").read_text(encoding="utf-8").splitlines()))
     except OSError as error:
         raise InputError(f"{out / 'frames.csv'}: cannot be read: {error.strerror}") from error
-
-
-def _read(path: Path) -> NDArray[Any]:
-    image: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    if image is None:
-        raise InputError(f"{path}: is gone or damaged; run again to make it anew")
-    return image
