@@ -184,7 +184,7 @@ class _Job:
         self._start = time.perf_counter()
 
     def go(self, passes: Callable[[Survey], None]) -> RunSummary:
-        """All passes; Ctrl-C ends them early, with everything told that was done."""
+        """All passes; Ctrl-C ends them early, with everything told that was done, and then the files that no pass saw."""
         stopped = True
         self._tell(stopped)
         try:
@@ -193,19 +193,17 @@ class _Job:
         except KeyboardInterrupt:
             pass
         finally:
+            for file in self._pairing.unpaired:
+                error = f"{file.path}: {file.reason}"
+                self._survey.rows.add(FrameRow(file.path.stem, status="unpaired", left=str(file.path), error=error))
             summary = self._tell(stopped)
         return summary
 
     def _tell(self, stopped: bool) -> RunSummary:
         """frames.csv and run.json, of all that is known by now."""
-        unpaired = [
-            FrameRow(u.path.stem, status="unpaired", left=str(u.path), error=f"{u.path}: {u.reason}")
-            for u in self._pairing.unpaired
-        ]
-        rows = (*self._survey.rows.values(), *unpaired)
-        summary = RunSummary(rows, self._pairing.notes, time.perf_counter() - self._start, stopped)
+        summary = RunSummary(self._survey.rows, self._pairing.notes, time.perf_counter() - self._start, stopped)
         self._folder.write_json("run.json", self._content(summary))
-        write_atomic(self._folder.root / "frames.csv", frames_csv(rows))
+        write_atomic(self._folder.root / "frames.csv", frames_csv(summary.rows))
         return summary
 
     def _content(self, summary: RunSummary) -> dict[str, Any]:

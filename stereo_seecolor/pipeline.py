@@ -22,7 +22,7 @@ from stereo_seecolor.errors import DeviceError, MatchingError, OutputError, SeeC
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.options import RunOptions
-from stereo_seecolor.outputs.frames_table import FrameRow
+from stereo_seecolor.outputs.frames_table import FrameRow, FrameTable
 from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
 from stereo_seecolor.outputs.water_file import water_content
 from stereo_seecolor.outputs.write import correction_outputs, write_correction
@@ -111,14 +111,14 @@ class Source(Protocol):
 class Survey:
     """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
 
-    rows: what became of each pair so far, by name.
+    rows: what became of each pair so far.
     """
 
     def __init__(self, source: Source, config: RunConfig, folder: RunFolder, options: RunOptions) -> None:
         self._source, self._config, self._folder, self._options = source, config, folder, options
         self._corrector = Corrector(config.color)
         self._light: LightField | None = None
-        self.rows: dict[str, FrameRow] = {}
+        self.rows = FrameTable()
 
     def match(self, pairs: Sequence[Pair]) -> None:
         """The range maps alone."""
@@ -127,7 +127,8 @@ class Survey:
     def learn_light(self, pairs: Sequence[Pair]) -> None:
         """Learn the rig's own lights from frames spread over the dive; they are divided out of every frame from then on."""
         self.match(pairs)
-        good = [pair for pair in pairs if self.rows[pair.name].status == "ok"]
+        failed = {row.name for row in self.rows if row.status != "ok"}
+        good = [pair for pair in pairs if pair.name not in failed]
         spread = good[:: -(-len(good) // LIGHT_FRAMES) or 1]
         ranged = (self._source.ranged(pair, Clock()) for pair in spread)
         self._light = learn_light(((r.image, r.range_map.measured_m) for r in ranged), self._config.color.input_encoding)
@@ -168,8 +169,7 @@ class Survey:
 
         self._options.listener.begin(stage, len(pairs))
         for done in in_order(one, pairs, self._options.workers):
-            earlier = self.rows.get(done.row.name)
-            self.rows[done.row.name] = earlier.then(done.row) if earlier else done.row
+            self.rows.add(done.row)
             self._options.listener.advance(done.row)
             yield done
 

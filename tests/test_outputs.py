@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tracemalloc
 from pathlib import Path
 
 import cv2
@@ -14,7 +15,7 @@ from stereo_seecolor.data import VERTEX, ColoredCloud, Water
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.encode import encode_cloud, encode_confidence, encode_image, encode_map
-from stereo_seecolor.outputs.frames_table import FrameRow, RunSummary, frames_csv
+from stereo_seecolor.outputs.frames_table import FrameRow, FrameTable, RunSummary, frames_csv
 from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
 from stereo_seecolor.outputs.water_file import read_waters, write_waters
 
@@ -201,7 +202,7 @@ def test_summary_counts_problems() -> None:
     assert not summary.all_done
     assert summary.problems() == [("dark", 2, "a"), ("is truncated", 1, "c")]
     assert summary.stage_seconds() == {"read": 9.0, "match": 3.0}
-    table = frames_csv(rows).decode().splitlines()
+    table = b"".join(frames_csv(rows)).decode().splitlines()
     assert table[0] == "name,status,kept,left,right,timestamp_s,error,warnings,coverage,match_s,read_s"
     assert table[3].startswith("c,failed,0,,,,/x/c.png: is truncated,")
 
@@ -212,3 +213,23 @@ def test_rows_of_two_passes_become_one() -> None:
     assert row.warnings == ("dim", "red")
     assert row.seconds == {"read": 2.0, "color": 2.0}
     assert (row.left, row.timestamp_s, row.kept, row.facts) == ("l", 1.0, False, {"coverage": 1.0})
+
+
+def test_table_gives_back_every_row_and_takes_little_memory() -> None:
+    def row(i: int) -> FrameRow:
+        seconds, facts = {"read": 0.5, "match": i / 7}, {"coverage": i / 9, "median_range_m": 2.5}
+        hashes = {"left": content_key(i), "right": content_key(-i)}
+        return FrameRow(f"{i:06d}", left=f"L/{i:06d}.png", warnings=("dim",), hashes=hashes, seconds=seconds, facts=facts)
+
+    table = FrameTable()
+    tracemalloc.start()
+    for i in range(1000):
+        table.add(row(i))
+    taken = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    assert taken < 1000 * 800
+    assert list(table) == [row(i) for i in range(1000)]
+    assert table[-2:] == [row(998), row(999)]
+    table.add(FrameRow("000003", left="L/000003.png", status="failed", error="gone", seconds={"color": 1.0}))
+    assert (len(table), table[3].status, table[3].facts) == (1000, "failed", row(3).facts)
+    assert table[3].seconds == {"read": 0.5, "match": 3 / 7, "color": 1.0}

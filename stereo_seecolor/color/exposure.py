@@ -6,8 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.encoding import InputEncoding, decoded_bins
-from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.color.tables import LEVELS, MomentTable
 from stereo_seecolor.data import Water
+
+_PACKED = np.dtype([("level", "u1"), ("light", "<f4"), ("pixels", "<i4")])
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,9 +27,20 @@ class Brightness:
     def __add__(self, other: "Brightness") -> "Brightness":
         return Brightness(self.light + other.light, self.pixels + other.pixels)
 
-    def small(self) -> "Brightness":
-        """The same in half the memory, for the thousands of frames of a dive; no longer to be added."""
-        return Brightness(self.light.astype(np.float32), self.pixels.astype(np.int32))
+    def packed(self) -> bytes:
+        """The levels that have pixels, in 9 bytes each, for the thousands of frames of a dive."""
+        levels = np.flatnonzero(self.pixels)
+        packed = np.empty(levels.size, _PACKED)
+        packed["level"], packed["light"], packed["pixels"] = levels, self.light[levels], self.pixels[levels]
+        return packed.tobytes()
+
+    @classmethod
+    def unpacked(cls, content: bytes) -> "Brightness":
+        """What ``packed`` gave, to single precision; no longer to be added."""
+        packed = np.frombuffer(content, _PACKED)
+        light, pixels = np.zeros(LEVELS, np.float32), np.zeros(LEVELS, np.int32)
+        light[packed["level"]], pixels[packed["level"]] = packed["light"], packed["pixels"]
+        return cls(light, pixels)
 
     @property
     def stops(self) -> float:

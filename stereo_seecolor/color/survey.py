@@ -94,13 +94,13 @@ class SurveyFitter:
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
-        self._frames: dict[str, Brightness] = {}
+        self._frames: dict[str, bytes] = {}
         self._classes: dict[int, _Class] = {}
 
     def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
         """One more frame."""
         brightness = Brightness.of(table, self._config.input_encoding)
-        self._frames[name] = brightness.small()
+        self._frames[name] = brightness.packed()
         if not np.isfinite(brightness.stops):
             return
         if self._config.camera_exposure == "auto" and self._classes:
@@ -117,7 +117,8 @@ class SurveyFitter:
         most = max(self._classes, key=lambda kind: int(self._classes[kind].brightness.pixels.sum()))
         survey = reduce(add, (frames for kind, frames in self._classes.items() if abs(kind - most) <= 1))
         water = _fitted(survey.table, self._config, self._fit, None)
-        return {name: self._seen(water, frame, survey.brightness, most) for name, frame in self._frames.items()}
+        frames = ((name, Brightness.unpacked(packed)) for name, packed in self._frames.items())
+        return {name: self._seen(water, frame, survey.brightness, most) for name, frame in frames}
 
     def _seen(self, water: Water, frame: Brightness, survey: Brightness, most: int) -> Water:
         if not np.isfinite(frame.stops):

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 from stereo_seecolor.errors import OutputError
@@ -10,16 +11,17 @@ from stereo_seecolor.errors import OutputError
 TEMPORARY_PREFIX = ".writing-"
 
 
-def write_atomic(path: Path, content: bytes | memoryview) -> None:
-    """Write ``content`` under a temporary name beside ``path``, then rename: a kill at any instant leaves whole files only.
+def write_atomic(path: Path, content: bytes | Iterator[bytes]) -> None:
+    """Write ``content``, whole or piece by piece, under a temporary name beside ``path``, then rename.
 
-    Makes the folder if need be. Raises OutputError if the disk is full or the place cannot be written.
+    So a kill at any instant leaves whole files only. Makes the folder if need be.
+    Raises OutputError if the disk is full or the place cannot be written.
     """
     temporary = path.with_name(f"{TEMPORARY_PREFIX}{os.getpid()}-{threading.get_ident()}-{path.name}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with temporary.open("wb") as file:
-            file.write(content)
+            file.writelines(content if isinstance(content, Iterator) else [content])
         temporary.replace(path)
     except OSError as error:
         with contextlib.suppress(OSError):

@@ -2,11 +2,12 @@
 
 import csv
 import io
+import pickle
 import re
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 Status = Literal["ok", "failed", "unpaired"]
 _PATH = re.compile(r"^\S*/.*?: ")
@@ -48,11 +49,51 @@ class FrameRow:
         )
 
 
+_NOTHING: dict[str, Any] = {}
+
+
+class FrameTable(Sequence[FrameRow]):
+    """A dive's rows in the order they came; each is made anew when asked for.
+
+    There are thousands of them, so numbers and hashes are kept packed, in blocks of at most 512 bytes: those have memory of their
+    own in Python, where they do not hold up what images leave.
+    """
+
+    def __init__(self) -> None:
+        self._texts: list[FrameRow] = []
+        self._numbers: list[bytes] = []
+        self._places: dict[str, int] = {}
+
+    def add(self, row: FrameRow) -> None:
+        """The row of a pair or a file, which its left path tells from the others; or what a later stage has to say of it."""
+        place = self._places.setdefault(row.left, len(self))
+        if place == len(self):
+            self._texts.append(row)
+            self._numbers.append(b"")
+        else:
+            row = self[place].then(row)
+        self._texts[place] = replace(row, hashes=_NOTHING, seconds=_NOTHING, facts=_NOTHING)
+        self._numbers[place] = pickle.dumps((row.hashes, row.seconds, row.facts))
+
+    def __len__(self) -> int:
+        return len(self._texts)
+
+    @overload
+    def __getitem__(self, index: int) -> FrameRow: ...
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[FrameRow]: ...
+    def __getitem__(self, index: int | slice) -> FrameRow | Sequence[FrameRow]:
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        hashes, seconds, facts = pickle.loads(self._numbers[index])
+        return replace(self._texts[index], hashes=hashes, seconds=seconds, facts=facts)
+
+
 @dataclass(frozen=True)
 class RunSummary:
     """The end of a run. wall_seconds: from start to end; stopped: it was interrupted; notes: what concerns the whole dive."""
 
-    rows: tuple[FrameRow, ...]
+    rows: Sequence[FrameRow]
     notes: tuple[str, ...] = ()
     wall_seconds: float = 0.0
     stopped: bool = False
@@ -104,21 +145,22 @@ class RunSummary:
         return dict(total.most_common())
 
 
-def frames_csv(rows: Iterable[FrameRow]) -> bytes:
-    """The rows as UTF-8 CSV, columns in a fixed order, one ``<stage>_s`` column a stage."""
-    rows = list(rows)
+def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
+    """The rows as lines of UTF-8 CSV, columns in a fixed order, one ``<stage>_s`` column a stage."""
     facts = sorted({key for row in rows for key in row.facts})
     stages = sorted({key for row in rows for key in row.seconds})
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ["name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings", *facts, *(f"{stage}_s" for stage in stages)]
-    )
+    columns = ["name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"]
+    yield _csv_line([*columns, *facts, *(f"{stage}_s" for stage in stages)])
     for row in rows:
-        writer.writerow(
+        yield _csv_line(
             [row.name, row.status, int(row.kept), row.left, row.right, "" if row.timestamp_s is None else f"{row.timestamp_s:.9f}"]
             + [row.error, "; ".join(row.warnings)]
             + [f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts]
             + [f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages]
         )
+
+
+def _csv_line(cells: Sequence[object]) -> bytes:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerow(cells)
     return text.getvalue().encode()

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -135,7 +136,8 @@ class RunFolder:
 
     def write_json(self, name: str, content: Any) -> None:
         """Write one of the run's own files, such as run.json."""
-        write_atomic(self.root / name, (json.dumps(content, indent=2) + "\n").encode())
+        pieces = json.JSONEncoder(indent=2).iterencode(content)
+        write_atomic(self.root / name, (piece.encode() for piece in chain(pieces, ["\n"])))
 
     def _state(self, stage: str, name: str) -> Path:
         return self.root / STATE / stage / f"{name}.json"
