@@ -129,18 +129,6 @@ class FrameResult:
         return self.range_map.warnings + self.correction.warnings
 
 
-VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
-"""One point of a cloud, as a PLY file holds it."""
-
-
-@dataclass(frozen=True, eq=False)
-class ColoredCloud:
-    """vertices: (N,) VERTEX, xyz in metres and rgb 0..255; frame: axes of the left rectified camera, or of the world."""
-
-    vertices: NDArray[np.void]
-    frame: Literal["camera", "world"] = "camera"
-
-
 @dataclass(frozen=True, eq=False)
 class SurveyFrame:
     """A finished pair as the map sees it: corrected colours and ranges of the rectified left camera.

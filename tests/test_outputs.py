@@ -11,10 +11,11 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.data import VERTEX, ColoredCloud, Water
+from stereo_seecolor.data import Water
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.outputs.atomic import write_atomic
-from stereo_seecolor.outputs.encode import encode_cloud, encode_confidence, encode_image, encode_map
+from stereo_seecolor.outputs.cloud import encode_cloud
+from stereo_seecolor.outputs.encode import encode_confidence, encode_image, encode_map
 from stereo_seecolor.outputs.frames_table import FrameRow, FrameTable, RunSummary, frames_csv
 from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
 from stereo_seecolor.outputs.water_file import read_waters, write_waters
@@ -46,17 +47,19 @@ def test_small_confidence_is_not_taken_for_none() -> None:
     assert decoded(encode_confidence(np.array([[0, 1e-4, 1]], np.float32))).tolist() == [[0, 1, 255]]
 
 
-def test_cloud_is_binary_float_ply() -> None:
-    points = RNG.normal(size=(4, 3)).astype(np.float32)
-    colors = RNG.integers(0, 256, (4, 3), dtype=np.uint8)
-    cloud = np.empty(4, VERTEX)
-    cloud["xyz"], cloud["rgb"] = points, colors
-    header, _, body = encode_cloud(ColoredCloud(cloud)).partition(b"end_header\n")
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_cloud_is_binary_float_ply(dtype: type) -> None:
+    range_m = RNG.uniform(1, 5, (4, 6)).astype(np.float32)
+    range_m[1, 2], range_m[3, 5] = np.nan, np.inf
+    rays = RNG.normal(size=(4, 6, 3)).astype(np.float32)
+    rgb = RNG.integers(0, np.iinfo(dtype).max, (4, 6, 3), dtype=dtype, endpoint=True)
+    header, _, body = bytes(encode_cloud(range_m, rays, rgb)).partition(b"end_header\n")
     assert b"format binary_little_endian 1.0" in header
-    assert b"element vertex 4" in header
+    assert b"element vertex 22" in header
     vertices = np.frombuffer(body, np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)]))
-    np.testing.assert_array_equal(vertices["xyz"], points)
-    np.testing.assert_array_equal(vertices["rgb"], colors)
+    known = np.isfinite(range_m)
+    np.testing.assert_array_equal(vertices["xyz"], (rays * range_m[..., None])[known])
+    np.testing.assert_array_equal(vertices["rgb"], (rgb >> (0 if dtype == np.uint8 else 8))[known])
 
 
 def test_no_temporary_file_is_left_and_failure_keeps_the_old(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from stereo_seecolor.errors import OutputError
 TEMPORARY_PREFIX = ".writing-"
 
 
-def write_atomic(path: Path, content: bytes | Iterator[bytes]) -> None:
+def write_atomic(path: Path, content: bytes | memoryview | Iterator[bytes]) -> None:
     """Write ``content``, whole or piece by piece, under a temporary name beside ``path``, then rename.
 
     So a kill at any instant leaves whole files only. Makes the folder if need be.

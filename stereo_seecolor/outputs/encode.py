@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.data import ColoredCloud, Map
+from stereo_seecolor.data import Map
 
 ImageFormat = Literal["png", "png16", "tiff32", "jpg"]
 SUFFIX: dict[ImageFormat, str] = {"png": ".png", "png16": ".png", "tiff32": ".tiff", "jpg": ".jpg"}
@@ -49,19 +49,6 @@ def encode_confidence(confidence: Map) -> bytes:
 def encode_mask(mask: NDArray[np.uint8]) -> bytes:
     """(H, W) uint8 codes to a PNG."""
     return _encode(".png", mask, PNG)
-
-
-def encode_cloud(cloud: ColoredCloud) -> bytes:
-    """A binary little-endian PLY: float32 x y z in metres, uchar red green blue."""
-    axes = "left rectified camera: x right, y down, z forward" if cloud.frame == "camera" else "world"
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        f"comment stereo-seecolor, metres, {axes}\n"
-        f"element vertex {len(cloud.vertices)}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
-    )
-    return header.encode("ascii") + cloud.vertices.tobytes()
 
 
 def _encode(suffix: str, pixels: NDArray[np.generic], parameters: list[int]) -> bytes:

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import OutputConfig
-from stereo_seecolor.data import VERTEX, ColoredCloud, Correction, Image, RangeMap
+from stereo_seecolor.data import Correction, RangeMap
 from stereo_seecolor.outputs.atomic import write_atomic
-from stereo_seecolor.outputs.encode import encode_cloud, encode_confidence, encode_image, encode_map, encode_mask
+from stereo_seecolor.outputs.cloud import encode_cloud
+from stereo_seecolor.outputs.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.outputs.run_folder import RunFolder
 
 MASK_CODES = {"good": 0, "range unknown": 1, "range filled in": 2, "color beyond recovery": 3}
@@ -46,20 +47,7 @@ def write_correction(
     write_atomic(folder.corrected(name), encode_image(pixels, config.image_format))
     write_atomic(folder.mask(name), encode_mask(_mask(correction, range_map)))
     if config.clouds and geometry is not None:
-        write_atomic(folder.cloud(name), encode_cloud(colored_cloud(correction, range_map, geometry)))
-
-
-def colored_cloud(correction: Correction, range_map: RangeMap, geometry: RectifiedPair) -> ColoredCloud:
-    """The measured points of a frame in its true colours; nothing that was filled in."""
-    range_m = range_map.measured_m
-    vertices = np.empty(range_m.shape, VERTEX)
-    vertices["xyz"] = geometry.points_from_range(range_m)
-    vertices["rgb"] = _to_8_bit(correction.image)
-    return ColoredCloud(vertices[np.isfinite(range_m)])
-
-
-def _to_8_bit(image: Image) -> NDArray[np.uint8]:
-    return image if image.dtype == np.uint8 else (image >> 8).astype(np.uint8)  # type: ignore[return-value]
+        write_atomic(folder.cloud(name), encode_cloud(range_map.measured_m, geometry.rays, correction.image))
 
 
 def _mask(correction: Correction, range_map: RangeMap) -> NDArray[np.uint8]:
