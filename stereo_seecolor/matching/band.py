@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.data import Map
-from stereo_seecolor.matching.semiglobal import TILE
-from stereo_seecolor.matching.vectors import LANES
+from stereo_seecolor.matching.vectors import LANES, TILE
 
 MARGIN_PX = 4
 """Beyond what the coarse match found: one coarse pixel."""
@@ -65,9 +64,9 @@ def _extremes(coarse: Map, tiles: tuple[int, int], side: int) -> tuple[Map, Map]
     """Least and largest disparity of each tile of side x side coarse pixels; +inf and -inf where there is none."""
     padded = np.full((tiles[0] * side, tiles[1] * side), np.nan, np.float32)
     padded[: coarse.shape[0], : coarse.shape[1]] = coarse
-    blocks = padded.reshape(tiles[0], side, tiles[1], side)
-    known = np.isfinite(blocks)
-    return np.where(known, blocks, np.inf).min(axis=(1, 3)), np.where(known, blocks, -np.inf).max(axis=(1, 3))
+    of_tiles = [padded[row::side, column::side] for row in range(side) for column in range(side)]
+    low, high = np.fmin.reduce(of_tiles), np.fmax.reduce(of_tiles)
+    return np.where(np.isnan(low), np.inf, low), np.where(np.isnan(high), -np.inf, high)
 
 
 def _grow(low: Map, high: Map, reach: int) -> tuple[Map, Map]:

@@ -63,19 +63,19 @@ def mirrored_census(image: Gray, before: int, after: int) -> Census:
     return bits
 
 
-def jump_costs(image: Gray, full: int, least: int) -> NDArray[np.uint16]:
-    """(2, H + 1, W + 1) what a jump of disparity costs from the pixel above, and from the pixel to the left.
+def jump_costs(image: Gray, full: int, least: int) -> NDArray[np.uint8]:
+    """(2, H + 4, W + 9) what a jump of disparity costs from the pixel above, and from the pixel to the left; more to fill blocks.
 
     Surfaces end where the image changes (Hirschmueller 2008, section 2.3): ``full`` on even ground, half of it where gray
     changes by EDGE_LEVELS, never under ``least``.
     """
-    costs = np.full((2, image.shape[0] + 1, image.shape[1] + 1), full, np.uint16)
+    costs = np.full((2, image.shape[0] + 4, image.shape[1] + 9), full, np.uint8)
     _jump_costs(image, np.float32(full), np.float32(least), costs)
     return costs
 
 
 @_compiled
-def _jump_costs(image: Gray, full: np.float32, least: np.float32, costs: NDArray[np.uint16]) -> None:
+def _jump_costs(image: Gray, full: np.float32, least: np.float32, costs: NDArray[np.uint8]) -> None:
     height, width = image.shape
     scale = np.float32(1 / (256 * EDGE_LEVELS))
     for y in range(height):

@@ -11,14 +11,13 @@ from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.data import Mask, RangeMap, StereoFrame
 from stereo_seecolor.matching import inspection
 from stereo_seecolor.matching.band import Band
-from stereo_seecolor.matching.confidence import confidence
+from stereo_seecolor.matching.confidence import confidence_rows
 from stereo_seecolor.matching.filling import fill
 from stereo_seecolor.matching.images import Gray, gray, shrink, smooth
 from stereo_seecolor.matching.metres import measure_rows
 from stereo_seecolor.matching.network import Network
 from stereo_seecolor.matching.refine import refine_rows
-from stereo_seecolor.matching.search import AMBIGUOUS, LARGE_IMAGE_PX, LEFT_RIGHT_PX, Found, remove_speckles, search
-from stereo_seecolor.matching.semiglobal import compare_rows
+from stereo_seecolor.matching.search import LARGE_IMAGE_PX, Found, remove_speckles, search
 
 Pair = tuple[Gray, Gray]
 
@@ -27,6 +26,8 @@ COARSE_SMOOTHING_PX = 0.7
 SPECKLE_PX, COARSE_SPECKLE_PX = 100, 10
 HOT_STRIP = 64
 """Rows that are refined, judged and measured together while they are in the processor's cache."""
+LEFT_RIGHT_PX = 1.0
+"""Largest difference between a network's disparity and that of the pixel of the right image that it meets."""
 RIVAL_OF_NETWORK = 0.5
 """A network names no rival; this is what matching gives a good pixel."""
 
@@ -92,10 +93,12 @@ class Matcher:
     def _predicted(self, network: Network, frame: StereoFrame) -> Found:
         """A network's disparity, checked as matching's is: against that of the pair mirrored and swapped."""
         disparity = network.disparity(frame.left, frame.right)
-        back = np.ascontiguousarray(network.disparity(frame.right[:, ::-1], frame.left[:, ::-1])[:, ::-1])
-        rival = np.full_like(disparity, RIVAL_OF_NETWORK)
-        compare_rows(disparity, rival, back, AMBIGUOUS, LEFT_RIGHT_PX)
-        return Found(disparity, rival)
+        back = network.disparity(frame.right[:, ::-1], frame.left[:, ::-1])[:, ::-1]
+        width = disparity.shape[1]
+        met = np.rint(np.arange(width, dtype=np.float32) - disparity)
+        other = np.take_along_axis(back, np.clip(met, 0, width - 1).astype(np.int64), axis=1)
+        agree = (met >= 0) & (met < width) & (np.abs(other - disparity) <= LEFT_RIGHT_PX)
+        return Found(np.where(agree, disparity, UNKNOWN), np.full_like(disparity, RIVAL_OF_NETWORK))
 
     def _range_map(self, found: Found, sharp: Pair, pool: ThreadPoolExecutor) -> RangeMap:
         """Check, refine, judge, and turn into metres, in strips on the threads of the pool."""
@@ -116,7 +119,7 @@ class Matcher:
 
         def judge(rows: slice) -> None:
             refined, std[rows], support, relief = refine_rows(sharp[0], sharp[1], gain, checked, (rows.start, rows.stop))
-            sure[rows] = confidence(std[rows], found.rival[rows], support, relief)
+            confidence_rows(std[rows], found.rival[rows], support, relief, sure[rows])
             chosen = checked[rows] if self._network else refined
             disparity[rows] = np.where(sure[rows] >= self._config.min_confidence, chosen, UNKNOWN)
             if not self._config.fill:

@@ -8,6 +8,7 @@ from numba import njit
 
 from stereo_seecolor.data import Map
 from stereo_seecolor.matching.images import SMOOTHING_PX, Gray
+from stereo_seecolor.matching.vectors import four
 
 WINDOW = 7
 SMOOTHED = 5
@@ -43,7 +44,8 @@ def _refine(left: Gray, right: Gray, gain: Any, disparity: Map, rows: tuple[int,
     half, near = WINDOW // 2, SMOOTHED // 2
     across = np.empty((SMOOTHED, width), np.float32)
     base = np.empty((WINDOW, width), np.float32)
-    samples = np.zeros((MOMENTS + 5, width + 2 * half), np.float32)
+    samples = np.zeros((MOMENTS + 1, width + 2 * half), np.float32)
+    places, fetched = np.empty(width, np.int32), np.empty(width, np.uint64)
     ring = np.zeros((WINDOW, MOMENTS, width), np.float32)
     moments = np.empty((MOMENTS, width), np.float32)
     first = max(0, rows[0] - half)
@@ -58,7 +60,7 @@ def _refine(left: Gray, right: Gray, gain: Any, disparity: Map, rows: tuple[int,
             above, above2 = across[max(y - 1, 0) % SMOOTHED], across[max(y - 2, 0) % SMOOTHED]
             below, below2 = across[min(y + 1, height - 1) % SMOOTHED], across[min(y + 2, height - 1) % SMOOTHED]
             _mean_near(across[y % SMOOTHED], above2, above, below, below2, here)
-            _residuals(left[y], right[y], here, gain, samples, half)
+            _residuals(left[y], right[y], here, gain, samples, half, places, fetched)
             for moment in range(MOMENTS):
                 _sum_across(samples[moment], sums[moment])
         else:
@@ -98,8 +100,8 @@ def _mean_near(centre: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> No
 
 
 @_compiled
-def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, margin: int) -> None:
-    """samples: rows of 1, g, e, g g, g e, e e, d, in gray levels of 8 bits, zero where nothing is known; then five of scratch.
+def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, margin: int, first: Any, fetched: Any) -> None:
+    """samples: rows of 1, g, e, g g, g e, e e, d, in gray levels of 8 bits, zero where nothing is known; then one of scratch.
 
     What is fetched from places that follow the disparity is fetched first, so that the arithmetic goes many pixels at a time.
     """
@@ -108,19 +110,22 @@ def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, m
     one, g, e = samples[0, margin : margin + width], samples[1, margin : margin + width], samples[2, margin : margin + width]
     gg, ge, ee = samples[3, margin : margin + width], samples[4, margin : margin + width], samples[5, margin : margin + width]
     d = samples[6, margin : margin + width]
-    p0, p1, p2 = samples[7, margin : margin + width], samples[8, margin : margin + width], samples[9, margin : margin + width]
-    p3, fraction = samples[10, margin : margin + width], samples[11, margin : margin + width]
+    fraction = samples[7, margin : margin + width]
+    nearest, none, last, low = np.float32(1), np.float32(0), np.float32(width - 3), np.uint64(0xFFFF)
     for x in range(width):
         place = np.float32(x) - disparity[x]
-        inside = place >= 1 and place < width - 3 and 0 < x < width - 1
-        i = np.int32(place) if inside else np.int32(1)
-        one[x] = np.float32(1) if inside else np.float32(0)
-        fraction[x] = place - np.float32(i) if inside else np.float32(0)
-        p0[x], p1[x] = np.float32(right[i - 1]), np.float32(right[i])
-        p2[x], p3[x] = np.float32(right[i + 1]), np.float32(right[i + 2])
+        inside = (place >= nearest) & (place < last) & (x > 0) & (x < width - 1)
+        i = np.int32(place if inside else nearest)
+        first[x] = i - 1
+        one[x] = nearest if inside else none
+        fraction[x] = place - np.float32(i) if inside else none
+    for x in range(width):
+        fetched[x] = four(right, first[x])
     before, here, after = left[: width - 2], left[1 : width - 1], left[2:]
     for x in range(1, width - 1):
-        t, a, b, c, f = fraction[x], p0[x], p1[x], p2[x], p3[x]
+        t, met = fraction[x], fetched[x]
+        a, b = np.float32(np.int32(met & low)), np.float32(np.int32((met >> np.uint64(16)) & low))
+        c, f = np.float32(np.int32((met >> np.uint64(32)) & low)), np.float32(np.int32(met >> np.uint64(48)))
         # Catmull-Rom cubic through b and c
         c1 = half * (c - a)
         c2 = a - np.float32(2.5) * b + np.float32(2) * c - half * f

@@ -14,18 +14,17 @@ from stereo_seecolor.data import Map
 from stereo_seecolor.matching.band import WIDENING, Band
 from stereo_seecolor.matching.images import Gray, census, jump_costs, mirrored_census
 from stereo_seecolor.matching.inspection import row_shift_px
-from stereo_seecolor.matching.semiglobal import TILE, compare_rows, match_rows
+from stereo_seecolor.matching.semiglobal import match_rows
+from stereo_seecolor.matching.vectors import TILE
 
 NOTHING = -0x8000
-P1, P2, P2_LEAST = 12, 100, 15
+P1, P2, P2_LEAST = 12, 99, 15
 """What a change of disparity by one, or by more (on even ground, on an edge), costs on a path, in bits of the census."""
 STRIP, HALO = 128, 16
 """Rows of a strip, and rows beyond its ends in which its vertical paths settle."""
 LARGE_IMAGE_PX = 600_000
 AMBIGUOUS = 0.05
 """Lead over the next best, as a share of P2, below which a pixel matches both."""
-LEFT_RIGHT_PX = 1.0
-"""Largest difference between the disparity of a pixel and that of the pixel of the right image that it meets."""
 TOO_NARROW_TILE, TOO_NARROW_STRIP = 0.5, 0.01
 """Share of a tile's pixels that end on the edge of its band, and share of such tiles, with which a strip is searched again."""
 
@@ -58,7 +57,8 @@ def search(left: Gray, right: Gray, band: Band, pool: ThreadPoolExecutor) -> Fou
     jump_job = pool.submit(jump_costs, left, P2, P2_LEAST)
     census_jobs = pool.submit(census, left), pool.submit(mirrored_census, right, before, after)
     jump, left_census, right_census = jump_job.result(), census_jobs[0].result(), census_jobs[1].result()
-    disparity, rival, back = (np.empty((height, width), np.float32) for _ in range(3))
+    disparity, rival = np.empty((2, height, width), np.float32)
+    ended = np.zeros(band.lowest.shape, np.int32)
 
     def strip(first: int) -> None:
         end = min(first + STRIP, height)
@@ -66,27 +66,17 @@ def search(left: Gray, right: Gray, band: Band, pool: ThreadPoolExecutor) -> Fou
 
         def match(band: Band) -> None:
             lowest, count = band.lowest, band.count
-            match_rows(left_census, right_census, before, lowest, count, rows, jump, P1, P2, disparity, rival, back)
+            match_rows(left_census, right_census, before, lowest, count, rows, jump, P1, P2, AMBIGUOUS, disparity, rival, ended)
 
         match(band)
-        narrow = _too_narrow(disparity, first, end, band.lowest.shape)
-        if narrow.sum() > TOO_NARROW_STRIP * (-(-(end - first) // TILE) * narrow.shape[1]):
+        tiles = slice(first // TILE, -(-end // TILE))
+        narrow = np.zeros(ended.shape, np.bool_)
+        narrow[tiles] = ended[tiles] > TOO_NARROW_TILE * TILE**2
+        if narrow[tiles].mean() > TOO_NARROW_STRIP:
             match(band.widened(narrow))
-        compare_rows(disparity[first:end], rival[first:end], back[first:end], AMBIGUOUS, LEFT_RIGHT_PX)
 
     list(pool.map(strip, range(0, height, STRIP)))
     return Found(disparity, rival, row_shift_px(left_census, right_census, before + width - 1, disparity))
-
-
-def _too_narrow(disparity: Map, first: int, end: int, tiles: tuple[int, int]) -> NDArray[np.bool_]:
-    """Tiles of the rows first..end-1 most of whose pixels ended on the edge of their band."""
-    lost = np.isnan(disparity[first:end]).astype(np.uint8) * 255
-    height, width = lost.shape
-    lost = cv2.copyMakeBorder(lost, 0, -height % TILE, 0, -width % TILE, cv2.BORDER_REPLICATE)
-    share = cv2.resize(lost, (lost.shape[1] // TILE, lost.shape[0] // TILE), interpolation=cv2.INTER_AREA)
-    narrow = np.zeros(tiles, np.bool_)
-    narrow[first // TILE : first // TILE + share.shape[0]] = share > 255 * TOO_NARROW_TILE
-    return narrow
 
 
 def remove_speckles(disparity: Map, pixels: int) -> None:

@@ -1,9 +1,12 @@
 """Semi-global matching (Hirschmueller 2008) of census images, each tile of the image over its own band of disparities.
 
 Tiles of TILE x TILE pixels search ``lowest .. lowest + count - 1``, count a multiple of LANES. Paths run right, down, left
-and up; between tiles of different bands a path carries over what the bands share (Rothermel et al. 2012, tSGM). The image
-is cut into strips of rows that are matched alone, each with rows beyond its ends to let the vertical paths settle: memory
-stays small, strips go to threads, and the result does not depend on how many there are.
+and up; between tiles of different bands a path carries over what the bands share (Rothermel et al. 2012, tSGM). Four pixels
+go at a time: four rows of a tile along the rows, four columns of it across them, so that they always share a band. The
+image is cut into strips of rows that are matched alone, each with rows beyond its ends to let the vertical paths settle:
+memory stays small, strips go to threads, and the result does not depend on how many there are.
+
+Costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these pixel by pixel. Every cost is below 128.
 """
 
 from collections.abc import Callable
@@ -15,24 +18,36 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.data import Map
 from stereo_seecolor.matching.vectors import (
+    BLOCK,
     FAR,
     LANES,
+    PIXELS,
+    TILE,
+    WINDOW,
     add,
-    add3,
+    add_wide,
     claim,
+    fold,
     hamming,
-    path_step,
-    path_step_alone,
-    shift,
+    scatter,
+    slide,
     smallest,
     smallest_but,
+    step,
+    step_of_many,
+    steps,
+    winners,
 )
 
-TILE = 8
-SHIFTED = 1
-"""Place in the scratch of the costs of a pixel whose band differs, brought to where the next one looks for them."""
+NOWHERE, FLOOR, ALONG = 0, BLOCK, 2 * BLOCK
+"""Places in ``paths``: a block of FAR, one of least costs, and the paths along the rows; then come those across them."""
+LOW, COUNT, PLACE = 0, 1, 2
+MARGIN = TILE
+"""Elements before the sums of a row and before the claims, which vector steps may read or write."""
+BEST, LEAST, SECOND, BELOW, ABOVE, CHOSEN = range(6)
 
 NEVER = -0x8000
+"""Taken from the disparity of a claim; that of a pixel that nobody claimed."""
 
 _compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
 
@@ -47,211 +62,250 @@ def match_rows(
     lowest: NDArray[np.int32],
     count: NDArray[np.int32],
     rows: tuple[int, int, int, int],
-    jump: NDArray[np.uint16],
+    jump: NDArray[np.uint8],
     P1: int,
     P2: int,
+    ambiguous: float,
     disparity: Map,
     rival: Map,
-    back: Map,
+    ended: NDArray[np.int32],
 ) -> None:
-    """Fill rows[1]..rows[2]-1 of the three maps from rows[0]..rows[3]-1 of the census images.
+    """Fill rows[1]..rows[2]-1 of the two maps from rows[0]..rows[3]-1 of the census images; rows[0] starts a tile.
 
     left: (H, W). right: (H, offset + W + ...) mirrored, the pixel x at column offset + W - 1 - x, zero where nothing was seen.
-    jump: (2, H + 1, W + 1) what a jump costs from the pixel above, and from the pixel to the left.
-    disparity: of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band.
-    rival: how much worse the best disparity beyond +-1 is, as a share of P2. back: whole disparity of the right image,
-    from the same costs, NaN where no left pixel looked.
+    jump: what a jump costs from the pixel above, and from the pixel to the left (jump_costs).
+    disparity: of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band, where its lead
+    over its rival is under ``ambiguous``, or where the pixel of the right image that it meets chose, from the same costs,
+    another by more than one pixel.
+    rival: how much worse the best disparity beyond +-1 is, as a share of P2. ended: added to for each tile, how many pixels'
+    best lie on the edge of its band.
     """
     start, first, end, stop = rows
-    width = left.shape[1]
-    origin = offset + width - 1
     tile_row = start // TILE
-    bands, lengths = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1, width)
+    bands, lengths = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1)
+    most, widest = lengths.max(), PIXELS * count.max()
     row_places = np.zeros(end - first + 1, np.int64)
     for row in range(end - first):
         row_places[row + 1] = row_places[row] + lengths[(first + row) // TILE - tile_row]
-    total = np.empty(row_places[-1], np.uint16)
-    cost = np.empty(count.max(), np.uint16)
-    along = _scratch(cost.size)
-    along_next = along + lengths.max()
-    paths = np.full(along_next + lengths.max() + LANES, FAR, np.uint16)
-    floors = np.zeros(width, np.uint16)
-    claims = np.empty(right.shape[1], np.uint16), np.empty(right.shape[1], np.int16)
-    nothing = np.zeros_like(bands[0])
+    total = np.empty(row_places[-1], np.uint8)
+    cost, along = np.empty(PIXELS * most, np.uint8), np.empty(PIXELS * most, np.uint8)
+    sums, facts = np.empty(most + 2 * TILE * LANES, np.uint16), np.empty((6, left.shape[1] + TILE), np.int16)
+    claims = np.empty(TILE + right.shape[1] + WINDOW, np.uint32)
+    paths = np.zeros(ALONG + 3 * widest + 2 * most, np.uint8)
+    paths[:BLOCK] = FAR
+    origin = offset + left.shape[1] - 1
+    p1, scale, least_lead = np.uint8(P1), np.float32(1 / P2), np.float32(ambiguous)
     for sweep in range(2):
-        before = nothing
-        for step in range(end - start if sweep == 0 else stop - first):
-            y = start + step if sweep == 0 else stop - 1 - step
-            band = bands[y // TILE - tile_row]
+        top, bottom = (start, end) if sweep == 0 else (first, stop)
+        groups = (bottom - top + PIXELS - 1) // PIXELS
+        before, now = ALONG + 3 * widest, ALONG + 3 * widest + most
+        paths[before:] = 0
+        tile_before = (top if sweep == 0 else bottom - 1) // TILE - tile_row
+        for group in range(groups):
+            y = top + PIXELS * (group if sweep == 0 else groups - 1 - group)
+            tile, tall = y // TILE - tile_row, min(PIXELS, bottom - y)
+            band = bands[tile]
+            if tile != tile_before:
+                _change_bands(paths, before, now, bands[tile_before], band)
+                before, now, tile_before = now, before, tile
+            _costs(left[y : y + tall], right[y : y + tall], origin, band, cost, most)
             inside = first <= y < end
-            row_place = row_places[y - first] if inside else -1
-            _follow(
-                sweep,
-                left[y],
-                right[y],
-                origin,
-                band,
-                before,
-                along,
-                along_next,
-                row_place,
-                paths,
-                floors,
-                cost,
-                total,
-                jump[0, y + sweep],
-                jump[1, y],
-                P1,
-            )
-            along, along_next, before = along_next, along, band
-            if sweep == 1 and inside:
-                _decide(total, row_place, band, origin, P2, claims, disparity[y], rival[y], back[y])
+            if inside:
+                _along(sweep, band, cost, along, most, jump[1], y, paths, widest, p1)
+            for i in range(tall):
+                row = i if sweep == 0 else tall - 1 - i
+                _across(band, cost, row * most, jump[0], y + row + sweep, paths, before, now, p1)
+                before, now = now, before
+                if inside:
+                    place = row_places[y + row - first]
+                    _sum(sweep, paths, before, along, row * most, total, place, lengths[tile], sums)
+                if inside and sweep == 1:
+                    _choose(sums, band, origin, facts, claims)
+                    _judge(facts, claims, MARGIN + origin, scale, least_lead, disparity[y + row], rival[y + row], ended[y // TILE])
 
 
 @_compiled
-def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, tiles: int, width: int) -> Any:
-    """(tiles, 3, W): each pixel's lowest disparity, count, and place in a row of costs (a guard cell between); row lengths."""
-    bands, lengths = np.empty((tiles, 3, width), np.int64), np.empty(tiles, np.int64)
-    for tile in range(tiles):
-        place = 1
-        for x in range(width):
-            bands[tile, 0, x] = lowest[tile_row + tile, x // TILE]
-            bands[tile, 1, x] = count[tile_row + tile, x // TILE]
-            bands[tile, 2, x] = place
-            place += bands[tile, 1, x] + 1
-        lengths[tile] = place
+def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, rows: int) -> Any:
+    """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,) lengths of these rows."""
+    tiles = lowest.shape[1]
+    bands, lengths = np.empty((rows, 3, tiles), np.int64), np.empty(rows, np.int64)
+    for row in range(rows):
+        place = 0
+        for tile in range(tiles):
+            bands[row, LOW, tile] = lowest[tile_row + row, tile]
+            bands[row, COUNT, tile] = count[tile_row + row, tile]
+            bands[row, PLACE, tile] = place
+            place += TILE * bands[row, COUNT, tile]
+        lengths[row] = place
     return bands, lengths
 
 
 @_compiled
-def _scratch(most: int) -> int:
-    """Cells of ``paths`` before the vertical ones: two pixels of the horizontal path and a shifted one, with their guards.
-
-    The shifted one is written LANES at a time, and so past its end.
-    """
-    return 3 * (most + 2) + LANES
+def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int) -> None:
+    """The costs of some rows, ``most`` apart; beyond the rows' ends they are 0, with which a path has not begun."""
+    rows, width = bits.shape
+    for row in range(rows):
+        for tile in range(band.shape[1]):
+            for k in range(0, band[COUNT, tile], LANES):
+                place = row * most + band[PLACE, tile] + k * TILE
+                met = origin + band[LOW, tile] + k
+                for x in range(tile * TILE, min(tile * TILE + TILE, width)):
+                    hamming(bits[row, x], others[row], met - x, cost, place + LANES * (x % TILE))
+                if tile * TILE + TILE > width:
+                    cost[place + LANES * (width % TILE) : place + LANES * TILE] = 0
 
 
 @_compiled
-def _follow(
-    sweep: int, bits: Any, others: Any, origin: int, band: Any, band_before: Any, along: int, along_next: int, row_place: int,
-    paths: Any, floors: Any, cost: Any, total: Any, jump_along: Any, jump_across: Any, P1: int,
-) -> None:  # fmt: skip
-    """Take the vertical path from the row before to this one and, for a row inside the strip, the horizontal one along it.
-
-    sweep 0 goes right and down and sets total, sweep 1 goes left and up and adds to it. Arrays are not swapped but places in
-    one array are: numba would count references for each pixel.
-    """
-    width = bits.size
-    across, across_next = SHIFTED + cost.size + 2 + LANES, SHIFTED + 2 * (cost.size + 2) + LANES
-    p1 = np.uint16(P1)
-    floor, low_before, count_before = np.uint16(0), 0, 0
-    for column in range(width):
-        x = column if sweep == 0 else width - 1 - column
-        low, count, place = band[0, x], band[1, x], band[2, x]
-        met = origin - x + low
-        hamming(bits[x], others, met, cost, 0)
-        for k in range(LANES, count, LANES):
-            hamming(bits[x], others, met + k, cost, k)
-        before, now = along + band_before[2, x], along_next + place
-        if low != band_before[0, x] or count != band_before[1, x]:
-            before = _shift(paths, before, band_before[0, x], band_before[1, x], low, count)
-        floors[x] = _advance(paths, before, cost, now, count, floors[x], p1, jump_along[x])
-        if row_place < 0:
+def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
+    """The paths along four rows from y on, right in sweep 0 and left in sweep 1, to ``along``, which is laid out as their costs."""
+    tiles, jump_stride = band.shape[1], jump.shape[1]
+    before, now, spare = ALONG, ALONG + widest, ALONG + 2 * widest
+    first = 0 if sweep == 0 else tiles - 1
+    low, count = band[LOW, first], band[COUNT, first]
+    paths[before : before + PIXELS * count] = 0
+    for i in range(tiles):
+        tile = i if sweep == 0 else tiles - 1 - i
+        if band[LOW, tile] != low or band[COUNT, tile] != count:
+            _slide(paths, before, spare, PIXELS, low, count, band[LOW, tile], band[COUNT, tile])
+            before, spare = spare, before
+            low, count = band[LOW, tile], band[COUNT, tile]
+        if count == LANES:
+            column, onward = (0, 1) if sweep == 0 else (TILE - 1, -1)
+            j = y * jump_stride + tile * TILE + column + sweep
+            place = band[PLACE, tile] + column * LANES
+            steps(paths, before, cost, place, along, onward * LANES, most, jump, j, onward, jump_stride, P1)
             continue
-        before = across
-        if low != low_before or count != count_before:
-            before = _shift(paths, across, low_before, count_before, low, count)
-        floor = _advance(paths, before, cost, across_next, count, floor, p1, jump_across[x + sweep])
-        low_before, count_before = low, count
-        at = row_place + place
+        for i in range(TILE):
+            column = i if sweep == 0 else TILE - 1 - i
+            place = band[PLACE, tile] + column * LANES
+            j = y * jump_stride + tile * TILE + column + sweep
+            _advance(paths, before, now, BLOCK, count, cost, place, most, jump, j, jump_stride, P1)
+            for k in range(0, count, LANES):
+                scatter(paths, now + k * PIXELS, along, place + k * TILE, most)
+            before, now = now, before
+
+
+@_compiled
+def _across(band: Any, cost: Any, row: int, jump: Any, y: int, paths: Any, before: int, now: int, P1: Any) -> None:
+    """The paths across the rows take one step, from paths[before:] to paths[now:], both laid out as a row's costs."""
+    for tile in range(band.shape[1]):
+        for half in range(0, TILE, PIXELS):
+            place = band[PLACE, tile] + half * LANES
+            j = y * jump.shape[1] + tile * TILE + half
+            _advance(
+                paths, before + place, now + place, TILE * LANES, band[COUNT, tile], cost, row + place, LANES, jump, j, 1, P1
+            )  # fmt: skip
+
+
+@_inlined
+def _advance(
+    paths: Any, before: int, now: int, stride: int, count: int,
+    cost: Any, c: int, cost_stride: int, jump: Any, j: int, jump_stride: int, P1: Any,
+) -> None:  # fmt: skip
+    """Four pixels' paths take one step; ``stride`` lies between their blocks."""
+    if count == LANES:
+        step(paths, before, now, cost, c, cost_stride, jump, j, jump_stride, P1)
+        return
+    last = before + (count // LANES - 1) * stride
+    fold(paths, before, last, FLOOR)
+    for block in range(before + stride, last, stride):
+        fold(paths, block, FLOOR, FLOOR)
+    for k in range(count // LANES):
+        block = before + k * stride
+        below, above = block - stride if k else NOWHERE, block + stride if block < last else NOWHERE
+        at = c + k * TILE * LANES
+        step_of_many(paths, below, block, above, FLOOR, now + k * stride, cost, at, cost_stride, jump, j, jump_stride, P1)
+
+
+@_compiled
+def _sum(sweep: int, paths: Any, now: int, along: Any, row: int, total: Any, place: int, length: int, sums: Any) -> None:
+    """Sum a row's paths: those of sweep 0 to total, all four to sums."""
+    for k in range(0, length, BLOCK):
         if sweep == 0:
-            add(paths, across_next, paths, now, total, at)
-            for k in range(LANES, count, LANES):
-                add(paths, across_next + k, paths, now + k, total, at + k)
+            add(paths, now + k, along, row + k, total, place + k)
         else:
-            add3(paths, across_next, now, total, at)
-            for k in range(LANES, count, LANES):
-                add3(paths, across_next + k, now + k, total, at + k)
-        across, across_next = across_next, across
+            add_wide(paths, now + k, along, row + k, total, place + k, sums, MARGIN + k)
 
 
 @_compiled
-def _shift(paths: Any, before: int, low_before: int, count_before: int, low: int, count: int) -> int:
-    """Copy the costs of the pixel before, over its own band, to where the band low.. of this pixel finds them."""
-    for k in range(-1, count + 1, LANES):
-        i = k + low - low_before
-        if -LANES < i < count_before:
-            shift(paths, before, i, count_before, SHIFTED + k)
-        else:
-            shift(paths, SHIFTED, 0, 0, SHIFTED + k)
-    return SHIFTED
-
-
-@_inlined
-def _advance(paths: Any, before: int, cost: Any, now: int, count: int, floor: Any, P1: Any, P2: Any) -> Any:
-    """One step of a path, from paths[before:] to paths[now:]; returns the new floor."""
-    if count == LANES and before != SHIFTED:
-        return path_step_alone(paths, before, cost, 0, paths, now, floor, P1, P2)
-    least = np.uint16(FAR)
-    for k in range(0, count, LANES):
-        least = min(least, path_step(paths, before + k, cost, k, paths, now + k, floor, P1, P2))
-    paths[now - 1] = paths[now + count] = FAR
-    return np.uint16(least)
+def _change_bands(paths: Any, before: int, now: int, band: Any, new: Any) -> None:
+    """Carry a row of paths over to the bands of the next row of tiles."""
+    for tile in range(band.shape[1]):
+        source, target = before + band[PLACE, tile], now + new[PLACE, tile]
+        _slide(paths, source, target, TILE, band[LOW, tile], band[COUNT, tile], new[LOW, tile], new[COUNT, tile])
 
 
 @_compiled
-def _decide(
-    total: Any, row_place: int, band: Any, origin: int, P2: int, claims: Any, disparity: Any, rival: Any, back: Any
-) -> None:
-    """One row: the best disparity of each left pixel and, among all that look at it, of each right one."""
-    width = disparity.size
-    least, best = claims
-    least[:] = 0xFFFF
-    best[:] = NEVER
-    scale = np.float32(1 / P2)
-    for x in range(width):
-        low, count, at = band[0, x], band[1, x], row_place + band[2, x]
-        disparity[x], rival[x] = _winner(total, at, low, count, scale)
+def _slide(paths: Any, source: int, target: int, pixels: int, low: int, count: int, new_low: int, new_count: int) -> None:
+    """Copy costs over the band low.. of some pixels to where the band new_low.. finds them; what only this one has is FAR."""
+    for k in range(0, new_count, LANES):
+        first = k + new_low - low
+        block = first // LANES
+        for pixel in range(pixels):
+            piece = source + (block * pixels + pixel) * LANES
+            lower = piece if 0 <= block < count // LANES else NOWHERE
+            upper = piece + pixels * LANES if -1 <= block < count // LANES - 1 else NOWHERE
+            slide(paths, lower, upper, first - block * LANES, paths, target + k * pixels + pixel * LANES)
+
+
+@_compiled
+def _choose(sums: Any, band: Any, origin: int, facts: Any, claims: Any) -> None:
+    """One row: each left pixel's best disparity and the sums around it; each right pixel's best among all that look at it."""
+    width = facts.shape[1] - TILE
+    claims[:] = 0xFFFFFFFF
+    for tile in range(band.shape[1]):
+        low, count = band[LOW, tile], band[COUNT, tile]
+        place, first = MARGIN + band[PLACE, tile], tile * TILE
+        if count == LANES:
+            winners(sums, place, np.int16(low), facts, first, facts.shape[1])
+        else:
+            for x in range(TILE):
+                _winner(sums, place + LANES * x, low, count, facts, first + x)
         for k in range(0, count, LANES):
-            claim(total, at + k, least, best, origin - x + low + k, np.int16(low + k))
-    for x in range(width):
-        found = best[origin - x]
-        back[x] = found if found > NEVER else np.nan
+            if tile == band.shape[1] - 1:
+                sums[place + k * TILE + LANES * (width - first) : place + (k + LANES) * TILE] = 0xFFFF
+            claim(sums, place + k * TILE, np.int16(low + k), claims, MARGIN + origin - first + low + k)
 
 
 @_inlined
-def _winner(total: NDArray[np.uint16], at: int, low: int, count: int, scale: Any) -> Any:
-    """The disparity of least cost with its fraction, and its lead over the best beyond +-1."""
-    key = int(smallest(total, at))
-    least, best = key >> 4, key & 15
-    for k in range(LANES, count, LANES):
-        key = int(smallest(total, at + k))
+def _winner(sums: Any, at: int, low: int, count: int, facts: Any, x: int) -> None:
+    """What ``winners`` notes, for a pixel with more than LANES disparities."""
+    least, best = 0xFFFF, 0
+    for k in range(0, count, LANES):
+        key = int(smallest(sums, at + k * TILE))
         if key >> 4 < least:
             least, best = key >> 4, k + (key & 15)
-    second = int(smallest_but(total, at, np.int16(best)))
-    for k in range(LANES, count, LANES):
-        second = min(second, int(smallest_but(total, at + k, np.int16(best - k))))
-    lead = np.float32(second - least) * scale
-    if best == 0 or best == count - 1:
-        return np.float32(np.nan), lead
-    below, above = np.int32(total[at + best - 1]), np.int32(total[at + best + 1])
-    bend = np.float32(max(below, above) - least)
-    fraction = np.float32(0.5) * np.float32(below - above) / bend if bend > 0 else np.float32(0)
-    return np.float32(low + best) + fraction, lead
+    second = 0xFFFF
+    for k in range(0, count, LANES):
+        second = min(second, int(smallest_but(sums, at + k * TILE, np.int16(best - k))))
+    facts[BEST, x], facts[LEAST, x], facts[SECOND, x] = low + best, least, second
+    facts[BELOW, x] = sums[_place(at, best - 1)] if best > 0 else -1
+    facts[ABOVE, x] = sums[_place(at, best + 1)] if best < count - 1 else -1
+
+
+@_inlined
+def _place(at: int, k: int) -> int:
+    return at + (k & -LANES) * TILE + (k & (LANES - 1))
 
 
 @_compiled
-def compare_rows(disparity: Map, rival: Map, back: Map, least: float, most_px: float) -> None:
-    """NaN in disparity where its lead over its rival is under ``least``, or back, of the right image, is not within most_px."""
-    height, width = disparity.shape
-    least32, most32 = np.float32(least), np.float32(most_px)
-    for y in range(height):
-        for x in range(width):
-            here = disparity[y, x]
-            met = np.float32(x) - here
-            agrees = False
-            if rival[y, x] >= least32 and met >= np.float32(-0.5) and met <= np.float32(width) - np.float32(0.5):
-                agrees = abs(here - back[y, np.int64(np.rint(met))]) <= most32
-            if not agrees:
-                disparity[y, x] = np.nan
+def _judge(facts: Any, claims: Any, met: int, scale: Any, least_lead: Any, disparity: Any, rival: Any, ended: Any) -> None:
+    """One row of disparities, with the parabola's fraction, where they pass the checks, and of leads over the rival."""
+    width = disparity.size
+    chosen_row, best_row, least_row, second_row = facts[CHOSEN], facts[BEST], facts[LEAST], facts[SECOND]
+    below_row, above_row = facts[BELOW], facts[ABOVE]
+    for x in range(width):
+        chosen_row[x] = np.int32(claims[met - x + np.int64(best_row[x])] & np.uint32(0xFFFF)) + NEVER
+        ended[x // TILE] += (below_row[x] < 0) | (above_row[x] < 0)
+    half, one, unknown = np.float32(0.5), np.float32(1), np.float32(np.nan)
+    for x in range(width):
+        least, best = np.int32(least_row[x]), np.int32(best_row[x])
+        below, above = np.int32(below_row[x]), np.int32(above_row[x])
+        lead = np.float32(np.int32(second_row[x]) - least) * scale
+        bend = np.float32(max(max(below, above) - least, np.int32(1)))
+        found = np.float32(best) + half * np.float32(below - above) / bend
+        mutual = abs(found - np.float32(chosen_row[x])) <= one
+        inside = (best <= np.int32(x)) & (np.int32(x) - best < np.int32(width))
+        good = (below >= 0) & (above >= 0) & (lead >= least_lead) & mutual & inside
+        disparity[x] = found if good else unknown
+        rival[x] = lead

@@ -1,8 +1,8 @@
-"""Sixteen disparities at a time: the few vector steps that semi-global matching is made of, for use inside numba kernels.
+"""Four pixels, sixteen disparities each, at a time: the few vector steps that semi-global matching is made of.
 
-Numba widens 16-bit arithmetic to 64 bits and so misses the vector unit (measured: 130 ns a pixel where these take 9), so
-each step is written out as LLVM vector code, which every processor that numba knows can run. All arrays are C contiguous
-and uint16 unless said otherwise; a slice a[i:] means the LANES elements from i, and nothing checks that they exist.
+Numba widens 8 and 16-bit arithmetic to 64 bits and so misses the vector unit, so each step is written out as LLVM vector
+code, which every processor that numba knows can run. All arrays are C contiguous; a slice a[i:] means the elements that the
+step needs from i on, and nothing checks that they exist. A block is PIXELS pieces, a piece one pixel's LANES costs.
 """
 
 from collections.abc import Callable
@@ -13,112 +13,225 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-LANES = 16
-FAR = 0x3000
-"""Cost of what lies outside a band; sums of it stay below 2^16."""
+LANES, PIXELS, TILE = 16, 4, 8
+BLOCK = LANES * PIXELS
+FAR = 0xFF
+"""Cost of what lies outside a band; sums with it stay at it."""
 
 _written_out: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 
-_SHORT = ir.IntType(16)
-_WORD = ir.IntType(32)
-_SHORTS = ir.VectorType(_SHORT, LANES)
-_WORDS = ir.VectorType(_WORD, LANES)
+_BYTE, _SHORT, _WORD, _LONG, _PIECE_BITS = (ir.IntType(bits) for bits in (8, 16, 32, 64, 128))
+_PIECE, _BLOCK, _PER_PIXEL = ir.VectorType(_BYTE, LANES), ir.VectorType(_BYTE, BLOCK), ir.VectorType(_BYTE, PIXELS)
+_SHORTS, _WORDS = ir.VectorType(_SHORT, LANES), ir.VectorType(_WORD, LANES)
+_TILE_SHORTS = ir.VectorType(_SHORT, TILE)
+WINDOW = 2 * LANES
+_WINDOW, _WIDE_WINDOW = ir.VectorType(_SHORT, WINDOW), ir.VectorType(_WORD, WINDOW)
+_BLOCK_SHORTS = ir.VectorType(_SHORT, BLOCK)
 _LANE = ir.Constant(_SHORTS, list(range(LANES)))
+_FAR = ir.Constant(_BLOCK, [FAR] * BLOCK)
 
 
 @_written_out
 def hamming(typing: Any, bits: Any, others: Any, i: Any, cost: Any, c: Any) -> Any:
-    """cost[c:] = number of bits in which ``bits`` (uint32) differs from each of others[i:] (uint32)."""
+    """cost[c:] (a piece) = number of bits in which ``bits`` (uint32) differs from each of others[i:] (uint32)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         bits, others, i, cost, c = arguments
         met = _load(builder, _at(context, builder, signature.args[1], others, i, _WORDS), 4)
         count = _call(builder, "llvm.ctpop.v16i32", _WORDS, builder.xor(met, _splat(builder, bits, _WORDS)))
-        builder.store(builder.trunc(count, _SHORTS), _at(context, builder, signature.args[3], cost, c, _SHORTS), align=2)
+        builder.store(builder.trunc(count, _PIECE), _at(context, builder, signature.args[3], cost, c, _PIECE), align=1)
         return context.get_dummy_value()
 
     return types.void(types.uint32, others, types.intp, cost, types.intp), generate
 
 
 @_written_out
-def path_step(typing: Any, before: Any, b: Any, cost: Any, c: Any, now: Any, n: Any, floor: Any, P1: Any, P2: Any) -> Any:
-    """now[n:] = cost[c:] + min(before[b:], before[b-1:] + P1, before[b+1:] + P1, floor + P2) - floor; returns its minimum.
+def step(
+    typing: Any, paths: Any, before: Any, now: Any,
+    cost: Any, c: Any, cost_stride: Any, jump: Any, j: Any, jump_stride: Any, P1: Any,
+) -> Any:  # fmt: skip
+    """One step of the paths of four pixels whose bands have LANES disparities each (Hirschmueller 2008, eq. 13).
 
-    One step of one path (Hirschmueller 2008, eq. 13); floor is the minimum over all of ``before``.
+    paths[now:] = cost + min(b, b of the disparity below + P1, above + P1, floor + jump) - floor for b = paths[before:], floor
+    each pixel's least b. The pixels' costs lie cost_stride apart from cost[c] on, their jumps jump_stride from jump[j] on.
     """
-    return _path_step(before, cost, now), _path_code(alone=False)
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        paths, before, now, cost, c, cost_stride, jump, j, jump_stride, P1 = arguments
+        same = _load_block(context, builder, signature.args[0], paths, before)
+        here = _gather(context, builder, signature.args[3], cost, c, cost_stride)
+        jumps = _jumps(context, builder, signature.args[6], jump, j, jump_stride)
+        result = _step(builder, _FAR, same, _FAR, _floor(builder, same), here, jumps, P1)
+        _store_block(context, builder, signature.args[0], paths, now, result)
+        return context.get_dummy_value()
+
+    u8, i = types.uint8, types.intp
+    return types.void(paths, i, i, cost, i, i, jump, i, i, u8), generate
 
 
 @_written_out
-def path_step_alone(typing: Any, before: Any, b: Any, cost: Any, c: Any, now: Any, n: Any, floor: Any, P1: Any, P2: Any) -> Any:
-    """As path_step for a pixel of LANES disparities in all: what lies beyond them is taken as FAR, not read.
+def steps(
+    typing: Any, paths: Any, at: Any, cost: Any, c: Any, along: Any, onward: Any, stride: Any,
+    jump: Any, j: Any, j_onward: Any, jump_stride: Any, P1: Any,
+) -> Any:  # fmt: skip
+    """TILE steps in a row, from paths[at:] and back to it; each step's costs also to ``along``, laid out as ``cost``.
 
-    Reading at b - 1 what was just written at b would make the processor wait for its memory.
+    From one step to the next, costs lie ``onward`` and jumps ``j_onward`` apart.
     """
-    return _path_step(before, cost, now), _path_code(alone=True)
 
-
-def _path_step(before: Any, cost: Any, now: Any) -> Any:
-    u16 = types.uint16
-    return u16(before, types.intp, cost, types.intp, now, types.intp, u16, u16, u16)
-
-
-def _path_code(alone: bool) -> Callable[..., Any]:
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        before, b, cost, c, now, n, floor, P1, P2 = arguments
+        paths, at, cost, c, along, onward, stride, jump, j, j_onward, jump_stride, P1 = arguments
+        same = _load_block(context, builder, signature.args[0], paths, at)
+        for _ in range(TILE):
+            here = _gather(context, builder, signature.args[2], cost, c, stride)
+            jumps = _jumps(context, builder, signature.args[7], jump, j, jump_stride)
+            same = _step(builder, _FAR, same, _FAR, _floor(builder, same), here, jumps, P1)
+            _scatter(context, builder, signature.args[4], along, c, stride, same)
+            c, j = builder.add(c, onward), builder.add(j, j_onward)
+        _store_block(context, builder, signature.args[0], paths, at, same)
+        return context.get_dummy_value()
 
-        def load(i: Any) -> Any:
-            return _load(builder, _at(context, builder, signature.args[0], before, i, _SHORTS), 2)
+    u8, i = types.uint8, types.intp
+    return types.void(paths, i, cost, i, along, i, i, jump, i, i, i, u8), generate
 
-        same, one = load(b), ir.Constant(b.type, 1)
-        if alone:
-            far = ir.Constant(_SHORTS, [FAR] * LANES)
-            below = builder.shuffle_vector(same, far, ir.Constant(_WORDS, [LANES, *range(LANES - 1)]))
-            above = builder.shuffle_vector(same, far, ir.Constant(_WORDS, [*range(1, LANES), LANES]))
-        else:
-            below, above = load(builder.sub(b, one)), load(builder.add(b, one))
-        slope = builder.add(_minimum(builder, below, above), _splat(builder, P1, _SHORTS))
-        jump = _splat(builder, builder.add(floor, P2), _SHORTS)
-        best = _minimum(builder, _minimum(builder, same, slope), jump)
-        here = _load(builder, _at(context, builder, signature.args[2], cost, c, _SHORTS), 2)
-        total = builder.add(here, builder.sub(best, _splat(builder, floor, _SHORTS)))
-        builder.store(total, _at(context, builder, signature.args[4], now, n, _SHORTS), align=2)
-        return _call(builder, "llvm.vector.reduce.umin.v16i16", _SHORT, total)
 
-    return generate
+@_written_out
+def step_of_many(
+    typing: Any, paths: Any, below: Any, before: Any, above: Any, floor: Any, now: Any,
+    cost: Any, c: Any, cost_stride: Any, jump: Any, j: Any, jump_stride: Any, P1: Any,
+) -> Any:  # fmt: skip
+    """As step, for one block of several: paths[below:] and paths[above:] are the blocks beside it, the floor is paths[floor:]'s."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        paths, below, before, above, floor, now, cost, c, cost_stride, jump, j, jump_stride, P1 = arguments
+        under, same, over, least = (
+            _load_block(context, builder, signature.args[0], paths, place) for place in (below, before, above, floor)
+        )
+        here = _gather(context, builder, signature.args[6], cost, c, cost_stride)
+        jumps = _jumps(context, builder, signature.args[9], jump, j, jump_stride)
+        result = _step(builder, under, same, over, _floor(builder, least), here, jumps, P1)
+        _store_block(context, builder, signature.args[0], paths, now, result)
+        return context.get_dummy_value()
+
+    u8, i = types.uint8, types.intp
+    return types.void(paths, i, i, i, i, i, cost, i, i, jump, i, i, u8), generate
+
+
+@_written_out
+def fold(typing: Any, paths: Any, i: Any, j: Any, least: Any) -> Any:
+    """paths[least:] = min(paths[i:], paths[j:]), a block."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        paths, i, j, least = arguments
+        a, b = (_load_block(context, builder, signature.args[0], paths, place) for place in (i, j))
+        _store_block(context, builder, signature.args[0], paths, least, _minimum(builder, a, b))
+        return context.get_dummy_value()
+
+    return types.void(paths, types.intp, types.intp, types.intp), generate
+
+
+@_written_out
+def scatter(typing: Any, paths: Any, i: Any, rows: Any, r: Any, stride: Any) -> Any:
+    """The four pieces of the block paths[i:] to rows[r:], rows[r + stride:] and so on."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        paths, i, rows, r, stride = arguments
+        block = _load_block(context, builder, signature.args[0], paths, i)
+        _scatter(context, builder, signature.args[2], rows, r, stride, block)
+        return context.get_dummy_value()
+
+    return types.void(paths, types.intp, rows, types.intp, types.intp), generate
 
 
 @_written_out
 def add(typing: Any, a: Any, i: Any, b: Any, j: Any, total: Any, t: Any) -> Any:
-    """total[t:] = a[i:] + b[j:]."""
+    """total[t:] = a[i:] + b[j:], a block; the sum is below 256."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         a, i, b, j, total, t = arguments
-        first = _load(builder, _at(context, builder, signature.args[0], a, i, _SHORTS), 2)
-        second = _load(builder, _at(context, builder, signature.args[2], b, j, _SHORTS), 2)
-        builder.store(builder.add(first, second), _at(context, builder, signature.args[4], total, t, _SHORTS), align=2)
+        first = _load_block(context, builder, signature.args[0], a, i)
+        second = _load_block(context, builder, signature.args[2], b, j)
+        _store_block(context, builder, signature.args[4], total, t, builder.add(first, second))
         return context.get_dummy_value()
 
     return types.void(a, types.intp, b, types.intp, total, types.intp), generate
 
 
 @_written_out
-def add3(typing: Any, a: Any, i: Any, j: Any, total: Any, t: Any) -> Any:
-    """total[t:] += a[i:] + a[j:]."""
+def add_wide(typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total: Any, t: Any) -> Any:
+    """total[t:] (uint16) = a[i:] + b[j:] + c[k:], a block."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, i, j, total, t = arguments
-        first, second = (_load(builder, _at(context, builder, signature.args[0], a, k, _SHORTS), 2) for k in (i, j))
-        pointer = _at(context, builder, signature.args[3], total, t, _SHORTS)
-        builder.store(builder.add(_load(builder, pointer, 2), builder.add(first, second)), pointer, align=2)
+        a, i, b, j, c, k, total, t = arguments
+        loads = ((0, a, i), (2, b, j), (4, c, k))
+        first, second, third = (
+            builder.zext(_load_block(context, builder, signature.args[n], array, place), _BLOCK_SHORTS) for n, array, place in loads
+        )
+        pointer = _at(context, builder, signature.args[6], total, t, _BLOCK_SHORTS)
+        builder.store(builder.add(first, builder.add(second, third)), pointer, align=2)
         return context.get_dummy_value()
 
-    return types.void(a, types.intp, types.intp, total, types.intp), generate
+    i8 = types.intp
+    return types.void(a, i8, b, i8, c, i8, total, i8), generate
+
+
+@_written_out
+def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, b: Any, t: Any) -> Any:
+    """b[t:] (a piece) = the LANES elements from ``by`` (0..LANES - 1) on of the pieces a[low:] and a[high:] put end to end."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        a, low, high, by, b, t = arguments
+        first, second = (_load(builder, _at(context, builder, signature.args[0], a, i, _PIECE_BITS), 1) for i in (low, high))
+        bits = builder.zext(builder.shl(by, ir.Constant(by.type, 3)), _PIECE_BITS)
+        piece = _call(builder, "llvm.fshr.i128", _PIECE_BITS, second, first, bits)
+        builder.store(piece, _at(context, builder, signature.args[4], b, t, _PIECE_BITS), align=1)
+        return context.get_dummy_value()
+
+    return types.void(a, types.intp, types.intp, types.intp, b, types.intp), generate
+
+
+@_written_out
+def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride: Any) -> Any:
+    """The least of each of the TILE x LANES uint16 sums[i:], all below 4096, of pixels whose bands start at ``low`` (int16).
+
+    To facts[x:] (int16) go their disparities; ``stride`` further the sums there; then the least beyond +-1 of it; then those one
+    below and one above it, -1 where the band ends.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        sums, i, low, facts, x, stride = arguments
+        places = [builder.add(i, ir.Constant(i.type, pixel * LANES)) for pixel in range(TILE)]
+        pixels = [_load(builder, _at(context, builder, signature.args[0], sums, place, _SHORTS), 2) for place in places]
+        four = ir.Constant(_SHORTS, [4] * LANES)
+        keys = _least_of_each(builder, [builder.or_(builder.shl(values, four), _LANE) for values in pixels])
+        lanes = builder.and_(keys, ir.Constant(_TILE_SHORTS, [LANES - 1] * TILE))
+        before = builder.sub(lanes, ir.Constant(_TILE_SHORTS, [1] * TILE))
+        never = ir.Constant(_SHORTS, [0xFFFF] * LANES)
+        offsets = [builder.sub(_LANE, builder.shuffle_vector(before, before, _mask([pixel] * LANES))) for pixel in range(TILE)]
+
+        def least_where(condition: str, offset: int) -> Any:
+            bound = ir.Constant(_SHORTS, [offset] * LANES)
+            kept = [builder.icmp_unsigned(condition, offsets[pixel], bound) for pixel in range(TILE)]
+            return _least_of_each(builder, [builder.select(keep, values, never) for keep, values in zip(kept, pixels, strict=True)])
+
+        found = (
+            builder.add(lanes, _splat(builder, low, _TILE_SHORTS)),
+            builder.lshr(keys, ir.Constant(_TILE_SHORTS, [4] * TILE)),
+            least_where(">=", 3),
+            least_where("==", 0),
+            least_where("==", 2),
+        )
+        for row, values in enumerate(found):
+            place = builder.add(x, builder.mul(stride, ir.Constant(stride.type, row)))
+            builder.store(values, _at(context, builder, signature.args[3], facts, place, _TILE_SHORTS), align=2)
+        return context.get_dummy_value()
+
+    return types.void(sums, types.intp, types.int16, facts, types.intp, types.intp), generate
 
 
 @_written_out
 def smallest(typing: Any, a: Any, i: Any) -> Any:
-    """min(a[i:]) * 16 + its first lane; for values below 4096."""
+    """min(a[i:]) * 16 + its first lane, of LANES uint16 below 4096."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         values = _load(builder, _at(context, builder, signature.args[0], arguments[0], arguments[1], _SHORTS), 2)
@@ -130,7 +243,7 @@ def smallest(typing: Any, a: Any, i: Any) -> Any:
 
 @_written_out
 def smallest_but(typing: Any, a: Any, i: Any, centre: Any) -> Any:
-    """min(a[i:]) without the lanes centre - 1, centre and centre + 1 (centre: int16, may lie outside)."""
+    """min(a[i:]) of LANES uint16 without the lanes centre - 1, centre and centre + 1 (centre: int16, may lie outside)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         a, i, centre = arguments
@@ -144,38 +257,116 @@ def smallest_but(typing: Any, a: Any, i: Any, centre: Any) -> Any:
 
 
 @_written_out
-def claim(typing: Any, a: Any, i: Any, best: Any, disparity: Any, j: Any, first: Any) -> Any:
-    """Where a[i:] < best[j:]: best[j:] = a[i:] and disparity[j:] (int16) = first + lane."""
+def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
+    """The TILE x LANES uint16 sums[i:] of a row of a tile claim the pixels of the right image that they look at.
+
+    best (uint32): sum * 2^16 + disparity - NEVER, the least wins, then the first pixel. Lane l of pixel p looks at
+    best[j - p + l], with disparity first + l (int16). A sum of 2^16 - 1 claims nothing.
+    """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, i, best, disparity, j, first = arguments
-        values = _load(builder, _at(context, builder, signature.args[0], a, i, _SHORTS), 2)
-        at_best = _at(context, builder, signature.args[2], best, j, _SHORTS)
-        at_disparity = _at(context, builder, signature.args[3], disparity, j, _SHORTS)
-        old, old_disparity = _load(builder, at_best, 2), _load(builder, at_disparity, 2)
-        less = builder.icmp_unsigned("<", values, old)
-        disparities = builder.add(_LANE, _splat(builder, first, _SHORTS))
-        builder.store(builder.select(less, values, old), at_best, align=2)
-        builder.store(builder.select(less, disparities, old_disparity), at_disparity, align=2)
+        sums, i, first, best, j = arguments
+        keys = ir.Constant(_WINDOW, [0xFFFF] * WINDOW)
+        for pixel in range(TILE):
+            lead = TILE - 1 - pixel
+            place = builder.add(i, ir.Constant(i.type, pixel * LANES - lead))
+            values = _load(builder, _at(context, builder, signature.args[0], sums, place, _WINDOW), 2)
+            own = [pixel if lead <= lane < lead + LANES else 0xFFFF for lane in range(WINDOW)]
+            key = builder.or_(builder.shl(values, ir.Constant(_WINDOW, [3] * WINDOW)), ir.Constant(_WINDOW, own))
+            keys = _minimum(builder, keys, key)
+        place = builder.sub(j, ir.Constant(j.type, TILE - 1))
+        wide = builder.zext(keys, _WIDE_WINDOW)
+        pixel = builder.and_(wide, ir.Constant(_WIDE_WINDOW, [TILE - 1] * WINDOW))
+        cost = builder.shl(builder.lshr(wide, ir.Constant(_WIDE_WINDOW, [3] * WINDOW)), ir.Constant(_WIDE_WINDOW, [16] * WINDOW))
+        lane = builder.add(pixel, ir.Constant(_WIDE_WINDOW, [(lane - TILE + 1 + 0x8000) & 0xFFFFFFFF for lane in range(WINDOW)]))
+        disparity = builder.add(lane, _splat(builder, builder.sext(first, _WORD), _WIDE_WINDOW))
+        claimed = builder.or_(cost, disparity)
+        pointer = _at(context, builder, signature.args[3], best, place, _WIDE_WINDOW)
+        builder.store(_minimum(builder, _load(builder, pointer, 4), claimed), pointer, align=4)
         return context.get_dummy_value()
 
-    return types.void(a, types.intp, best, disparity, types.intp, types.int16), generate
+    return types.void(sums, types.intp, types.int16, best, types.intp), generate
 
 
 @_written_out
-def shift(typing: Any, a: Any, b: Any, i: Any, count: Any, t: Any) -> Any:
-    """a[t:] = a[b + i:] for those lanes whose i + lane lies in 0..count - 1, FAR for the others."""
+def four(typing: Any, a: Any, i: Any) -> Any:
+    """The uint16 a[i] .. a[i + 3] as one uint64, a[i] its lowest bits on a little-endian machine."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, b, i, count, t = arguments
-        values = _load(builder, _at(context, builder, signature.args[0], a, builder.add(b, i), _SHORTS), 2)
-        place = builder.add(_LANE, _splat(builder, builder.trunc(i, _SHORT), _SHORTS))
-        inside = builder.icmp_unsigned("<", place, _splat(builder, builder.trunc(count, _SHORT), _SHORTS))
-        shifted = builder.select(inside, values, ir.Constant(_SHORTS, [FAR] * LANES))
-        builder.store(shifted, _at(context, builder, signature.args[0], a, t, _SHORTS), align=2)
-        return context.get_dummy_value()
+        return _load(builder, _at(context, builder, signature.args[0], arguments[0], arguments[1], _LONG), 2)
 
-    return types.void(a, types.intp, types.intp, types.intp, types.intp), generate
+    return types.uint64(a, types.intp), generate
+
+
+def _step(builder: Any, under: Any, same: Any, over: Any, floor: Any, here: Any, jumps: Any, P1: Any) -> Any:
+    below = builder.shuffle_vector(under, same, _mask(_beside(LANES - 1, [BLOCK + lane for lane in range(LANES - 1)])))
+    above = builder.shuffle_vector(same, over, _mask(_beside([lane + 1 for lane in range(LANES - 1)], BLOCK)))
+    slope = _saturated(builder, _minimum(builder, below, above), _splat(builder, P1, _BLOCK))
+    best = _minimum(builder, _minimum(builder, same, slope), _saturated(builder, floor, jumps))
+    return builder.add(here, builder.sub(best, floor))
+
+
+def _beside(first: Any, rest: Any) -> list[int]:
+    lanes = [*(first if isinstance(first, list) else [first]), *(rest if isinstance(rest, list) else [rest])]
+    return [pixel * LANES + lane for pixel in range(PIXELS) for lane in lanes]
+
+
+def _least_of_each(builder: Any, pixels: list[Any]) -> Any:
+    """The least of each of TILE vectors of LANES, as one vector: halved and joined in pairs until one is left."""
+    lanes = LANES
+    while len(pixels) > 1:
+        half, groups = lanes // 2, LANES // lanes
+        low, high = (
+            _mask(
+                [side * LANES + group * lanes + first + lane for group in range(groups) for side in (0, 1) for lane in range(half)]
+            )
+            for first in (0, half)
+        )
+        pairs = list(zip(pixels[::2], pixels[1::2], strict=True))
+        pixels = [_minimum(builder, builder.shuffle_vector(a, b, low), builder.shuffle_vector(a, b, high)) for a, b in pairs]
+        lanes = half
+    mirrored_bits = (0, 4, 2, 6, 1, 5, 3, 7)  # the order that joining in pairs leaves the pixels in
+    even, odd = (_mask([2 * place + first for place in mirrored_bits]) for first in (0, 1))
+    return _minimum(builder, *(builder.shuffle_vector(pixels[0], pixels[0], mask) for mask in (even, odd)))
+
+
+def _floor(builder: Any, block: Any) -> Any:
+    """Each piece's least value, in all its lanes."""
+    for turn in (8, 4, 2, 1):
+        turned = [pixel * LANES + (lane + turn) % LANES for pixel in range(PIXELS) for lane in range(LANES)]
+        block = _minimum(builder, block, builder.shuffle_vector(block, block, _mask(turned)))
+    return block
+
+
+def _gather(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any) -> Any:
+    places = [builder.add(index, builder.mul(stride, ir.Constant(stride.type, pixel))) for pixel in range(PIXELS)]
+    a, b, c, d = (_load(builder, _at(context, builder, array_type, array, place, _PIECE), 1) for place in places)
+    two = _mask(range(2 * LANES))
+    return builder.shuffle_vector(builder.shuffle_vector(a, b, two), builder.shuffle_vector(c, d, two), _mask(range(BLOCK)))
+
+
+def _scatter(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any, block: Any) -> None:
+    for pixel in range(PIXELS):
+        piece = builder.shuffle_vector(block, block, _mask(range(pixel * LANES, (pixel + 1) * LANES)))
+        place = builder.add(index, builder.mul(stride, ir.Constant(stride.type, pixel)))
+        builder.store(piece, _at(context, builder, array_type, array, place, _PIECE), align=1)
+
+
+def _jumps(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any) -> Any:
+    jumps = ir.Constant(_PER_PIXEL, ir.Undefined)
+    for pixel in range(PIXELS):
+        place = builder.add(index, builder.mul(stride, ir.Constant(stride.type, pixel)))
+        value = _load(builder, _at(context, builder, array_type, array, place, _BYTE), 1)
+        jumps = builder.insert_element(jumps, value, ir.Constant(_WORD, pixel))
+    return builder.shuffle_vector(jumps, jumps, _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)]))
+
+
+def _load_block(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
+    return _load(builder, _at(context, builder, array_type, array, index, _BLOCK), 1)
+
+
+def _store_block(context: Any, builder: Any, array_type: Any, array: Any, index: Any, value: Any) -> None:
+    builder.store(value, _at(context, builder, array_type, array, index, _BLOCK), align=1)
 
 
 def _at(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Any) -> Any:
@@ -189,17 +380,26 @@ def _load(builder: Any, pointer: Any, align: int) -> Any:
     return value
 
 
+def _mask(lanes: Any) -> Any:
+    lanes = list(lanes)
+    return ir.Constant(ir.VectorType(_WORD, len(lanes)), lanes)
+
+
 def _splat(builder: Any, scalar: Any, vector: Any) -> Any:
     undefined = ir.Constant(vector, ir.Undefined)
     single = builder.insert_element(undefined, scalar, ir.Constant(_WORD, 0))
-    return builder.shuffle_vector(single, undefined, ir.Constant(_WORDS, [0] * LANES))
+    return builder.shuffle_vector(single, undefined, _mask([0] * vector.count))
 
 
 def _minimum(builder: Any, a: Any, b: Any) -> Any:
     return builder.select(builder.icmp_unsigned("<", a, b), a, b)
 
 
-def _call(builder: Any, name: str, result: Any, argument: Any) -> Any:
+def _saturated(builder: Any, a: Any, b: Any) -> Any:
+    return _call(builder, "llvm.uadd.sat.v64i8", _BLOCK, a, b)
+
+
+def _call(builder: Any, name: str, result: Any, *arguments: Any) -> Any:
     declare: Any = cgutils.get_or_insert_function
-    function = declare(builder.module, ir.FunctionType(result, [argument.type]), name)
-    return builder.call(function, [argument])
+    function = declare(builder.module, ir.FunctionType(result, [argument.type for argument in arguments]), name)
+    return builder.call(function, arguments)
