@@ -138,6 +138,7 @@ class SurveyFrame:
 
     name: str
     timestamp_s: float | None
+    unrecoverable: True where the water left too little of a colour, None where nothing is known of that.
     color: NDArray[np.uint8]
     range_m: Map
     range_std_m: Map
@@ -146,6 +147,13 @@ class SurveyFrame:
 
 @dataclass(frozen=True)
 class GeoOrigin:
+    unrecoverable: Mask | None = None
+
+    @property
+    def color_is_doubtful(self) -> Mask:
+        """True where a channel is clipped, or could not be recovered."""
+        clipped = (self.color.max(axis=2) >= 254) | (self.color.min(axis=2) == 0)
+        return clipped if self.unrecoverable is None else clipped | self.unrecoverable
     """Where the map's (0, 0, 0) lies: WGS84 degrees, at the water's surface (z is minus the depth)."""
 
     latitude_deg: float

@@ -14,7 +14,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.data import SurveyFrame, Trajectory
 from stereo_seecolor.mapping.join import VERTEX
-from stereo_seecolor.outputs.encode import encode_confidence, encode_image, encode_map
+from stereo_seecolor.outputs.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.synthetic import survey
 from stereo_seecolor.synthetic.casting import cast, look_up
 from stereo_seecolor.synthetic.reef import CELL_M, Reef, build_reef
@@ -51,6 +51,7 @@ def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_r
             f"range/{frame.name}.tiff": encode_map(frame.range_m),
             f"range_std/{frame.name}.tiff": encode_map(frame.range_std_m),
             f"confidence/{frame.name}.png": encode_confidence(frame.confidence),
+            f"mask/{frame.name}.png": encode_mask(np.zeros(frame.range_m.shape, np.uint8)),
         }
         for name, content in products.items():
             (out / name).parent.mkdir(parents=True, exist_ok=True)

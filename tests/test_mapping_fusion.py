@@ -87,14 +87,34 @@ def test_sure_measurements_outweigh_unsure_ones(tmp_path: Path) -> None:
     assert np.median(read_cloud(tmp_path / "cloud.ply")["position"][:, 2]) == pytest.approx(0.03 / 10, abs=1e-3)
 
 
-def test_the_near_view_gives_the_color(tmp_path: Path) -> None:
-    near, far = flat_frame(0, 1.0, (100, 100, 100)), flat_frame(1, 2.0, (200, 200, 200))
+def test_a_view_counts_by_how_fine_its_pixels_are(tmp_path: Path) -> None:
+    near, far = flat_frame(0, 1.0, (100, 100, 100)), flat_frame(1, 4.0, (200, 200, 200))  # pixels of 5 and 20 mm, voxels of 20
     trajectory = track(2, step_m=0.0)
-    trajectory.T_world_camera[:, 2, 3] = [1.0, 2.0]
+    trajectory.T_world_camera[:, 2, 3] = [1.0, 4.0]
     build_map([near, far], PAIR, tmp_path, CONFIG, trajectory)
     cloud = read_cloud(tmp_path / "cloud.ply")
     below = np.hypot(cloud["position"][:, 0], cloud["position"][:, 1]) < 0.1
-    assert cloud["color"][below].mean() == pytest.approx((100 * 16 + 200) / 17, abs=2)
+    assert cloud["color"][below].mean() == pytest.approx((100 / (1 + 1 / 16) + 200 / 2) / (1 / (1 + 1 / 16) + 1 / 2), abs=2)
+
+
+@pytest.mark.parametrize("why", ["clipped", "unrecoverable"])
+def test_a_doubtful_color_hardly_counts(tmp_path: Path, why: str) -> None:
+    good, bad = flat_frame(0, color=(100, 100, 100)), flat_frame(1, color=(255 if why == "clipped" else 200,) * 3)
+    if why == "unrecoverable":
+        bad = dataclasses.replace(bad, unrecoverable=np.ones(bad.range_m.shape, np.bool_))
+    build_map([good, bad], PAIR, tmp_path, CONFIG, track(2, step_m=0.0))
+    assert read_cloud(tmp_path / "cloud.ply")["color"].mean() == pytest.approx(100, abs=4)
+
+
+def test_edges_are_not_darkened_by_voxels_without_a_color(tmp_path: Path) -> None:
+    frames = [flat_frame(i, altitude_m=2.0) for i in range(5)]
+    for i, frame in enumerate(frames):  # a box half a metre high, 0.6 m wide, seen from all sides: its rim hides what is below
+        left = round(80 + 200 * (-0.3 - 0.3 * (i - 2)) / 1.5)
+        frame.range_m[44:84, max(left, 0) : max(left + 80, 0)] *= np.float32(0.75)
+    build_map(frames, PAIR, tmp_path, CONFIG, track(5, altitude_m=2.0))
+    cloud = read_cloud(tmp_path / "cloud.ply")
+    assert cloud["position"][:, 2].max() > 0.4
+    np.testing.assert_array_equal(np.unique(cloud["color"], axis=0), [[200, 120, 40]])
 
 
 def test_a_reef_comes_out_true(tmp_path: Path) -> None:

@@ -1,7 +1,7 @@
 """A tile's frames into a surface: Open3D's voxel block grid holds and meshes it, our weights fill it."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numba
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.mapping.kernels import BLOCK, integrate
+from stereo_seecolor.mapping.kernels import BLOCK, colors_at, integrate, packed
 from stereo_seecolor.mapping.poses import inverse
 from stereo_seecolor.mapping.tiles import TRUNCATION_VOXELS, Tile, Tiling
 
@@ -59,8 +59,8 @@ def fuse_tile(
     """Integrate frames (each with its T_world_camera) into the tile and extract the triangles that belong to it alone."""
     o3d = _open3d()
     grid, keys = _grid(o3d, tile, tiling.voxel_m)
-    tsdf, weight, color = (grid.attribute(name).numpy()[: len(keys)] for name in ("tsdf", "weight", "color"))
-    color_weight = np.zeros(weight.shape[:4], np.float32)
+    tsdf, weight = (grid.attribute(name).numpy()[: len(keys)] for name in ("tsdf", "weight"))
+    color, color_weight = np.zeros((*weight.shape[:4], 3), np.float32), np.zeros(weight.shape[:4], np.float32)
     for frame, T_world_camera in frames:
         camera = np.array([pair.focal_px, pair.cx_left_px, pair.cy_px, _farthest(frame)])
         integrate(
@@ -70,6 +70,7 @@ def fuse_tile(
             color,
             color_weight,
             frame.color,
+            frame.color_is_doubtful,
             frame.range_m,
             frame.range_std_m,
             frame.confidence,
@@ -80,14 +81,18 @@ def fuse_tile(
         )
     if not (weight > MIN_WEIGHT).any():
         return Surface.empty()
-    return _cut_to_tile(grid.extract_triangle_mesh(MIN_WEIGHT), tile, tiling)
+    surface = _cut_to_tile(grid.extract_triangle_mesh(MIN_WEIGHT), tile, tiling)
+    numbers = packed(*keys.T.astype(np.int64))
+    order = np.argsort(numbers)
+    colors = colors_at(surface.points_m.astype(np.float64), numbers[order], order, color, color_weight, tiling.voxel_m)
+    return replace(surface, colors=np.clip(np.rint(colors), 0, 255).astype(np.uint8))
 
 
 def _grid(o3d: Any, tile: Tile, voxel_m: float) -> tuple[Any, NDArray[np.int32]]:
     """A voxel block grid with all blocks of the tile, and their coordinates in the order of its buffers."""
     float32 = o3d.core.float32
     grid = o3d.t.geometry.VoxelBlockGrid(
-        ("tsdf", "weight", "color"), (float32,) * 3, ((1), (1), (3)), voxel_m, BLOCK, len(tile.blocks), o3d.core.Device("CPU:0")
+        ("tsdf", "weight"), (float32,) * 2, ((1), (1)), voxel_m, BLOCK, len(tile.blocks), o3d.core.Device("CPU:0")
     )
     buffers, _ = grid.hashmap().activate(o3d.core.Tensor(np.ascontiguousarray(tile.blocks)))
     keys = np.empty_like(tile.blocks)
@@ -109,9 +114,8 @@ def _cut_to_tile(mesh: Any, tile: Tile, tiling: Tiling) -> Surface:
     centers = np.sort(points[triangles][..., :2].astype(np.float64), axis=1).mean(axis=1)
     own = (np.floor(centers / tiling.tile_m) == tile.column).all(axis=1)
     used, renumbered = np.unique(triangles[own], return_inverse=True)
-    colors = np.clip(np.rint(mesh.vertex.colors.numpy()[used] * 255), 0, 255).astype(np.uint8)
-    surface = Surface(points[used], mesh.vertex.normals.numpy()[used], colors, renumbered.reshape(-1, 3).astype(np.int32))
-    return _in_order(surface)
+    normals, no_colors = mesh.vertex.normals.numpy()[used], np.zeros((len(used), 3), np.uint8)
+    return _in_order(Surface(points[used], normals, no_colors, renumbered.reshape(-1, 3).astype(np.int32)))
 
 
 def _in_order(surface: Surface) -> Surface:

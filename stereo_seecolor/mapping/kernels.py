@@ -8,7 +8,9 @@ import numpy as np
 BLOCK = 8
 """Voxels along the edge of a block."""
 
-CLIPPED_WEIGHT = 0.02
+DOUBTFUL_WEIGHT = 0.02
+BITS = 21
+OFFSET = 1 << (BITS - 1)
 
 
 @numba.njit(parallel=True, cache=True, nogil=True)
@@ -19,6 +21,7 @@ def integrate(
     color: Any,  # (B, 8, 8, 8, 3) float32, 0..255
     color_weight: Any,  # (B, 8, 8, 8) float32
     rgb: Any,  # (H, W, 3) uint8
+    doubtful: Any,  # (H, W) bool: its color counts next to nothing
     range_m: Any,  # (H, W) float32
     range_std_m: Any,  # (H, W) float32
     confidence: Any,  # (H, W) float32
@@ -64,7 +67,8 @@ def integrate(
             weight[b, k, j, i] = total
             if signed <= truncation_m:
                 vertical = abs(T_camera_world[0, 2] * x + T_camera_world[1, 2] * y + T_camera_world[2, 2] * z) / distance
-                _mix(color[b, k, j, i], color_weight[b, k, j], i, rgb[row, column], vertical / distance)
+                pixel_m = distance / (camera[0] * max(vertical, 0.05))
+                _mix(color[b, k, j, i], color_weight[b, k, j], i, rgb[row, column], doubtful[row, column], pixel_m / voxel_m)
 
 
 @numba.njit(cache=True, nogil=True)
@@ -91,11 +95,56 @@ def _out_of_sight(corner: Any, camera: Any, T: Any, width: int, height: int, vox
 
 
 @numba.njit(cache=True, nogil=True)
-def _mix(color: Any, color_weight: Any, i: int, rgb: Any, nearness: float) -> None:
-    """Weight (cosine from the vertical / range)^4: near and nadir views; next to nothing where a channel is clipped."""
-    w = nearness**4 + 1e-9
-    if max(rgb[0], rgb[1], rgb[2]) >= 254 or min(rgb[0], rgb[1], rgb[2]) == 0:
-        w *= CLIPPED_WEIGHT
+def _mix(color: Any, color_weight: Any, i: int, rgb: Any, doubtful: bool, coarseness: float) -> None:
+    """Weight 1 / (1 + coarseness^2), of a pixel's size on the bottom in voxels: near and nadir views show more of a voxel.
+
+    Not more than that: with the water taken out, the average over many views is truer than the nearest one.
+    """
+    w = 1 / (1 + coarseness**2)
+    if doubtful:
+        w *= DOUBTFUL_WEIGHT
     color_weight[i] += w
     for c in range(3):
         color[c] += (rgb[c] - color[c]) * w / color_weight[i]
+
+
+@numba.njit(parallel=True, cache=True, nogil=True)
+def colors_at(points_m: Any, sorted_keys: Any, order: Any, color: Any, color_weight: Any, voxel_m: float) -> Any:
+    """(V, 3) float32 color of points, interpolated between the voxels around them that have one; NaN where none has.
+
+    sorted_keys: (B,) int64 packed coordinates of the blocks; order: (B,) which block each is. color, color_weight: as in
+    ``integrate``. A voxel that was only seen through has no color of its own, and must not darken its neighbors'.
+    """
+    result = np.full((len(points_m), 3), np.nan, np.float32)
+    for v in numba.prange(len(points_m)):
+        total = 0.0
+        mixed = np.zeros(3)
+        low = np.floor(points_m[v] / voxel_m + 1e-3).astype(np.int64)
+        for corner in range(8):
+            share = 1.0
+            cell = low.copy()
+            for axis in range(3):
+                past = points_m[v, axis] / voxel_m - low[axis]
+                if corner >> axis & 1:
+                    cell[axis] += 1
+                    share *= max(past, 1e-6)
+                else:
+                    share *= max(1 - past, 1e-6)
+            key = packed(cell[0] // BLOCK, cell[1] // BLOCK, cell[2] // BLOCK)
+            found = np.searchsorted(sorted_keys, key)
+            if found == len(sorted_keys) or sorted_keys[found] != key:
+                continue
+            b = order[found]
+            i, j, k = cell % BLOCK
+            if color_weight[b, k, j, i] > 0:
+                total += share
+                mixed += share * color[b, k, j, i]
+        if total > 0:
+            result[v] = mixed / total
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def packed(x: Any, y: Any, z: Any) -> Any:
+    """Coordinates of blocks, int64, as one number each."""
+    return ((x + OFFSET) << (2 * BITS)) | ((y + OFFSET) << BITS) | (z + OFFSET)

@@ -22,7 +22,7 @@ FEATHER_PX = 2.0
 DISAGREEMENT = 4.0
 """What a colour one tenth of full scale away from the median of all views costs, in tangents of the angle from the vertical."""
 HIDDEN_M = 0.05
-CLIPPED_COST = 1.0
+DOUBTFUL_COST = 1.0
 
 Float = NDArray[np.float32]
 
@@ -122,7 +122,7 @@ def _paint(
 ) -> NDArray[np.uint8]:
     """Choose for each cell the view of least cost, after smoothing the costs (Rhemann et al. 2011), and soften the seams.
 
-    A view costs the tangent of its angle from the vertical, more where a channel is clipped, and more where its colour differs
+    A view costs the tangent of its angle from the vertical, more where its colour is doubtful, and more where its colour differs
     from the median of all views: fish, shadows and badly placed frames lose there, and seams move to where views agree.
     """
     result = np.zeros((4, *points.shape[:2]), np.uint8)
@@ -179,7 +179,7 @@ def _look(
         seen = inside & ~hidden & whole
         offset = points - T_world_camera[:3, 3]
         cost = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)
-    cost += CLIPPED_COST * (np.maximum(np.maximum(color[..., 0], color[..., 1]), color[..., 2]) >= 254)
+    cost += DOUBTFUL_COST * cv2.remap(frame.color_is_doubtful.astype(np.float32), u, v, cv2.INTER_NEAREST)
     return color, np.where(seen, cost, np.inf).astype(np.float32)
 
 

@@ -7,11 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.kernels import BLOCK
+from stereo_seecolor.mapping.kernels import BITS, BLOCK, OFFSET, packed
 
 TRUNCATION_VOXELS = 4
-_BITS = 21
-_OFFSET = 1 << (_BITS - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +52,7 @@ def cut(index: FrameIndex, T_world_camera: NDArray[np.float64], frames: NDArray[
     block_m = BLOCK * voxel_m
     tile_blocks = max(1, round(tile_m / block_m))
     reach_m = TRUNCATION_VOXELS * voxel_m
-    packed: NDArray[np.int64] = np.zeros(0, np.int64)
+    found: NDArray[np.int64] = np.zeros(0, np.int64)
     boxes = {}
     pending: list[NDArray[np.int64]] = []
     for i in frames:
@@ -66,21 +64,21 @@ def cut(index: FrameIndex, T_world_camera: NDArray[np.float64], frames: NDArray[
         boxes[int(i)] = np.floor((around.min(axis=0) - reach_m) / block_m), np.floor((around.max(axis=0) + reach_m) / block_m)
         pending.append(_blocks_near(points, reach_m, block_m))
         if len(pending) == 64:
-            packed, pending = np.unique(np.concatenate([packed, *pending])), []
-    blocks = _unpack(np.unique(np.concatenate([packed, *pending])))
+            found, pending = np.unique(np.concatenate([found, *pending])), []
+    blocks = _unpack(np.unique(np.concatenate([found, *pending])))
     return Tiling(tuple(_deal(blocks, boxes, tile_blocks)), voxel_m, tile_blocks)
 
 
 def _blocks_near(points: NDArray[np.float64], reach_m: float, block_m: float) -> NDArray[np.int64]:
     """Packed coordinates of all blocks within reach of the points."""
     corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * reach_m
-    near = np.floor((points[:, None] + corners) / block_m).astype(np.int64).reshape(-1, 3) + _OFFSET
-    return np.unique((near[:, 0] << (2 * _BITS)) | (near[:, 1] << _BITS) | near[:, 2])
+    near = np.floor((points[:, None] + corners) / block_m).astype(np.int64).reshape(-1, 3)
+    return np.unique(packed(near[:, 0], near[:, 1], near[:, 2]))
 
 
-def _unpack(packed: NDArray[np.int64]) -> NDArray[np.int32]:
-    mask = (1 << _BITS) - 1
-    return (np.stack([packed >> (2 * _BITS), (packed >> _BITS) & mask, packed & mask], axis=-1) - _OFFSET).astype(np.int32)
+def _unpack(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
+    mask = (1 << BITS) - 1
+    return (np.stack([numbers >> (2 * BITS), (numbers >> BITS) & mask, numbers & mask], axis=-1) - OFFSET).astype(np.int32)
 
 
 def _deal(

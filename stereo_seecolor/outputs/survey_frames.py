@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.outputs.write import MASK_CODES
 
 
 class SurveyFrames(Sequence[SurveyFrame]):
@@ -64,6 +65,7 @@ class SurveyFrames(Sequence[SurveyFrame]):
             range_m=range_m,
             range_std_m=self._read(self._out / "range_std" / f"{name}.tiff"),
             confidence=(confidence / np.float32(255)).astype(np.float32),
+            unrecoverable=self._read(self._out / "mask" / f"{name}.png") == MASK_CODES["color beyond recovery"],
         )
 
     def _color(self, name: str) -> NDArray[np.uint8]:
