@@ -134,19 +134,15 @@ class SurveyFrame:
     """A finished pair as the map sees it: corrected colours and ranges of the rectified left camera.
 
     name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m, confidence: Map, measured pixels only.
+    unrecoverable: True where the water left too little of a colour, None where nothing is known of that.
     """
 
     name: str
     timestamp_s: float | None
-    unrecoverable: True where the water left too little of a colour, None where nothing is known of that.
     color: NDArray[np.uint8]
     range_m: Map
     range_std_m: Map
     confidence: Map
-
-
-@dataclass(frozen=True)
-class GeoOrigin:
     unrecoverable: Mask | None = None
 
     @property
@@ -154,6 +150,10 @@ class GeoOrigin:
         """True where a channel is clipped, or could not be recovered."""
         clipped = (self.color.max(axis=2) >= 254) | (self.color.min(axis=2) == 0)
         return clipped if self.unrecoverable is None else clipped | self.unrecoverable
+
+
+@dataclass(frozen=True)
+class GeoOrigin:
     """Where the map's (0, 0, 0) lies: WGS84 degrees, at the water's surface (z is minus the depth)."""
 
     latitude_deg: float
