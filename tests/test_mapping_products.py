@@ -83,6 +83,15 @@ def test_windows_of_a_block_raster_round_trip(tmp_path: Path) -> None:
     assert len(list(raster.windows())) == 6
 
 
+def test_cells_are_centred_on_voxels_and_cover_the_box() -> None:
+    grid = Grid.around(np.array([-0.504, 0.01]), np.array([1.0, 0.497]), CELL_M)
+    x, y = grid.centers(slice(0, grid.shape[0]), slice(0, grid.shape[1]))
+    for centers, low, high in ((x, -0.504, 1.0), (y, 0.01, 0.497)):
+        np.testing.assert_allclose(centers / CELL_M, np.rint(centers / CELL_M), atol=1e-6)
+        assert centers.min() - CELL_M / 2 <= low < centers.min() + CELL_M / 2
+        assert centers.max() - CELL_M / 2 < high <= centers.max() + CELL_M / 2
+
+
 def pyramid() -> Surface:
     points = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.5, 0.5, 1]], np.float32)
     triangles = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]], np.int32)

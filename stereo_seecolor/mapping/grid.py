@@ -8,7 +8,10 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class Grid:
-    """North-up cells. west_m, north_m: outer edges of the first cell, whole multiples of cell_m; shape: (rows, columns)."""
+    """North-up cells. west_m, north_m: outer edges of the first cell; its centre lies on whole multiples of cell_m.
+
+    shape: (rows, columns).
+    """
 
     west_m: float
     north_m: float
@@ -17,10 +20,13 @@ class Grid:
 
     @classmethod
     def around(cls, low_m: NDArray[np.floating], high_m: NDArray[np.floating], cell_m: float) -> "Grid":
-        """The cells that cover a box, on the raster of all multiples of cell_m: repeated surveys share their cells."""
-        west, south = np.floor(np.asarray(low_m[:2], np.float64) / cell_m).astype(int)
-        east, north = np.ceil(np.asarray(high_m[:2], np.float64) / cell_m).astype(int)
-        return cls(float(west * cell_m), float(north * cell_m), cell_m, (int(north - south), int(east - west)))
+        """The cells that cover a box, centred on all multiples of cell_m: repeated surveys share their cells.
+
+        Voxels lie on multiples of their size too: over each of their columns the surface is measured, between them interpolated.
+        """
+        west, south = np.floor(np.asarray(low_m[:2], np.float64) / cell_m + 0.5) - 0.5
+        east, north = np.ceil(np.asarray(high_m[:2], np.float64) / cell_m - 0.5) + 0.5
+        return cls(float(west * cell_m), float(north * cell_m), cell_m, (round(north - south), round(east - west)))
 
     def pixels(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """(N, 2) column and row of points (N, 2 or more); the centre of the first cell is (0, 0)."""
