@@ -4,11 +4,13 @@ Exit codes: 0 all done; 1 a known error, in one line; 2 wrong usage; 3 finished,
 130 interrupted. Unknown errors keep their traceback. Heavy libraries are imported inside the commands that use them.
 """
 
+import inspect
 import json
 import os
 import sys
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
+from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -37,6 +39,7 @@ Out = Annotated[Path, typer.Option("--out", help="Output folder; run again on th
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="YAML file of settings (docs/configuration.md).")]
 Settings = Annotated[list[str] | None, typer.Option("--set", help="One setting, as section.key=value; may be repeated.")]
 WaterFile = Annotated[Path | None, typer.Option("--water", help="water.json of an earlier run, used instead of a fit.")]
+Poses = Annotated[Path | None, typer.Option("--poses", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")]
 Workers = Annotated[int, typer.Option("--workers", min=1, help="Pairs under way at once.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Begin anew in a used output folder.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Stop at the first bad pair.")]
@@ -44,6 +47,57 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON,
 
 EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 0, 1, 3, 130
 DEFAULT_WORKERS = min(os.cpu_count() or 1, 8)
+MOST_NAMED = 20
+"""So many bad pairs are named on the terminal; frames.csv names them all."""
+
+
+@dataclass(frozen=True)
+class How:
+    """The options that all commands over the pairs of a dive share, and how such a command goes."""
+
+    out: Out = Path("out")
+    config: ConfigFile = None
+    settings: Settings = None
+    workers: Workers = DEFAULT_WORKERS
+    overwrite: Overwrite = False
+    strict: Strict = False
+    as_json: AsJson = False
+
+    def settled(self) -> "RunConfig":
+        """The configuration that the options ask for."""
+        return _config(self.config, self.settings)
+
+    def go(self, job: "Callable[[RunOptions], RunSummary]") -> int:
+        """Run a job with its progress shown, say what came of it, and return the exit code that tells the same."""
+        from stereo_seecolor.options import RunOptions
+        from stereo_seecolor.progress import progress
+
+        with progress(quiet=self.as_json) as listener:
+            summary = job(RunOptions(self.workers, self.overwrite, self.strict, listener))
+        print(json.dumps(_summary_content(summary, self.out))) if self.as_json else _print_summary(summary, self.out)
+        if summary.stopped:
+            raise typer.Exit(EXIT_INTERRUPTED)
+        return EXIT_DONE if summary.all_done else EXIT_SOME_FAILED
+
+
+def over_pairs(name: str) -> Callable[[Callable[..., int]], None]:
+    """Make a function a command: its parameter ``how`` becomes the options of How, what it returns the exit code."""
+
+    def register(command: Callable[..., int]) -> None:
+        own = inspect.signature(command).parameters
+        shared = inspect.signature(How).parameters
+        options = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own.values(), *shared.values()) if p.name != "how"]
+
+        @wraps(command)
+        def with_options(**given: Any) -> None:
+            how = How(**{key: given.pop(key) for key in shared})
+            raise typer.Exit(command(**given, how=how))
+
+        with_options.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
+        with_options.__annotations__ = {p.name: p.annotation for p in options}
+        app.command(name)(with_options)
+
+    return register
 
 
 @app.callback(invoke_without_command=True)
@@ -56,116 +110,61 @@ def version_option(version: Annotated[bool, typer.Option("--version", help="Prin
         raise typer.Exit
 
 
-@app.command()
+@over_pairs("run")
 def run(
     left: Left,
     right: Right,
     calib: Calib,
-    out: Out = Path("out"),
-    config: ConfigFile = None,
-    settings: Settings = None,
+    how: How,
     water: WaterFile = None,
-    poses: Annotated[Path | None, typer.Option("--poses", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")] = None,
+    poses: Poses = None,
     fuse: Annotated[bool, typer.Option("--fuse", help="Fuse the frames into one map of the dive (OUT/map).")] = False,
-    workers: Workers = DEFAULT_WORKERS,
-    overwrite: Overwrite = False,
-    strict: Strict = False,
-    as_json: AsJson = False,
-) -> None:
+) -> int:
     """The whole job: stereo pairs in; range maps, true-colour frames and coloured clouds out."""
     from stereo_seecolor import jobs
 
-    settled = _config(config, settings)
+    config = how.settled()
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
     if fuse:
-        jobs.check_fusion(poses, settled)
-    code = _report(
-        lambda options: jobs.run(left, right, calib, out, settled, options, water=water),
-        out,
-        (workers, overwrite, strict, as_json),
-    )
-    if fuse:
-        code = max(code, _fuse(out, poses, settled, quiet=as_json))
-    raise typer.Exit(code)
+        jobs.check_fusion(poses, config)
+    code = how.go(lambda options: jobs.run(left, right, calib, how.out, config, options, water=water))
+    return max(code, _fuse(how.out, poses, config, quiet=how.as_json)) if fuse else code
 
 
-@app.command()
+@over_pairs("correct")
 def correct(
     images: Annotated[Path, typer.Option("--images", help="Folder of images.")],
     ranges: Annotated[Path, typer.Option("--range", help="Folder of range maps: float32 TIFF in metres, or 16-bit PNG in mm.")],
-    out: Out = Path("out"),
-    config: ConfigFile = None,
-    settings: Settings = None,
+    how: How,
     water: WaterFile = None,
-    workers: Workers = DEFAULT_WORKERS,
-    overwrite: Overwrite = False,
-    strict: Strict = False,
-    as_json: AsJson = False,
-) -> None:
+) -> int:
     """Colour alone: for images that have range maps already."""
     from stereo_seecolor import jobs
 
-    code = _report(
-        lambda options: jobs.correct(images, ranges, out, _config(config, settings), options, water=water),
-        out,
-        (workers, overwrite, strict, as_json),
-    )
-    raise typer.Exit(code)
+    return how.go(lambda options: jobs.correct(images, ranges, how.out, how.settled(), options, water=water))
 
 
-@app.command("range")
-def range_(
-    left: Left,
-    right: Right,
-    calib: Calib,
-    out: Out = Path("out"),
-    config: ConfigFile = None,
-    settings: Settings = None,
-    workers: Workers = DEFAULT_WORKERS,
-    overwrite: Overwrite = False,
-    strict: Strict = False,
-    as_json: AsJson = False,
-) -> None:
+@over_pairs("range")
+def range_(left: Left, right: Right, calib: Calib, how: How) -> int:
     """Range maps alone: stereo pairs in, metres along the ray out."""
     from stereo_seecolor import jobs
 
-    code = _report(
-        lambda options: jobs.run(left, right, calib, out, _config(config, settings), options, ranges_only=True),
-        out,
-        (workers, overwrite, strict, as_json),
-    )
-    raise typer.Exit(code)
+    return how.go(lambda options: jobs.run(left, right, calib, how.out, how.settled(), options, ranges_only=True))
 
 
-@app.command()
-def rectify(
-    left: Left,
-    right: Right,
-    calib: Calib,
-    out: Out = Path("out"),
-    config: ConfigFile = None,
-    settings: Settings = None,
-    workers: Workers = DEFAULT_WORKERS,
-    overwrite: Overwrite = False,
-    strict: Strict = False,
-    as_json: AsJson = False,
-) -> None:
+@over_pairs("rectify")
+def rectify(left: Left, right: Right, calib: Calib, how: How) -> int:
     """Rectified images alone, and the calibration that they have."""
     from stereo_seecolor import jobs
 
-    code = _report(
-        lambda options: jobs.rectify(left, right, calib, out, _config(config, settings), options),
-        out,
-        (workers, overwrite, strict, as_json),
-    )
-    raise typer.Exit(code)
+    return how.go(lambda options: jobs.rectify(left, right, calib, how.out, how.settled(), options))
 
 
 @app.command()
 def fuse(
     out: Annotated[Path, typer.Argument(help="The output folder of a finished run.")],
-    poses: Annotated[Path | None, typer.Option("--poses", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")] = None,
+    poses: Poses = None,
     config: ConfigFile = None,
     settings: Settings = None,
 ) -> None:
@@ -193,11 +192,8 @@ def demo(out: Out = Path("demo"), workers: Workers = DEFAULT_WORKERS) -> None:
     dive = out / "dive"
     synthesize(SurveySpec(pairs=4, lines=1), dive)
     config = _config(None, ["color.lock=survey"])
-    code = _report(
-        lambda options: jobs.run(dive / "left", dive / "right", dive / "cam.yaml", out / "out", config, options),
-        out / "out",
-        (workers, True, False, False),
-    )
+    how = How(out / "out", workers=workers, overwrite=True)
+    code = how.go(lambda options: jobs.run(dive / "left", dive / "right", dive / "cam.yaml", how.out, config, options))
     _print_truth(evaluate_truth(out / "out", dive / "truth"))
     raise typer.Exit(code)
 
@@ -381,20 +377,6 @@ def _config(path: Path | None, settings: list[str] | None) -> "RunConfig":
     return load_config(path, settings or [])
 
 
-def _report(job: "Callable[[RunOptions], RunSummary]", out: Path, how: tuple[int, bool, bool, bool]) -> int:
-    """Run a job with its progress shown, say what came of it, and return the exit code that tells the same."""
-    from stereo_seecolor.options import RunOptions
-    from stereo_seecolor.progress import progress
-
-    workers, overwrite, strict, as_json = how
-    with progress(quiet=as_json) as listener:
-        summary = job(RunOptions(workers, overwrite, strict, listener))
-    print(json.dumps(_summary_content(summary, out))) if as_json else _print_summary(summary, out)
-    if summary.stopped:
-        raise typer.Exit(EXIT_INTERRUPTED)
-    return EXIT_DONE if summary.all_done else EXIT_SOME_FAILED
-
-
 def _fuse(out: Path, poses: Path | None, config: "RunConfig", quiet: bool) -> int:
     from stereo_seecolor import jobs
     from stereo_seecolor.progress import progress
@@ -474,9 +456,11 @@ def _print_summary(summary: "RunSummary", out: Path) -> None:
     from stereo_seecolor.outputs.run_folder import WHAT_IS_WHERE
 
     console = Console(soft_wrap=True, highlight=False)
-    for row in summary.rows:
-        if row.status != "ok":
-            console.print(f"{row.status}: {row.name}: {row.error}", markup=False)
+    bad = [row for row in summary.rows if row.status != "ok"]
+    for row in bad[:MOST_NAMED]:
+        console.print(f"{row.status}: {row.name}: {row.error}", markup=False)
+    if len(bad) > MOST_NAMED:
+        console.print(f"and {len(bad) - MOST_NAMED} more, named in {out / 'frames.csv'}", markup=False)
     for note in summary.notes:
         console.print(f"note: {note}", markup=False)
     problems = summary.problems()
