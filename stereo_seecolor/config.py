@@ -3,10 +3,10 @@
 import difflib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from stereo_seecolor.errors import ConfigError
 
@@ -37,7 +37,7 @@ class MatchingConfig(_Stage):
     """Stereo matching: StereoFrame -> RangeMap."""
 
     min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, metres; sets the largest disparity searched.")
-    max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, metres.")
+    max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, metres; more than the nearest.")
     min_confidence: float = Field(
         default=0.5,
         ge=0,
@@ -51,6 +51,12 @@ class MatchingConfig(_Stage):
     model: Path | None = Field(
         default=None, description="The network of engine onnx: an .onnx file (contract in docs/matching.md)."
     )
+
+    @model_validator(mode="after")
+    def _near_before_far(self) -> Self:
+        if self.max_range_m <= self.min_range_m:
+            raise ValueError(f"max_range_m ({self.max_range_m:g}) must be more than min_range_m ({self.min_range_m:g})")
+        return self
 
 
 class ColorConfig(_Stage):
@@ -255,4 +261,5 @@ def _first_problem(error: ValidationError, where: str) -> str:
     key = ".".join(str(part) for part in problem["loc"])
     if problem["type"] == "extra_forbidden":
         return f"{where}: there is no setting {key!r}{_suggestion(key)}"
-    return f"{where}: {key}: {problem['msg'][0].lower()}{problem['msg'][1:]} (got {str(problem['input'])[:80]!r})"
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {key}: {message[0].lower()}{message[1:]} (got {str(problem['input'])[:80]!r})"

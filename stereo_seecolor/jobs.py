@@ -17,7 +17,7 @@ from stereo_seecolor.inputs.video import is_video, unpack
 from stereo_seecolor.options import Listener, RunOptions, Silence
 from stereo_seecolor.outputs.atomic import write_atomic
 from stereo_seecolor.outputs.frames_table import FrameRow, RunSummary, frames_csv
-from stereo_seecolor.outputs.run_folder import STATE, RunFolder, content_key, held
+from stereo_seecolor.outputs.run_folder import RUN_FORMAT, STATE, RunFolder, content_key, held
 from stereo_seecolor.outputs.survey_frames import SurveyFrames
 from stereo_seecolor.outputs.water_file import read_waters, write_waters
 from stereo_seecolor.pipeline import Pipeline, Survey
@@ -154,13 +154,15 @@ def _open(left: Path, right: Path, calib: str | Path, out: Path, config: RunConf
 
 def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> StereoRig:
     """The rig, for images as large as the first that can be read (some calibration files do not say)."""
+    problems = []
     for pair in pairing.pairs:
         try:
             height, width = read_image(pair.left, config.input).shape[:2]
-        except InputError:
+        except InputError as error:
+            problems.append(str(error))
             continue
         return load_rig(calib, (width, height))
-    raise InputError(f"{pairing.pairs[0].left.parent}: none of the {len(pairing.pairs)} left images can be read")
+    raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")
 
 
 def _color(survey: Survey, config: RunConfig, folder: RunFolder, pairs: Sequence[Pair], water: Path | None) -> None:
@@ -208,7 +210,7 @@ class _Job:
 
     def _content(self, summary: RunSummary) -> dict[str, Any]:
         return {
-            "format": "stereo-seecolor/run",
+            "format": RUN_FORMAT,
             "version": __version__,
             "inputs": {**self.inputs, "files": {row.name: row.hashes for row in summary.rows if row.hashes}},
             "config": self._config.model_dump(),

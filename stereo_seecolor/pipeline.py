@@ -92,9 +92,10 @@ class Ranged:
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """What one pass made of one pair: its row, and what the next step needs of it."""
+    """What one pass made of one pair: its row, and what the next step needs of it; or the error that ended it."""
 
     row: FrameRow
+    error: SeeColorError | CalibrationError | None = None
     ranged: Ranged | None = None
     table: MomentTable | None = None
 
@@ -161,9 +162,7 @@ class Survey:
             except (OutputError, DeviceError):
                 raise  # a full disk or an absent device is every pair's trouble
             except (SeeColorError, CalibrationError) as error:
-                if self._options.strict:
-                    raise
-                done = Done(FrameRow(pair.name, status="failed", error=str(error)))
+                done = Done(FrameRow(pair.name, status="failed", error=str(error)), error.with_traceback(None))
             row = replace(done.row, left=str(pair.left), right=str(pair.right), timestamp_s=pair.timestamp_s, seconds=clock.seconds)
             return replace(done, row=row)
 
@@ -171,6 +170,8 @@ class Survey:
         for done in in_order(one, pairs, self._options.workers):
             self.rows.add(done.row)
             self._options.listener.advance(done.row)
+            if done.error and self._options.strict:
+                raise done.error
             yield done
 
     def _range(self, pair: Pair, clock: Clock) -> Done:
@@ -185,7 +186,7 @@ class Survey:
             sample_m = measured_m[::4, ::4]  # the median of all is ten times as slow, and no truer
             facts["median_range_m"] = float(np.median(sample_m[np.isfinite(sample_m)])) if np.isfinite(sample_m).any() else math.nan
         row = FrameRow(pair.name, kept=ranged.kept, warnings=ranged.range_map.warnings, hashes=ranged.hashes, facts=facts)
-        return Done(row, ranged)
+        return Done(row, ranged=ranged)
 
     def _count(self, pair: Pair, clock: Clock) -> Done:
         done = self._range(pair, clock)

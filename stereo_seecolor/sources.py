@@ -49,17 +49,22 @@ class StereoSource:
                 raise MatchingError(f"{pair.left} and {pair.right} are the same picture: no range can be had from it")
             key = content_key(hashes, self._settings)
             done = self._folder.finished("range", pair.name, key, self._outputs(pair))
-        image, range_map = self._kept(pair, left, done, clock) if done else self._match(pair, left, right, key, clock)
+        kept = self._kept(pair, left, done, clock) if done else None
+        image, range_map = kept or self._match(pair, left, right, key, clock)
         return Ranged(image, range_map, key, hashes, kept=pair.name not in self._matched)
 
     def _outputs(self, pair: Pair) -> list[Path]:
         return range_outputs(self._folder, pair.name, self._pipeline.config.output)
 
-    def _kept(self, pair: Pair, left: bytes, done: Finished, clock: Clock) -> tuple[Image, RangeMap]:
+    def _kept(self, pair: Pair, left: bytes, done: Finished, clock: Clock) -> tuple[Image, RangeMap] | None:
+        """What an earlier run matched; None where its files have been damaged since."""
         with clock("read"):
             image = decode_image(left, pair.left, self._pipeline.config.input)
-            range_m = read_range_map(self._folder.range(pair.name))
-            measured = read_image(self._folder.confidence(pair.name))[..., 0] > 0
+            try:
+                range_m = read_range_map(self._folder.range(pair.name))
+                measured = read_image(self._folder.confidence(pair.name))[..., 0] > 0
+            except InputError:
+                return None
         with clock("rectify"):
             image = self._pipeline.rectification.apply_left(image)
         return image, only_ranges(range_m, measured, done.warnings)

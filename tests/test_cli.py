@@ -13,8 +13,9 @@ import pytest
 import yaml
 
 from stereo_seecolor.cli import main
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.mapping.fusion import check_available
+from stereo_seecolor.outputs.survey_frames import SurveyFrames
 
 
 @pytest.fixture
@@ -150,6 +151,21 @@ def test_a_lost_output_is_made_again(make_dive, cli, tmp_path) -> None:
     assert contents(out) == before
 
 
+def test_what_was_damaged_since_is_made_again(make_dive, cli, tmp_path) -> None:
+    dive, out = make_dive(), tmp_path / "out"
+    cli(*dive.command(out))
+    before = contents(out)
+    range_map = out / "range/0000.tiff"
+    range_map.write_bytes(range_map.read_bytes()[:100])
+    (out / "confidence/0001.png").write_bytes(b"")
+    (out / ".state/range/0002.json").write_text('{"key": 5')
+    state = out / ".state/corrected/0000.json"
+    state.write_text(json.dumps({"key": json.loads(state.read_text())["key"], "facts": [1], "warnings": []}))
+    code, _, said = cli(*dive.command(out))
+    assert (code, said) == (0, "")
+    assert contents(out) == before
+
+
 def test_water_of_one_dive_serves_another(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
     cli(*dive.command(tmp_path / "a", "--set", "color.lock=survey"))
@@ -230,6 +246,47 @@ def test_strict_stops_at_the_first_bad_pair(make_dive, cli, tmp_path) -> None:
     code, _, said = cli(*dive.command(tmp_path / "out", "--strict"))
     assert code == 1
     assert "R/0001.png: is empty" in said
+    rows = {row["name"]: row["status"] for row in csv.DictReader((tmp_path / "out/frames.csv").read_text().splitlines())}
+    assert rows == {"0000": "ok", "0001": "failed"}
+
+
+def test_of_many_bad_pairs_a_few_are_named_and_the_rest_counted(make_dive, cli, tmp_path) -> None:
+    dive = make_dive(2)
+    for i in range(2, 32):
+        (dive.root / f"L/{i:04d}.png").write_bytes(bytes(i))
+        (dive.root / f"R/{i:04d}.png").write_bytes(b"other")
+    code, printed, _ = cli(*dive.command(tmp_path / "out"))
+    assert code == 3
+    assert printed.count("failed: ") == 20
+    assert f"and 10 more, named in {tmp_path / 'out/frames.csv'}" in printed
+    assert (tmp_path / "out/frames.csv").read_text().count(",failed,") == 30
+
+
+def test_no_left_image_can_be_read(make_dive, cli, tmp_path) -> None:
+    dive = make_dive(2)
+    for path in (dive.root / "L").iterdir():
+        path.write_bytes(b"")
+    code, _, said = cli(*dive.command(tmp_path / "out"))
+    assert code == 1
+    assert "none of the 2 left images can be read; the first: " in said
+    assert "L/0000.png: is empty" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("run.json", "{", "holds no finished run"),
+        ("run.json", "[1]", "run.json: is no run.json of this program"),
+        ("run.json", '{"format": "stereo-seecolor/run", "geometry": {"focal": 3}}', "run.json: damaged, or of another version"),
+        ("frames.csv", "a,b\n1,2\n", "frames.csv: damaged: run again"),
+        ("frames.csv", "", "holds no frame that went through all stages"),
+    ],
+)
+def test_a_damaged_run_is_not_fused(make_dive, tmp_path, cli, name, content, message) -> None:
+    cli(*make_dive(1).command(tmp_path / "out"))
+    (tmp_path / "out" / name).write_text(content)
+    with pytest.raises(InputError, match=message):
+        SurveyFrames(tmp_path / "out")
 
 
 def change(rig: dict, key: str, value: object) -> None:
@@ -322,6 +379,7 @@ def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
         (["--left", "nowhere"], "nowhere: the folder of left images does not exist"),
         (["--calib", "nowhere.yaml"], "nowhere.yaml"),
         (["--set", "color.lok=survey"], "did you mean 'color.lock'"),
+        (["--set", "matching.max_range_m=0.2"], "matching: max_range_m (0.2) must be more than min_range_m (0.3)"),
         (["--config", "nowhere.yaml"], "nowhere.yaml: cannot be read"),
         (["--water", "nowhere.json"], "nowhere.json: cannot be read"),
         (["--fuse", "--poses", "nowhere.tum"], "nowhere.tum: the trajectory cannot be read"),

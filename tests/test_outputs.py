@@ -210,6 +210,18 @@ def test_summary_counts_problems() -> None:
     assert table[3].startswith("c,failed,0,,,,/x/c.png: is truncated,")
 
 
+def test_problems_that_differ_in_numbers_are_one() -> None:
+    rows = (
+        FrameRow("a1", status="failed", error="a1: left and right look swapped: 5% match"),
+        FrameRow("b2", status="failed", error="b2: left and right look swapped: 12.5% match"),
+        FrameRow("c3", status="failed", error="/x/c 3.png: is truncated"),
+    )
+    assert RunSummary(rows).problems() == [
+        ("left and right look swapped: 5% match", 2, "a1"),
+        ("is truncated", 1, "c3"),
+    ]
+
+
 def test_rows_of_two_passes_become_one() -> None:
     first = FrameRow("a", left="l", timestamp_s=1.0, warnings=("dim",), kept=True, seconds={"read": 1.0}, facts={"coverage": 1.0})
     row = first.then(FrameRow("a", warnings=("dim", "red"), seconds={"read": 1.0, "color": 2.0}))

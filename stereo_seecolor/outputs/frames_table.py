@@ -11,6 +11,7 @@ from typing import Any, Literal, overload
 
 Status = Literal["ok", "failed", "unpaired"]
 _PATH = re.compile(r"^\S*/.*?: ")
+_NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,15 +128,16 @@ class RunSummary:
         }
 
     def problems(self) -> list[tuple[str, int, str]]:
-        """(what, how often, first name) of errors and warnings, the most frequent first; numbers in them are left out."""
+        """(what, how often, first name) of errors and warnings, the most frequent first; those that differ in numbers are one."""
         seen: Counter[str] = Counter()
-        first: dict[str, str] = {}
+        first: dict[str, tuple[str, str]] = {}
         for row in self.rows:
-            for what in (*((row.error,) if row.error else ()), *row.warnings):
-                kind = _PATH.sub("", what)
+            for text in (*((row.error,) if row.error else ()), *row.warnings):
+                what = _PATH.sub("", text).removeprefix(f"{row.name}: ")
+                kind = _NUMBER.sub("", what)
                 seen[kind] += 1
-                first.setdefault(kind, row.name)
-        return [(what, often, first[what]) for what, often in seen.most_common()]
+                first.setdefault(kind, (what, row.name))
+        return [(first[kind][0], often, first[kind][1]) for kind, often in seen.most_common()]
 
     def stage_seconds(self) -> dict[str, float]:
         """Seconds a stage over all pairs, the slowest first."""

@@ -17,6 +17,7 @@ from stereo_seecolor.outputs.atomic import remove_leftovers, write_atomic
 from stereo_seecolor.outputs.encode import SUFFIX, ImageFormat
 
 STATE = ".state"
+RUN_FORMAT = "stereo-seecolor/run"
 WHAT_IS_WHERE = {
     "corrected": "each left frame in its true colours, at its own bit depth",
     "range": "metres along the ray, float32 TIFF, NaN where unknown",
@@ -128,7 +129,10 @@ class RunFolder:
         content = _read_json(path)
         if content.get("key") != key:
             return None
-        return Finished(key, content["facts"], tuple(content["warnings"]))
+        try:
+            return Finished(key, dict(content["facts"]), tuple(content["warnings"]))
+        except (KeyError, TypeError, ValueError):
+            return None  # damaged: the outputs are made anew
 
     def finish(self, stage: str, name: str, finished: Finished) -> None:
         """Write down that all outputs of this pair's stage are there."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.outputs.run_folder import RUN_FORMAT
 from stereo_seecolor.outputs.write import MASK_CODES
 
 
@@ -28,7 +29,12 @@ class SurveyFrames(Sequence[SurveyFrame]):
         content = _run_content(out)
         if content.get("geometry") is None:
             raise InputError(f"{out / 'run.json'}: knows nothing of the camera (made by correct?): a map needs the output of run")
-        self.pair = RectifiedPair(**{**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])})
+        try:
+            self.pair = RectifiedPair(**{**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])})
+        except (TypeError, KeyError) as error:
+            raise InputError(
+                f"{out / 'run.json'}: damaged, or of another version: run again, which keeps what is finished"
+            ) from error
         if "T_rectified_left" not in content:
             raise InputError(f"{out / 'run.json'}: made by an earlier version: run again, which keeps what is finished")
         self.T_rectified_left = np.array(content["T_rectified_left"])
@@ -95,11 +101,16 @@ def _run_content(out: Path) -> dict[str, Any]:
         content: dict[str, Any] = json.loads((out / "run.json").read_bytes())
     except (OSError, ValueError) as error:
         raise InputError(f"{out}: holds no finished run (run.json cannot be read: {error})") from error
+    if not isinstance(content, dict) or content.get("format") != RUN_FORMAT:
+        raise InputError(f"{out / 'run.json'}: is no run.json of this program (its format is not {RUN_FORMAT!r})")
     return content
 
 
 def _rows(out: Path) -> list[dict[str, str]]:
     try:
-        return list(csv.DictReader((out / "frames.csv").read_text(encoding="utf-8").splitlines()))
-    except OSError as error:
-        raise InputError(f"{out / 'frames.csv'}: cannot be read: {error.strerror}") from error
+        rows = list(csv.DictReader((out / "frames.csv").read_text(encoding="utf-8").splitlines()))
+    except (OSError, ValueError) as error:
+        raise InputError(f"{out / 'frames.csv'}: cannot be read: {error}") from error
+    if rows and not {"name", "status", "timestamp_s"} <= rows[0].keys():
+        raise InputError(f"{out / 'frames.csv'}: damaged: run again, which keeps what is finished")
+    return rows
