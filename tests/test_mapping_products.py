@@ -1,6 +1,7 @@
 """What is made of a map: terrain, mosaic, metrics, preview, and files that geographic programs open."""
 
 import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -165,6 +166,18 @@ def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
     assert lines[1].startswith("site,,,")
     assert float(lines[1].split(",")[4]) == pytest.approx(1, abs=1e-4)
     assert len(lines) > 4
+
+
+def test_the_viewer_extra_shows_the_mesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rerun = types.ModuleType("rerun")
+    calls: list[tuple[object, ...]] = []
+    rerun.init = lambda name, spawn: calls.append((name, spawn))  # type: ignore[attr-defined]
+    rerun.log_file_from_path = lambda path: calls.append((path,))  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "rerun", rerun)
+    (tmp_path / "map").mkdir()
+    (tmp_path / "map" / "mesh.ply").write_bytes(b"ply")
+    view(tmp_path)
+    assert calls == [("stereo-seecolor", True), (tmp_path / "map" / "mesh.ply",)]
 
 
 def test_without_a_screen_the_viewer_points_to_the_preview(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

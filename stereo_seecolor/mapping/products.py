@@ -57,7 +57,7 @@ def write_products(
     files.append(_write_csv(piece.folder / "reef_metrics.csv", squares))
     if georeference.available():
         for name, raster, descriptions in (
-            ("dem.tif", terrain, ()),
+            ("dem.tif", terrain, ("height_m",)),
             ("orthomosaic.tif", mosaic, ()),
             ("reef_metrics.tif", squares, ReefMetrics.names()),
         ):
