@@ -149,7 +149,8 @@ class SurveyFrame:
     def color_is_doubtful(self) -> Mask:
         """True where a channel is clipped, or could not be recovered."""
         clipped = (self.color.max(axis=2) >= 254) | (self.color.min(axis=2) == 0)
-        return clipped if self.unrecoverable is None else clipped | self.unrecoverable
+        doubtful: Mask = clipped if self.unrecoverable is None else clipped | self.unrecoverable
+        return doubtful
 
 
 @dataclass(frozen=True)

@@ -43,6 +43,10 @@ def test_one_file_a_side(tmp_path: Path) -> None:
     before = (left / "000000.png").stat().st_mtime_ns
     unpack(*videos, tmp_path / "frames", every=2)
     assert (left / "000000.png").stat().st_mtime_ns == before, "what is unpacked is kept"
+    write_video(videos[0], rights)
+    left, _ = unpack(*videos, tmp_path / "frames", every=2)
+    assert near(left / "000001.png", rights[2]), "another video under the same name is unpacked anew"
+    assert len(list((tmp_path / "frames").iterdir())) == 1
 
 
 def test_side_by_side(tmp_path: Path) -> None:
@@ -59,6 +63,8 @@ def test_what_is_no_video(tmp_path: Path) -> None:
     assert not is_video(tmp_path)
     with pytest.raises(InputError, match=r"a\.mp4: is no video that OpenCV can open"):
         unpack(tmp_path / "a.mp4", tmp_path / "a.mp4", tmp_path / "frames", every=1)
+    with pytest.raises(InputError, match=r"b\.mp4: the video cannot be read: No such file"):
+        unpack(tmp_path / "b.mp4", tmp_path / "b.mp4", tmp_path / "frames", every=1)
 
 
 def test_a_run_takes_videos(make_dive, tmp_path) -> None:

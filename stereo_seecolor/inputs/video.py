@@ -22,15 +22,17 @@ def unpack(left: Path, right: Path, folder: Path, every: int) -> tuple[Path, Pat
     """Unpack the frames of two videos, or of one that shows left and right side by side, into ``folder``/left and /right.
 
     left, right: one file a side; the same file twice means side by side. every: 1 keeps each frame, 2 every second, and so on.
-    A folder that is there already is kept. Raises InputError if a video cannot be opened; OutputError if the disk is full.
+    What the same files, unchanged since, were unpacked to is kept; other frames in ``folder`` are deleted.
+    Raises InputError if a video cannot be opened; OutputError if the disk is full.
     """
-    unpacked = folder / f"{left.stem}-{right.stem}-every-{every}"
+    changed = "-".join(f"{_changed_ns(path):x}" for path in (left, right))
+    unpacked = folder / f"{left.stem}-{right.stem}-every-{every}-{changed}"
     sides = unpacked / "left", unpacked / "right"
     if unpacked.exists():
         return sides
     temporary = folder / f".writing-{unpacked.name}"
     try:
-        shutil.rmtree(temporary, ignore_errors=True)
+        shutil.rmtree(folder, ignore_errors=True)
         if left == right:
             _write(temporary, ("left", "right"), (frame for frame in _halves(_frames(left, every), left)))
         else:
@@ -40,6 +42,13 @@ def unpack(left: Path, right: Path, folder: Path, every: int) -> tuple[Path, Pat
     except OSError as error:
         raise OutputError(f"{temporary}: the video's frames cannot be unpacked: {error.strerror or error}") from error
     return sides
+
+
+def _changed_ns(path: Path) -> int:
+    try:
+        return path.stat().st_mtime_ns
+    except OSError as error:
+        raise InputError(f"{path}: the video cannot be read: {error.strerror}") from error
 
 
 def _frames(path: Path, every: int) -> Iterator[NDArray[np.uint8]]:
