@@ -8,8 +8,8 @@ from numba import njit
 
 from stereo_seecolor.data import Map
 
-STD_WEIGHT, RIVAL_WEIGHT, SUPPORT_WEIGHT, RELIEF_WEIGHT, OFFSET = -3.84, 1.63, 3.50, -0.83, -8.68
-"""Logistic regression on synthetic scenes in clear to turbid water (docs/matching.md has its reliability on others)."""
+RIVAL_WEIGHT, SUPPORT_WEIGHT, RELIEF_WEIGHT, OFFSET = 1.77, 6.94, -0.513, -6.33
+"""Logistic regression on synthetic reefs and card scenes in clear to turbid water (docs/matching.md: reliability on others)."""
 LEAST_RELIEF_PX = 0.05
 
 _compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
@@ -17,17 +17,16 @@ _inlined: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, 
 
 
 @_compiled
-def confidence_rows(std: Map, rival: Map, support: Map, relief: Map, sure: Map) -> None:
-    """sure = P(|disparity error| <= 1 px) from its standard error, lead over its rival, known neighbours and relief around it."""
+def confidence_rows(rival: Map, support: Map, relief: Map, sure: Map) -> None:
+    """sure = P(|disparity error| <= 1 px) from its lead over its rival, known neighbours and relief around it."""
     one, least = np.float32(1), np.float32(LEAST_RELIEF_PX)
-    per_std, per_relief = np.float32(STD_WEIGHT), np.float32(RELIEF_WEIGHT)
     per_rival, per_support = np.float32(RIVAL_WEIGHT / np.log(2)), np.float32(SUPPORT_WEIGHT / np.log(2))
-    offset = np.float32(OFFSET / np.log(2))
-    for y in range(std.shape[0]):
-        std_row, rival_row, support_row, relief_row, sure_row = std[y], rival[y], support[y], relief[y], sure[y]
+    per_relief, offset = np.float32(RELIEF_WEIGHT), np.float32(OFFSET / np.log(2))
+    for y in range(sure.shape[0]):
+        rival_row, support_row, relief_row, sure_row = rival[y], support[y], relief[y], sure[y]
         for x in range(sure_row.size):
-            odds = per_std * _log2(std_row[x]) + per_relief * _log2(relief_row[x] + least) + offset
-            odds += per_rival * np.sqrt(min(rival_row[x], one)) + per_support * support_row[x]
+            odds = per_rival * np.sqrt(min(rival_row[x], one)) + per_support * support_row[x] + offset
+            odds += per_relief * _log2(relief_row[x] + least)
             sure_row[x] = one / (one + _exp2(-odds))
 
 

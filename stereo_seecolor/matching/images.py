@@ -13,10 +13,10 @@ from stereo_seecolor.data import Image
 Gray = NDArray[np.uint16]
 Census = NDArray[np.uint32]
 
-SMOOTHING_PX = 1.0
+SMOOTHING_PX = 0.7
 """Sigma of the blur before the census, which compares single pixels: without it noise decides the comparisons."""
 
-EDGE_LEVELS = 8
+EDGE_LEVELS = 5
 _REACH = 3
 _PATTERN = np.array(
     [(dy, dx) for dy in (-3, -1, 0, 1, 3) for dx in range(-3, 4) if (dy + dx) % 2 == 0 and (dy, dx) != (0, 0)]
@@ -34,9 +34,9 @@ def gray(image: Image) -> Gray:
     return luma
 
 
-def smooth(image: Gray, sigma_px: float = SMOOTHING_PX) -> Gray:
-    """Gaussian blur, cut off beyond three pixels."""
-    blurred: Gray = cv2.GaussianBlur(image, (7, 7), sigma_px)
+def smooth(image: Gray) -> Gray:
+    """Gaussian blur, cut off beyond two pixels."""
+    blurred: Gray = cv2.GaussianBlur(image, (5, 5), SMOOTHING_PX)
     return blurred
 
 

@@ -22,7 +22,6 @@ from stereo_seecolor.matching.search import LARGE_IMAGE_PX, Found, remove_speckl
 Pair = tuple[Gray, Gray]
 
 UNKNOWN = np.float32(np.nan)
-COARSE_SMOOTHING_PX = 0.7
 SPECKLE_PX, COARSE_SPECKLE_PX = 100, 10
 HOT_STRIP = 64
 """Rows that are refined, judged and measured together while they are in the processor's cache."""
@@ -79,7 +78,7 @@ class Matcher:
 
     def _searched(self, small: Pair, sharp: Pair, repeated: Mask, pool: ThreadPoolExecutor) -> Found:
         """Coarse, to learn where the bottom is; then fine, near it. Nothing is known where the image repeats itself."""
-        small = smooth(small[0], COARSE_SMOOTHING_PX), smooth(small[1], COARSE_SMOOTHING_PX)
+        small = smooth(small[0]), smooth(small[1])
         low, high = self._lowest // self._scale, -(-self._highest // self._scale)
         coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high), pool)
         remove_speckles(coarse.disparity, COARSE_SPECKLE_PX)
@@ -119,7 +118,7 @@ class Matcher:
 
         def judge(rows: slice) -> None:
             refined, std[rows], support, relief = refine_rows(sharp[0], sharp[1], gain, checked, (rows.start, rows.stop))
-            confidence_rows(std[rows], found.rival[rows], support, relief, sure[rows])
+            confidence_rows(found.rival[rows], support, relief, sure[rows])
             chosen = checked[rows] if self._network else refined
             disparity[rows] = np.where(sure[rows] >= self._config.min_confidence, chosen, UNKNOWN)
             if not self._config.fill:
