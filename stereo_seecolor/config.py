@@ -39,7 +39,7 @@ class MatchingConfig(_Stage):
     min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, metres; sets the largest disparity searched.")
     max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, metres; more than the nearest.")
     min_confidence: float = Field(
-        default=0.5,
+        default=0.75,
         ge=0,
         le=1,
         description="Pixels less sure than this to be right within one pixel of disparity are left unknown.",
@@ -127,11 +127,20 @@ class ColorConfig(_Stage):
         description="Exposure is set so that at most this share of the pixels has a channel at full scale; a white card far away "
         "may be but a thousandth of a frame, and must not clip.",
     )
+    highlights: Literal["roll-off", "clip"] = Field(
+        default="roll-off",
+        description="roll-off: a scene that is dark against its brightest is shown up to two stops brighter, and light above "
+        "mid-gray is compressed, all channels of a pixel alike. clip: light is shown in proportion, as it always is where "
+        "input_encoding is as-is.",
+    )
     input_noise: float = Field(
         default=0.006, gt=0, lt=1, description="Noise of a pixel as a share of full scale, standard deviation: 1.5 of 255."
     )
     output_noise: float = Field(
-        default=0.1, gt=0, description="A channel's gain stops where its noise would pass this share of full scale (linear light)."
+        default=0.06,
+        gt=0,
+        description="A channel's gain stops where its noise would pass this share of full scale (linear light): a third of "
+        "mid-gray, the limit of detection. What is missing comes from the other channels, and is marked.",
     )
     unknown_pixels: Literal["black", "raw"] = Field(
         default="black", description="What is painted where no range is known: black, or the pixel as the camera saw it."
