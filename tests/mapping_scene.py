@@ -59,7 +59,9 @@ def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_r
         rows.append(f"{frame.name},ok,{frame.timestamp_s}")
     (out / "frames.csv").write_text("\n".join(rows) + "\n")
     T = np.eye(4) if T_rectified_left is None else T_rectified_left
-    (out / "run.json").write_text(json.dumps({"geometry": asdict(pair), "T_rectified_left": T.tolist()}))
+    (out / "run.json").write_text(
+        json.dumps({"format": "stereo-seecolor/run", "geometry": asdict(pair), "T_rectified_left": T.tolist()})
+    )
 
 
 def read_cloud(path: Path) -> NDArray[np.void]:

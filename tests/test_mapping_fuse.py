@@ -197,7 +197,7 @@ def test_a_run_of_an_earlier_version_is_refused(small_run: Path) -> None:
     content = json.loads((small_run / "run.json").read_text())
     del content["T_rectified_left"]
     (small_run / "run.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="made by an earlier version: run again"):
+    with pytest.raises(InputError, match="of another version: run again"):
         fuse(small_run)
 
 

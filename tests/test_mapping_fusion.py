@@ -156,6 +156,14 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert (resumed / "mesh.ply").read_bytes() == (straight / "mesh.ply").read_bytes()
 
 
+def test_tiles_of_frames_that_were_made_anew_are_not_kept(tmp_path: Path) -> None:
+    with pytest.raises(KeyboardInterrupt):
+        build_map(Stopping([flat_frame(i) for i in range(6)], fails_at=6 + 10), PAIR, tmp_path, CONFIG, track(6))
+    assert list((tmp_path / ".tiles").glob("*.npz"))
+    build_map([flat_frame(i, color=(10, 20, 230)) for i in range(6)], PAIR, tmp_path, CONFIG, track(6))
+    np.testing.assert_array_equal(np.unique(read_cloud(tmp_path / "cloud.ply")["color"], axis=0), [[10, 20, 230]])
+
+
 def test_a_full_disk_is_named_and_what_is_done_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     saved = []
     real = np.savez

@@ -56,6 +56,14 @@ def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[Sur
     assert error.share < 0.005
 
 
+def test_frames_out_of_order_are_followed_by_their_times(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
+    shuffle = [3, 0, 5, 1, 4, 2]
+    placement = estimate([frames[i] for i in shuffle], reef, ALONE)
+    assert placement.pieces.tolist() == [0] * 6
+    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3])
+    assert error.share < 0.005
+
+
 def test_loops_bring_it_to_a_fifth_of_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     pytest.importorskip("gtsam")
     placement = estimate(frames, reef, MappingConfig())

@@ -59,6 +59,16 @@ def test_poses_out_of_order_are_sorted_by_time() -> None:
     assert "out of order" in placement.warnings[0]
 
 
+def test_frames_out_of_order_are_no_jumps() -> None:
+    shuffle = np.random.default_rng(2).permutation(40)
+    ordered = index(40)
+    shuffled = FrameIndex(tuple(ordered.names[i] for i in shuffle), ordered.timestamps_s[shuffle], ordered.points_m)
+    placement = place(shuffled, by_name(line(40, step_m=2.5)), CONFIG)  # neighbors in the list lie up to 100 m apart
+    assert placement.pieces.tolist() == [0] * 40
+    assert not placement.unplaced
+    assert not placement.warnings
+
+
 def test_a_gap_leaves_its_frames_out_and_names_them() -> None:
     keep = [0, 1, 8, 9]
     placement = place(index(), by_time(line()[keep], np.array(keep, dtype=float)), CONFIG)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,18 +28,19 @@ class FrameIndex:
     """Names, times (NaN where unknown) and coarse sights of N frames.
 
     points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels. lost: the frames that could not
-    be read, and why.
+    be read, and why. checksums: (N,) of colors and points, to tell whether a frame was made anew.
     """
 
     names: tuple[str, ...]
     timestamps_s: NDArray[np.float64]
     points_m: tuple[NDArray[np.float32], ...]
     lost: dict[int, str] = field(default_factory=dict)
+    checksums: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @classmethod
     def build(cls, frames: Frames, pair: RectifiedPair, spacing_m: float = SPACING_M, progress: Progress = silent) -> "FrameIndex":
         """Read every frame once. spacing_m: how far apart the points may lie on the bottom; memory grows by some 50 KB a frame."""
-        names, times, points, lost = [], [], [], {}
+        names, times, points, lost, checksums = [], [], [], {}, []
         for i in range(len(frames)):
             frame = frames[i]
             names.append(frame.name)
@@ -46,11 +48,13 @@ class FrameIndex:
                 lost[i] = frame.reason
                 times.append(np.nan)
                 points.append(np.zeros((0, 3), np.float32))
+                checksums.append(0)
             else:
                 times.append(np.nan if frame.timestamp_s is None else frame.timestamp_s)
                 points.append(_coarse_points(frame, pair, spacing_m))
+                checksums.append(crc32(frame.color[::MAX_STRIDE_PX].tobytes(), crc32(points[-1].tobytes())))
             progress("looking through the frames", i + 1, len(frames))
-        return cls(tuple(names), np.array(times, dtype=np.float64), tuple(points), lost)
+        return cls(tuple(names), np.array(times, dtype=np.float64), tuple(points), lost, np.array(checksums, np.int64))
 
     @property
     def order(self) -> NDArray[np.int64]:

@@ -136,7 +136,7 @@ def _build_piece(
     with whole(trajectory) as path:
         write_tum(path, index, placement.T_world_camera, chosen)
     tiling = cut(index, placement.T_world_camera, chosen, config.voxel_m, config.tile_m)
-    store = TileStore(folder / ".tiles", tiling, placement.T_world_camera[chosen])
+    store = TileStore(folder / ".tiles", tiling, placement.T_world_camera[chosen], index.checksums[chosen])
     for done, tile in enumerate(tiling.tiles):
         if not store.has(tile):
             store.save(tile, fuse_tile(tile, tiling, _read(frames, tile, placement.T_world_camera), pair))

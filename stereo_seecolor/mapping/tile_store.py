@@ -14,10 +14,10 @@ from stereo_seecolor.mapping.tiles import Tile, Tiling
 class TileStore:
     """A folder with one file a tile, all made from the same poses, frames and settings."""
 
-    def __init__(self, folder: Path, tiling: Tiling, poses: np.ndarray) -> None:
-        """Tiles in the folder that were made from anything else are deleted."""
+    def __init__(self, folder: Path, tiling: Tiling, poses: np.ndarray, checksums: np.ndarray) -> None:
+        """checksums: of the frames. Tiles in the folder that were made from anything else are deleted."""
         self._folder = folder
-        digest = hashlib.sha256(poses.tobytes() + repr((tiling.voxel_m, tiling.tile_blocks)).encode())
+        digest = hashlib.sha256(poses.tobytes() + checksums.tobytes() + repr((tiling.voxel_m, tiling.tile_blocks)).encode())
         for tile in tiling.tiles:
             digest.update(tile.blocks.tobytes())
         key = digest.hexdigest()

@@ -31,13 +31,11 @@ class SurveyFrames(Sequence[SurveyFrame]):
             raise InputError(f"{out / 'run.json'}: knows nothing of the camera (made by correct?): a map needs the output of run")
         try:
             self.pair = RectifiedPair(**{**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])})
+            self.T_rectified_left = np.array(content["T_rectified_left"])
         except (TypeError, KeyError) as error:
             raise InputError(
                 f"{out / 'run.json'}: damaged, or of another version: run again, which keeps what is finished"
             ) from error
-        if "T_rectified_left" not in content:
-            raise InputError(f"{out / 'run.json'}: made by an earlier version: run again, which keeps what is finished")
-        self.T_rectified_left = np.array(content["T_rectified_left"])
         self._rows = [row for row in _rows(out) if row["status"] == "ok"]
         if not self._rows:
             raise InputError(f"{out}: holds no frame that went through all stages")
