@@ -62,18 +62,19 @@ class Survey(Sequence[SurveyFrame]):
         if not self._path(spec.pairs - 1, "c").exists():
             tables = [corrector.measure(self.load(i)["left"], self.load(i, "m")["range_m"]) for i in range(0, spec.pairs, 4)]
             water = corrector.fit(sum(tables[1:], tables[0]))
-            exposure = corrector.apply(self.load(0)["left"], self.load(0, "m")["range_m"], water).exposure
+            first = corrector.apply(self.load(0)["left"], self.load(0, "m")["range_m"], water)
+            water = replace(water, exposure=first.exposure, highlights=first.highlights)
             for i in range(spec.pairs):
-                done = corrector.apply(self.load(i)["left"], self.load(i, "m")["range_m"], water, exposure=exposure)
-                np.savez(self._path(i, "c"), image=done.image)
+                done = corrector.apply(self.load(i)["left"], self.load(i, "m")["range_m"], water)
+                np.savez(self._path(i, "c"), image=done.image, unrecoverable=done.unrecoverable)
 
     def __len__(self) -> int:
         return self.spec.pairs
 
     def __getitem__(self, i: int) -> SurveyFrame:  # type: ignore[override]
-        ranges, name, time_s = self.load(i, "m"), self.trajectory.names[i], float(self.trajectory.timestamps_s[i])
-        confidence = np.nan_to_num(ranges["confidence"])
-        return SurveyFrame(name, time_s, self.load(i, "c")["image"], ranges["range_m"], ranges["std"], confidence)
+        ranges, colors, name = self.load(i, "m"), self.load(i, "c"), self.trajectory.names[i]
+        confidence, time_s = np.nan_to_num(ranges["confidence"]), float(self.trajectory.timestamps_s[i])
+        return SurveyFrame(name, time_s, colors["image"], ranges["range_m"], ranges["std"], confidence, colors["unrecoverable"])
 
     def load(self, i: int, what: str = "") -> dict[str, NDArray]:
         """Rendered (""), matched ("m") or corrected ("c")."""
@@ -173,12 +174,13 @@ def terrain_rows(survey: Survey, out: Path, T: NDArray) -> Rows:
 
 def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
     """Angles to the true colors in linear light: of the map's nearest point and of the frame, at the same pixels of every third
-    frame; and how the map's tint changes across the seams, on cells of 2 cm seen from above.
+    frame, as they are and after one white balance over the whole survey, which leaves what differs from view to view.
+    And how the map's tint changes across the seams, on cells of 2 cm seen from above.
     """
     low = cloud[:, :2].min(axis=0) - 1
     shape = tuple(((cloud[:, :2].max(axis=0) + 1 - low) / GRID_M).astype(int)[::-1])
     mapped = gather(shape, low, cloud, linear_from_srgb(colors / 255))
-    truth, single, fused = np.zeros((*shape, 4)), [], []
+    truth, single, fused, real = np.zeros((*shape, 4)), [], [], []
     tree, linear = cKDTree(cloud), linear_from_srgb(colors / 255)
     for i in range(0, len(survey), 3):
         z, image, ranges = survey.load(i), survey.load(i, "c")["image"], survey.load(i, "m")["range_m"]
@@ -190,8 +192,9 @@ def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
         distance_m, nearest = tree.query(points[::SAMPLE], distance_upper_bound=0.03)
         on = np.isfinite(distance_m)
         on[on] &= linear[nearest[on]].any(axis=1)  # black has no angle
-        fused.append(angle_deg(linear[nearest[on]], true[::SAMPLE][on]))
-        single.append(angle_deg(linear_from_srgb(image[good] / 255)[::SAMPLE][on], true[::SAMPLE][on]))
+        fused.append(linear[nearest[on]])
+        single.append(linear_from_srgb(image[good] / 255)[::SAMPLE][on])
+        real.append(true[::SAMPLE][on])
     both = (truth[..., 3] > 8) & (mapped[..., 3] > 1)
     steps = []
     for seam in np.arange(survey.spec.lines - 1) + 0.5:
@@ -200,9 +203,13 @@ def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
             sides = [tint(mapped, truth, both, low, x, y + shift) for shift in (-0.3, 0.1)]
             if all(np.isfinite(side).all() for side in sides):
                 steps.append(float(angle_deg(sides[0][None], sides[1][None])[0]))
-    off, alone = np.concatenate(fused).mean(), np.concatenate(single).mean()
+    true = np.concatenate(real)
+    both_ways = [np.concatenate(colors) for colors in (fused, single)]
+    off, alone = (angle_deg(c, true).mean() for c in both_ways)
+    balanced, alone_balanced = (angle_deg(c * true.mean(axis=0) / c.mean(axis=0), true).mean() for c in both_ways)
     return {
         "color on the surface: mean angle to the truth": f"{off:.2f} deg (single frames {alone:.2f} deg)",
+        "the same after one white balance": f"{balanced:.2f} deg (single frames {alone_balanced:.2f} deg)",
         "color step between lines: mean, largest": f"{np.mean(steps):.2f} deg, {np.max(steps):.2f} deg",
     }
 
