@@ -9,6 +9,7 @@ pair; FOLDER keeps what was rendered, matched and corrected, and the maps.
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 

@@ -66,7 +66,8 @@ class Water:
     gamma_inf, eta, white: intensities as a share of full scale. beta, alpha, v, x, w, y: 1/m.
     standard_errors: name of a parameter -> (3,) standard error, NaN where the data could not tell.
     input_encoding: how the images were read that it was fitted to. warnings: what the fit had to say.
-    exposure: the brightness that its frames are shown at, None where each frame has its own.
+    exposure: the brightness that its frames are shown at, None where each frame has its own. highlights: how many times the
+    brightest light shown is rolled off to it at that exposure, 1 = none is.
     """
 
     gamma_inf: PerChannel
@@ -82,6 +83,7 @@ class Water:
     input_encoding: Literal["srgb", "linear", "as-is"] = "srgb"
     warnings: tuple[str, ...] = ()
     exposure: float | None = None
+    highlights: float = 1.0
 
     def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """B_c(z), shape (..., 3), as a share of full scale."""
@@ -99,8 +101,9 @@ class Correction:
     """A frame in its true colours.
 
     image: J at the input's bit depth; where the range is unknown see ``unknown``.
-    unknown: True where no range was known. unrecoverable: True where a channel's gain hit its noise-tied cap.
-    clipped_share: share of valid pixels with a channel at full scale. water: the water that was taken out.
+    unknown: True where no range was known. unrecoverable: True where a channel's gain hit its noise-tied cap, or the camera had
+    clipped a channel. clipped_share: share of valid pixels with a channel at full scale. water: the water that was taken out.
+    exposure, highlights: as a Water's.
     linear: (H, W, 3) float32 linear light, unclipped, where it was asked for.
     """
 
@@ -110,6 +113,7 @@ class Correction:
     clipped_share: float
     water: Water
     exposure: float = 1.0
+    highlights: float = 1.0
     warnings: tuple[str, ...] = ()
     linear: NDArray[np.float32] | None = None
 

@@ -52,7 +52,8 @@ def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
     truth = 0.7 * (decode(image / full, encoding) - water.backscatter(z)) / (water.attenuation(z) * water.white)
 
     found = corrector.apply(image, range_m, water, exposure=0.7)
-    off = np.abs(found.image - full * encode(np.clip(truth, 0, 1), encoding))[known]
+    unclipped = known & (image < 0.95 * full).all(axis=2)
+    off = np.abs(found.image - full * encode(np.clip(truth, 0, 1), encoding))[unclipped]
     assert off.max() < (0.7 if depth == 8 else 1.5)  # a half is rounding
     assert (found.image[~known] == 0).all()
     assert np.array_equal(found.unknown, ~known)
@@ -94,7 +95,7 @@ def test_exposure_lets_no_more_than_the_stated_share_clip_and_hardly_less(depth,
     rng = np.random.default_rng(3)
     image = (rng.gamma(2, 0.08, (150, 200, 3)).clip(0, 0.9) * (2**depth - 1)).astype(np.uint8 if depth == 8 else np.uint16)
     range_m = rng.uniform(1, 3, (150, 200)).astype(np.float32)
-    found = Corrector(ColorConfig(clipped_share=share, output_noise=1e9)).apply(image, range_m, some_water())
+    found = Corrector(ColorConfig(clipped_share=share, highlights="clip", output_noise=1e9)).apply(image, range_m, some_water())
     full = 2**depth - 1
     assert found.clipped_share == pytest.approx((found.image == full).any(axis=2).mean())
     assert found.clipped_share <= share + 1e-9

@@ -6,9 +6,9 @@ import torch
 
 from stereo_seecolor.color import kernels, tensors
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.encoding import decoded_values, encoding_curve
 from stereo_seecolor.color.gains import gains
 from stereo_seecolor.color.tables import VALUES, measure, range_bits
+from stereo_seecolor.color.tone import looks
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import DeviceError
 
@@ -34,22 +34,20 @@ def test_tables_are_equal(depth):
 
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("encoding", ["srgb", "as-is"])
-def test_corrections_are_equal(depth, encoding):
+@pytest.mark.parametrize("highlights", [1.0, 3.0])
+def test_corrections_are_equal(depth, encoding, highlights):
     image, range_m = frame(depth)
     corrector = Corrector(ColorConfig(input_encoding=encoding))
     table = corrector.measure(image, range_m)
     by_level = gains(corrector.fit(table), corrector.config, 1.3)
     bits, flat = range_bits(image, range_m), image.reshape(-1)
-    decoded, curve = decoded_values(depth, encoding), encoding_curve(depth, encoding)
-    on_cores, in_torch = (
-        kernels.apply(flat, bits, by_level, decoded, curve),
-        tensors.apply(flat, bits, by_level, decoded, curve, DEVICE),
-    )
-    most = 1 if DEVICE.type == "cuda" and depth == 16 else 0  # CUDA may fuse a product and a sum
+    look = looks(depth, encoding, highlights)
+    on_cores, in_torch = kernels.apply(flat, bits, by_level, look), tensors.apply(flat, bits, by_level, look, DEVICE)
+    most = 1 if DEVICE.type == "cuda" else 0  # CUDA may fuse a product and a sum
     assert np.abs(on_cores[0].astype(int) - in_torch[0].astype(int)).max() <= most
     for a, b in zip(on_cores[1:], in_torch[1:], strict=True):
         assert np.array_equal(a, b)
-    lights = kernels.linear(flat, bits, by_level, decoded), tensors.linear(flat, bits, by_level, decoded, DEVICE)
+    lights = kernels.linear(flat, bits, by_level, look.decoded), tensors.linear(flat, bits, by_level, look.decoded, DEVICE)
     assert np.allclose(*lights, rtol=1e-6, atol=1e-6)
 
 

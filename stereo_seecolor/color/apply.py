@@ -5,22 +5,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.encoding import decoded_values, encoding_curve
+from stereo_seecolor.color.encoding import decoded_values
 from stereo_seecolor.color.gains import Gains, gains
 from stereo_seecolor.color.tables import range_bits
+from stereo_seecolor.color.tone import Looks, Tone, looks
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Correction, Image, Map, Water
 
 
-def correct(image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig) -> Correction:
+def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig) -> Correction:
     """The image without its water, at its own size and bit depth; black where the range is unknown, unless the config says else."""
     bits = range_bits(image, range_m)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
-    by_level = gains(water, config, exposure)
-    depth, encoding = 8 * image.dtype.itemsize, config.input_encoding
-    out, unknown, beyond, clipped = _apply(
-        flat, bits, by_level, decoded_values(depth, encoding), encoding_curve(depth, encoding), config
-    )
+    by_level = gains(water, config, tone.exposure)
+    look = looks(8 * image.dtype.itemsize, config.input_encoding, tone.highlights)
+    out, unknown, beyond, clipped = _apply(flat, bits, by_level, look, config)
     shape = image.shape[:2]
     corrected, unknown = out.reshape(image.shape), unknown.reshape(shape)
     if config.unknown_pixels == "raw":
@@ -31,7 +30,8 @@ def correct(image: Image, range_m: Map, water: Water, exposure: float, config: C
         unrecoverable=beyond.reshape(shape),
         clipped_share=clipped / max(unknown.size - int(np.count_nonzero(unknown)), 1),
         water=water,
-        exposure=exposure,
+        exposure=tone.exposure,
+        highlights=tone.highlights,
         warnings=water.warnings,
     )
 
@@ -54,19 +54,14 @@ def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, co
 
 
 def _apply(
-    flat: NDArray[Any],
-    bits: NDArray[np.int32],
-    by_level: Gains,
-    decoded: NDArray[np.float32],
-    curve: NDArray[Any],
-    config: ColorConfig,
+    flat: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, look: Looks, config: ColorConfig
 ) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
     """Where the config wants it done: see ``kernels.apply``."""
     if config.device == "cuda":
         from stereo_seecolor.color import tensors
         from stereo_seecolor.color.device import find_device
 
-        return tensors.apply(flat, bits, by_level, decoded, curve, find_device("cuda"))
+        return tensors.apply(flat, bits, by_level, look, find_device("cuda"))
     from stereo_seecolor.color import kernels
 
-    return kernels.apply(flat, bits, by_level, decoded, curve)
+    return kernels.apply(flat, bits, by_level, look)

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from stereo_seecolor.color import tables
 from stereo_seecolor.color.apply import correct, correct_linear
 from stereo_seecolor.color.evidence import doubts
-from stereo_seecolor.color.gains import clipping_exposure
 from stereo_seecolor.color.parameters import clear_water
 from stereo_seecolor.color.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.color.tone import Tone, choose
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Correction, Image, Map, Water
 from stereo_seecolor.errors import ColorError
@@ -74,19 +74,26 @@ class Corrector:
         return (SurveyFitter if self.config.lock == "survey" else SlidingFitter)(self.config, self.fit)
 
     def apply(
-        self, image: Image, range_m: Map, water: Water, table: MomentTable | None = None, exposure: float | None = None
+        self,
+        image: Image,
+        range_m: Map,
+        water: Water,
+        table: MomentTable | None = None,
+        exposure: float | None = None,
+        highlights: float = 1.0,
     ) -> Correction:
         """The image in its true colours, at its own size and bit depth.
 
-        table: what ``measure`` gave for this image, if at hand. exposure: the brightness; None is the water's, or else the one that
-        lets ``config.clipped_share`` of the pixels clip.
+        table: what ``measure`` gave for this image, if at hand. exposure, highlights: the brightness, as another frame's correction
+        has it; None is the water's, or else this frame's own, by ``config.highlights`` and ``config.clipped_share``.
         Raises ColorError where image and range map do not belong together, or the water is of another encoding.
         """
         self._check(water)
-        exposure = water.exposure if exposure is None else exposure
         if exposure is None:
-            exposure = clipping_exposure(table or self.measure(image, range_m), water, self.config)
-        return correct(image, range_m, water, exposure, self.config)
+            exposure, highlights = water.exposure, water.highlights
+        if exposure is None:
+            exposure, highlights = choose(table or self.measure(image, range_m), water, self.config)
+        return correct(image, range_m, water, Tone(exposure, highlights), self.config)
 
     def apply_linear(self, image: Image, range_m: Map, water: Water, exposure: float = 1.0) -> NDArray[np.float32]:
         """(H, W, 3) float32 corrected linear light, unclipped and not encoded; 0 where the range is unknown."""

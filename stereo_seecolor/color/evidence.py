@@ -15,9 +15,9 @@ def doubts(table: MomentTable) -> tuple[str, ...]:
     number = int(table.pixels.sum())
     if number < LEAST_PIXELS:
         return (f"only {number} pixels with a known range: the water is a guess",)
-    if not (table.counts[:, :, 1:].sum(axis=(1, 2)) > 0).any():
+    if (table.counts[:, :, 0].sum(axis=1) == number).all():
         return ("the frame is black where the range is known: the water is a guess",)
-    if table.counts[:, :, -1].sum() > 0.5 * table.counts.sum():
+    if table.counts[:, :, -1].sum() > 0.5 * 3 * number:
         return ("the frame is blown out where the range is known: the water is a guess",)
     near, far = relief_m(table)
     if far < LEAST_RELIEF * near:

@@ -1,25 +1,29 @@
 """The loops that touch every pixel, on all cores. Counts are integers: the same result whatever the number of threads.
 
-Compiled without numba's own threads, whose simplest layer must not be entered by two threads at once: each call spreads its
-parts over a few threads of its own.
+Compiled without numba's own threads, whose simplest layer must not be entered by two threads at once.
 """
 
 import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.encoding import NODES
 from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
 from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M
+from stereo_seecolor.color.tone import Looks
 
 U = np.uint64
-ZERO, ONE, PIXEL = np.int32(0), np.int32(1), np.int64(1 << 40)
-BLOCK = 2048
+GAP = 8
+"""Between the counts of two channels: without, those of equal red and blue are 4096 bytes apart, which processors take for one."""
+ZERO, PIXEL = np.int32(0), np.int64(1 << 40)
+BLOCK = 1024
 MOST = 1 << 22
 """Pixels of one part: their places in a level then add up to less than 40 bits."""
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
@@ -33,47 +37,37 @@ def count(image: NDArray[Any], bits: NDArray[np.int32], values: int) -> tuple[ND
     """Counts (3, 256, values) and offset sums (256,) of (N * 3,) pixels with the (N,) bits of their ranges."""
     shift = 0 if image.dtype == np.uint8 else 4
     bounds = _bounds(bits.size)
-    # red's counter holds its pixels above 40 bits, and below them the sum of their places in the level: one addition for both
-    red = np.zeros((len(bounds), LEVELS + 1, values), np.int64)
-    others = np.zeros((len(bounds), LEVELS + 1, 2, values), np.int32)
+    cells = np.zeros((len(bounds), LEVELS + 1, 3, values + GAP), np.int64)
 
     def part(i: int) -> None:
         a, b = bounds[i]
-        _count(image[3 * a : 3 * b], bits[a:b], shift, red[i].reshape(-1), others[i].reshape(-1))
+        _count(image[3 * a : 3 * b], bits[a:b], shift, cells[i].reshape(-1))
 
     _spread(part, len(bounds))
-    known, place_sum = red[:, :LEVELS], np.zeros(LEVELS, np.int64)
-    counts = np.empty((3, LEVELS, values), np.int64)
-    (known >> 40).sum(axis=0, out=counts[0])
-    place_sum = (known & (PIXEL - 1)).sum(axis=(0, 2))
-    others[:, :LEVELS].transpose(0, 2, 1, 3).sum(axis=0, out=counts[1:])
+    counts, place_sum = np.zeros((3, LEVELS, values), np.int64), np.zeros(LEVELS, np.int64)
+    _add_up(cells, counts, place_sum)
     return counts, place_sum
 
 
 def apply(
-    image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decoded: NDArray[np.float32], curve: NDArray[Any]
+    image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, looks: Looks
 ) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
-    """(N * 3,) pixels through gain[c, level] * decoded[value] - offset[c, level] and the encoding curve; 0 where unknown.
+    """(N * 3,) pixels through gain[c, level] * decoded[value] - offset[c, level], the curve and its shoulder; 0 where unknown.
 
-    Gives the pixels; (N,) unknown; (N,) whose level is capped; how many pixels have a channel at full scale.
+    Gives the pixels; (N,) unknown; (N,) whose level is capped, or that the camera clipped; how many pixels have a channel at full
+    scale.
     """
     out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_)
     bounds = _bounds(bits.size)
     clipped: dict[int, int] = {}
-    table = color_table(by_level, decoded, curve) if image.dtype == np.uint8 else None
-    full = out.dtype.type(np.iinfo(out.dtype).max)
-    runs = _runs(by_level.capped)
+    table = color_table(by_level, looks) if image.dtype == np.uint8 else np.empty(0, np.uint8)
+    model = by_level.gain, by_level.offset, by_level.missing, by_level.capped
+    shown = looks.decoded, looks.known, looks.curve, looks.shoulder
 
     def part(i: int) -> None:
         a, b = bounds[i]
-        if table is not None:
-            _look_up(image[3 * a : 3 * b], bits[a:b], table, out[3 * a : 3 * b])
-        else:
-            _compute(image[3 * a : 3 * b], bits[a:b], by_level.gain, by_level.offset, decoded, curve, out[3 * a : 3 * b])
-        _outside(bits[a:b], unknown[a:b])
-        for low, high in runs:
-            _between(bits[a:b], low, high, beyond[a:b])
-        clipped[i] = _full(out[3 * a : 3 * b], full)
+        pixels = slice(3 * a, 3 * b)
+        clipped[i] = _correct(image[pixels], bits[a:b], table, *model, *shown, out[pixels], unknown[a:b], beyond[a:b])
 
     _spread(part, len(bounds))
     return out, unknown, beyond, sum(clipped.values())
@@ -92,36 +86,42 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decode
     return out
 
 
-def _runs(capped: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """From which bits of a range to before which the fine levels are capped; the first and the last level have no end."""
-    change = np.flatnonzero(np.diff(np.concatenate([[False], capped, [False]]).astype(np.int8)))
-    ends = [1 if at == 0 else _INFINITY if at == FINE_LEVELS else _FIRST + (int(at) << _FINE_BITS) for at in change]
-    return list(zip(ends[::2], ends[1::2], strict=True))
+def color_table(by_level: Gains, looks: Looks) -> NDArray[Any]:
+    """(1025 * 768,) what each value of each channel becomes on the curve at each fine level; the last level, unknown, is black."""
+    table = np.full((FINE_LEVELS + 1, 3, 256), looks.curve[0], looks.curve.dtype)
+    half = FINE_LEVELS // 2
 
+    def part(i: int) -> None:
+        levels = slice(i * half, (i + 1) * half)
+        _tabulate(by_level.gain[:, levels], by_level.offset[:, levels], looks.decoded, looks.curve, table[levels])
 
-def color_table(by_level: Gains, decoded: NDArray[np.float32], curve: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(1025 * 768,) what each value of each channel becomes at each fine level; the last level, unknown, is black."""
-    table = np.zeros((FINE_LEVELS + 1, 3, 256), np.uint8)
-    for c in range(3):
-        _tabulate(by_level.gain[c], by_level.offset[c], decoded, curve, table[:, c])
+    _spread(part, 2)
     return table.reshape(-1)
 
 
 def _bounds(pixels: int) -> list[tuple[int, int]]:
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     parts = max(1, min(cores, 8, pixels // 65536), -(-pixels // MOST))
-    return list(itertools.pairwise(pixels * i // parts for i in range(parts + 1)))
+    return list(itertools.pairwise(pixels * i // parts // 4 * 4 if i < parts else pixels for i in range(parts + 1)))
 
 
 def _spread(part: Callable[[int], None], parts: int) -> None:
     if parts == 1:
         part(0)
         return
-    with ThreadPoolExecutor(parts - 1) as pool:
-        others = [pool.submit(part, i) for i in range(1, parts)]
-        part(0)
-        for other in others:
-            other.result()
+    others = [_pool().submit(part, i) for i in range(1, parts)]
+    part(0)
+    for other in others:
+        other.result()
+
+
+@cache
+def _pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(os.cpu_count(), "color")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of its parent's threads
 
 
 @njit(cache=True, nogil=True)
@@ -136,51 +136,170 @@ def _levels(bits, fine, levels):  # type: ignore[no-untyped-def]  # pragma: no c
 
 
 @njit(cache=True, nogil=True)
-def _count(image, bits, shift, red, others):  # type: ignore[no-untyped-def]  # pragma: no cover
-    # flat arrays and unsigned indices: numba then leaves out its tests for negative ones
+def _count(image, bits, shift, cells):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Into ``cells``, flat (257, 3, values + GAP), pixels; red's above 40 bits, and below these the sum of places in a level."""
+    # a flat array and unsigned indices: numba then leaves out its tests for negative ones
     block = np.empty(BLOCK, np.uint32)
-    values, shift = U(red.size // (LEVELS + 1)), U(shift)
+    pitch, shift = U(cells.size // (3 * (LEVELS + 1))), U(shift)
     at = U(0)
     for start in range(0, bits.size, BLOCK):
         part = bits[start : start + BLOCK]
         _levels(part, False, block)
         for i in range(part.size):
             place = U(block[i])
-            row = (place >> U(LOW_BITS)) * values
-            red[row + (U(image[at]) >> shift)] += PIXEL + np.int64(place & U(_LOW))
-            row += row
-            others[row + (U(image[at + U(1)]) >> shift)] += ONE
-            others[row + values + (U(image[at + U(2)]) >> shift)] += ONE
+            row = (place >> U(LOW_BITS)) * (U(3) * pitch)
+            cells[row + (U(image[at]) >> shift)] += PIXEL + np.int64(place & U(_LOW))
+            cells[row + pitch + (U(image[at + U(1)]) >> shift)] += 1
+            cells[row + pitch + pitch + (U(image[at + U(2)]) >> shift)] += 1
             at += U(3)
 
 
 @njit(cache=True, nogil=True)
-def _look_up(image, bits, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
-    block = np.empty(BLOCK, np.uint32)
+def _add_up(cells, counts, place_sum):  # type: ignore[no-untyped-def]  # pragma: no cover
+    for part in range(cells.shape[0]):
+        for level in range(counts.shape[1]):
+            for value in range(counts.shape[2]):
+                red = cells[part, level, 0, value]
+                counts[0, level, value] += red >> 40
+                place_sum[level] += red & (PIXEL - 1)
+            for channel in range(1, 3):
+                for value in range(counts.shape[2]):
+                    counts[channel, level, value] += cells[part, level, channel, value]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
+    image, bits, table, gain, offset, missing, capped, decoded, known, curve, shoulder, out, unknown, beyond
+):
+    levels, codes, factors, number = np.empty(BLOCK, np.uint32), np.empty(3 * BLOCK, table.dtype), np.empty(BLOCK, np.float32), 0
+    near, first_capped, deep = _first(known < 1), _first(capped), image.itemsize == 2
+    for start in range(0, bits.size, BLOCK):
+        end = min(start + BLOCK, bits.size)
+        pixels, shown, level = image[3 * start : 3 * end], out[3 * start : 3 * end], levels[: end - start]
+        _levels(bits[start:end], True, level)
+        farthest = _outside(level, unknown[start:end])
+        if not deep and shoulder.size:
+            _look_up(pixels, level, table, codes)
+            _roll_off(codes, factors, shoulder, shown)
+        elif not deep:
+            _look_up_words(pixels, level, table, shown)
+        if deep or farthest >= first_capped or _highest(pixels) >= near:
+            _compute(pixels, level, near, gain, offset, missing, capped, decoded, known, curve, shoulder, shown, beyond[start:end])
+        number += _full(shown)
+    return number
+
+
+@njit(cache=True, nogil=True)
+def _outside(level, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Marks the pixels of unknown range; the farthest level of the others."""
+    none, farthest = np.uint32(FINE_LEVELS), np.uint32(0)
+    for i in range(level.size):
+        unknown[i] = level[i] == none
+    for i in range(level.size):
+        farthest = max(farthest, level[i] if level[i] != none else np.uint32(0))
+    return farthest
+
+
+@njit(cache=True, nogil=True)
+def _look_up(image, level, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     at = U(0)
-    for start in range(0, bits.size, BLOCK):
-        part = bits[start : start + BLOCK]
-        _levels(part, True, block)
-        for i in range(part.size):
-            row = U(block[i]) * U(768)
-            out[at] = table[row + U(image[at])]
-            out[at + U(1)] = table[row + U(256) + U(image[at + U(1)])]
-            out[at + U(2)] = table[row + U(512) + U(image[at + U(2)])]
-            at += U(3)
+    for i in range(level.size):  # unsigned indices: numba then leaves out its tests for negative ones
+        row = U(level[i]) * U(768)
+        out[at] = table[row + U(image[at])]
+        out[at + U(1)] = table[row + U(256) + U(image[at + U(1)])]
+        out[at + U(2)] = table[row + U(512) + U(image[at + U(2)])]
+        at += U(3)
 
 
 @njit(cache=True, nogil=True)
-def _compute(image, bits, gain, offset, decoded, nodes, out):  # type: ignore[no-untyped-def]  # pragma: no cover
-    block = np.empty(BLOCK, np.uint32)
-    for start in range(0, bits.size, BLOCK):
-        part = bits[start : start + BLOCK]
-        _levels(part, True, block)
-        for i in range(part.size):
-            level, at = block[i], 3 * (start + i)
-            for c in range(3):
-                out[at + c] = (
-                    0 if level == FINE_LEVELS else _encoded(gain[c, level] * decoded[image[at + c]] - offset[c, level], nodes)
-                )
+def _look_up_words(image, level, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """``_look_up`` of bytes, four pixels at a time: the processor stores three words as fast as three bytes."""
+    whole, at, word, green, blue = level.size // 4 * 4, U(0), U(0), U(256), U(512)
+    words = out[: 3 * whole].view(np.uint32)
+    for i in range(U(0), U(whole), U(4)):
+        a, b = U(level[i]) * U(768), U(level[i + U(1)]) * U(768)
+        c, d = U(level[i + U(2)]) * U(768), U(level[i + U(3)]) * U(768)
+        words[word] = _word(image, at, table, a, a + green, a + blue, b)
+        words[word + U(1)] = _word(image, at + U(4), table, b + green, b + blue, c, c + green)
+        words[word + U(2)] = _word(image, at + U(8), table, c + blue, d, d + green, d + blue)
+        at += U(12)
+        word += U(3)
+    _look_up(image[3 * whole :], level[whole:], table, out[3 * whole :])
+
+
+@njit(cache=True, nogil=True)
+def _word(image, at, table, first, second, third, fourth):  # type: ignore[no-untyped-def]  # pragma: no cover
+    low = U(table[first + U(image[at])]) | U(table[second + U(image[at + U(1)])]) << U(8)
+    return low | U(table[third + U(image[at + U(2)])]) << U(16) | U(table[fourth + U(image[at + U(3)])]) << U(24)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _roll_off(codes, factors, shoulder, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """8-bit codes as displayed; in two loops, of which the compiler does sixteen pixels at a time."""
+    knee, span, bend, unit, zero = shoulder
+    for i in range(out.size // 3):
+        factors[i] = _factor(np.float32(max(codes[3 * i], max(codes[3 * i + 1], codes[3 * i + 2]))), knee, span, bend) * unit
+    for i in range(out.size // 3):
+        for c in range(3):
+            out[3 * i + c] = np.int32(min(max(np.float32(codes[3 * i + c]) * factors[i] - zero, np.float32(0)), np.float32(255)))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _factor(code, knee, span, bend):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """What scales the codes of a pixel whose greatest is ``code``: 1 to the knee, and less above (``tone.looks``)."""
+    over = max(code - knee, np.float32(0))
+    return (min(code, knee) + over * (span + over * bend) / (span + over)) / code
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _compute(  # type: ignore[no-untyped-def]  # pragma: no cover
+    image, level, near, gain, offset, missing, capped, decoded, known, curve, shoulder, out, beyond
+):
+    """Without a table: all pixels of 16 bits, and of 8 bits those where a channel is not what its look-up says: noise has stopped
+    its gain, or the camera clipped it."""
+    deep, zero, full = image.itemsize == 2, np.float32(0), np.float32((1 << 8 * image.itemsize) - 1)
+    for i in range(level.size):
+        at = U(3 * i)
+        red, green, blue = U(image[at]), U(image[at + U(1)]), U(image[at + U(2)])
+        if level[i] == FINE_LEVELS:
+            out[at] = out[at + U(1)] = out[at + U(2)] = 0
+            continue
+        stopped, most = capped[U(level[i])], max(red, green, blue)
+        if not (deep or stopped or most >= near):
+            continue
+        beyond[i] = stopped or known[most] == zero
+        r, g, b = _lights(red, green, blue, U(level[i]), gain, offset, missing, decoded, known)
+        r, g, b = _encoded(r, curve), _encoded(g, curve), _encoded(b, curve)
+        if shoulder.size:
+            factor = _factor(max(r, g, b), shoulder[0], shoulder[1], shoulder[2]) * shoulder[3]
+            r, g, b = r * factor - shoulder[4], g * factor - shoulder[4], b * factor - shoulder[4]
+        out[at] = np.int32(min(max(r, zero), full))
+        out[at + U(1)] = np.int32(min(max(g, zero), full))
+        out[at + U(2)] = np.int32(min(max(b, zero), full))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lights(red, green, blue, level, gain, offset, missing, decoded, known):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """A pixel's linear light. What noise leaves out of a channel comes from those that are surer; a channel that the camera
+    clipped is at least as bright as those that it did not, or as the brightest if it clipped all."""
+    one, zero = np.float32(1), np.float32(0)
+    r = gain[0, level] * decoded[red] - offset[0, level]
+    g = gain[1, level] * decoded[green] - offset[1, level]
+    b = gain[2, level] * decoded[blue] - offset[2, level]
+    no_r, no_g, no_b = missing[0, level], missing[1, level], missing[2, level]
+    if no_r + no_g + no_b > zero:
+        gray = (r + g + b) / ((one - no_r) + (one - no_g) + (one - no_b))  # r, g, b are what the caps left
+        r, g, b = r + no_r * gray, g + no_g * gray, b + no_b * gray
+    in_r, in_g, in_b = known[red], known[green], known[blue]
+    if min(in_r, in_g, in_b) < one:
+        lost = (one - in_r) * (one - in_g) * (one - in_b)
+        gray = (in_r * r + in_g * g + in_b * b + lost * max(r, g, b)) / (in_r + in_g + in_b + lost)
+        r, g, b = (
+            r + (one - in_r) * max(gray - r, zero),
+            g + (one - in_g) * max(gray - g, zero),
+            b + (one - in_b) * max(gray - b, zero),
+        )
+    return r, g, b
 
 
 @njit(cache=True, nogil=True)
@@ -196,61 +315,75 @@ def _linear(image, bits, gain, offset, decoded, out):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True)
-def _between(bits, low, high, inside):  # type: ignore[no-untyped-def]  # pragma: no cover
-    low, high = np.int32(low), np.int32(high)
-    for i in range(bits.size):
-        inside[i] |= (bits[i] >= low) & (bits[i] < high)
+def _first(true):  # type: ignore[no-untyped-def]  # pragma: no cover
+    for i in range(true.size):
+        if true[i]:
+            return i
+    return true.size
 
 
 @njit(cache=True, nogil=True)
-def _outside(bits, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
-    infinity = np.int32(_INFINITY)
-    for i in range(bits.size):
-        unknown[i] = (bits[i] <= ZERO) | (bits[i] >= infinity)
+def _highest(values):  # type: ignore[no-untyped-def]  # pragma: no cover
+    highest = values[0]
+    for i in range(values.size):
+        highest = max(highest, values[i])
+    return highest
 
 
 @njit(cache=True, nogil=True)
-def _full(image, full):  # type: ignore[no-untyped-def]  # pragma: no cover
-    number = 0
+def _full(image):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """How many pixels have a channel at full scale."""
+    number, full = np.uint32(0), image.dtype.type((1 << 8 * image.itemsize) - 1)
     for i in range(image.size // 3):
-        number += (image[3 * i] == full) | (image[3 * i + 1] == full) | (image[3 * i + 2] == full)
+        number += np.uint32(max(image[3 * i], max(image[3 * i + 1], image[3 * i + 2])) == full)
     return number
 
 
 @njit(cache=True, nogil=True)
-def _encoded(light, nodes):  # type: ignore[no-untyped-def]  # pragma: no cover
-    place = min(max(light, np.float32(0)), np.float32(1)) * np.float32(nodes.size - 2)
-    node = int(place)
-    return int(nodes[node] + (nodes[node + 1] - nodes[node]) * (place - np.float32(node)))
+def _encoded(light, curve):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Of 8 bits the nearest of the curve's values, of 16 between two."""
+    place = max(light * np.float32(NODES), np.float32(0))
+    if curve.itemsize < 4:
+        return np.float32(curve[U(min(place + np.float32(0.5), np.float32(curve.size - 1)))])
+    place = min(place, np.float32(curve.size - 2))
+    node = U(place)
+    return np.float32(curve[node] + (curve[node + U(1)] - curve[node]) * (place - np.float32(node)))
 
 
 @njit(cache=True, nogil=True)
-def _tabulate(gain, offset, decoded, encoded, table):  # type: ignore[no-untyped-def]  # pragma: no cover
-    last = np.float32(encoded.size - 1)
+def _tabulate(gain, offset, decoded, curve, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+    one, last = np.float32(NODES), np.float32(curve.size - 1)
     nearest = np.empty(256, np.int32)
-    for level in range(gain.size):
-        scale, shift = gain[level] * last, offset[level] * last - np.float32(0.5)
-        for value in range(256):
-            nearest[value] = np.int32(min(max(scale * decoded[value] - shift, np.float32(0)), last))
-        for value in range(256):
-            table[level, value] = encoded[np.uint32(nearest[value])]
+    for level in range(table.shape[0]):
+        for c in range(3):
+            scale, shift = gain[c, level] * one, offset[c, level] * one - np.float32(0.5)
+            for value in range(256):
+                nearest[value] = np.int32(min(max(scale * decoded[value] - shift, np.float32(0)), last))
+            for value in range(256):
+                table[level, c, value] = curve[np.uint32(nearest[value])]
 
 
 @njit(cache=True, nogil=True)
-def brightest(counts, light, gain, offset, allowed):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """The value that at most ``allowed`` of the channels' values gain * light - offset exceed, to 1/128 of an octave."""
+def exceeded(counts, levels, light, gain, offset, allowed):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """For each of ``allowed``, most first: the value that at most so many of the channels' values gain * light - offset exceed, to
+    1/128 of an octave. counts: (3, 256, V), of which the ``levels`` are looked at; gain, offset: (3, levels)."""
     seen = np.zeros(0x7F80, np.int64)
     one = np.empty(1, np.float32)
     whole = one.view(np.int32)
     for c in range(3):
-        for level in range(counts.shape[1]):
+        for i in range(levels.size):
             for value in range(counts.shape[2]):
-                if counts[c, level, value] > 0:
-                    one[0] = max(gain[c, level] * light[value] - offset[c, level], 0.0)
-                    seen[whole[0] >> 16] += counts[c, level, value]
+                if counts[c, levels[i], value] > 0:
+                    one[0] = max(gain[c, i] * light[value] - offset[c, i], 0.0)
+                    seen[whole[0] >> 16] += counts[c, levels[i], value]
+    found = np.zeros(allowed.size, np.float32)
+    above = 0
     place = seen.size - 1
-    while place > 0 and seen[place] <= allowed:
-        allowed -= seen[place]
-        place -= 1
-    whole[0] = (place + 1) << 16
-    return one[0] if place > 0 else np.float32(0)
+    for k in range(allowed.size):
+        while place > 0 and above + seen[place] <= allowed[k]:
+            above += seen[place]
+            place -= 1
+        if place > 0:
+            whole[0] = (place + 1) << 16
+            found[k] = one[0]
+    return found

@@ -100,7 +100,7 @@ def _numbers(water: Water, scale: float) -> Vector:
 
 def _water(x: Vector, curvature: NDArray[np.float64], scale: float, prior_error: NDArray[np.float64], config: ColorConfig) -> Water:
     log_far, log_near, log_beta, log_veil, log_white = x[:WATER].reshape(5, 3)
-    error = _errors(np.linalg.inv(curvature))
+    error = _errors(np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER])
     learned = error < NOTHING_LEARNED * prior_error
     far, beta, white = np.exp(log_far), np.exp(log_beta), np.exp(log_white) * scale
     gamma_inf = np.exp(log_veil) * white
@@ -251,7 +251,7 @@ def _cost(x, z, light, mean, precision, weights, over, floor, normal, slope, der
             loss = z[g] * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * z[g]))
             fog = np.exp(-beta * z[g])
             backscatter = veil * white * (1 - fog)
-            at[5] = WATER + channels * shares + g
+            at[6] = WATER + channels * shares + g
             veil_over = np.log((backscatter + floor) / (light[c, g, 0] + floor))
             if veil_over > 0.0:
                 d[2] = veil * white * fog * beta * z[g] / (backscatter + floor)
@@ -263,8 +263,8 @@ def _cost(x, z, light, mean, precision, weights, over, floor, normal, slope, der
                         for j in range(2, i + 1):
                             normal[at[i], at[j]] += over[c, g] * d[i] * d[j]
             for p in range(shares):
-                at[6] = WATER + c * shares + p
-                direct = np.exp(min(x[12 + c] - loss + x[at[6]] + x[at[5]], 20.0))
+                at[5] = WATER + c * shares + p
+                direct = np.exp(min(x[12 + c] - loss + x[at[5]] + x[at[6]], 20.0))
                 model = direct + backscatter + floor
                 r = np.log(model / (light[c, g, p] + floor))
                 weight = weights[c, g, p]
@@ -280,9 +280,8 @@ def _cost(x, z, light, mean, precision, weights, over, floor, normal, slope, der
                 d[6] = d[5]
                 for i in range(7):
                     slope[at[i]] += weight * d[i] * r
-                    for j in range(7):
-                        if at[j] <= at[i]:
-                            normal[at[i], at[j]] += weight * d[i] * d[j]
+                    for j in range(i + 1):  # at is ascending: the lower triangle
+                        normal[at[i], at[j]] += weight * d[i] * d[j]
     if derivatives:
         for i in range(n):
             for j in range(i):

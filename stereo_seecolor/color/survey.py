@@ -10,8 +10,8 @@ from typing import Protocol
 import numpy as np
 
 from stereo_seecolor.color.exposure import Brightness, darkened, exposed
-from stereo_seecolor.color.gains import clipping_exposure
 from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.color.tone import choose
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Image, Map, Water
 
@@ -137,4 +137,5 @@ class SurveyFitter:
 
 def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water | None) -> Water:
     water = fit(total, start)
-    return replace(water, exposure=clipping_exposure(total, water, config))
+    exposure, highlights = choose(total, water, config)
+    return replace(water, exposure=exposure, highlights=highlights)

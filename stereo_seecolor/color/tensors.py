@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from stereo_seecolor.color import kernels
+from stereo_seecolor.color.encoding import NODES
 from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
 from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M
+from stereo_seecolor.color.tone import Looks
 
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
 _INFINITY = int(np.float32(np.inf).view(np.int32))
@@ -29,23 +31,28 @@ def count(
 
 
 def apply(
-    image: NDArray[Any],
-    bits: NDArray[np.int32],
-    by_level: Gains,
-    decoded: NDArray[np.float32],
-    curve: NDArray[Any],
-    device: torch.device,
+    image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, look: Looks, device: torch.device
 ) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
     """``kernels.apply`` on a device."""
     pixels, level = _pixels(image, device), levels(torch.from_numpy(bits).to(device), _FINE_BITS)
+    known = torch.from_numpy(look.known).to(device)[pixels.to(torch.int64)]
+    capped = torch.from_numpy(np.append(by_level.capped, False)).to(device)[level]
+    unknown = level == FINE_LEVELS
+    curve, shoulder = (_tensor(part, device) for part in (look.curve, look.shoulder))
     if image.dtype == np.uint8:
-        out = look_up(pixels, level, torch.from_numpy(kernels.color_table(by_level, decoded, curve)).to(device))
+        out = look_up(pixels, level, _tensor(kernels.color_table(by_level, look), device))
+        mend = (capped | (known < 1).any(dim=1)) & ~unknown
+        light = _mended(pixels[mend], level[mend], known[mend], by_level, look)
+        out[mend] = curve[(light * NODES + 0.5).clamp(0, curve.numel() - 1).to(torch.int64)]
     else:
-        out = _encoded(_light(pixels, level, by_level, decoded), torch.from_numpy(curve).to(device), level)
-    capped = torch.from_numpy(np.append(by_level.capped, False)).to(device)
+        out = _encoded(_mended(pixels, level, known, by_level, look), curve)
+        out[unknown] = curve[0]
+    if look.shoulder.size:
+        out = _rolled_off(out.to(torch.float32), shoulder).clamp(max=np.iinfo(image.dtype).max)
+    out = out.to(torch.int32)
+    beyond = (capped | (known == 0).any(dim=1)) & ~unknown
     clipped = int((out == np.iinfo(image.dtype).max).any(dim=1).sum())
-    corrected = out.cpu().numpy().astype(image.dtype).reshape(-1)
-    return corrected, (level == FINE_LEVELS).cpu().numpy(), capped[level].cpu().numpy(), clipped
+    return out.cpu().numpy().astype(image.dtype).reshape(-1), unknown.cpu().numpy(), beyond.cpu().numpy(), clipped
 
 
 def linear(
@@ -85,9 +92,13 @@ def look_up(pixels: Tensor, level: Tensor, table: Tensor) -> Tensor:
 
 
 def _pixels(image: NDArray[Any], device: torch.device) -> Tensor:
-    """(N, 3) uint8, or int32 of 16 bits, which few of torch's operations take."""
-    whole = image if image.dtype == np.uint8 else image.astype(np.int32)
-    return torch.from_numpy(whole.reshape(-1, 3)).to(device)
+    """(N, 3) uint8, or int32 of 16 bits."""
+    return _tensor(image.reshape(-1, 3), device)
+
+
+def _tensor(numbers: NDArray[Any], device: torch.device) -> Tensor:
+    """On a device; as int32 where uint16, which few of torch's operations take."""
+    return torch.from_numpy(numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers).to(device)
 
 
 def _light(pixels: Tensor, level: Tensor, by_level: Gains, decoded: NDArray[np.float32]) -> Tensor:
@@ -96,9 +107,33 @@ def _light(pixels: Tensor, level: Tensor, by_level: Gains, decoded: NDArray[np.f
     return gain * torch.from_numpy(decoded).to(device)[pixels.to(torch.int64)] - offset
 
 
-def _encoded(light: Tensor, nodes: Tensor, level: Tensor) -> Tensor:
-    place = light.clamp(0, 1) * (nodes.numel() - 2)
+def _rolled_off(codes: Tensor, shoulder: Tensor) -> Tensor:
+    """``kernels._roll_off``."""
+    knee, span, bend, unit, zero = shoulder.unbind()
+    code = codes.amax(dim=1, keepdim=True)
+    over = (code - knee).clamp(min=0)
+    factor = (torch.minimum(code, knee) + over * (span + over * bend) / (span + over)) / code * unit
+    return (codes * factor - zero).clamp(min=0)
+
+
+def _mended(pixels: Tensor, level: Tensor, known: Tensor, by_level: Gains, look: Looks) -> Tensor:
+    """``kernels._lights`` of all pixels."""
+    light = _light(pixels, level, by_level, look.decoded)
+    missing = torch.from_numpy(np.ascontiguousarray(by_level.missing.T)).to(pixels.device)[level.clamp(max=FINE_LEVELS - 1)]
+    gray = _sum(light) / _sum(1 - missing)
+    light = torch.where(_sum(missing) > 0, light + missing * gray, light)
+    lost = (1 - known[:, :1]) * (1 - known[:, 1:2]) * (1 - known[:, 2:])
+    brightest = light.amax(dim=1, keepdim=True)
+    gray = (_sum(known * light) + lost * brightest) / (_sum(known) + lost)
+    return light + (1 - known) * (gray - light).clamp(min=0)
+
+
+def _sum(channels: Tensor) -> Tensor:
+    return channels[:, :1] + channels[:, 1:2] + channels[:, 2:]
+
+
+def _encoded(light: Tensor, nodes: Tensor) -> Tensor:
+    place = (light * NODES).clamp(0, nodes.numel() - 2)
     node = place.to(torch.int64)
-    values = (nodes[node] + (nodes[node + 1] - nodes[node]) * (place - node)).to(torch.int32)
-    values[level == FINE_LEVELS] = 0
+    values: Tensor = nodes[node] + (nodes[node + 1] - nodes[node]) * (place - node)
     return values

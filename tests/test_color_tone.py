@@ -1,0 +1,129 @@
+"""How bright a picture is shown: dark scenes are lifted, highlights roll off at one chromaticity, what was clipped or lost to noise
+comes out neutral and is marked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.encoding import decode
+from stereo_seecolor.color.gains import MID_GRAY
+from stereo_seecolor.color.parameters import clear_water
+from stereo_seecolor.config import ColorConfig
+
+CONFIG = ColorConfig(output_noise=1e9)
+CLEAR = clear_water(CONFIG)
+
+
+def encoded(light, depth=8):
+    light = np.asarray(light, float)
+    value = np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055)
+    return np.round(np.clip(value, 0, 1) * (2**depth - 1)).astype(np.uint8 if depth == 8 else np.uint16)
+
+
+def scene(median, brightest=0.9, shape=(80, 120), depth=8):
+    """Linear light around a median, warm, with a few pixels as bright as a white card."""
+    rng = np.random.default_rng(1)
+    light = median * np.exp(0.5 * rng.standard_normal((*shape, 1))) * np.array([1.1, 1.0, 0.8])
+    light[:2] = brightest
+    return encoded(light, depth), np.full(shape, 2.0, np.float32)
+
+
+def linear(image):
+    return decode(image / np.iinfo(image.dtype).max, "srgb")
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_light_rolls_off_above_mid_gray_and_keeps_its_chromaticity(depth):
+    light = np.linspace(0.02, 0.24, 60)[:, None] * np.array([1.0, 0.7, 0.4])
+    image = np.repeat(encoded(light, depth)[None], 4, axis=0)
+    range_m = np.full(image.shape[:2], 2.0, np.float32)
+    plain = linear(image) * 4
+    shown = linear(Corrector(CONFIG).apply(image, range_m, CLEAR, exposure=4.0, highlights=4.0).image)
+    step = 0.02 if depth == 8 else 1e-3
+    below = plain.max(axis=2) < MID_GRAY
+    assert np.abs(shown / plain - 1)[below].max() < step
+    assert (shown / plain).max(axis=2)[~below].max() < 1 + step
+    assert (np.diff(shown[0, :, 0]) >= 0).all()
+    ratios, true = shown[..., 1:] / shown[..., :1], plain[..., 1:] / plain[..., :1]
+    assert np.abs(ratios / true - 1).max() < step
+    assert shown.max() < 1 < plain[~below].max() + 0.1
+
+
+def test_both_depths_show_the_same():
+    image, range_m = scene(0.01)
+    shallow = Corrector(CONFIG).apply(image, range_m, CLEAR)
+    deep = Corrector(CONFIG).apply(
+        image.astype(np.uint16) * 257, range_m, CLEAR, exposure=shallow.exposure, highlights=shallow.highlights
+    )
+    assert shallow.highlights == 4.0
+    assert np.abs(shallow.image - deep.image / 257).max() < 0.7
+
+
+def test_a_scene_that_is_dark_against_its_brightest_is_lifted_two_stops_at_most():
+    lifts = []
+    for median in (0.2, 0.05, 0.002):
+        image, range_m = scene(median)
+        clip, rolled = (Corrector(replace_config(highlights=how)).apply(image, range_m, CLEAR) for how in ("clip", "roll-off"))
+        lifts.append(rolled.exposure / clip.exposure)
+        assert rolled.highlights == pytest.approx(lifts[-1])
+        assert rolled.clipped_share <= clip.clipped_share
+        if lifts[-1] == 1:
+            assert np.array_equal(clip.image, rolled.image)
+    assert lifts[0] == 1
+    assert lifts[1] == pytest.approx(0.12 * 0.9 / 0.05, rel=0.1)
+    assert lifts[2] == 4
+
+
+def replace_config(**settings):
+    return ColorConfig(output_noise=1e9, **settings)
+
+
+def test_values_as_they_are_have_no_roll_off():
+    image, range_m = scene(0.01)
+    config = replace_config(input_encoding="as-is")
+    assert Corrector(config).apply(image, range_m, clear_water(config)).highlights == 1
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_what_the_camera_clipped_comes_out_neutral_and_marked(depth):
+    full = 2**depth - 1
+    water = replace(CLEAR, white=np.array([0.3, 0.9, 1.0]))  # little red arrives
+    image = np.array([[[0.65, 1, 1], [1, 1, 1], [0.3, 0.5, 0.5], [0.65, 0.7, 1]]]) * full
+    image = image.astype(np.uint8 if depth == 8 else np.uint16)
+    found = Corrector(CONFIG).apply(image, np.full((1, 4), 2.0, np.float32), water, exposure=0.6)
+    shown = linear(found.image)[0]
+    assert found.unrecoverable[0].tolist() == [True, True, False, True]
+    assert np.ptp(shown[0]) < 0.02, "green and blue are at least as bright as what red says"
+    assert np.ptp(shown[1]) < 0.02
+    assert shown[1].max() == pytest.approx(1)
+    light = decode(image[0] / full, "srgb") * 0.6 / water.white
+    assert np.abs(shown[2] - light[2]).max() < 0.01, "what was not clipped is left alone"
+    assert np.abs(shown[3, :2] - light[3, :2]).max() < 0.01
+    assert shown[3, 2] == pytest.approx(max(light[3, 2], light[3, :2].mean()), abs=0.01)
+
+
+def test_where_noise_stops_a_channel_the_others_stand_in():
+    range_m = np.tile(np.linspace(1, 12, 300, dtype=np.float32), (4, 1))
+    water = replace(CLEAR, y=np.array([0.6, 0.08, 0.05]))
+    light = 0.3 * water.attenuation(range_m)
+    found = Corrector(ColorConfig()).apply(encoded(light, 16), range_m, water, exposure=1.0)
+    shown = linear(found.image)[0]
+    lost = found.unrecoverable[0]
+    assert not lost[0]
+    assert lost[-1]
+    assert np.abs(shown[lost] / 0.3 - 1).max() < 0.04, "gray, not cyan; a level of range is up to 0.8 % wide"
+
+
+def test_frames_of_a_survey_share_their_roll_off():
+    corrector = Corrector(ColorConfig(lock="survey"))
+    fitter = corrector.survey_fitter()
+    for i, median in enumerate((0.01, 0.02)):
+        image, _ = scene(median)
+        range_m = np.tile(np.linspace(1, 3, image.shape[1], dtype=np.float32), (image.shape[0], 1))
+        fitter.add(str(i), corrector.measure(image, range_m), image, range_m)
+    first, second = fitter.waters().values()
+    assert first.exposure == second.exposure is not None
+    assert first.highlights == second.highlights > 1
+    assert corrector.apply(image, range_m, second).highlights == first.highlights
