@@ -29,7 +29,7 @@ def make_dive(root: Path, pairs: int, size: tuple[int, int]) -> None:
     """A dive of hard links to a few rendered pairs."""
     synthesize(SurveySpec(pairs=RENDERED, lines=1, image_size=size), root / "rendered")
     for side in ("left", "right"):
-        (root / side).mkdir()
+        (root / side).mkdir(parents=True)
         files = sorted((root / "rendered" / side).iterdir())
         for i in range(pairs):
             (root / side / f"{i:06d}.png").hardlink_to(files[i % RENDERED])
@@ -96,8 +96,10 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as folder:
         dive = Path(folder)
+        make_dive(dive / "small", 1, (320, 256))
+        for way in ("run", "plain"):
+            measure(way, dive / "small", options.workers)  # compiles what is compiled once on a machine
         make_dive(dive, options.pairs, tuple(options.size))
-        measure("run", dive, options.workers)  # compiles what is compiled once on a machine
         runs = [(measure("run", dive, options.workers), measure("plain", dive, 1)) for _ in range(options.rounds)]
     print(f"{platform.machine()}, {os.cpu_count()} cores; {options.pairs} pairs of {options.size[0]}x{options.size[1]}")
     for name, results in (("run, survey water", [a for a, _ in runs]), ("plain loop, frame water", [b for _, b in runs])):

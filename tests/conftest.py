@@ -14,6 +14,13 @@ from calibration.formats import native
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
+def contents(out: Path) -> dict[str, bytes]:
+    """All products of a run by name; frames.csv and run.json hold times, so they are left out."""
+    products = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
+    found = {str(path.relative_to(out)): path.read_bytes() for product in products for path in (out / product).glob("*")}
+    return found | {"water.json": (out / "water.json").read_bytes()}
+
+
 @pytest.fixture
 def real_data() -> Path:
     """The folder of real frames, stereo pairs and chessboards; skips where it is absent."""

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from conftest import contents
 
 from stereo_seecolor.cli import main
 from stereo_seecolor.errors import DeviceError, InputError
@@ -36,13 +37,6 @@ def read(path: Path) -> np.ndarray:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     assert image is not None, path
     return image
-
-
-def contents(out: Path) -> dict[str, bytes]:
-    """All products by name; frames.csv and run.json hold times, so they are left out."""
-    products = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
-    found = {str(path.relative_to(out)): path.read_bytes() for product in products for path in sorted((out / product).glob("*"))}
-    return found | {"water.json": (out / "water.json").read_bytes()}
 
 
 def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:

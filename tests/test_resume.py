@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from conftest import contents
 
 from stereo_seecolor import jobs
 from stereo_seecolor.errors import OutputError
@@ -20,13 +21,6 @@ from stereo_seecolor.options import RunOptions
 from stereo_seecolor.outputs.frames_table import FrameRow
 
 PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
-PRODUCTS = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
-
-
-def contents(out: Path) -> dict[str, bytes]:
-    """All products by name; frames.csv and run.json hold times, so they are left out."""
-    found = {str(path.relative_to(out)): path.read_bytes() for product in PRODUCTS for path in (out / product).glob("*")}
-    return found | {"water.json": (out / "water.json").read_bytes()}
 
 
 def assert_whole(out: Path) -> None:
