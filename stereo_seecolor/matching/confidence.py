@@ -17,17 +17,19 @@ _inlined: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, 
 
 
 @_compiled
-def confidence_rows(rival: Map, support: Map, relief: Map, sure: Map) -> None:
-    """sure = P(|disparity error| <= 1 px) from its lead over its rival, known neighbours and relief around it."""
-    one, least = np.float32(1), np.float32(LEAST_RELIEF_PX)
+def trust_rows(least: float, rival: Map, support: Map, relief: Map, disparity: Map, sure: Map) -> None:
+    """sure = P(|disparity error| <= 1 px) from its lead over its rival, known neighbours and relief; NaN where under ``least``."""
+    one, unknown, least_relief, least_sure = np.float32(1), np.float32(np.nan), np.float32(LEAST_RELIEF_PX), np.float32(least)
     per_rival, per_support = np.float32(RIVAL_WEIGHT / np.log(2)), np.float32(SUPPORT_WEIGHT / np.log(2))
     per_relief, offset = np.float32(RELIEF_WEIGHT), np.float32(OFFSET / np.log(2))
     for y in range(sure.shape[0]):
-        rival_row, support_row, relief_row, sure_row = rival[y], support[y], relief[y], sure[y]
+        rival_row, support_row, relief_row, disparity_row, sure_row = rival[y], support[y], relief[y], disparity[y], sure[y]
         for x in range(sure_row.size):
             odds = per_rival * np.sqrt(min(rival_row[x], one)) + per_support * support_row[x] + offset
-            odds += per_relief * _log2(relief_row[x] + least)
-            sure_row[x] = one / (one + _exp2(-odds))
+            odds += per_relief * _log2(relief_row[x] + least_relief)
+            chance = one / (one + _exp2(-odds))
+            sure_row[x] = chance
+            disparity_row[x] = disparity_row[x] if chance >= least_sure else unknown
 
 
 @_inlined

@@ -28,15 +28,11 @@ _compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True,
 
 
 def gray(image: Image) -> Gray:
-    """(H, W) luma of an RGB image, 0..65280 whatever its depth: in haze the signal is finer than one step of 8 bits."""
-    luma = np.empty(image.shape[:2], np.uint16)
-    _luma(image, np.uint32(8 if image.dtype == np.uint16 else 0), luma)
-    return luma
-
-
-def smooth(image: Gray) -> Gray:
-    """Gaussian blur, cut off beyond two pixels."""
-    blurred: Gray = cv2.GaussianBlur(image, (5, 5), SMOOTHING_PX)
+    """(H, W) luma of an RGB image, blurred, 0..65535 whatever its depth: in haze the signal is finer than one step of 8 bits."""
+    blurred = np.empty(image.shape[:2], np.uint16)
+    outer, near, centre = cv2.getGaussianKernel(5, SMOOTHING_PX, cv2.CV_32F)[:3, 0]
+    full = np.float32(1 / 256 if image.dtype == np.uint16 else 1)
+    _blurred_luma(np.ascontiguousarray(image).reshape(image.shape[0], -1), full, (centre, near, outer), blurred)
     return blurred
 
 
@@ -59,17 +55,17 @@ def mirrored_census(image: Gray, before: int, after: int) -> Census:
     """(H, before + W + after) the census mirrored left to right, between columns of zeros."""
     height, width = image.shape
     bits = np.zeros((height, before + width + after), np.uint32)
-    bits[:, before : before + width] = census(image)[:, ::-1]
+    _census(_padded(image), _PATTERN, bits[:, before : before + width][:, ::-1])
     return bits
 
 
 def jump_costs(image: Gray, full: int, least: int) -> NDArray[np.uint8]:
-    """(2, H + 4, W + 9) what a jump of disparity costs from the pixel above, and from the pixel to the left; more to fill blocks.
+    """(2, H + 8, W + 9) what a jump of disparity costs from the pixel above, and from the pixel to the left; more to fill tiles.
 
     Surfaces end where the image changes (Hirschmueller 2008, section 2.3): ``full`` on even ground, half of it where gray
     changes by EDGE_LEVELS, never under ``least``.
     """
-    costs = np.full((2, image.shape[0] + 4, image.shape[1] + 9), full, np.uint8)
+    costs = np.full((2, image.shape[0] + 8, image.shape[1] + 9), full, np.uint8)
     _jump_costs(image, np.float32(full), np.float32(least), costs)
     return costs
 
@@ -95,23 +91,44 @@ def _padded(image: Gray) -> Gray:
 
 
 @_compiled
-def _luma(image: Image, shift: np.uint32, luma: Gray) -> None:
-    for y in range(image.shape[0]):
-        pixels, row = image[y], luma[y]
-        for x in range(row.size):
-            r, g, b = np.uint32(pixels[x, 0]), np.uint32(pixels[x, 1]), np.uint32(pixels[x, 2])
-            row[x] = (np.uint32(77) * r + np.uint32(150) * g + np.uint32(29) * b) >> shift
+def _blurred_luma(pixels: Any, full: Any, weights: tuple[Any, Any, Any], blurred: Gray) -> None:
+    """pixels: (H, 3 W), red, green, blue in turn. weights: of the centre, and of the first and second pixel on each side."""
+    height, width = blurred.shape
+    row, ring = np.empty(width + 4, np.float32), np.empty((5, width), np.float32)
+    for y in range(-2, height + 2):
+        _luma(pixels[min(max(y, 0), height - 1)], full, row[2 : width + 2])
+        row[:2], row[width + 2 :] = row[2], row[width + 1]
+        _blur(row[2:-2], row[1:-3], row[3:-1], row[:-4], row[4:], weights, np.float32(0), ring[y % 5])
+        if y >= 2:
+            above, here, below = ring[(y - 3) % 5], ring[(y - 2) % 5], ring[(y - 1) % 5]
+            _blur(here, above, below, ring[(y - 4) % 5], ring[y % 5], weights, np.float32(0.5), blurred[y - 2])
+
+
+@_compiled
+def _luma(pixels: Any, full: Any, luma: Any) -> None:
+    red, green, blue = np.float32(77) * full, np.float32(150) * full, np.float32(29) * full
+    for x in range(luma.size):
+        luma[x] = red * np.float32(pixels[3 * x]) + green * np.float32(pixels[3 * x + 1]) + blue * np.float32(pixels[3 * x + 2])
+
+
+@_compiled
+def _blur(centre: Any, a: Any, b: Any, c: Any, d: Any, weights: tuple[Any, Any, Any], rounding: Any, blurred: Any) -> None:
+    own, near, outer = weights
+    for x in range(blurred.size):
+        blurred[x] = own * centre[x] + near * (a[x] + b[x]) + outer * (c[x] + d[x]) + rounding
 
 
 @_compiled
 def _census(padded: Gray, pattern: NDArray[np.int64], bits: Census) -> None:
     height, width = bits.shape
+    row = np.empty(width, np.uint32)
     for y in range(height):
-        row = bits[y]
         row[:] = 0
-        centre = padded[y + 3, 3 : 3 + width]
-        for i in range(pattern.shape[0]):
-            left = 3 + pattern[i, 1]
-            other = padded[y + 3 + pattern[i, 0], left : left + width]
+        centre = padded[y + _REACH, _REACH : _REACH + width]
+        for i in range(0, pattern.shape[0], 2):
+            left, other_left = _REACH + pattern[i, 1], _REACH + pattern[i + 1, 1]
+            one = padded[y + _REACH + pattern[i, 0], left : left + width]
+            other = padded[y + _REACH + pattern[i + 1, 0], other_left : other_left + width]
             for x in range(width):
-                row[x] = (row[x] << np.uint32(1)) | np.uint32(other[x] < centre[x])
+                row[x] = (row[x] << np.uint32(2)) | np.uint32(one[x] < centre[x]) << np.uint32(1) | np.uint32(other[x] < centre[x])
+        bits[y] = row

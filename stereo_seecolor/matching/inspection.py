@@ -79,20 +79,29 @@ def one_sided(left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: in
     left, disparity: small, the disparity in pixels of the full size, ``scale`` times this one. A hole in a row as long as the
     disparity jumps up across it is an occlusion; what is longer has no such excuse.
     """
-    known = np.isfinite(disparity)
-    column = np.arange(disparity.shape[1])
-    before = np.maximum.accumulate(np.where(known, column, -1), axis=1)
-    after = np.minimum.accumulate(np.where(known, column, column.size)[:, ::-1], axis=1)[:, ::-1]
-    between = (before >= 0) & (after < column.size) & ~known
-    ends = [np.take_along_axis(disparity, np.clip(i, 0, column.size - 1), axis=1) for i in (before, after)]
-    excess_px = (after - before - 1) - np.maximum(ends[1] - ends[0], 0) / scale
+    lonely = np.zeros(disparity.shape, np.uint8)
+    _long_holes(disparity, np.float32(scale), lonely)
     texture = cv2.blur(cv2.absdiff(left, cv2.blur(left, (5, 5))), (5, 5)) > 256
-    lonely = (between & (excess_px > LEAST_EXCESS_PX) & texture & ~repeated).astype(np.uint8)
+    lonely &= texture & ~repeated
     share = float(cv2.morphologyEx(cv2.medianBlur(lonely, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)).mean())
     if share < ONE_SIDED_SHARE:
         return None
     why = "it moved, covers one lens, or is nearer than matching.min_range_m"
     return f"{share:.1%} of the left image finds no counterpart in the right one: {why}"
+
+
+@_compiled
+def _long_holes(disparity: Map, scale: Any, hole: NDArray[np.uint8]) -> None:
+    """1 in the holes of a row that are longer than the occlusion that the disparities at their ends make."""
+    height, width = disparity.shape
+    for y in range(height):
+        before = width
+        for x in range(width):
+            if not np.isfinite(disparity[y, x]):
+                continue
+            if x - before > 1 and x - before - 1 - max(disparity[y, x] - disparity[y, before], 0) / scale > LEAST_EXCESS_PX:
+                hole[y, before + 1 : x] = 1
+            before = x
 
 
 def misaligned(shift_px: float) -> str | None:
@@ -116,11 +125,11 @@ def row_shift_px(left: Census, right: Census, origin: int, disparity: Map) -> fl
 
 @_compiled
 def _row_costs(left: Census, right: Census, origin: int, disparity: Map) -> NDArray[np.float64]:
-    """Mean bits by which matched pixels differ, for each shift of rows; every eighth pixel of every eighth row."""
+    """Mean bits by which matched pixels differ, for each shift of rows; every 16th pixel of every eighth row."""
     height, width = left.shape
     cost = np.zeros(2 * LARGEST_ROW_SHIFT + 1, np.float64)
     for y in range(LARGEST_ROW_SHIFT, height - LARGEST_ROW_SHIFT, 8):
-        for x in range(0, width, 8):
+        for x in range(0, width, 16):
             if not np.isfinite(disparity[y, x]):
                 continue
             place = origin - x + int(np.rint(disparity[y, x]))

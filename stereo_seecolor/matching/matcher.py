@@ -11,9 +11,9 @@ from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.data import Mask, RangeMap, StereoFrame
 from stereo_seecolor.matching import inspection
 from stereo_seecolor.matching.band import Band
-from stereo_seecolor.matching.confidence import confidence_rows
+from stereo_seecolor.matching.confidence import trust_rows
 from stereo_seecolor.matching.filling import fill
-from stereo_seecolor.matching.images import Gray, gray, shrink, smooth
+from stereo_seecolor.matching.images import Gray, gray, shrink
 from stereo_seecolor.matching.metres import measure_rows
 from stereo_seecolor.matching.network import Network
 from stereo_seecolor.matching.refine import refine_rows
@@ -23,7 +23,7 @@ Pair = tuple[Gray, Gray]
 
 UNKNOWN = np.float32(np.nan)
 SPECKLE_PX, COARSE_SPECKLE_PX = 100, 10
-HOT_STRIP = 64
+HOT_STRIP = 128
 """Rows that are refined, judged and measured together while they are in the processor's cache."""
 LEFT_RIGHT_PX = 1.0
 """Largest difference between a network's disparity and that of the pixel of the right image that it meets."""
@@ -61,33 +61,35 @@ class Matcher:
             reason = inspection.unusable(*small)
             if reason:
                 return self._unknown(f"{reason}: no range is known")
-            smoothed = pool.map(smooth, (left, right))
-            repeated = inspection.repeated(small[0], (self._highest - self._lowest) // self._scale)
-            left, right = smoothed
             if self._network:
                 return self._range_map(self._predicted(self._network, frame), (left, right), pool)
-            found = self._searched(small, (left, right), repeated, pool)
+            repeating = pool.submit(inspection.repeated, small_left, (self._highest - self._lowest) // self._scale)
+            found = self._searched(small, (left, right), pool)
+            repeated = repeating.result()
+            self._forget(found, repeated)
             range_map = self._range_map(found, (left, right), pool)
-            measured = np.where(range_map.filled, UNKNOWN, range_map.disparity)[:: self._scale, :: self._scale]
+            every = slice(None, None, self._scale), slice(None, None, self._scale)
+            measured = np.where(range_map.filled[every], UNKNOWN, range_map.disparity[every])
             told = (
                 inspection.repeats(repeated),
-                inspection.one_sided(small[0], measured, repeated, self._scale),
+                inspection.one_sided(small_left, measured, repeated, self._scale),
                 inspection.misaligned(found.row_shift_px),
             )
             return replace(range_map, warnings=tuple(warning for warning in told if warning))
 
-    def _searched(self, small: Pair, sharp: Pair, repeated: Mask, pool: ThreadPoolExecutor) -> Found:
-        """Coarse, to learn where the bottom is; then fine, near it. Nothing is known where the image repeats itself."""
-        small = smooth(small[0]), smooth(small[1])
+    def _searched(self, small: Pair, sharp: Pair, pool: ThreadPoolExecutor) -> Found:
+        """Coarse, to learn where the bottom is; then fine, near it."""
         low, high = self._lowest // self._scale, -(-self._highest // self._scale)
         coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high), pool)
         remove_speckles(coarse.disparity, COARSE_SPECKLE_PX)
-        near = coarse.disparity
-        found = search(sharp[0], sharp[1], Band.around(near, self._scale, sharp[0].shape, self._lowest, self._highest), pool)
+        band = Band.around(coarse.disparity, self._scale, sharp[0].shape, self._lowest, self._highest)
+        return search(sharp[0], sharp[1], band, pool)
+
+    def _forget(self, found: Found, repeated: Mask) -> None:
+        """Nothing is known where the (small) image repeats itself."""
         if repeated.any():
             height, width = found.disparity.shape
             found.disparity[repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width]] = UNKNOWN
-        return found
 
     def _predicted(self, network: Network, frame: StereoFrame) -> Found:
         """A network's disparity, checked as matching's is: against that of the pair mirrored and swapped."""
@@ -117,10 +119,10 @@ class Matcher:
             measure_rows(pair, limits_m, rows.start, *maps)
 
         def judge(rows: slice) -> None:
-            refined, std[rows], support, relief = refine_rows(sharp[0], sharp[1], gain, checked, (rows.start, rows.stop))
-            confidence_rows(found.rival[rows], support, relief, sure[rows])
-            chosen = checked[rows] if self._network else refined
-            disparity[rows] = np.where(sure[rows] >= self._config.min_confidence, chosen, UNKNOWN)
+            support, relief = refine_rows(sharp[0], sharp[1], gain, checked, rows.start, disparity[rows], std[rows])
+            if self._network:
+                disparity[rows] = checked[rows]
+            trust_rows(self._config.min_confidence, found.rival[rows], support, relief, disparity[rows], sure[rows])
             if not self._config.fill:
                 measure(rows)
 

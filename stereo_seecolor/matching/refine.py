@@ -23,8 +23,8 @@ SAMPLES = WINDOW**2 / (4 * np.pi * SMOOTHING_PX**2)
 _compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 
 
-def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, rows: tuple[int, int]) -> tuple[Map, Map, Map, Map]:
-    """Disparity and its standard error, pixels, support and relief, for rows[0]..rows[1]-1; NaN where disparity (H, W) is.
+def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, first: int, refined: Map, std: Map) -> tuple[Map, Map]:
+    """Fill ``refined`` and ``std``, pixels, from row ``first`` of disparity (H, W) on, NaN where it is; give support and relief.
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient g of both images are
     summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of what is left of e over
@@ -32,9 +32,9 @@ def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, rows: tupl
     support: share of the window that is known.
     relief: |disparity - its mean over the window|, pixels: large beside an edge.
     """
-    refined, std, support, relief = (np.empty((rows[1] - rows[0], disparity.shape[1]), np.float32) for _ in range(4))
-    _refine(left, right, np.float32(gain), disparity, rows, (refined, std, support, relief))
-    return refined, std, support, relief
+    support, relief = np.empty_like(refined), np.empty_like(refined)
+    _refine(left, right, np.float32(gain), disparity, (first, first + refined.shape[0]), (refined, std, support, relief))
+    return support, relief
 
 
 @_compiled

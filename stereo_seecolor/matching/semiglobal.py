@@ -83,12 +83,12 @@ def match_rows(
     start, first, end, stop = rows
     tile_row = start // TILE
     bands, lengths = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1)
-    most, widest = lengths.max(), PIXELS * count.max()
+    most, widest = lengths.max(), TILE * count.max()
     row_places = np.zeros(end - first + 1, np.int64)
     for row in range(end - first):
         row_places[row + 1] = row_places[row] + lengths[(first + row) // TILE - tile_row]
     total = np.empty(row_places[-1], np.uint8)
-    cost, along = np.empty(PIXELS * most, np.uint8), np.empty(PIXELS * most, np.uint8)
+    cost, along = np.empty(TILE * most, np.uint8), np.empty(TILE * most, np.uint8)
     sums, facts = np.empty(most + 2 * TILE * LANES, np.uint16), np.empty((6, left.shape[1] + TILE), np.int16)
     claims = np.empty(TILE + right.shape[1] + WINDOW, np.uint32)
     paths = np.zeros(ALONG + 3 * widest + 2 * most, np.uint8)
@@ -97,23 +97,22 @@ def match_rows(
     p1, scale, least_lead = np.uint8(P1), np.float32(1 / P2), np.float32(ambiguous)
     for sweep in range(2):
         top, bottom = (start, end) if sweep == 0 else (first, stop)
-        groups = (bottom - top + PIXELS - 1) // PIXELS
         before, now = ALONG + 3 * widest, ALONG + 3 * widest + most
         paths[before:] = 0
-        tile_before = (top if sweep == 0 else bottom - 1) // TILE - tile_row
-        for group in range(groups):
-            y = top + PIXELS * (group if sweep == 0 else groups - 1 - group)
-            tile, tall = y // TILE - tile_row, min(PIXELS, bottom - y)
+        tiles = -(-(bottom - top) // TILE)
+        for i in range(tiles):
+            y = top + TILE * (i if sweep == 0 else tiles - 1 - i)
+            tile, tall = y // TILE - tile_row, min(TILE, bottom - y)
             band = bands[tile]
-            if tile != tile_before:
-                _change_bands(paths, before, now, bands[tile_before], band)
-                before, now, tile_before = now, before, tile
+            if i > 0:
+                _change_bands(paths, before, now, bands[tile - 1 if sweep == 0 else tile + 1], band)
+                before, now = now, before
             _costs(left[y : y + tall], right[y : y + tall], origin, band, cost, most)
             inside = first <= y < end
             if inside:
                 _along(sweep, band, cost, along, most, jump[1], y, paths, widest, p1)
-            for i in range(tall):
-                row = i if sweep == 0 else tall - 1 - i
+            for step in range(tall):
+                row = step if sweep == 0 else tall - 1 - step
                 _across(band, cost, row * most, jump[0], y + row + sweep, paths, before, now, p1)
                 before, now = now, before
                 if inside:
@@ -157,32 +156,35 @@ def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int)
 
 @_compiled
 def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
-    """The paths along four rows from y on, right in sweep 0 and left in sweep 1, to ``along``, which is laid out as their costs."""
+    """The paths along the rows of a tile from y on, right in sweep 0 and left in sweep 1, to ``along``, which is laid out as their costs."""
     tiles, jump_stride = band.shape[1], jump.shape[1]
     before, now, spare = ALONG, ALONG + widest, ALONG + 2 * widest
     first = 0 if sweep == 0 else tiles - 1
     low, count = band[LOW, first], band[COUNT, first]
-    paths[before : before + PIXELS * count] = 0
+    paths[before : before + TILE * count] = 0
     for i in range(tiles):
         tile = i if sweep == 0 else tiles - 1 - i
         if band[LOW, tile] != low or band[COUNT, tile] != count:
-            _slide(paths, before, spare, PIXELS, low, count, band[LOW, tile], band[COUNT, tile])
+            _slide(paths, before, spare, TILE, low, count, band[LOW, tile], band[COUNT, tile])
             before, spare = spare, before
             low, count = band[LOW, tile], band[COUNT, tile]
+        column, onward = (0, 1) if sweep == 0 else (TILE - 1, -1)
+        place = band[PLACE, tile] + column * LANES
+        j = y * jump_stride + tile * TILE + column + sweep
         if count == LANES:
-            column, onward = (0, 1) if sweep == 0 else (TILE - 1, -1)
-            j = y * jump_stride + tile * TILE + column + sweep
-            place = band[PLACE, tile] + column * LANES
             steps(paths, before, cost, place, along, onward * LANES, most, jump, j, onward, jump_stride, P1)
             continue
-        for i in range(TILE):
-            column = i if sweep == 0 else TILE - 1 - i
-            place = band[PLACE, tile] + column * LANES
-            j = y * jump_stride + tile * TILE + column + sweep
-            _advance(paths, before, now, BLOCK, count, cost, place, most, jump, j, jump_stride, P1)
-            for k in range(0, count, LANES):
-                scatter(paths, now + k * PIXELS, along, place + k * TILE, most)
+        for _ in range(TILE):
+            for half in range(0, TILE, PIXELS):
+                at = half * LANES
+                _advance(
+                    paths, before + at, now + at, TILE * LANES, count,
+                    cost, place + half * most, most, jump, j + half * jump_stride, jump_stride, P1,
+                )  # fmt: skip
+                for k in range(0, count, LANES):
+                    scatter(paths, now + at + k * TILE, along, place + half * most + k * TILE, most)
             before, now = now, before
+            place, j = place + onward * LANES, j + onward
 
 
 @_compiled

@@ -74,21 +74,26 @@ def steps(
     typing: Any, paths: Any, at: Any, cost: Any, c: Any, along: Any, onward: Any, stride: Any,
     jump: Any, j: Any, j_onward: Any, jump_stride: Any, P1: Any,
 ) -> Any:  # fmt: skip
-    """TILE steps in a row, from paths[at:] and back to it; each step's costs also to ``along``, laid out as ``cost``.
+    """TILE steps of the paths along TILE rows, from paths[at:] and back to it; each step's costs also to ``along``, laid out as ``cost``.
 
     From one step to the next, costs lie ``onward`` and jumps ``j_onward`` apart.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         paths, at, cost, c, along, onward, stride, jump, j, j_onward, jump_stride, P1 = arguments
-        same = _load_block(context, builder, signature.args[0], paths, at)
+        halves = [_further(builder, at, half * BLOCK) for half in range(TILE // PIXELS)]
+        same = [_load_block(context, builder, signature.args[0], paths, half) for half in halves]
         for _ in range(TILE):
-            here = _gather(context, builder, signature.args[2], cost, c, stride)
-            jumps = _jumps(context, builder, signature.args[7], jump, j, jump_stride)
-            same = _step(builder, _FAR, same, _FAR, _floor(builder, same), here, jumps, P1)
-            _scatter(context, builder, signature.args[4], along, c, stride, same)
+            for half in range(len(halves)):
+                row = builder.mul(stride, ir.Constant(stride.type, half * PIXELS))
+                jump_row = builder.mul(jump_stride, ir.Constant(stride.type, half * PIXELS))
+                here = _gather(context, builder, signature.args[2], cost, builder.add(c, row), stride)
+                jumps = _jumps(context, builder, signature.args[7], jump, builder.add(j, jump_row), jump_stride)
+                same[half] = _step(builder, _FAR, same[half], _FAR, _floor(builder, same[half]), here, jumps, P1)
+                _scatter(context, builder, signature.args[4], along, builder.add(c, row), stride, same[half])
             c, j = builder.add(c, onward), builder.add(j, j_onward)
-        _store_block(context, builder, signature.args[0], paths, at, same)
+        for half, result in zip(halves, same, strict=True):
+            _store_block(context, builder, signature.args[0], paths, half, result)
         return context.get_dummy_value()
 
     u8, i = types.uint8, types.intp
@@ -359,6 +364,10 @@ def _jumps(context: Any, builder: Any, array_type: Any, array: Any, index: Any, 
         value = _load(builder, _at(context, builder, array_type, array, place, _BYTE), 1)
         jumps = builder.insert_element(jumps, value, ir.Constant(_WORD, pixel))
     return builder.shuffle_vector(jumps, jumps, _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)]))
+
+
+def _further(builder: Any, index: Any, by: int) -> Any:
+    return builder.add(index, ir.Constant(index.type, by))
 
 
 def _load_block(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
