@@ -111,8 +111,8 @@ def match_rows(
             inside = first <= y < end
             if inside:
                 _along(sweep, band, cost, along, most, jump[1], y, paths, widest, p1)
-            for step in range(tall):
-                row = step if sweep == 0 else tall - 1 - step
+            for turn in range(tall):
+                row = turn if sweep == 0 else tall - 1 - turn
                 _across(band, cost, row * most, jump[0], y + row + sweep, paths, before, now, p1)
                 before, now = now, before
                 if inside:
@@ -156,7 +156,7 @@ def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int)
 
 @_compiled
 def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
-    """The paths along the rows of a tile from y on, right in sweep 0 and left in sweep 1, to ``along``, which is laid out as their costs."""
+    """The paths along a row of tiles, whose first row is y, right in sweep 0, left in sweep 1; to ``along``, laid out as the costs."""
     tiles, jump_stride = band.shape[1], jump.shape[1]
     before, now, spare = ALONG, ALONG + widest, ALONG + 2 * widest
     first = 0 if sweep == 0 else tiles - 1

@@ -74,7 +74,7 @@ def steps(
     typing: Any, paths: Any, at: Any, cost: Any, c: Any, along: Any, onward: Any, stride: Any,
     jump: Any, j: Any, j_onward: Any, jump_stride: Any, P1: Any,
 ) -> Any:  # fmt: skip
-    """TILE steps of the paths along TILE rows, from paths[at:] and back to it; each step's costs also to ``along``, laid out as ``cost``.
+    """TILE steps of the paths along TILE rows, from paths[at:] and back to it; each also to ``along``, laid out as ``cost``.
 
     From one step to the next, costs lie ``onward`` and jumps ``j_onward`` apart.
     """
