@@ -39,7 +39,9 @@ def gray(image: Image) -> Gray:
 def shrink(image: Gray, scale: int) -> Gray:
     """The image at 1 / scale, each pixel the mean of scale x scale; the last ones are filled up from the border."""
     height, width = image.shape
-    padded = cv2.copyMakeBorder(image, 0, -height % scale, 0, -width % scale, cv2.BORDER_REPLICATE)
+    padded = image
+    if height % scale or width % scale:
+        padded = cv2.copyMakeBorder(image, 0, -height % scale, 0, -width % scale, cv2.BORDER_REPLICATE)
     small: Gray = cv2.resize(padded, (-(-width // scale), -(-height // scale)), interpolation=cv2.INTER_AREA)
     return small
 

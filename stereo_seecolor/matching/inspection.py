@@ -30,7 +30,7 @@ _compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True,
 def unusable(left: Gray, right: Gray) -> str | None:
     """Why this pair, seen small, cannot be matched at all; None if it can."""
     for side, image in (("left", left), ("right", right)):
-        half, most = np.percentile(image[::2, ::2], (50, 99))
+        half, most = np.percentile(image[::4, ::4], (50, 99))
         if most < BLACK:
             return f"the {side} image is black"
         if half > SATURATED:

@@ -156,7 +156,7 @@ def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int)
 
 @_compiled
 def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
-    """The paths along a row of tiles, whose first row is y, right in sweep 0, left in sweep 1; to ``along``, laid out as the costs."""
+    """The paths along a row of tiles, whose first row is y, right in sweep 0 and left in sweep 1, to ``along``."""
     tiles, jump_stride = band.shape[1], jump.shape[1]
     before, now, spare = ALONG, ALONG + widest, ALONG + 2 * widest
     first = 0 if sweep == 0 else tiles - 1
