@@ -28,7 +28,7 @@ def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorC
         image=corrected,
         unknown=unknown,
         unrecoverable=beyond.reshape(shape),
-        clipped_share=clipped / max(unknown.size - int(np.count_nonzero(unknown)), 1),
+        clipped_share=clipped,
         water=water,
         exposure=tone.exposure,
         highlights=tone.highlights,
@@ -55,7 +55,7 @@ def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, co
 
 def _apply(
     flat: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, look: Looks, config: ColorConfig
-) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], float]:
     """Where the config wants it done: see ``kernels.apply``."""
     if config.device == "cuda":
         from stereo_seecolor.color import tensors

@@ -51,26 +51,26 @@ def count(image: NDArray[Any], bits: NDArray[np.int32], values: int) -> tuple[ND
 
 def apply(
     image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, looks: Looks
-) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], float]:
     """(N * 3,) pixels through gain[c, level] * decoded[value] - offset[c, level], the curve and its shoulder; 0 where unknown.
 
-    Gives the pixels; (N,) unknown; (N,) whose level is capped, or that the camera clipped; how many pixels have a channel at full
-    scale.
+    Gives the pixels; (N,) unknown; (N,) whose level is capped, or that the camera clipped; the share of the others than the unknown
+    that has a channel at full scale.
     """
-    out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.zeros(bits.size, np.bool_)
+    out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_)
     bounds = _bounds(bits.size)
-    clipped: dict[int, int] = {}
-    table = color_table(by_level, looks) if image.dtype == np.uint8 else np.empty(0, np.uint8)
+    clipped_known = np.zeros((len(bounds), 2), np.int64)
     model = by_level.gain, by_level.offset, by_level.missing, by_level.capped
     shown = looks.decoded, looks.known, looks.curve, looks.shoulder
 
     def part(i: int) -> None:
         a, b = bounds[i]
         pixels = slice(3 * a, 3 * b)
-        clipped[i] = _correct(image[pixels], bits[a:b], table, *model, *shown, out[pixels], unknown[a:b], beyond[a:b])
+        clipped_known[i] = _correct(image[pixels], bits[a:b], *model, *shown, out[pixels], unknown[a:b], beyond[a:b])
 
     _spread(part, len(bounds))
-    return out, unknown, beyond, sum(clipped.values())
+    clipped, known = clipped_known.sum(axis=0)
+    return out, unknown, beyond, float(clipped / max(known, 1))
 
 
 def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decoded: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -88,15 +88,9 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decode
 
 def color_table(by_level: Gains, looks: Looks) -> NDArray[Any]:
     """(1025 * 768,) what each value of each channel becomes on the curve at each fine level; the last level, unknown, is black."""
-    table = np.full((FINE_LEVELS + 1, 3, 256), looks.curve[0], looks.curve.dtype)
-    half = FINE_LEVELS // 2
-
-    def part(i: int) -> None:
-        levels = slice(i * half, (i + 1) * half)
-        _tabulate(by_level.gain[:, levels], by_level.offset[:, levels], looks.decoded, looks.curve, table[levels])
-
-    _spread(part, 2)
-    return table.reshape(-1)
+    table = np.full((FINE_LEVELS + 1) * 768, looks.curve[0], looks.curve.dtype)
+    _tabulate(by_level.gain, by_level.offset, looks.decoded, looks.curve, 0, FINE_LEVELS, table)
+    return table
 
 
 def _bounds(pixels: int) -> list[tuple[int, int]]:
@@ -158,10 +152,14 @@ def _count(image, bits, shift, cells):  # type: ignore[no-untyped-def]  # pragma
 def _add_up(cells, counts, place_sum):  # type: ignore[no-untyped-def]  # pragma: no cover
     for part in range(cells.shape[0]):
         for level in range(counts.shape[1]):
+            pixels = 0
             for value in range(counts.shape[2]):
                 red = cells[part, level, 0, value]
+                pixels += red >> 40
                 counts[0, level, value] += red >> 40
                 place_sum[level] += red & (PIXEL - 1)
+            if pixels == 0:
+                continue
             for channel in range(1, 3):
                 for value in range(counts.shape[2]):
                     counts[channel, level, value] += cells[part, level, channel, value]
@@ -169,15 +167,28 @@ def _add_up(cells, counts, place_sum):  # type: ignore[no-untyped-def]  # pragma
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
-    image, bits, table, gain, offset, missing, capped, decoded, known, curve, shoulder, out, unknown, beyond
+    image, bits, gain, offset, missing, capped, decoded, known, curve, shoulder, out, unknown, beyond
 ):
-    levels, codes, factors, number = np.empty(BLOCK, np.uint32), np.empty(3 * BLOCK, table.dtype), np.empty(BLOCK, np.float32), 0
+    levels, codes, factors = np.empty(BLOCK, np.uint32), np.empty(3 * BLOCK, curve.dtype), np.empty(BLOCK, np.float32)
     near, first_capped, deep = _first(known < 1), _first(capped), image.itemsize == 2
+    clipped, pixels_known, full = 0, 0, (1 << 8 * image.itemsize) - 1
+    table, low, high = np.empty(0 if deep else (FINE_LEVELS + 1) * 768, curve.dtype), FINE_LEVELS, FINE_LEVELS
+    table[FINE_LEVELS * 768 :] = curve[0]
     for start in range(0, bits.size, BLOCK):
         end = min(start + BLOCK, bits.size)
         pixels, shown, level = image[3 * start : 3 * end], out[3 * start : 3 * end], levels[: end - start]
+        beyond[start:end] = False
         _levels(bits[start:end], True, level)
-        farthest = _outside(level, unknown[start:end])
+        nearest, farthest, number = _outside(level, unknown[start:end])
+        pixels_known += number
+        if not deep and number > 0:  # the table grows with the ranges that are met
+            if low == high:
+                low = high = nearest
+            if nearest < low:
+                _tabulate(gain, offset, decoded, curve, nearest, low, table)
+            if farthest >= high:
+                _tabulate(gain, offset, decoded, curve, high, farthest + 1, table)
+            low, high = min(low, nearest), max(high, farthest + 1)
         if not deep and shoulder.size:
             _look_up(pixels, level, table, codes)
             _roll_off(codes, factors, shoulder, shown)
@@ -185,19 +196,22 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
             _look_up_words(pixels, level, table, shown)
         if deep or farthest >= first_capped or _highest(pixels) >= near:
             _compute(pixels, level, near, gain, offset, missing, capped, decoded, known, curve, shoulder, shown, beyond[start:end])
-        number += _full(shown)
-    return number
+        if _highest(shown) == full:
+            clipped += _full(shown)
+    return clipped, pixels_known
 
 
 @njit(cache=True, nogil=True)
 def _outside(level, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Marks the pixels of unknown range; the farthest level of the others."""
-    none, farthest = np.uint32(FINE_LEVELS), np.uint32(0)
+    """Marks the pixels of unknown range; the nearest and the farthest level of the others, and how many they are."""
+    none, nearest, farthest, number = np.uint32(FINE_LEVELS), np.uint32(FINE_LEVELS), np.uint32(0), np.uint32(0)
     for i in range(level.size):
         unknown[i] = level[i] == none
     for i in range(level.size):
+        nearest = min(nearest, level[i])
         farthest = max(farthest, level[i] if level[i] != none else np.uint32(0))
-    return farthest
+        number += np.uint32(level[i] != none)
+    return int(nearest), int(farthest), int(number)
 
 
 @njit(cache=True, nogil=True)
@@ -351,16 +365,18 @@ def _encoded(light, curve):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @njit(cache=True, nogil=True)
-def _tabulate(gain, offset, decoded, curve, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _tabulate(gain, offset, decoded, curve, low, high, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The levels from ``low`` to before ``high`` of a ``color_table``."""
     one, last = np.float32(NODES), np.float32(curve.size - 1)
     nearest = np.empty(256, np.int32)
-    for level in range(table.shape[0]):
+    for level in range(low, high):
         for c in range(3):
             scale, shift = gain[c, level] * one, offset[c, level] * one - np.float32(0.5)
+            row = table[(3 * level + c) * 256 : (3 * level + c + 1) * 256]
             for value in range(256):
                 nearest[value] = np.int32(min(max(scale * decoded[value] - shift, np.float32(0)), last))
             for value in range(256):
-                table[level, c, value] = curve[np.uint32(nearest[value])]
+                row[value] = curve[np.uint32(nearest[value])]
 
 
 @njit(cache=True, nogil=True)
@@ -368,14 +384,14 @@ def exceeded(counts, levels, light, gain, offset, allowed):  # type: ignore[no-u
     """For each of ``allowed``, most first: the value that at most so many of the channels' values gain * light - offset exceed, to
     1/128 of an octave. counts: (3, 256, V), of which the ``levels`` are looked at; gain, offset: (3, levels)."""
     seen = np.zeros(0x7F80, np.int64)
-    one = np.empty(1, np.float32)
-    whole = one.view(np.int32)
+    shown = np.empty(counts.shape[2], np.float32)
+    whole = shown.view(np.int32)
     for c in range(3):
         for i in range(levels.size):
-            for value in range(counts.shape[2]):
-                if counts[c, levels[i], value] > 0:
-                    one[0] = max(gain[c, i] * light[value] - offset[c, i], 0.0)
-                    seen[whole[0] >> 16] += counts[c, levels[i], value]
+            for value in range(shown.size):
+                shown[value] = max(gain[c, i] * light[value] - offset[c, i], 0.0)
+            for value in range(shown.size):
+                seen[whole[value] >> 16] += counts[c, levels[i], value]
     found = np.zeros(allowed.size, np.float32)
     above = 0
     place = seen.size - 1
@@ -385,5 +401,5 @@ def exceeded(counts, levels, light, gain, offset, allowed):  # type: ignore[no-u
             place -= 1
         if place > 0:
             whole[0] = (place + 1) << 16
-            found[k] = one[0]
+            found[k] = shown[0]
     return found

@@ -32,7 +32,7 @@ def count(
 
 def apply(
     image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, look: Looks, device: torch.device
-) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], int]:
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], float]:
     """``kernels.apply`` on a device."""
     pixels, level = _pixels(image, device), levels(torch.from_numpy(bits).to(device), _FINE_BITS)
     known = torch.from_numpy(look.known).to(device)[pixels.to(torch.int64)]
@@ -51,7 +51,7 @@ def apply(
         out = _rolled_off(out.to(torch.float32), shoulder).clamp(max=np.iinfo(image.dtype).max)
     out = out.to(torch.int32)
     beyond = (capped | (known == 0).any(dim=1)) & ~unknown
-    clipped = int((out == np.iinfo(image.dtype).max).any(dim=1).sum())
+    clipped = int((out == np.iinfo(image.dtype).max).any(dim=1).sum()) / max(int((~unknown).sum()), 1)
     return out.cpu().numpy().astype(image.dtype).reshape(-1), unknown.cpu().numpy(), beyond.cpu().numpy(), clipped
 
 
