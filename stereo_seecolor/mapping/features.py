@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
 
-MAX_FEATURES = 1000
+MAX_FEATURES = 2000
 MAX_WIDTH_PX = 960
-WINDOW_PX = 5
+WINDOW_PX = 9
+"""Ranges are averaged over so wide a window, which their errors are about as wide as."""
 FILL_PX = (9, 33, 129, 513)
-LATERAL_STD_PX = 0.7
+LATERAL_STD_PX = 0.3
+"""How well SIFT finds the same point again."""
 
 
 @dataclass(frozen=True, eq=False)
