@@ -27,14 +27,16 @@ class _Rectangle(NamedTuple):
 def print_target(target: Target, path: Path, dpi: int = 300) -> None:
     """Write ``target`` with a margin of one square: ``.pdf`` at any size, or ``.png`` that carries its dpi.
 
-    Raises CalibrationError for another extension, or a PNG too large to be meant.
+    Raises CalibrationError for another extension, a PNG too large to be meant, or a place that cannot be written.
     """
-    if path.suffix.lower() == ".pdf":
-        path.write_bytes(_pdf(target))
-    elif path.suffix.lower() == ".png":
-        path.write_bytes(_png(target, dpi))
-    else:
+    if path.suffix.lower() not in (".pdf", ".png"):
         raise CalibrationError(f"{path}: a target is printed as .pdf or .png")
+    content = _pdf(target) if path.suffix.lower() == ".pdf" else _png(target, dpi)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _squares(target: Target) -> tuple[int, int]:

@@ -137,6 +137,23 @@ def test_convert(cli: Cli, tmp_path: Path) -> None:
     )
 
 
+def test_a_calibration_goes_into_a_new_folder_and_not_onto_one(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "left.yaml").write_text(ROS_LEFT)
+    (tmp_path / "right.yaml").write_text(ROS_RIGHT)
+    assert cli("convert-calib", tmp_path, tmp_path / "new/deep/cam.yaml")[0] == 0
+    code, _, said = cli("convert-calib", tmp_path / "new/deep/cam.yaml", tmp_path / "new")
+    assert code == 1
+    assert said.endswith("new: the calibration cannot be written: Is a directory\n")
+
+
+def test_a_target_goes_into_a_new_folder_and_not_below_a_file(cli: Cli, tmp_path: Path) -> None:
+    assert cli("calibrate", "--target", TARGET, "--print-target", tmp_path / "new/target.pdf")[0] == 0
+    code, _, said = cli("calibrate", "--target", TARGET, "--print-target", tmp_path / "new/target.pdf/again.pdf")
+    assert code == 1
+    assert "again.pdf: cannot be written: " in said
+    assert said.count("\n") == 1
+
+
 def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "intrinsics.yml").write_text(OPENCV_INTRINSICS)
     (tmp_path / "extrinsics.yml").write_text(OPENCV_EXTRINSICS)

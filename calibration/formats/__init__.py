@@ -44,9 +44,17 @@ def parse_size(text: str) -> tuple[int, int]:
 def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native") -> None:
     """Write ``rig`` in the named format; for ROS, path is ``left.yaml,right.yaml`` or a folder for these two.
 
-    Raises CalibrationError for a format that is not written, or a rig that the format cannot hold.
+    Raises CalibrationError for a format that is not written, a rig that the format cannot hold, or a place that cannot be written.
     """
-    path = Path(path)
+    try:
+        _write(rig, Path(path), format)
+    except OSError as error:
+        raise CalibrationError(f"{path}: the calibration cannot be written: {error.strerror or error}") from error
+
+
+def _write(rig: StereoRig, path: Path, format: WritableFormat) -> None:
+    if format != "ros":
+        path.parent.mkdir(parents=True, exist_ok=True)
     if format == "native":
         native.write(rig, path)
     elif format == "ros":
