@@ -190,15 +190,16 @@ def _minimise(x, z, light, clipped, trust, mean, precision, noise):  # type: ign
             new = _cost(trial, z, light, mean, precision, weights, over, noise[3], unused_normal, unused_slope, False)
             if new < cost:
                 small = cost - new < 1e-3 * cost
-                x[:] = trial
+                x[:], cost = trial, new
                 damping = max(damping * 0.2, 1e-6)
-                cost = _cost(x, z, light, mean, precision, weights, over, noise[3], normal, slope, True)
                 if small:
                     break
+                _cost(x, z, light, mean, precision, weights, over, noise[3], normal, slope, True)
             else:
                 damping = min(damping * 8, 1e6)
         if start - cost < 3e-4 * start:
             break
+    _cost(x, z, light, mean, precision, weights, over, noise[3], normal, slope, True)
     return x, normal
 
 
