@@ -110,6 +110,18 @@ def test_terrain_is_the_highest_surface_over_each_cell(tmp_path: Path) -> None:
     np.testing.assert_allclose(terrain[:, 5:], 1 - 2 * np.maximum(abs(x - 0.5), abs(y - 0.5)), atol=1e-6)
 
 
+def test_vertices_on_cells_centres_leave_no_slits(tmp_path: Path) -> None:
+    """As the map's are, far from the origin in float32; a strip one voxel wide is two cells."""
+    x, y = np.meshgrid(np.arange(2000, 2041), np.arange(3000, 3002))
+    points = np.stack([x * 0.01, y * 0.01, 0 * x], axis=-1).reshape(-1, 3) + np.random.default_rng(0).normal(0, 2e-6, (82, 3))
+    corner = np.arange(40)
+    lower, upper = np.stack([corner, corner + 1, corner + 41], -1), np.stack([corner + 1, corner + 42, corner + 41], -1)
+    triangles = np.concatenate([lower, upper]).astype(np.int32)
+    strip = Surface(points.astype(np.float32), np.zeros((82, 3), np.float32), np.zeros((82, 3), np.uint8), triangles)
+    grid = Grid(19.995, 30.015, 0.01, (2, 41))
+    assert np.isfinite(render_terrain([strip], grid, tmp_path).read(slice(0, 2), slice(0, 41))).all()
+
+
 def test_the_preview_shows_the_map_on_white() -> None:
     image = render_preview(lambda: [pyramid()])
     assert max(image.shape) == pytest.approx(1600, abs=4)

@@ -6,6 +6,10 @@ import numba
 import numpy as np
 
 
+EDGE = 1e-3
+"""How far outside a triangle, in shares of it, a cell may lie: the map's vertices lie on cells' centres, give or take float32."""
+
+
 @numba.njit(cache=True)
 def rasterize(points: Any, attributes: Any, triangles: Any, height: Any, values: Any) -> None:
     """Draw triangles into ``height`` (H, W) and ``values`` (H, W, C), both changed in place.
@@ -19,16 +23,16 @@ def rasterize(points: Any, attributes: Any, triangles: Any, height: Any, values:
         area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
         if area == 0.0:
             continue
-        first_row = max(int(np.ceil(min(a[1], b[1], c[1]) - 1e-9)), 0)
-        last_row = min(int(np.floor(max(a[1], b[1], c[1]) + 1e-9)), rows - 1)
-        first_column = max(int(np.ceil(min(a[0], b[0], c[0]) - 1e-9)), 0)
-        last_column = min(int(np.floor(max(a[0], b[0], c[0]) + 1e-9)), columns - 1)
+        first_row = max(int(np.ceil(min(a[1], b[1], c[1]) - EDGE)), 0)
+        last_row = min(int(np.floor(max(a[1], b[1], c[1]) + EDGE)), rows - 1)
+        first_column = max(int(np.ceil(min(a[0], b[0], c[0]) - EDGE)), 0)
+        last_column = min(int(np.floor(max(a[0], b[0], c[0]) + EDGE)), columns - 1)
         for row in range(first_row, last_row + 1):
             for column in range(first_column, last_column + 1):
                 u = ((c[0] - b[0]) * (row - b[1]) - (c[1] - b[1]) * (column - b[0])) / area
                 v = ((a[0] - c[0]) * (row - c[1]) - (a[1] - c[1]) * (column - c[0])) / area
                 w = 1.0 - u - v
-                if u < -1e-9 or v < -1e-9 or w < -1e-9:
+                if u < -EDGE or v < -EDGE or w < -EDGE:
                     continue
                 z = u * a[2] + v * b[2] + w * c[2]
                 if height[row, column] >= z:
