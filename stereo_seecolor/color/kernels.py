@@ -37,15 +37,16 @@ def count(image: NDArray[Any], bits: NDArray[np.int32], values: int) -> tuple[ND
     """Counts (3, 256, values) and offset sums (256,) of (N * 3,) pixels with the (N,) bits of their ranges."""
     shift = 0 if image.dtype == np.uint8 else 4
     bounds = _bounds(bits.size)
-    cells = np.zeros((len(bounds), LEVELS + 1, 3, values + GAP), np.int64)
+    cells = np.empty((len(bounds), LEVELS + 1, 3, values + GAP), np.int64)
+    met = np.zeros((len(bounds), 2), np.int64)
 
     def part(i: int) -> None:
         a, b = bounds[i]
-        _count(image[3 * a : 3 * b], bits[a:b], shift, cells[i].reshape(-1))
+        met[i] = _count(image[3 * a : 3 * b], bits[a:b], shift, cells[i].reshape(-1))
 
     _spread(part, len(bounds))
     counts, place_sum = np.zeros((3, LEVELS, values), np.int64), np.zeros(LEVELS, np.int64)
-    _add_up(cells, counts, place_sum)
+    _add_up(cells, met, counts, place_sum)
     return counts, place_sum
 
 
@@ -131,14 +132,26 @@ def _levels(bits, fine, levels):  # type: ignore[no-untyped-def]  # pragma: no c
 
 @njit(cache=True, nogil=True)
 def _count(image, bits, shift, cells):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Into ``cells``, flat (257, 3, values + GAP), pixels; red's above 40 bits, and below these the sum of places in a level."""
+    """Into ``cells``, flat (257, 3, values + GAP), pixels; red's above 40 bits, and below these the sum of places in a level.
+
+    Gives the levels met, from the first to before the last; the cells of others are left as they were.
+    """
     # a flat array and unsigned indices: numba then leaves out its tests for negative ones
     block = np.empty(BLOCK, np.uint32)
-    pitch, shift = U(cells.size // (3 * (LEVELS + 1))), U(shift)
-    at = U(0)
+    row_size = cells.size // (LEVELS + 1)
+    pitch, shift = U(row_size // 3), U(shift)
+    at, low, high = U(0), 0, 0
+    cells[LEVELS * row_size :] = 0
     for start in range(0, bits.size, BLOCK):
         part = bits[start : start + BLOCK]
         _levels(part, False, block)
+        nearest, farthest = _span(block[: part.size], np.uint32(_LAST + 1))
+        if nearest <= farthest and not (low <= nearest >> LOW_BITS and farthest >> LOW_BITS < high):
+            first, end = nearest >> LOW_BITS, (farthest >> LOW_BITS) + 1
+            low, high = (first, first) if low == high else (low, high)
+            cells[min(first, low) * row_size : low * row_size] = 0
+            cells[high * row_size : max(end, high) * row_size] = 0
+            low, high = min(first, low), max(end, high)
         for i in range(part.size):
             place = U(block[i])
             row = (place >> U(LOW_BITS)) * (U(3) * pitch)
@@ -146,20 +159,17 @@ def _count(image, bits, shift, cells):  # type: ignore[no-untyped-def]  # pragma
             cells[row + pitch + (U(image[at + U(1)]) >> shift)] += 1
             cells[row + pitch + pitch + (U(image[at + U(2)]) >> shift)] += 1
             at += U(3)
+    return low, high
 
 
 @njit(cache=True, nogil=True)
-def _add_up(cells, counts, place_sum):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _add_up(cells, met, counts, place_sum):  # type: ignore[no-untyped-def]  # pragma: no cover
     for part in range(cells.shape[0]):
-        for level in range(counts.shape[1]):
-            pixels = 0
+        for level in range(met[part, 0], met[part, 1]):
             for value in range(counts.shape[2]):
                 red = cells[part, level, 0, value]
-                pixels += red >> 40
                 counts[0, level, value] += red >> 40
                 place_sum[level] += red & (PIXEL - 1)
-            if pixels == 0:
-                continue
             for channel in range(1, 3):
                 for value in range(counts.shape[2]):
                     counts[channel, level, value] += cells[part, level, channel, value]
@@ -179,16 +189,13 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
         pixels, shown, level = image[3 * start : 3 * end], out[3 * start : 3 * end], levels[: end - start]
         beyond[start:end] = False
         _levels(bits[start:end], True, level)
-        nearest, farthest, number = _outside(level, unknown[start:end])
-        pixels_known += number
-        if not deep and number > 0:  # the table grows with the ranges that are met
-            if low == high:
-                low = high = nearest
-            if nearest < low:
-                _tabulate(gain, offset, decoded, curve, nearest, low, table)
-            if farthest >= high:
-                _tabulate(gain, offset, decoded, curve, high, farthest + 1, table)
-            low, high = min(low, nearest), max(high, farthest + 1)
+        pixels_known += _mark(level, unknown[start:end])
+        nearest, farthest = _span(level, np.uint32(FINE_LEVELS))
+        if not deep and nearest <= farthest and not low <= nearest <= farthest < high:  # the table grows with the ranges met
+            low, high = (nearest, nearest) if low == high else (low, high)
+            _tabulate(gain, offset, decoded, curve, nearest, low, table)
+            _tabulate(gain, offset, decoded, curve, high, farthest + 1, table)
+            low, high = min(nearest, low), max(farthest + 1, high)
         if not deep and shoulder.size:
             _look_up(pixels, level, table, codes)
             _roll_off(codes, factors, shoulder, shown)
@@ -202,16 +209,24 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @njit(cache=True, nogil=True)
-def _outside(level, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Marks the pixels of unknown range; the nearest and the farthest level of the others, and how many they are."""
-    none, nearest, farthest, number = np.uint32(FINE_LEVELS), np.uint32(FINE_LEVELS), np.uint32(0), np.uint32(0)
+def _mark(level, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Where the range is unknown; how many pixels have one."""
+    none, known = np.uint32(FINE_LEVELS), np.uint32(0)
     for i in range(level.size):
         unknown[i] = level[i] == none
     for i in range(level.size):
+        known += np.uint32(level[i] != none)
+    return int(known)
+
+
+@njit(cache=True, nogil=True)
+def _span(level, none):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The nearest and the farthest of a block's levels that are not ``none``; the nearest is beyond the farthest where all are."""
+    nearest, farthest = none, np.uint32(0)
+    for i in range(level.size):
         nearest = min(nearest, level[i])
         farthest = max(farthest, level[i] if level[i] != none else np.uint32(0))
-        number += np.uint32(level[i] != none)
-    return int(nearest), int(farthest), int(number)
+    return int(nearest), int(farthest)
 
 
 @njit(cache=True, nogil=True)
