@@ -5,7 +5,6 @@ from typing import Any
 import numba
 import numpy as np
 
-
 EDGE = 1e-3
 """How far outside a triangle, in shares of it, a cell may lie: the map's vertices lie on cells' centres, give or take float32."""
 
