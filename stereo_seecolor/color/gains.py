@@ -42,14 +42,18 @@ def fine_ranges_m() -> NDArray[np.float64]:
 
 
 def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
-    """What takes this water out and shows the scene at this exposure."""
+    """What takes this water out and shows the scene at this exposure.
+
+    Against the channel least capped, one that is more so counts by the square of its cap, as noise does in Wiener's filter.
+    """
     wanted, veil = unexposed(water, fine_ranges_m())
     most = config.output_noise / exposure / _noise(wanted, veil, config, exposure)
     share = np.minimum(1.0, most / wanted)
-    gain, offset = wanted * share * exposure, veil * share * exposure
-    missing = 1 - share / share.max(axis=0)
-    capped = np.any(share < 1, axis=0)
-    return Gains(gain.astype(np.float32), offset.astype(np.float32), missing.astype(np.float32), capped)
+    best = share.max(axis=0)
+    trust = (share / best) ** 2
+    shown = best * trust * exposure
+    gain, offset, missing = (part.astype(np.float32) for part in (wanted * shown, veil * shown, 1 - trust))
+    return Gains(gain, offset, missing, np.any(share < 1, axis=0))
 
 
 def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

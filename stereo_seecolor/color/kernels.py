@@ -81,7 +81,7 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decode
 
     def part(i: int) -> None:
         a, b = bounds[i]
-        _linear(image[3 * a : 3 * b], bits[a:b], by_level.gain, by_level.offset, decoded, out[3 * a : 3 * b])
+        _linear(image[3 * a : 3 * b], bits[a:b], by_level.gain, by_level.offset, by_level.missing, decoded, out[3 * a : 3 * b])
 
     _spread(part, len(bounds))
     return out
@@ -309,38 +309,47 @@ def _compute(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _lights(red, green, blue, level, gain, offset, missing, decoded, known):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """A pixel's linear light. What noise leaves out of a channel comes from those that are surer; a channel that the camera
-    clipped is at least as bright as those that it did not, or as the brightest if it clipped all."""
+    """A pixel's linear light; a channel that the camera clipped is at least as bright as those that it did not, or as the
+    brightest if it clipped all."""
     one, zero = np.float32(1), np.float32(0)
-    r = gain[0, level] * decoded[red] - offset[0, level]
-    g = gain[1, level] * decoded[green] - offset[1, level]
-    b = gain[2, level] * decoded[blue] - offset[2, level]
-    no_r, no_g, no_b = missing[0, level], missing[1, level], missing[2, level]
-    if no_r + no_g + no_b > zero:
-        gray = (r + g + b) / ((one - no_r) + (one - no_g) + (one - no_b))  # r, g, b are what the caps left
-        r, g, b = r + no_r * gray, g + no_g * gray, b + no_b * gray
+    r, g, b = _unclipped(red, green, blue, level, gain, offset, missing, decoded)
     in_r, in_g, in_b = known[red], known[green], known[blue]
     if min(in_r, in_g, in_b) < one:
         lost = (one - in_r) * (one - in_g) * (one - in_b)
         gray = (in_r * r + in_g * g + in_b * b + lost * max(r, g, b)) / (in_r + in_g + in_b + lost)
-        r, g, b = (
-            r + (one - in_r) * max(gray - r, zero),
-            g + (one - in_g) * max(gray - g, zero),
-            b + (one - in_b) * max(gray - b, zero),
-        )
+        r += (one - in_r) * max(gray - r, zero)
+        g += (one - in_g) * max(gray - g, zero)
+        b += (one - in_b) * max(gray - b, zero)
     return r, g, b
 
 
-@njit(cache=True, nogil=True)
-def _linear(image, bits, gain, offset, decoded, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+@njit(cache=True, nogil=True, error_model="numpy")
+def _unclipped(red, green, blue, level, gain, offset, missing, decoded):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """A pixel's linear light; what noise leaves out of a channel comes from those that are surer."""
+    one = np.float32(1)
+    r = gain[0, level] * decoded[red] - offset[0, level]
+    g = gain[1, level] * decoded[green] - offset[1, level]
+    b = gain[2, level] * decoded[blue] - offset[2, level]
+    no_r, no_g, no_b = missing[0, level], missing[1, level], missing[2, level]
+    if no_r + no_g + no_b > np.float32(0):
+        gray = (r + g + b) / ((one - no_r) + (one - no_g) + (one - no_b))  # r, g, b are what the caps left
+        r, g, b = r + no_r * gray, g + no_g * gray, b + no_b * gray
+    return r, g, b
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _linear(image, bits, gain, offset, missing, decoded, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     block = np.empty(BLOCK, np.uint32)
     for start in range(0, bits.size, BLOCK):
         part = bits[start : start + BLOCK]
         _levels(part, True, block)
         for i in range(part.size):
-            level, at = block[i], 3 * (start + i)
-            for c in range(3):
-                out[at + c] = 0 if level == FINE_LEVELS else gain[c, level] * decoded[image[at + c]] - offset[c, level]
+            level, at = U(block[i]), U(3 * (start + i))
+            r, g, b = np.float32(0), np.float32(0), np.float32(0)
+            if level != U(FINE_LEVELS):
+                red, green, blue = U(image[at]), U(image[at + U(1)]), U(image[at + U(2)])
+                r, g, b = _unclipped(red, green, blue, level, gain, offset, missing, decoded)
+            out[at], out[at + U(1)], out[at + U(2)] = r, g, b
 
 
 @njit(cache=True, nogil=True)

@@ -102,9 +102,12 @@ def _tensor(numbers: NDArray[Any], device: torch.device) -> Tensor:
 
 
 def _light(pixels: Tensor, level: Tensor, by_level: Gains, decoded: NDArray[np.float32]) -> Tensor:
+    """``kernels._unclipped`` of all pixels."""
     inside, device = level.clamp(max=FINE_LEVELS - 1), pixels.device
-    gain, offset = (torch.from_numpy(np.ascontiguousarray(x.T)).to(device)[inside] for x in (by_level.gain, by_level.offset))
-    return gain * torch.from_numpy(decoded).to(device)[pixels.to(torch.int64)] - offset
+    numbers = by_level.gain, by_level.offset, by_level.missing
+    gain, offset, missing = (torch.from_numpy(np.ascontiguousarray(x.T)).to(device)[inside] for x in numbers)
+    light = gain * torch.from_numpy(decoded).to(device)[pixels.to(torch.int64)] - offset
+    return torch.where(_sum(missing) > 0, light + missing * (_sum(light) / _sum(1 - missing)), light)
 
 
 def _rolled_off(codes: Tensor, shoulder: Tensor) -> Tensor:
@@ -119,9 +122,6 @@ def _rolled_off(codes: Tensor, shoulder: Tensor) -> Tensor:
 def _mended(pixels: Tensor, level: Tensor, known: Tensor, by_level: Gains, look: Looks) -> Tensor:
     """``kernels._lights`` of all pixels."""
     light = _light(pixels, level, by_level, look.decoded)
-    missing = torch.from_numpy(np.ascontiguousarray(by_level.missing.T)).to(pixels.device)[level.clamp(max=FINE_LEVELS - 1)]
-    gray = _sum(light) / _sum(1 - missing)
-    light = torch.where(_sum(missing) > 0, light + missing * gray, light)
     lost = (1 - known[:, :1]) * (1 - known[:, 1:2]) * (1 - known[:, 2:])
     brightest = light.amax(dim=1, keepdim=True)
     gray = (_sum(known * light) + lost * brightest) / (_sum(known) + lost)
