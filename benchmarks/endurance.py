@@ -9,6 +9,8 @@ no instant may anything but a whole file be seen. soak: resident memory after 10
 
 import argparse
 import random
+import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -34,23 +36,27 @@ def kills(dive: Path, count: int) -> None:
     start = time.perf_counter()
     subprocess.run(command(dive, dive / "whole"), check=True, stdout=subprocess.DEVNULL)
     whole_s = time.perf_counter() - start
-    truth = contents(dive / "whole")
+    truth, killed = contents(dive / "whole"), dive / "killed"
     rng = random.Random(1)
-    finished = partial = 0
-    for _ in range(count):
-        process = subprocess.Popen(command(dive, dive / "killed"), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    landed = ended = partial = leftovers = 0
+    differ: set[str] = set()
+    while landed < count:
+        process = subprocess.Popen(command(dive, killed), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
         time.sleep(rng.uniform(0.3, 1.0 + 0.3 * whole_s))
         process.kill()
         process.communicate()
-        finished += process.returncode == 0
-        partial += sum(content != truth[name] for name, content in contents(dive / "killed").items() if (dive / "killed").exists())
-    done = subprocess.run(command(dive, dive / "killed"), capture_output=True, text=True)
-    final = contents(dive / "killed")
-    differ = sorted(name for name in truth.keys() | final.keys() if truth.get(name) != final.get(name))
-    leftovers = len(list((dive / "killed").rglob(".writing-*")))
-    print(f"{count} kills ({finished} runs had ended before theirs); the last run ended with code {done.returncode}")
-    print(f"outputs that differ from an uninterrupted run's: {len(differ)} of {len(truth)} {differ[:3]}")
-    print(f"files that were not whole, or not the same, at any kill: {partial}; temporary files left: {leftovers}")
+        final = contents(killed)
+        partial += sum(content != truth[name] for name, content in final.items())
+        if process.returncode == -signal.SIGKILL:
+            landed += 1
+            continue
+        ended += 1  # this run was done before its kill: it is judged, and the next begins anew
+        differ |= {name for name in truth.keys() | final.keys() if truth.get(name) != final.get(name)}
+        leftovers += len(list(killed.rglob(".writing-*")))
+        shutil.rmtree(killed)
+    print(f"{landed} kills in {ended} runs of {len(truth)} outputs that ended in the end")
+    print(f"outputs that differ from an uninterrupted run's: {len(differ)} {sorted(differ)[:3]}; temporary files left: {leftovers}")
+    print(f"files that were not whole, or not the same, at any kill: {partial}")
 
 
 def soak(dive: Path, out: Path) -> None:
