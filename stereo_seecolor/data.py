@@ -1,6 +1,7 @@
 """What the stages exchange: frozen, units and shapes on every field, NaN for unknown."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -155,10 +156,11 @@ class SurveyFrame:
     confidence: Map
     unrecoverable: Mask | None = None
 
-    @property
+    @cached_property
     def color_is_doubtful(self) -> Mask:
         """True where a channel is clipped, or could not be recovered."""
-        clipped = (self.color.max(axis=2) >= 254) | (self.color.min(axis=2) == 0)
+        r, g, b = (np.ascontiguousarray(self.color[..., c]) for c in range(3))  # minima over the last axis take ten times as long
+        clipped = (np.maximum(np.maximum(r, g), b) >= 254) | (np.minimum(np.minimum(r, g), b) == 0)
         doubtful: Mask = clipped if self.unrecoverable is None else clipped | self.unrecoverable
         return doubtful
 

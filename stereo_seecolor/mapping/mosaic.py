@@ -179,7 +179,7 @@ def _look(
         seen = inside & ~hidden & whole
         offset = points - T_world_camera[:3, 3]
         cost = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)
-    cost += DOUBTFUL_COST * cv2.remap(frame.color_is_doubtful.astype(np.float32), u, v, cv2.INTER_NEAREST)
+    cost += DOUBTFUL_COST * cv2.remap(frame.color_is_doubtful.view(np.uint8), u, v, cv2.INTER_NEAREST)
     return color, np.where(seen, cost, np.inf).astype(np.float32)
 
 
