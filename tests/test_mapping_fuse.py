@@ -95,7 +95,7 @@ def acfr_text(names: tuple[str, ...], T_world_raw: NDArray[np.float64]) -> str:
     return "\n".join(rows) + "\n"
 
 
-@pytest.mark.parametrize(("poses_of", "true"), [("format", True), ("raw", True), ("rectified", False)])
+@pytest.mark.parametrize(("poses_of", "true"), [("format", True), ("rectified", False)])
 def test_a_raw_cameras_navigation_gives_the_true_reef(tmp_path: Path, poses_of: str, true: bool) -> None:
     frames = ReefFrames(SurveySpec(pairs=6, lines=2, image_size=(240, 192)), noise_px=0.05)
     T = Rectification.from_rig(toed_in_rig()).T_rectified_left

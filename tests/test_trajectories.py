@@ -1,14 +1,15 @@
 """Conventions of trajectory formats, each on a case small enough to check by hand."""
 
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 
-from stereo_seecolor.config import MountConfig
+from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.data import GeoOrigin
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory
 from stereo_seecolor.inputs.trajectories.axes import north_east_from_degrees
 
 # A camera that looks down with the top of its image to the north: right is east, down (in the image) is south.
@@ -40,6 +41,18 @@ def test_tum_is_camera_to_world_with_w_last(tmp_path: Path) -> None:
 
 def test_tum_that_starts_at_identity_does_not_know_up(tmp_path: Path) -> None:
     assert read_trajectory(write(tmp_path, "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")).up == "unknown"
+
+
+@pytest.mark.parametrize(("poses_of", "turned"), [("format", False), ("rectified", False), ("raw", True)])
+def test_whose_poses_a_file_holds_can_be_said(
+    tmp_path: Path, poses_of: Literal["format", "raw", "rectified"], turned: bool
+) -> None:
+    path = write(tmp_path, "0 1 2 3 0 0 0 1\n")
+    T_rectified_left = np.eye(4)
+    T_rectified_left[:3, :3], T_rectified_left[:3, 3] = EAST_UP, [0.0, 0, -0.02]
+    pose = rectified_trajectory(path, MappingConfig(poses_of=poses_of), T_rectified_left).T_world_camera[0]
+    as_written = read_trajectory(path).T_world_camera[0]
+    np.testing.assert_allclose(pose @ T_rectified_left if turned else pose, as_written, atol=1e-12)
 
 
 def test_kitti_rows_are_camera_to_world(tmp_path: Path) -> None:
