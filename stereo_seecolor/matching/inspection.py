@@ -125,10 +125,10 @@ def row_shift_px(left: Census, right: Census, origin: int, disparity: Map) -> fl
 
 @_compiled
 def _row_costs(left: Census, right: Census, origin: int, disparity: Map) -> NDArray[np.float64]:
-    """Mean bits by which matched pixels differ, for each shift of rows; every 16th pixel of every eighth row."""
+    """Mean bits by which matched pixels differ, for each shift of rows; every 16th pixel of every 16th row."""
     height, width = left.shape
     cost = np.zeros(2 * LARGEST_ROW_SHIFT + 1, np.float64)
-    for y in range(LARGEST_ROW_SHIFT, height - LARGEST_ROW_SHIFT, 8):
+    for y in range(LARGEST_ROW_SHIFT, height - LARGEST_ROW_SHIFT, 16):
         for x in range(0, width, 16):
             if not np.isfinite(disparity[y, x]):
                 continue

@@ -4,6 +4,7 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
 from calibration.geometry import RectifiedPair
@@ -63,9 +64,10 @@ class Matcher:
                 return self._unknown(f"{reason}: no range is known")
             if self._network:
                 return self._range_map(self._predicted(self._network, frame), (left, right), pool)
+            coarse = self._coarse(small, pool)
             repeating = pool.submit(inspection.repeated, small_left, (self._highest - self._lowest) // self._scale)
-            found = self._searched(small, (left, right), pool)
-            repeated = repeating.result()
+            band = Band.around(coarse.disparity, self._scale, left.shape, self._lowest, self._highest)
+            found, repeated = search(left, right, band, pool), repeating.result()
             self._forget(found, repeated)
             range_map = self._range_map(found, (left, right), pool)
             every = slice(None, None, self._scale), slice(None, None, self._scale)
@@ -77,13 +79,12 @@ class Matcher:
             )
             return replace(range_map, warnings=tuple(warning for warning in told if warning))
 
-    def _searched(self, small: Pair, sharp: Pair, pool: ThreadPoolExecutor) -> Found:
-        """Coarse, to learn where the bottom is; then fine, near it."""
+    def _coarse(self, small: Pair, pool: ThreadPoolExecutor) -> Found:
+        """The pair at a fraction of its size, searched over all ranges, to learn where the bottom is."""
         low, high = self._lowest // self._scale, -(-self._highest // self._scale)
         coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high), pool)
         remove_speckles(coarse.disparity, COARSE_SPECKLE_PX)
-        band = Band.around(coarse.disparity, self._scale, sharp[0].shape, self._lowest, self._highest)
-        return search(sharp[0], sharp[1], band, pool)
+        return coarse
 
     def _forget(self, found: Found, repeated: Mask) -> None:
         """Nothing is known where the (small) image repeats itself."""
@@ -110,7 +111,8 @@ class Matcher:
         # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it anew.
         disparity, sure, std, depth_m, range_m, range_std_m = np.empty((6, *checked.shape), np.float32)
         filled = np.zeros(checked.shape, np.bool_)
-        gain = float(sharp[0][::4, ::4].std() / max(sharp[1][::4, ::4].std(), 1e-6))
+        contrast = [float(cv2.meanStdDev(image[::4, ::4].copy())[1][0, 0]) for image in sharp]
+        gain = contrast[0] / max(contrast[1], 1e-6)
         limits_m = self._config.min_range_m, self._config.max_range_m
         strips = [slice(first, min(first + HOT_STRIP, checked.shape[0])) for first in range(0, checked.shape[0], HOT_STRIP)]
 
