@@ -57,9 +57,11 @@ def plain_loop(dive: Path, out: Path) -> None:
 
 def whole_run(dive: Path, out: Path, workers: int) -> None:
     from stereo_seecolor import jobs
+    from stereo_seecolor.allocator import keep_freed_memory
     from stereo_seecolor.config import load_config
     from stereo_seecolor.options import RunOptions
 
+    keep_freed_memory()  # as the command does
     config = load_config(None, ["color.lock=survey"])
     summary = jobs.run(dive / "left", dive / "right", dive / "rendered/cam.yaml", out, config, RunOptions(workers=workers))
     print(json.dumps(summary.stage_seconds()), file=sys.stderr)

@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
+from stereo_seecolor.allocator import keep_freed_memory
+
 if TYPE_CHECKING:
     from stereo_seecolor.config import RunConfig
     from stereo_seecolor.evaluation.truth import TruthReport
@@ -356,6 +358,7 @@ def doctor() -> None:
 
 def main() -> None:
     """Run the command line; a known error becomes one line and exit code 1."""
+    keep_freed_memory()
     try:
         app()
     except KeyboardInterrupt:

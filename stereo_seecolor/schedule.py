@@ -1,10 +1,12 @@
-"""Work on many pairs at once, and get the results in their order."""
+"""Work on many pairs at once, and get the results in their order; and the threads among which a stage divides one pair."""
 
+import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from functools import cache
 from typing import TypeVar
 
 Item = TypeVar("Item")
@@ -27,6 +29,24 @@ def in_order(function: Callable[[Item], Result], items: Iterable[Item], workers:
                 yield waiting.popleft().result()
         finally:
             pool.shutdown(wait=True, cancel_futures=True)
+
+
+def cores() -> int:
+    """How many this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cache
+def core_pool() -> ThreadPoolExecutor:
+    """A thread a core, for the parts of one image; one pool for all, or many pairs at once would crowd the cores.
+
+    What runs in it must not wait for anything else that does.
+    """
+    return ThreadPoolExecutor(cores(), "core")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=core_pool.cache_clear)  # a child has none of its parent's threads
 
 
 class Clock:

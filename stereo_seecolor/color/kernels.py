@@ -4,10 +4,7 @@ Compiled without numba's own threads, whose simplest layer must not be entered b
 """
 
 import itertools
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -18,6 +15,7 @@ from stereo_seecolor.color.encoding import NODES
 from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
 from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M
 from stereo_seecolor.color.tone import Looks
+from stereo_seecolor.schedule import core_pool, cores
 
 U = np.uint64
 GAP = 8
@@ -95,8 +93,7 @@ def color_table(by_level: Gains, looks: Looks) -> NDArray[Any]:
 
 
 def _bounds(pixels: int) -> list[tuple[int, int]]:
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    parts = max(1, min(cores, 8, pixels // 65536), -(-pixels // MOST))
+    parts = max(1, min(cores(), 8, pixels // 65536), -(-pixels // MOST))
     return list(itertools.pairwise(pixels * i // parts // 4 * 4 if i < parts else pixels for i in range(parts + 1)))
 
 
@@ -104,19 +101,10 @@ def _spread(part: Callable[[int], None], parts: int) -> None:
     if parts == 1:
         part(0)
         return
-    others = [_pool().submit(part, i) for i in range(1, parts)]
+    others = [core_pool().submit(part, i) for i in range(1, parts)]
     part(0)
     for other in others:
         other.result()
-
-
-@cache
-def _pool() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(os.cpu_count(), "color")
-
-
-if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=_pool.cache_clear)  # a child has none of its parent's threads
 
 
 @njit(cache=True, nogil=True)

@@ -1,6 +1,5 @@
 """The matching stage: a rectified pair in, its range map out."""
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -19,6 +18,7 @@ from stereo_seecolor.matching.metres import measure_rows
 from stereo_seecolor.matching.network import Network
 from stereo_seecolor.matching.refine import refine_rows
 from stereo_seecolor.matching.search import LARGE_IMAGE_PX, Found, remove_speckles, search
+from stereo_seecolor.schedule import core_pool
 
 Pair = tuple[Gray, Gray]
 
@@ -55,29 +55,29 @@ class Matcher:
 
         A pair that cannot be matched gives a map without a known pixel and says why in ``warnings``.
         """
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            left, right = pool.map(gray, (frame.left, frame.right))
-            small_left, small_right = pool.map(lambda image: shrink(image, self._scale), (left, right))
-            small = small_left, small_right
-            reason = inspection.unusable(*small)
-            if reason:
-                return self._unknown(f"{reason}: no range is known")
-            if self._network:
-                return self._range_map(self._predicted(self._network, frame), (left, right), pool)
-            coarse = self._coarse(small, pool)
-            repeating = pool.submit(inspection.repeated, small_left, (self._highest - self._lowest) // self._scale)
-            band = Band.around(coarse.disparity, self._scale, left.shape, self._lowest, self._highest)
-            found, repeated = search(left, right, band, pool), repeating.result()
-            self._forget(found, repeated)
-            range_map = self._range_map(found, (left, right), pool)
-            every = slice(None, None, self._scale), slice(None, None, self._scale)
-            measured = np.where(range_map.filled[every], UNKNOWN, range_map.disparity[every])
-            told = (
-                inspection.repeats(repeated),
-                inspection.one_sided(small_left, measured, repeated, self._scale),
-                inspection.misaligned(found.row_shift_px),
-            )
-            return replace(range_map, warnings=tuple(warning for warning in told if warning))
+        pool = core_pool()
+        left, right = pool.map(gray, (frame.left, frame.right))
+        small_left, small_right = pool.map(lambda image: shrink(image, self._scale), (left, right))
+        small = small_left, small_right
+        reason = inspection.unusable(*small)
+        if reason:
+            return self._unknown(f"{reason}: no range is known")
+        if self._network:
+            return self._range_map(self._predicted(self._network, frame), (left, right), pool)
+        coarse = self._coarse(small, pool)
+        repeating = pool.submit(inspection.repeated, small_left, (self._highest - self._lowest) // self._scale)
+        band = Band.around(coarse.disparity, self._scale, left.shape, self._lowest, self._highest)
+        found, repeated = search(left, right, band, pool), repeating.result()
+        self._forget(found, repeated)
+        range_map = self._range_map(found, (left, right), pool)
+        every = slice(None, None, self._scale), slice(None, None, self._scale)
+        measured = np.where(range_map.filled[every], UNKNOWN, range_map.disparity[every])
+        told = (
+            inspection.repeats(repeated),
+            inspection.one_sided(small_left, measured, repeated, self._scale),
+            inspection.misaligned(found.row_shift_px),
+        )
+        return replace(range_map, warnings=tuple(warning for warning in told if warning))
 
     def _coarse(self, small: Pair, pool: ThreadPoolExecutor) -> Found:
         """The pair at a fraction of its size, searched over all ranges, to learn where the bottom is."""
