@@ -14,6 +14,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.grid import Grid
 from stereo_seecolor.mapping.poses import inverse
 from stereo_seecolor.mapping.salvage import Frames, Unplaced
+from stereo_seecolor.schedule import core_pool
 
 MAX_VIEWS = 12
 CACHED_FRAMES = 16
@@ -59,13 +60,16 @@ class _Cache:
         self._frames = frames
         self._held: OrderedDict[int, SurveyFrame | Unplaced] = OrderedDict()
 
-    def __getitem__(self, i: int) -> SurveyFrame | Unplaced:
-        if i not in self._held:
-            self._held[i] = self._frames[i]
-            if len(self._held) > CACHED_FRAMES:
-                self._held.popitem(last=False)
-        self._held.move_to_end(i)
-        return self._held[i]
+    def read(self, wanted: list[int]) -> list[SurveyFrame | Unplaced]:
+        """These frames, those not held on all cores; the ones asked for last are held on to."""
+        missing = [i for i in wanted if i not in self._held]
+        self._held.update(zip(missing, core_pool().map(self._frames.__getitem__, missing), strict=True))
+        for i in wanted:
+            self._held.move_to_end(i)
+        found = [self._held[i] for i in wanted]
+        while len(self._held) > CACHED_FRAMES:
+            self._held.popitem(last=False)
+        return found
 
 
 def _box(points_m: NDArray[np.float32], T: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -126,8 +130,9 @@ def _paint(
     from the median of all views: fish, shadows and badly placed frames lose there, and seams move to where views agree.
     """
     result = np.zeros((4, *points.shape[:2]), np.uint8)
-    readable = [(i, frame) for i in views if isinstance(frame := cache[i], SurveyFrame)]
-    looks = [look for i, frame in readable if (look := _look(points, frame, pair, T_world_camera[i])) is not None]
+    readable = [(i, frame) for i, frame in zip(views, cache.read(views), strict=True) if isinstance(frame, SurveyFrame)]
+    tried = core_pool().map(lambda view: _look(points, view[1], pair, T_world_camera[view[0]]), readable)
+    looks = [look for look in tried if look is not None]
     if not looks:
         return result
     colors, costs = np.stack([look[0] for look in looks]), np.stack([look[1] for look in looks])
