@@ -1,6 +1,5 @@
 """The matching stage: a rectified pair in, its range map out."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import cv2
@@ -63,13 +62,13 @@ class Matcher:
         if reason:
             return self._unknown(f"{reason}: no range is known")
         if self._network:
-            return self._range_map(self._predicted(self._network, frame), (left, right), pool)
-        coarse = self._coarse(small, pool)
+            return self._range_map(self._predicted(self._network, frame), (left, right))
+        coarse = self._coarse(small)
         repeating = pool.submit(inspection.repeated, small_left, (self._highest - self._lowest) // self._scale)
         band = Band.around(coarse.disparity, self._scale, left.shape, self._lowest, self._highest)
-        found, repeated = search(left, right, band, pool), repeating.result()
+        found, repeated = search(left, right, band), repeating.result()
         self._forget(found, repeated)
-        range_map = self._range_map(found, (left, right), pool)
+        range_map = self._range_map(found, (left, right))
         every = slice(None, None, self._scale), slice(None, None, self._scale)
         measured = np.where(range_map.filled[every], UNKNOWN, range_map.disparity[every])
         told = (
@@ -79,10 +78,10 @@ class Matcher:
         )
         return replace(range_map, warnings=tuple(warning for warning in told if warning))
 
-    def _coarse(self, small: Pair, pool: ThreadPoolExecutor) -> Found:
+    def _coarse(self, small: Pair) -> Found:
         """The pair at a fraction of its size, searched over all ranges, to learn where the bottom is."""
         low, high = self._lowest // self._scale, -(-self._highest // self._scale)
-        coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high), pool)
+        coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high))
         remove_speckles(coarse.disparity, COARSE_SPECKLE_PX)
         return coarse
 
@@ -102,8 +101,8 @@ class Matcher:
         agree = (met >= 0) & (met < width) & (np.abs(other - disparity) <= LEFT_RIGHT_PX)
         return Found(np.where(agree, disparity, UNKNOWN), np.full_like(disparity, RIVAL_OF_NETWORK))
 
-    def _range_map(self, found: Found, sharp: Pair, pool: ThreadPoolExecutor) -> RangeMap:
-        """Check, refine, judge, and turn into metres, in strips on the threads of the pool."""
+    def _range_map(self, found: Found, sharp: Pair) -> RangeMap:
+        """Check, refine, judge, and turn into metres, in strips on all cores."""
         pair, checked = self._pair, found.disparity
         remove_speckles(checked, SPECKLE_PX)
         if self._seen_left is not None:
@@ -128,14 +127,14 @@ class Matcher:
             if not self._config.fill:
                 measure(rows)
 
-        list(pool.map(judge, strips))
+        list(core_pool().map(judge, strips))
         if self._config.fill:
             whole = fill(disparity)
             if self._seen_left is not None:
                 whole[~self._seen_left] = UNKNOWN
             filled = np.isnan(disparity) & np.isfinite(whole)
             disparity = whole
-            list(pool.map(measure, strips))
+            list(core_pool().map(measure, strips))
         return RangeMap(disparity, depth_m, range_m, range_std_m, sure, filled)
 
     def _unknown(self, warning: str) -> RangeMap:

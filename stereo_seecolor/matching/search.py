@@ -1,7 +1,6 @@
 """Match two images over a band of disparities: census, semi-global matching in strips, and the checks on what it finds."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +15,7 @@ from stereo_seecolor.matching.images import Gray, census, jump_costs, mirrored_c
 from stereo_seecolor.matching.inspection import row_shift_px
 from stereo_seecolor.matching.semiglobal import match_rows
 from stereo_seecolor.matching.vectors import TILE
+from stereo_seecolor.schedule import core_pool
 
 NOTHING = -0x8000
 P1, P2, P2_LEAST = 12, 99, 15
@@ -46,11 +46,12 @@ class Found:
     row_shift_px: float = 0.0
 
 
-def search(left: Gray, right: Gray, band: Band, pool: ThreadPoolExecutor) -> Found:
-    """Match two smoothed images over a band, in strips on the threads of the pool.
+def search(left: Gray, right: Gray, band: Band) -> Found:
+    """Match two smoothed images over a band, in strips on all cores.
 
     Where a strip's tiles end on the edges of their bands, these are widened and the strip is searched once more.
     """
+    pool = core_pool()
     height, width = left.shape
     before = max(0, WIDENING - int(band.lowest.min()))
     after = max(0, int((band.lowest + band.count).max())) + WIDENING

@@ -42,6 +42,8 @@ from stereo_seecolor.matching.vectors import (
 NOWHERE, FLOOR, ALONG = 0, BLOCK, 2 * BLOCK
 """Places in ``paths``: a block of FAR, one of least costs, and the paths along the rows; then come those across them."""
 LOW, COUNT, PLACE = 0, 1, 2
+NEXT = TILE * LANES
+"""From one pixel's costs to its next LANES disparities."""
 MARGIN = TILE
 """Elements before the sums of a row and before the claims, which vector steps may read or write."""
 BEST, LEAST, SECOND, BELOW, ABOVE, CHOSEN = range(6)
@@ -165,7 +167,7 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y
     for i in range(tiles):
         tile = i if sweep == 0 else tiles - 1 - i
         if band[LOW, tile] != low or band[COUNT, tile] != count:
-            _slide(paths, before, spare, TILE, low, count, band[LOW, tile], band[COUNT, tile])
+            _slide(paths, before, spare, low, count, band[LOW, tile], band[COUNT, tile])
             before, spare = spare, before
             low, count = band[LOW, tile], band[COUNT, tile]
         column, onward = (0, 1) if sweep == 0 else (TILE - 1, -1)
@@ -178,7 +180,7 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y
             for half in range(0, TILE, PIXELS):
                 at = half * LANES
                 _advance(
-                    paths, before + at, now + at, TILE * LANES, count,
+                    paths, before + at, now + at, count,
                     cost, place + half * most, most, jump, j + half * jump_stride, jump_stride, P1,
                 )  # fmt: skip
                 for k in range(0, count, LANES):
@@ -195,28 +197,27 @@ def _across(band: Any, cost: Any, row: int, jump: Any, y: int, paths: Any, befor
             place = band[PLACE, tile] + half * LANES
             j = y * jump.shape[1] + tile * TILE + half
             _advance(
-                paths, before + place, now + place, TILE * LANES, band[COUNT, tile], cost, row + place, LANES, jump, j, 1, P1
+                paths, before + place, now + place, band[COUNT, tile], cost, row + place, LANES, jump, j, 1, P1
             )  # fmt: skip
 
 
 @_inlined
 def _advance(
-    paths: Any, before: int, now: int, stride: int, count: int,
+    paths: Any, before: int, now: int, count: int,
     cost: Any, c: int, cost_stride: int, jump: Any, j: int, jump_stride: int, P1: Any,
 ) -> None:  # fmt: skip
-    """Four pixels' paths take one step; ``stride`` lies between their blocks."""
+    """Four pixels' paths take one step."""
     if count == LANES:
         step(paths, before, now, cost, c, cost_stride, jump, j, jump_stride, P1)
         return
-    last = before + (count // LANES - 1) * stride
+    last = before + (count // LANES - 1) * NEXT
     fold(paths, before, last, FLOOR)
-    for block in range(before + stride, last, stride):
+    for block in range(before + NEXT, last, NEXT):
         fold(paths, block, FLOOR, FLOOR)
-    for k in range(count // LANES):
-        block = before + k * stride
-        below, above = block - stride if k else NOWHERE, block + stride if block < last else NOWHERE
-        at = c + k * TILE * LANES
-        step_of_many(paths, below, block, above, FLOOR, now + k * stride, cost, at, cost_stride, jump, j, jump_stride, P1)
+    for on in range(0, last - before + NEXT, NEXT):
+        block = before + on
+        below, above = block - NEXT if on else NOWHERE, block + NEXT if block < last else NOWHERE
+        step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, jump, j, jump_stride, P1)
 
 
 @_compiled
@@ -234,20 +235,20 @@ def _change_bands(paths: Any, before: int, now: int, band: Any, new: Any) -> Non
     """Carry a row of paths over to the bands of the next row of tiles."""
     for tile in range(band.shape[1]):
         source, target = before + band[PLACE, tile], now + new[PLACE, tile]
-        _slide(paths, source, target, TILE, band[LOW, tile], band[COUNT, tile], new[LOW, tile], new[COUNT, tile])
+        _slide(paths, source, target, band[LOW, tile], band[COUNT, tile], new[LOW, tile], new[COUNT, tile])
 
 
 @_compiled
-def _slide(paths: Any, source: int, target: int, pixels: int, low: int, count: int, new_low: int, new_count: int) -> None:
-    """Copy costs over the band low.. of some pixels to where the band new_low.. finds them; what only this one has is FAR."""
+def _slide(paths: Any, source: int, target: int, low: int, count: int, new_low: int, new_count: int) -> None:
+    """Copy costs of TILE pixels over the band low.. to where the band new_low.. finds them; what only this one has is FAR."""
     for k in range(0, new_count, LANES):
         first = k + new_low - low
         block = first // LANES
-        for pixel in range(pixels):
-            piece = source + (block * pixels + pixel) * LANES
+        for pixel in range(TILE):
+            piece = source + (block * TILE + pixel) * LANES
             lower = piece if 0 <= block < count // LANES else NOWHERE
-            upper = piece + pixels * LANES if -1 <= block < count // LANES - 1 else NOWHERE
-            slide(paths, lower, upper, first - block * LANES, paths, target + k * pixels + pixel * LANES)
+            upper = piece + NEXT if -1 <= block < count // LANES - 1 else NOWHERE
+            slide(paths, lower, upper, first - block * LANES, target + k * TILE + pixel * LANES)
 
 
 @_compiled

@@ -85,12 +85,11 @@ def steps(
         same = [_load_block(context, builder, signature.args[0], paths, half) for half in halves]
         for _ in range(TILE):
             for half in range(len(halves)):
-                row = builder.mul(stride, ir.Constant(stride.type, half * PIXELS))
-                jump_row = builder.mul(jump_stride, ir.Constant(stride.type, half * PIXELS))
-                here = _gather(context, builder, signature.args[2], cost, builder.add(c, row), stride)
-                jumps = _jumps(context, builder, signature.args[7], jump, builder.add(j, jump_row), jump_stride)
+                row, jump_row = _nth(builder, c, stride, half * PIXELS), _nth(builder, j, jump_stride, half * PIXELS)
+                here = _gather(context, builder, signature.args[2], cost, row, stride)
+                jumps = _jumps(context, builder, signature.args[7], jump, jump_row, jump_stride)
                 same[half] = _step(builder, _FAR, same[half], _FAR, _floor(builder, same[half]), here, jumps, P1)
-                _scatter(context, builder, signature.args[4], along, builder.add(c, row), stride, same[half])
+                _scatter(context, builder, signature.args[4], along, row, stride, same[half])
             c, j = builder.add(c, onward), builder.add(j, j_onward)
         for half, result in zip(halves, same, strict=True):
             _store_block(context, builder, signature.args[0], paths, half, result)
@@ -176,23 +175,22 @@ def add_wide(typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total:
         builder.store(builder.add(first, builder.add(second, third)), pointer, align=2)
         return context.get_dummy_value()
 
-    i8 = types.intp
-    return types.void(a, i8, b, i8, c, i8, total, i8), generate
+    return types.void(a, types.intp, b, types.intp, c, types.intp, total, types.intp), generate
 
 
 @_written_out
-def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, b: Any, t: Any) -> Any:
-    """b[t:] (a piece) = the LANES elements from ``by`` (0..LANES - 1) on of the pieces a[low:] and a[high:] put end to end."""
+def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, t: Any) -> Any:
+    """a[t:] (a piece) = the LANES elements from ``by`` (0..LANES - 1) on of the pieces a[low:] and a[high:] put end to end."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, low, high, by, b, t = arguments
+        a, low, high, by, t = arguments
         first, second = (_load(builder, _at(context, builder, signature.args[0], a, i, _PIECE_BITS), 1) for i in (low, high))
         bits = builder.zext(builder.shl(by, ir.Constant(by.type, 3)), _PIECE_BITS)
         piece = _call(builder, "llvm.fshr.i128", _PIECE_BITS, second, first, bits)
-        builder.store(piece, _at(context, builder, signature.args[4], b, t, _PIECE_BITS), align=1)
+        builder.store(piece, _at(context, builder, signature.args[0], a, t, _PIECE_BITS), align=1)
         return context.get_dummy_value()
 
-    return types.void(a, types.intp, types.intp, types.intp, b, types.intp), generate
+    return types.void(a, types.intp, types.intp, types.intp, types.intp), generate
 
 
 @_written_out
@@ -205,7 +203,7 @@ def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         sums, i, low, facts, x, stride = arguments
-        places = [builder.add(i, ir.Constant(i.type, pixel * LANES)) for pixel in range(TILE)]
+        places = [_further(builder, i, pixel * LANES) for pixel in range(TILE)]
         pixels = [_load(builder, _at(context, builder, signature.args[0], sums, place, _SHORTS), 2) for place in places]
         four = ir.Constant(_SHORTS, [4] * LANES)
         keys = _least_of_each(builder, [builder.or_(builder.shl(values, four), _LANE) for values in pixels])
@@ -227,7 +225,7 @@ def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride
             least_where("==", 2),
         )
         for row, values in enumerate(found):
-            place = builder.add(x, builder.mul(stride, ir.Constant(stride.type, row)))
+            place = _nth(builder, x, stride, row)
             builder.store(values, _at(context, builder, signature.args[3], facts, place, _TILE_SHORTS), align=2)
         return context.get_dummy_value()
 
@@ -274,12 +272,12 @@ def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
         keys = ir.Constant(_WINDOW, [0xFFFF] * WINDOW)
         for pixel in range(TILE):
             lead = TILE - 1 - pixel
-            place = builder.add(i, ir.Constant(i.type, pixel * LANES - lead))
+            place = _further(builder, i, pixel * LANES - lead)
             values = _load(builder, _at(context, builder, signature.args[0], sums, place, _WINDOW), 2)
             own = [pixel if lead <= lane < lead + LANES else 0xFFFF for lane in range(WINDOW)]
             key = builder.or_(builder.shl(values, ir.Constant(_WINDOW, [3] * WINDOW)), ir.Constant(_WINDOW, own))
             keys = _minimum(builder, keys, key)
-        place = builder.sub(j, ir.Constant(j.type, TILE - 1))
+        place = _further(builder, j, 1 - TILE)
         wide = builder.zext(keys, _WIDE_WINDOW)
         pixel = builder.and_(wide, ir.Constant(_WIDE_WINDOW, [TILE - 1] * WINDOW))
         cost = builder.shl(builder.lshr(wide, ir.Constant(_WIDE_WINDOW, [3] * WINDOW)), ir.Constant(_WIDE_WINDOW, [16] * WINDOW))
@@ -304,15 +302,15 @@ def four(typing: Any, a: Any, i: Any) -> Any:
 
 
 def _step(builder: Any, under: Any, same: Any, over: Any, floor: Any, here: Any, jumps: Any, P1: Any) -> Any:
-    below = builder.shuffle_vector(under, same, _mask(_beside(LANES - 1, [BLOCK + lane for lane in range(LANES - 1)])))
-    above = builder.shuffle_vector(same, over, _mask(_beside([lane + 1 for lane in range(LANES - 1)], BLOCK)))
+    below = builder.shuffle_vector(under, same, _mask(_beside([LANES - 1, *range(BLOCK, BLOCK + LANES - 1)])))
+    above = builder.shuffle_vector(same, over, _mask(_beside([*range(1, LANES), BLOCK])))
     slope = _saturated(builder, _minimum(builder, below, above), _splat(builder, P1, _BLOCK))
     best = _minimum(builder, _minimum(builder, same, slope), _saturated(builder, floor, jumps))
     return builder.add(here, builder.sub(best, floor))
 
 
-def _beside(first: Any, rest: Any) -> list[int]:
-    lanes = [*(first if isinstance(first, list) else [first]), *(rest if isinstance(rest, list) else [rest])]
+def _beside(lanes: list[int]) -> list[int]:
+    """Of two blocks end to end: ``lanes``, told for a block's first pixel, for each of its pixels."""
     return [pixel * LANES + lane for pixel in range(PIXELS) for lane in lanes]
 
 
@@ -344,7 +342,7 @@ def _floor(builder: Any, block: Any) -> Any:
 
 
 def _gather(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any) -> Any:
-    places = [builder.add(index, builder.mul(stride, ir.Constant(stride.type, pixel))) for pixel in range(PIXELS)]
+    places = [_nth(builder, index, stride, pixel) for pixel in range(PIXELS)]
     a, b, c, d = (_load(builder, _at(context, builder, array_type, array, place, _PIECE), 1) for place in places)
     two = _mask(range(2 * LANES))
     return builder.shuffle_vector(builder.shuffle_vector(a, b, two), builder.shuffle_vector(c, d, two), _mask(range(BLOCK)))
@@ -353,14 +351,14 @@ def _gather(context: Any, builder: Any, array_type: Any, array: Any, index: Any,
 def _scatter(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any, block: Any) -> None:
     for pixel in range(PIXELS):
         piece = builder.shuffle_vector(block, block, _mask(range(pixel * LANES, (pixel + 1) * LANES)))
-        place = builder.add(index, builder.mul(stride, ir.Constant(stride.type, pixel)))
+        place = _nth(builder, index, stride, pixel)
         builder.store(piece, _at(context, builder, array_type, array, place, _PIECE), align=1)
 
 
 def _jumps(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any) -> Any:
     jumps = ir.Constant(_PER_PIXEL, ir.Undefined)
     for pixel in range(PIXELS):
-        place = builder.add(index, builder.mul(stride, ir.Constant(stride.type, pixel)))
+        place = _nth(builder, index, stride, pixel)
         value = _load(builder, _at(context, builder, array_type, array, place, _BYTE), 1)
         jumps = builder.insert_element(jumps, value, ir.Constant(_WORD, pixel))
     return builder.shuffle_vector(jumps, jumps, _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)]))
@@ -368,6 +366,10 @@ def _jumps(context: Any, builder: Any, array_type: Any, array: Any, index: Any, 
 
 def _further(builder: Any, index: Any, by: int) -> Any:
     return builder.add(index, ir.Constant(index.type, by))
+
+
+def _nth(builder: Any, index: Any, stride: Any, n: int) -> Any:
+    return builder.add(index, builder.mul(stride, ir.Constant(stride.type, n)))
 
 
 def _load_block(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
