@@ -10,6 +10,8 @@ import pytest
 
 from calibration import Camera, StereoRig
 from calibration.formats import native
+from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.mapping.fusion import check_available
 
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -27,6 +29,15 @@ def real_data() -> Path:
     if not REAL_DATA.is_dir():
         pytest.skip(f"real frames are not in the repository, and {REAL_DATA} does not exist here")
     return REAL_DATA
+
+
+@pytest.fixture
+def open3d() -> None:
+    """Skips where Open3D cannot be imported, for want of a system library say."""
+    try:
+        check_available()
+    except DeviceError as error:
+        pytest.skip(str(error))
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,7 @@ import yaml
 from conftest import contents
 
 from stereo_seecolor.cli import main
-from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.mapping.fusion import check_available
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.outputs.survey_frames import SurveyFrames
 
 
@@ -379,12 +378,9 @@ def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
         (["--fuse", "--poses", "nowhere.tum"], "nowhere.tum: the trajectory cannot be read"),
     ],
 )
-def test_what_is_not_there(make_dive, cli, tmp_path, words, message) -> None:
+def test_what_is_not_there(make_dive, cli, tmp_path, request, words, message) -> None:
     if "--fuse" in words:
-        try:
-            check_available()
-        except DeviceError as error:
-            pytest.skip(str(error))
+        request.getfixturevalue("open3d")
     code, printed, said = cli(*make_dive(1).command(tmp_path / "out"), *words)
     assert (code, printed) == (1, "")
     assert message in said

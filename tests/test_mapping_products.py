@@ -136,6 +136,7 @@ def georeferenced(count: int) -> Trajectory:
     return Trajectory(plain.names, plain.timestamps_s, plain.T_world_camera, origin=GeoOrigin(-23.5, 152.0))
 
 
+@pytest.mark.usefixtures("open3d")
 def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
     rasterio, laspy, pyproj = (pytest.importorskip(name) for name in ("rasterio", "laspy", "pyproj"))
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, georeferenced(4))
@@ -156,6 +157,7 @@ def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
     assert (int(cloud.red[0]), int(cloud.green[0])) == (200 * 257, 120 * 257)
 
 
+@pytest.mark.usefixtures("open3d")
 def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     rasterio = pytest.importorskip("rasterio")
     frames = [flat_frame(i, fish=i == 1) for i in range(4)]
@@ -171,6 +173,7 @@ def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     assert (rgba[:3, ~painted] == 0).all()
 
 
+@pytest.mark.usefixtures("open3d")
 def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
     build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     lines = (tmp_path / "reef_metrics.csv").read_text().splitlines()
@@ -192,6 +195,7 @@ def test_the_viewer_extra_shows_the_mesh(tmp_path: Path, monkeypatch: pytest.Mon
     assert calls == [("stereo-seecolor", True), (tmp_path / "map" / "mesh.ply",)]
 
 
+@pytest.mark.usefixtures("open3d")
 def test_without_a_screen_the_viewer_points_to_the_preview(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
