@@ -63,7 +63,8 @@ def lit_water(
     """The named water over a bottom at ``depth_m``, seen from ``camera_depth_m``.
 
     Exposure is set as a camera would: a white patch at ``exposure_range_m`` just fits its brightest channel, with ``lamps`` times
-    the sun's light added. encoding: of the images; the water itself acts in linear light.
+    the sun's light added, and the veil before it does not take it beyond full scale. encoding: of the images; the water itself acts
+    in linear light.
     """
     kd = np.interp(_WAVELENGTH_NM, _TABLE_NM, _KD[name])
     kd_535 = float(np.interp(535.0, _TABLE_NM, _KD[name]))
@@ -72,12 +73,14 @@ def lit_water(
     sunlight = np.exp(-kd * depth_m)
 
     rate, decay = _falling_rate(_transmission(beam, sunlight))
-    exposure = 0.95 / _band(sunlight * np.exp(-beam * exposure_range_m)).max() / (1.0 + lamps)
     veiling_spectrum = _VEILING_SHARE * np.exp(-kd * camera_depth_m) * scattering / beam
-    zero = np.zeros(3)
+    beta, zero = _saturating_rate(beam, veiling_spectrum), np.zeros(3)
+    patch = (1.0 + lamps) * _band(sunlight * np.exp(-beam * exposure_range_m))
+    veil = _band(veiling_spectrum) * -np.expm1(-beta * exposure_range_m)
+    exposure = min(0.95 / patch.max(), 1.0 / (patch + veil).max())
     water = Water(
         gamma_inf=exposure * _band(veiling_spectrum),
-        beta=_saturating_rate(beam, veiling_spectrum),
+        beta=beta,
         eta=zero,
         alpha=np.ones(3),
         w=rate,
