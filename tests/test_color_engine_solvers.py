@@ -97,7 +97,7 @@ def test_same_result_whatever_the_number_of_threads(objective, monkeypatch):
 
     def result(parts):
         edges = [image.shape[0] * image.shape[1] * i // parts for i in range(parts + 1)]
-        monkeypatch.setattr(kernels, "_bounds", lambda pixels: list(pairwise(edges)))
+        monkeypatch.setattr(kernels, "_bounds", lambda pixels, step=4: list(pairwise(edges)))
         table = corrector.measure(image, range_m)
         water = corrector.fit(table)
         return water, corrector.apply(image, range_m, water, table)

@@ -5,6 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stereo_seecolor.color import kernels
+from stereo_seecolor.color.corrector import ENOUGH, Corrector
 from stereo_seecolor.color.tables import LEVELS, MomentTable, level_edges_m, measure
 from stereo_seecolor.errors import ColorError
 
@@ -45,18 +47,31 @@ def test_tables_add_and_subtract():
     assert np.array_equal((MomentTable.empty() + top).offset_sum, top.offset_sum)
 
 
-def test_same_table_whatever_the_thread_count():
-    numba = pytest.importorskip("numba")
-    image, range_m = random_frame(2, (301, 207))
-    threads = numba.get_num_threads()
-    try:
-        numba.set_num_threads(1)
-        one = measure(image, range_m)
-    finally:
-        numba.set_num_threads(threads)
-    many = measure(image, range_m)
+def test_same_table_whatever_the_number_of_cores(monkeypatch):
+    image, range_m = random_frame(2, (701, 613))
+    tables = []
+    for cores in (1, 5):
+        monkeypatch.setattr(kernels, "cores", lambda cores=cores: cores)
+        tables.append(measure(image, range_m))
+    one, many = tables
     assert np.array_equal(one.counts, many.counts)
     assert np.array_equal(one.offset_sum, many.offset_sum)
+
+
+def test_a_large_frame_is_measured_from_some_of_its_rows():
+    image, range_m = random_frame(7, (1200, 900))
+    table = Corrector().measure(image, range_m)
+    assert np.array_equal(table.counts, measure(image[1::2], range_m[1::2]).counts)
+    assert image[1::2, :, 0].size >= ENOUGH
+
+
+def test_a_large_frame_with_few_known_ranges_is_measured_whole():
+    image, range_m = random_frame(8, (1200, 900))
+    range_m[:, 40:] = np.nan
+    assert np.array_equal(Corrector().measure(image, range_m).counts, measure(image, range_m).counts)
+    range_m[:] = np.nan
+    range_m[0, 5] = 2.0
+    assert Corrector().measure(image, range_m).pixels.sum() == 1
 
 
 def test_save_and_load(tmp_path):

@@ -26,8 +26,8 @@ def frame(depth):
 @pytest.mark.parametrize("depth", [8, 16])
 def test_tables_are_equal(depth):
     image, range_m = frame(depth)
-    bits, table = range_bits(image, range_m), measure(image, range_m)
-    counts, offset_sum = tensors.count(image.reshape(-1), bits, VALUES[depth], DEVICE)
+    table = measure(image, range_m)
+    counts, offset_sum = tensors.count(image, range_m, VALUES[depth], DEVICE)
     assert np.array_equal(counts, table.counts)
     assert np.array_equal(offset_sum, table.offset_sum)
 
@@ -40,7 +40,7 @@ def test_corrections_are_equal(depth, encoding, highlights):
     corrector = Corrector(ColorConfig(input_encoding=encoding))
     table = corrector.measure(image, range_m)
     by_level = gains(corrector.fit(table), corrector.config, 1.3)
-    bits, flat = range_bits(image, range_m), image.reshape(-1)
+    bits, flat = range_bits(range_m), image.reshape(-1)
     look = looks(depth, encoding, highlights)
     on_cores, in_torch = kernels.apply(flat, bits, by_level, look), tensors.apply(flat, bits, by_level, look, DEVICE)
     most = 1 if DEVICE.type == "cuda" else 0  # CUDA may fuse a product and a sum

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.encoding import decoded_values
 from stereo_seecolor.color.gains import Gains, gains
-from stereo_seecolor.color.tables import range_bits
+from stereo_seecolor.color.tables import check_pair, range_bits
 from stereo_seecolor.color.tone import Looks, Tone, looks
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Correction, Image, Map, Water
@@ -15,12 +15,12 @@ from stereo_seecolor.data import Correction, Image, Map, Water
 
 def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig) -> Correction:
     """The image without its water, at its own size and bit depth; black where the range is unknown, unless the config says else."""
-    bits = range_bits(image, range_m)
+    check_pair(image, range_m)
+    bits, shape = range_bits(range_m), image.shape[:2]
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
     by_level = gains(water, config, tone.exposure)
     look = looks(8 * image.dtype.itemsize, config.input_encoding, tone.highlights)
     out, unknown, beyond, clipped = _apply(flat, bits, by_level, look, config)
-    shape = image.shape[:2]
     corrected, unknown = out.reshape(image.shape), unknown.reshape(shape)
     if config.unknown_pixels == "raw":
         corrected[unknown] = image[unknown]
@@ -38,18 +38,19 @@ def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorC
 
 def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig) -> NDArray[np.float32]:
     """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
-    by_level = gains(water, config, exposure)
+    check_pair(image, range_m)
+    by_level, bits = gains(water, config, exposure), range_bits(range_m)
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
     decoded = decoded_values(8 * image.dtype.itemsize, config.input_encoding)
     if config.device == "cuda":
         from stereo_seecolor.color import tensors
         from stereo_seecolor.color.device import find_device
 
-        light = tensors.linear(flat, range_bits(image, range_m), by_level, decoded, find_device("cuda"))
+        light = tensors.linear(flat, bits, by_level, decoded, find_device("cuda"))
     else:
         from stereo_seecolor.color import kernels
 
-        light = kernels.linear(flat, range_bits(image, range_m), by_level, decoded)
+        light = kernels.linear(flat, bits, by_level, decoded)
     return light.reshape(image.shape)
 
 

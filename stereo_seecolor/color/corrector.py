@@ -16,6 +16,11 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Correction, Image, Map, Water
 from stereo_seecolor.errors import ColorError
 
+ENOUGH = 1 << 19
+"""A frame of twice as many pixels or more is measured from every second row, every third, and so on, that many pixels at least."""
+FEW = 1 << 16
+"""Where these rows have fewer pixels of known range than this, all rows are counted."""
+
 
 class Corrector:
     """Measures, fits and takes out water. Holds nothing but its settings: every method may be called from many threads."""
@@ -26,10 +31,17 @@ class Corrector:
     def measure(self, image: Image, range_m: Map) -> MomentTable:
         """What the fits need to know of an image: its pixels with a known range, counted by channel, range and value.
 
+        Of more than a megapixel every second row is counted, or fewer: rows tell what their neighbours tell (see ``ENOUGH``).
         image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 metres along the ray, unknown where not finite or not above 0.
         Raises ColorError where the two do not belong together.
         """
-        return tables.measure(image, range_m, self.config.device)
+        every = max(range_m.size // ENOUGH, 1)
+        rows = slice(every // 2, None, every)
+        tables.check_pair(image, range_m)
+        table = tables.measure(image[rows], range_m[rows], self.config.device)
+        if every > 1 and table.pixels.sum() < FEW:
+            return tables.measure(image, range_m, self.config.device)
+        return table
 
     def fit(self, table: MomentTable, start: Water | None = None) -> Water:
         """The water of a frame's table, or of the sum of many frames'. Its warnings say where the table cannot carry a water.
@@ -61,8 +73,8 @@ class Corrector:
         """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""
         from stereo_seecolor.color import dense
 
-        known = tables.range_bits(image, range_m) > 0
-        known &= np.isfinite(range_m.reshape(-1))
+        tables.check_pair(image, range_m)
+        known = (np.isfinite(range_m) & (range_m > 0)).reshape(-1)
         if not known.any():
             return self._without_pixels(start)
         return dense.fit(image.reshape(-1, 3)[known], range_m.reshape(-1)[known], self.config, start)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.encoding import NODES
 from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
-from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M
+from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M, range_bits
 from stereo_seecolor.color.tone import Looks
 from stereo_seecolor.schedule import core_pool, cores
 
@@ -21,7 +21,9 @@ U = np.uint64
 GAP = 8
 """Between the counts of two channels: without, those of equal red and blue are 4096 bytes apart, which processors take for one."""
 ZERO, PIXEL = np.int32(0), np.int64(1 << 40)
-BLOCK = 1024
+BLOCK = 2048
+ROW = 3 * 256
+"""Entries of a level in a ``color_table``."""
 MOST = 1 << 22
 """Pixels of one part: their places in a level then add up to less than 40 bits."""
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
@@ -31,16 +33,17 @@ _LOW = (1 << LOW_BITS) - 1
 _FINE_BITS = LOW_BITS - FINE.bit_length() + 1
 
 
-def count(image: NDArray[Any], bits: NDArray[np.int32], values: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Counts (3, 256, values) and offset sums (256,) of (N * 3,) pixels with the (N,) bits of their ranges."""
-    shift = 0 if image.dtype == np.uint8 else 4
-    bounds = _bounds(bits.size)
+def count(image: NDArray[Any], range_m: NDArray[np.floating], values: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Counts (3, 256, values) and offset sums (256,) of an image (H, W, 3) and its range map (H, W)."""
+    shift, width = 0 if image.dtype == np.uint8 else 4, max(range_m.shape[1], 1)
+    bounds = _bounds(range_m.size, width)
     cells = np.empty((len(bounds), LEVELS + 1, 3, values + GAP), np.int64)
     met = np.zeros((len(bounds), 2), np.int64)
 
     def part(i: int) -> None:
-        a, b = bounds[i]
-        met[i] = _count(image[3 * a : 3 * b], bits[a:b], shift, cells[i].reshape(-1))
+        rows = slice(bounds[i][0] // width, bounds[i][1] // width)  # copied here, by all cores, where rows lie apart
+        flat, bits = np.ascontiguousarray(image[rows]).reshape(-1), range_bits(range_m[rows])
+        met[i] = _count(flat, bits, shift, cells[i].reshape(-1))
 
     _spread(part, len(bounds))
     counts, place_sum = np.zeros((3, LEVELS, values), np.int64), np.zeros(LEVELS, np.int64)
@@ -58,18 +61,18 @@ def apply(
     """
     out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_)
     bounds = _bounds(bits.size)
-    clipped_known = np.zeros((len(bounds), 2), np.int64)
+    clipped, known = np.zeros(len(bounds), np.int64), np.zeros(len(bounds), np.int64)
     model = by_level.gain, by_level.offset, by_level.missing, by_level.capped
     shown = looks.decoded, looks.known, looks.curve, looks.shoulder
 
     def part(i: int) -> None:
         a, b = bounds[i]
         pixels = slice(3 * a, 3 * b)
-        clipped_known[i] = _correct(image[pixels], bits[a:b], *model, *shown, out[pixels], unknown[a:b], beyond[a:b])
+        clipped[i] = _correct(image[pixels], bits[a:b], *model, *shown, out[pixels], unknown[a:b].view(np.uint8), beyond[a:b])
+        known[i] = b - a - np.count_nonzero(unknown[a:b])
 
     _spread(part, len(bounds))
-    clipped, known = clipped_known.sum(axis=0)
-    return out, unknown, beyond, float(clipped / max(known, 1))
+    return out, unknown, beyond, float(clipped.sum() / max(known.sum(), 1))
 
 
 def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decoded: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -87,14 +90,14 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decode
 
 def color_table(by_level: Gains, looks: Looks) -> NDArray[Any]:
     """(1025 * 768,) what each value of each channel becomes on the curve at each fine level; the last level, unknown, is black."""
-    table = np.full((FINE_LEVELS + 1) * 768, looks.curve[0], looks.curve.dtype)
+    table = np.full((FINE_LEVELS + 1) * ROW, looks.curve[0], looks.curve.dtype)
     _tabulate(by_level.gain, by_level.offset, looks.decoded, looks.curve, 0, FINE_LEVELS, table)
     return table
 
 
-def _bounds(pixels: int) -> list[tuple[int, int]]:
+def _bounds(pixels: int, step: int = 4) -> list[tuple[int, int]]:
     parts = max(1, min(cores(), 8, pixels // 65536), -(-pixels // MOST))
-    return list(itertools.pairwise(pixels * i // parts // 4 * 4 if i < parts else pixels for i in range(parts + 1)))
+    return list(itertools.pairwise(pixels * i // parts // step * step if i < parts else pixels for i in range(parts + 1)))
 
 
 def _spread(part: Callable[[int], None], parts: int) -> None:
@@ -108,14 +111,27 @@ def _spread(part: Callable[[int], None], parts: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _levels(bits, fine, levels):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """The place of each range among the levels, in their low bits if not ``fine``; past the last where it is not known."""
+def _place(bits):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Where a range is among the levels and inside its own; past the last where it is not known."""
     zero, infinity, first, last = ZERO, np.int32(_INFINITY), np.int32(_FIRST), np.int32(_LAST)
-    shift, none = np.int32(_FINE_BITS if fine else 0), np.int32(_LAST + 1)
+    known = (bits > zero) & (bits < infinity)  # NaN, infinities, zero and negative numbers are not
+    return min(max(bits - first, zero), last) if known else last + np.int32(1)
+
+
+@njit(cache=True, nogil=True)
+def _places(bits, places):  # type: ignore[no-untyped-def]  # pragma: no cover
     for i in range(bits.size):  # 32-bit arithmetic and no branch: the compiler does eight at a time
-        place = min(max(bits[i] - first, zero), last)
-        known = (bits[i] > zero) & (bits[i] < infinity)  # NaN, infinities, zero and negative numbers are not
-        levels[i] = np.uint32((place if known else none) >> shift)
+        places[i] = np.uint32(_place(bits[i]))
+
+
+@njit(cache=True, nogil=True)
+def _rows(bits, rows, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Where in a ``color_table`` each pixel's fine level begins; 1 where its range is unknown."""
+    shift, last = np.int32(_FINE_BITS), np.int32(_LAST)
+    for i in range(bits.size):
+        place = _place(bits[i])
+        rows[i] = np.uint32(place >> shift) * np.uint32(ROW)
+        unknown[i] = np.uint8(place > last)
 
 
 @njit(cache=True, nogil=True)
@@ -132,7 +148,7 @@ def _count(image, bits, shift, cells):  # type: ignore[no-untyped-def]  # pragma
     cells[LEVELS * row_size :] = 0
     for start in range(0, bits.size, BLOCK):
         part = bits[start : start + BLOCK]
-        _levels(part, False, block)
+        _places(part, block)
         nearest, farthest = _span(block[: part.size], np.uint32(_LAST + 1))
         if nearest <= farthest and not (low <= nearest >> LOW_BITS and farthest >> LOW_BITS < high):
             first, end = nearest >> LOW_BITS, (farthest >> LOW_BITS) + 1
@@ -167,61 +183,50 @@ def _add_up(cells, met, counts, place_sum):  # type: ignore[no-untyped-def]  # p
 def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
     image, bits, gain, offset, missing, capped, decoded, known, curve, shoulder, out, unknown, beyond
 ):
-    levels, codes, factors = np.empty(BLOCK, np.uint32), np.empty(3 * BLOCK, curve.dtype), np.empty(BLOCK, np.float32)
+    rows, factors, codes = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.float32), np.empty(3 * BLOCK, curve.dtype)
     near, first_capped, deep = _first(known < 1), _first(capped), image.itemsize == 2
-    clipped, pixels_known, full = 0, 0, (1 << 8 * image.itemsize) - 1
-    table, low, high = np.empty(0 if deep else (FINE_LEVELS + 1) * 768, curve.dtype), FINE_LEVELS, FINE_LEVELS
-    table[FINE_LEVELS * 768 :] = curve[0]
+    clipped, full = 0, (1 << 8 * image.itemsize) - 1
+    table, low, high = np.empty(0 if deep else (FINE_LEVELS + 1) * ROW, curve.dtype), FINE_LEVELS, FINE_LEVELS
+    table[FINE_LEVELS * ROW :] = curve[0]
     for start in range(0, bits.size, BLOCK):
         end = min(start + BLOCK, bits.size)
-        pixels, shown, level = image[3 * start : 3 * end], out[3 * start : 3 * end], levels[: end - start]
+        pixels, shown, row = image[3 * start : 3 * end], out[3 * start : 3 * end], rows[: end - start]
         beyond[start:end] = False
-        _levels(bits[start:end], True, level)
-        pixels_known += _mark(level, unknown[start:end])
-        nearest, farthest = _span(level, np.uint32(FINE_LEVELS))
+        _rows(bits[start:end], row, unknown[start:end])
+        nearest, farthest = _span(row, np.uint32(FINE_LEVELS * ROW))
+        nearest, farthest = nearest // ROW, farthest // ROW
         if not deep and nearest <= farthest and not low <= nearest <= farthest < high:  # the table grows with the ranges met
             low, high = (nearest, nearest) if low == high else (low, high)
             _tabulate(gain, offset, decoded, curve, nearest, low, table)
             _tabulate(gain, offset, decoded, curve, high, farthest + 1, table)
             low, high = min(nearest, low), max(farthest + 1, high)
         if not deep and shoulder.size:
-            _look_up(pixels, level, table, codes)
+            _look_up(pixels, row, table, codes)
             _roll_off(codes, factors, shoulder, shown)
         elif not deep:
-            _look_up_words(pixels, level, table, shown)
+            _look_up_words(pixels, row, table, shown)
         if deep or farthest >= first_capped or _highest(pixels) >= near:
-            _compute(pixels, level, near, gain, offset, missing, capped, decoded, known, curve, shoulder, shown, beyond[start:end])
+            _compute(pixels, row, near, gain, offset, missing, capped, decoded, known, curve, shoulder, shown, beyond[start:end])
         if _highest(shown) == full:
             clipped += _full(shown)
-    return clipped, pixels_known
+    return clipped
 
 
 @njit(cache=True, nogil=True)
-def _mark(level, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Where the range is unknown; how many pixels have one."""
-    none, known = np.uint32(FINE_LEVELS), np.uint32(0)
-    for i in range(level.size):
-        unknown[i] = level[i] == none
-    for i in range(level.size):
-        known += np.uint32(level[i] != none)
-    return int(known)
-
-
-@njit(cache=True, nogil=True)
-def _span(level, none):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """The nearest and the farthest of a block's levels that are not ``none``; the nearest is beyond the farthest where all are."""
+def _span(places, none):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The nearest and the farthest of a block's places that are not ``none``; the nearest is beyond the farthest where all are."""
     nearest, farthest = none, np.uint32(0)
-    for i in range(level.size):
-        nearest = min(nearest, level[i])
-        farthest = max(farthest, level[i] if level[i] != none else np.uint32(0))
+    for i in range(places.size):
+        nearest = min(nearest, places[i])
+        farthest = max(farthest, places[i] if places[i] != none else np.uint32(0))
     return int(nearest), int(farthest)
 
 
 @njit(cache=True, nogil=True)
-def _look_up(image, level, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _look_up(image, rows, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     at = U(0)
-    for i in range(level.size):  # unsigned indices: numba then leaves out its tests for negative ones
-        row = U(level[i]) * U(768)
+    for i in range(rows.size):  # unsigned indices: numba then leaves out its tests for negative ones
+        row = U(rows[i])
         out[at] = table[row + U(image[at])]
         out[at + U(1)] = table[row + U(256) + U(image[at + U(1)])]
         out[at + U(2)] = table[row + U(512) + U(image[at + U(2)])]
@@ -229,25 +234,25 @@ def _look_up(image, level, table, out):  # type: ignore[no-untyped-def]  # pragm
 
 
 @njit(cache=True, nogil=True)
-def _look_up_words(image, level, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _look_up_words(image, rows, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     """``_look_up`` of bytes, four pixels at a time: the processor stores three words as fast as three bytes."""
-    whole, at, word, green, blue = level.size // 4 * 4, U(0), U(0), U(256), U(512)
+    whole, at, word, green, blue = rows.size // 4 * 4, U(0), U(0), U(256), U(512)
     words = out[: 3 * whole].view(np.uint32)
     for i in range(U(0), U(whole), U(4)):
-        a, b = U(level[i]) * U(768), U(level[i + U(1)]) * U(768)
-        c, d = U(level[i + U(2)]) * U(768), U(level[i + U(3)]) * U(768)
+        a, b, c, d = U(rows[i]), U(rows[i + U(1)]), U(rows[i + U(2)]), U(rows[i + U(3)])
         words[word] = _word(image, at, table, a, a + green, a + blue, b)
         words[word + U(1)] = _word(image, at + U(4), table, b + green, b + blue, c, c + green)
         words[word + U(2)] = _word(image, at + U(8), table, c + blue, d, d + green, d + blue)
         at += U(12)
         word += U(3)
-    _look_up(image[3 * whole :], level[whole:], table, out[3 * whole :])
+    _look_up(image[3 * whole :], rows[whole:], table, out[3 * whole :])
 
 
 @njit(cache=True, nogil=True)
 def _word(image, at, table, first, second, third, fourth):  # type: ignore[no-untyped-def]  # pragma: no cover
-    low = U(table[first + U(image[at])]) | U(table[second + U(image[at + U(1)])]) << U(8)
-    return low | U(table[third + U(image[at + U(2)])]) << U(16) | U(table[fourth + U(image[at + U(3)])]) << U(24)
+    low = np.uint32(table[first + U(image[at])]) | np.uint32(table[second + U(image[at + U(1)])]) << np.uint32(8)
+    high = np.uint32(table[third + U(image[at + U(2)])]) | np.uint32(table[fourth + U(image[at + U(3)])]) << np.uint32(8)
+    return low | high << np.uint32(16)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -270,22 +275,22 @@ def _factor(code, knee, span, bend):  # type: ignore[no-untyped-def]  # pragma: 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _compute(  # type: ignore[no-untyped-def]  # pragma: no cover
-    image, level, near, gain, offset, missing, capped, decoded, known, curve, shoulder, out, beyond
+    image, rows, near, gain, offset, missing, capped, decoded, known, curve, shoulder, out, beyond
 ):
     """Without a table: all pixels of 16 bits, and of 8 bits those where a channel is not what its look-up says: noise has stopped
     its gain, or the camera clipped it."""
     deep, zero, full = image.itemsize == 2, np.float32(0), np.float32((1 << 8 * image.itemsize) - 1)
-    for i in range(level.size):
-        at = U(3 * i)
+    for i in range(rows.size):
+        at, level = U(3 * i), U(rows[i] // np.uint32(ROW))
         red, green, blue = U(image[at]), U(image[at + U(1)]), U(image[at + U(2)])
-        if level[i] == FINE_LEVELS:
+        if level == U(FINE_LEVELS):
             out[at] = out[at + U(1)] = out[at + U(2)] = 0
             continue
-        stopped, most = capped[U(level[i])], max(red, green, blue)
+        stopped, most = capped[level], max(red, green, blue)
         if not (deep or stopped or most >= near):
             continue
         beyond[i] = stopped or known[most] == zero
-        r, g, b = _lights(red, green, blue, U(level[i]), gain, offset, missing, decoded, known)
+        r, g, b = _lights(red, green, blue, level, gain, offset, missing, decoded, known)
         r, g, b = _encoded(r, curve), _encoded(g, curve), _encoded(b, curve)
         if shoulder.size:
             factor = _factor(max(r, g, b), shoulder[0], shoulder[1], shoulder[2]) * shoulder[3]
@@ -327,17 +332,13 @@ def _unclipped(red, green, blue, level, gain, offset, missing, decoded):  # type
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _linear(image, bits, gain, offset, missing, decoded, out):  # type: ignore[no-untyped-def]  # pragma: no cover
-    block = np.empty(BLOCK, np.uint32)
-    for start in range(0, bits.size, BLOCK):
-        part = bits[start : start + BLOCK]
-        _levels(part, True, block)
-        for i in range(part.size):
-            level, at = U(block[i]), U(3 * (start + i))
-            r, g, b = np.float32(0), np.float32(0), np.float32(0)
-            if level != U(FINE_LEVELS):
-                red, green, blue = U(image[at]), U(image[at + U(1)]), U(image[at + U(2)])
-                r, g, b = _unclipped(red, green, blue, level, gain, offset, missing, decoded)
-            out[at], out[at + U(1)], out[at + U(2)] = r, g, b
+    for i in range(bits.size):
+        level, at = U(_place(bits[i]) >> np.int32(_FINE_BITS)), U(3 * i)
+        r, g, b = np.float32(0), np.float32(0), np.float32(0)
+        if level != U(FINE_LEVELS):
+            red, green, blue = U(image[at]), U(image[at + U(1)]), U(image[at + U(2)])
+            r, g, b = _unclipped(red, green, blue, level, gain, offset, missing, decoded)
+        out[at], out[at + U(1)], out[at + U(2)] = r, g, b
 
 
 @njit(cache=True, nogil=True)

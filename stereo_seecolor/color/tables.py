@@ -7,7 +7,7 @@ the same for every frame of every run, so that tables add. Inside a level the me
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,29 +100,32 @@ def measure(image: Image, range_m: Map, device: str = "cpu") -> MomentTable:
     image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 metres. device: cuda counts there, all else on the processor's cores.
     Raises ColorError for other shapes or types, DeviceError where CUDA is asked for and absent.
     """
-    bits = range_bits(image, range_m)
-    flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
+    check_pair(image, range_m)
     depth = 8 if image.dtype == np.uint8 else 16
     if device == "cuda":
         from stereo_seecolor.color import tensors
         from stereo_seecolor.color.device import find_device
 
-        counts, offset_sum = tensors.count(flat, bits, VALUES[depth], find_device(device))
+        counts, offset_sum = tensors.count(image, range_m, VALUES[depth], find_device(device))
     else:
         from stereo_seecolor.color import kernels
 
-        counts, offset_sum = kernels.count(flat, bits, VALUES[depth])
+        counts, offset_sum = kernels.count(image, range_m, VALUES[depth])
     return MomentTable(counts, offset_sum, depth)
 
 
-def range_bits(image: Image, range_m: Map) -> NDArray[np.int32]:
-    """The float32 ranges' bits, (H*W,) int32, after the checks that an image and its range map belong together."""
+def check_pair(image: Image, range_m: Map) -> None:
+    """ColorError where an image and a range map cannot be of the same view."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.uint16):
         raise ColorError(f"image of shape {image.shape} and type {image.dtype}: needs (H, W, 3), uint8 or uint16")
     if range_m.shape != image.shape[:2]:
         raise ColorError(
             f"range map of {range_m.shape[1::-1]} pixels for an image of {image.shape[1::-1]}: the two must be the same size"
         )
+
+
+def range_bits(range_m: NDArray[np.floating]) -> NDArray[np.int32]:
+    """The bits of a map's ranges as float32, row after row, (H*W,) int32."""
     return np.ascontiguousarray(range_m, dtype=np.float32).reshape(-1).view(np.int32)
 
 

@@ -13,7 +13,7 @@ from torch import Tensor
 from stereo_seecolor.color import kernels
 from stereo_seecolor.color.encoding import NODES
 from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
-from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M
+from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M, range_bits
 from stereo_seecolor.color.tone import Looks
 
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
@@ -23,10 +23,11 @@ _FINE_BITS = LOW_BITS - FINE.bit_length() + 1
 
 
 def count(
-    image: NDArray[Any], bits: NDArray[np.int32], values: int, device: torch.device
+    image: NDArray[Any], range_m: NDArray[np.floating], values: int, device: torch.device
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """``kernels.count`` on a device."""
-    counts, offset_sum = count_pixels(_pixels(image, device), torch.from_numpy(bits).to(device), values)
+    pixels, bits = _pixels(np.ascontiguousarray(image), device), torch.from_numpy(range_bits(range_m)).to(device)
+    counts, offset_sum = count_pixels(pixels, bits, values)
     return counts.cpu().numpy(), offset_sum.cpu().numpy()
 
 
