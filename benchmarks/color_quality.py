@@ -17,11 +17,12 @@ import numpy as np
 from color_cases import Case, make_case, srgb
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.config import ColorConfig, RunConfig
 from stereo_seecolor.data import Water
 from stereo_seecolor.evaluation.baselines import METHODS, expose
+from stereo_seecolor.evaluation.charts import correct_by_all, score_target
 from stereo_seecolor.evaluation.measures import linear_from_srgb, score_neutral, score_truth, srgb_from_linear
-from stereo_seecolor.evaluation.targets import neutral, read_targets
+from stereo_seecolor.evaluation.targets import neutral, read_targets, targets_of
 
 Result = np.ndarray
 Method = Callable[[Case], Result]
@@ -95,18 +96,20 @@ SWITCHES: dict[str, Method] = {
 }
 
 
-def reef_cases(seed: int, size: tuple[int, int] = (320, 256)) -> Iterator[Case]:
-    """The synthetic reef in three waters from four altitudes."""
+def reef_cases(
+    seed: int, size: tuple[int, int] = (320, 256), altitudes_m: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0)
+) -> Iterator[Case]:
+    """The synthetic reef in three waters from some altitudes."""
     from stereo_seecolor.synthetic.render import Scene
     from stereo_seecolor.synthetic.survey import SurveySpec
 
-    for name, altitude_m in itertools.product(WATERS, (1.0, 2.0, 3.0, 4.0)):
+    for name, altitude_m in itertools.product(WATERS, altitudes_m):
         scene = Scene.from_spec(
             SurveySpec(seed, pairs=2, lines=1, image_size=size, altitude_m=(altitude_m, altitude_m), water=name)
         )
         pair = scene.render(1)
         truth = np.clip(pair.color.astype(np.float64), 0, 1)
-        yield Case(f"{name} {altitude_m:.0f} m", pair.rectified.left, pair.range_map.range_m, truth, scene.water.water)
+        yield Case(f"{name} {altitude_m:g} m", pair.rectified.left, pair.range_map.range_m, truth, scene.water.water)
 
 
 def picture_cases(data: Path) -> Iterator[Case]:
@@ -174,6 +177,19 @@ def card_table(data: Path, methods: dict[str, Method]) -> None:
         )
 
 
+def chart_table() -> None:
+    """CIEDE2000 and psi on the chart that stands on the synthetic reef, found by OpenCV as a user's would be."""
+    cases = list(reef_cases(7, (640, 512), (1.0, 2.5)))
+    print("\n### The chart on the reef\n\n| | " + " | ".join(case.name for case in cases) + " |\n|" + " --- |" * (len(cases) + 1))
+    scores = []
+    for case in cases:
+        (target,) = targets_of([], case.image, case.range_m)
+        results = correct_by_all(case.image, case.range_m, RunConfig())
+        scores.append({name: score_target(case.name, target, name, result, case.range_m) for name, result in results.items()})
+    for measure, method in itertools.product(("ciede2000", "psi_deg", "clipped_share"), scores[0]):
+        print(f"| {measure}: {method} | " + " | ".join(f"{getattr(of[method], measure):.3f}" for of in scores) + " |")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--cases", type=int, default=24)
@@ -191,6 +207,7 @@ def main() -> None:
         SWITCHES.clear()
     table("Drawn scenes in drawn waters", drawn, METHODS_COMPARED)
     table("Synthetic reef, three waters, 1 to 4 m", reef, METHODS_COMPARED)
+    chart_table()
     if asked.data.is_dir():
         table("Pictures of rooms in three waters", list(picture_cases(asked.data)), METHODS_COMPARED)
         card_table(asked.data, METHODS_COMPARED)

@@ -1,4 +1,5 @@
-"""Seconds of the colour stage at 1952x1242, 8 bit: measure, fit, apply; and the plain ways beside them.
+"""Seconds of the colour stage at 1952x1242, 8 bit: measure, fit, apply; and apply where highlights roll off, and where besides
+noise stops the gain in a quarter of the pixels.
 
 python benchmarks/color_speed.py
 """
@@ -63,6 +64,9 @@ def report(corrector: Corrector) -> None:
     print(f"{name:7} fit, cold             {timed(lambda: corrector.fit(table), 15)}")
     print(f"{name:7} fit, warm             {timed(lambda: corrector.fit(next_table, water), 25)}")
     print(f"{name:7} apply                 {timed(lambda: corrector.apply(image, range_m, water, table), 25)}")
+    shown = corrector.apply(image, range_m, water, table).exposure
+    print(f"{name:7} apply, rolled off     {timed(lambda: corrector.apply(image, range_m, water, table, shown, 2.0), 25)}")
+    print(f"{name:7} apply, a quarter dim  {timed(lambda: corrector.apply(image, range_m, water, table, 2.5 * shown, 2.5), 25)}")
     print(f"{name:7} all three, cold       {timed(lambda: whole(None), 15)}")
     print(f"{name:7} all three, warm       {timed(lambda: whole(water), 25)}")
     print(f"{name:7} {FRAMES} frames, one a core {timed(lambda: many(water), 5)}")

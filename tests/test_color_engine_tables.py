@@ -63,6 +63,7 @@ def test_a_large_frame_is_measured_from_some_of_its_rows():
     table = Corrector().measure(image, range_m)
     assert np.array_equal(table.counts, measure(image[1::2], range_m[1::2]).counts)
     assert image[1::2, :, 0].size >= ENOUGH
+    assert np.array_equal(measure(image, range_m, every=5).counts, measure(image[2::5], range_m[2::5]).counts)
 
 
 def test_a_large_frame_with_few_known_ranges_is_measured_whole():

@@ -16,9 +16,9 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.data import Correction, Image, Map, Water
 from stereo_seecolor.errors import ColorError
 
-ENOUGH = 1 << 19
+ENOUGH = 400_000
 """A frame of twice as many pixels or more is measured from every second row, every third, and so on, that many pixels at least."""
-FEW = 1 << 16
+FEW = 65_000
 """Where these rows have fewer pixels of known range than this, all rows are counted."""
 
 
@@ -31,14 +31,12 @@ class Corrector:
     def measure(self, image: Image, range_m: Map) -> MomentTable:
         """What the fits need to know of an image: its pixels with a known range, counted by channel, range and value.
 
-        Of more than a megapixel every second row is counted, or fewer: rows tell what their neighbours tell (see ``ENOUGH``).
+        Of 800,000 pixels or more every second row is counted, or fewer: rows tell what their neighbours tell (see ``ENOUGH``).
         image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 metres along the ray, unknown where not finite or not above 0.
         Raises ColorError where the two do not belong together.
         """
         every = max(range_m.size // ENOUGH, 1)
-        rows = slice(every // 2, None, every)
-        tables.check_pair(image, range_m)
-        table = tables.measure(image[rows], range_m[rows], self.config.device)
+        table = tables.measure(image, range_m, self.config.device, every)
         if every > 1 and table.pixels.sum() < FEW:
             return tables.measure(image, range_m, self.config.device)
         return table

@@ -24,7 +24,7 @@ ZERO, PIXEL = np.int32(0), np.int64(1 << 40)
 BLOCK = 2048
 ROW = 3 * 256
 """Entries of a level in a ``color_table``."""
-MOST = 1 << 22
+MOST = 1 << 21
 """Pixels of one part: their places in a level then add up to less than 40 bits."""
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
 _INFINITY = int(np.float32(np.inf).view(np.int32))
@@ -33,19 +33,22 @@ _LOW = (1 << LOW_BITS) - 1
 _FINE_BITS = LOW_BITS - FINE.bit_length() + 1
 
 
-def count(image: NDArray[Any], range_m: NDArray[np.floating], values: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Counts (3, 256, values) and offset sums (256,) of an image (H, W, 3) and its range map (H, W)."""
-    shift, width = 0 if image.dtype == np.uint8 else 4, max(range_m.shape[1], 1)
-    bounds = _bounds(range_m.size, width)
-    cells = np.empty((len(bounds), LEVELS + 1, 3, values + GAP), np.int64)
-    met = np.zeros((len(bounds), 2), np.int64)
+def count(
+    image: NDArray[Any], range_m: NDArray[np.floating], values: int, every: int = 1
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Counts (3, 256, values) and offset sums (256,) of an image (H, W, 3) and its range map (H, W), of one row in ``every``."""
+    flat, bits = np.ascontiguousarray(image).reshape(-1), range_bits(range_m)
+    (height, width), shift = range_m.shape, 0 if image.dtype == np.uint8 else 4
+    parts = _parts(bits.size // every)
+    edges = [height * i // parts // every * every for i in range(parts)] + [height]
+    cells = np.empty((parts, LEVELS + 1, 3, values + GAP), np.int64)
+    met = np.zeros((parts, 2), np.int64)
 
     def part(i: int) -> None:
-        rows = slice(bounds[i][0] // width, bounds[i][1] // width)  # copied here, by all cores, where rows lie apart
-        flat, bits = np.ascontiguousarray(image[rows]).reshape(-1), range_bits(range_m[rows])
-        met[i] = _count(flat, bits, shift, cells[i].reshape(-1))
+        a, b = edges[i] * width, edges[i + 1] * width
+        met[i] = _count(flat[3 * a : 3 * b], bits[a:b], max(width, 1), every, shift, cells[i].reshape(-1))
 
-    _spread(part, len(bounds))
+    _spread(part, parts)
     counts, place_sum = np.zeros((3, LEVELS, values), np.int64), np.zeros(LEVELS, np.int64)
     _add_up(cells, met, counts, place_sum)
     return counts, place_sum
@@ -62,7 +65,7 @@ def apply(
     out, unknown, beyond = np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_)
     bounds = _bounds(bits.size)
     clipped, known = np.zeros(len(bounds), np.int64), np.zeros(len(bounds), np.int64)
-    model = by_level.gain, by_level.offset, by_level.missing, by_level.capped
+    model = by_level.gain, by_level.offset, by_level.missing, np.append(by_level.capped, False)
     shown = looks.decoded, looks.known, looks.curve, looks.shoulder
 
     def part(i: int) -> None:
@@ -95,9 +98,13 @@ def color_table(by_level: Gains, looks: Looks) -> NDArray[Any]:
     return table
 
 
-def _bounds(pixels: int, step: int = 4) -> list[tuple[int, int]]:
-    parts = max(1, min(cores(), 8, pixels // 65536), -(-pixels // MOST))
-    return list(itertools.pairwise(pixels * i // parts // step * step if i < parts else pixels for i in range(parts + 1)))
+def _parts(pixels: int) -> int:
+    return max(1, min(cores(), 8, pixels // 65536), -(-pixels // MOST))
+
+
+def _bounds(pixels: int) -> list[tuple[int, int]]:
+    parts = _parts(pixels)
+    return list(itertools.pairwise(pixels * i // parts // 4 * 4 if i < parts else pixels for i in range(parts + 1)))
 
 
 def _spread(part: Callable[[int], None], parts: int) -> None:
@@ -135,35 +142,43 @@ def _rows(bits, rows, unknown):  # type: ignore[no-untyped-def]  # pragma: no co
 
 
 @njit(cache=True, nogil=True)
-def _count(image, bits, shift, cells):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _count(image, bits, width, every, shift, cells):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Into ``cells``, flat (257, 3, values + GAP), pixels; red's above 40 bits, and below these the sum of places in a level.
 
+    Of each ``every`` rows that in the middle is counted.
     Gives the levels met, from the first to before the last; the cells of others are left as they were.
     """
     # a flat array and unsigned indices: numba then leaves out its tests for negative ones
     block = np.empty(BLOCK, np.uint32)
     row_size = cells.size // (LEVELS + 1)
     pitch, shift = U(row_size // 3), U(shift)
-    at, low, high = U(0), 0, 0
+    low, high = 0, 0
     cells[LEVELS * row_size :] = 0
-    for start in range(0, bits.size, BLOCK):
-        part = bits[start : start + BLOCK]
-        _places(part, block)
-        nearest, farthest = _span(block[: part.size], np.uint32(_LAST + 1))
-        if nearest <= farthest and not (low <= nearest >> LOW_BITS and farthest >> LOW_BITS < high):
-            first, end = nearest >> LOW_BITS, (farthest >> LOW_BITS) + 1
-            low, high = (first, first) if low == high else (low, high)
-            cells[min(first, low) * row_size : low * row_size] = 0
-            cells[high * row_size : max(end, high) * row_size] = 0
-            low, high = min(first, low), max(end, high)
-        for i in range(part.size):
-            place = U(block[i])
-            row = (place >> U(LOW_BITS)) * (U(3) * pitch)
-            cells[row + (U(image[at]) >> shift)] += PIXEL + np.int64(place & U(_LOW))
-            cells[row + pitch + (U(image[at + U(1)]) >> shift)] += 1
-            cells[row + pitch + pitch + (U(image[at + U(2)]) >> shift)] += 1
-            at += U(3)
+    for start in range(every // 2 * width, bits.size, every * width):
+        for first in range(start, start + width, BLOCK):
+            part = bits[first : min(first + BLOCK, start + width)]
+            _places(part, block)
+            nearest, farthest = _span(block[: part.size], np.uint32(_LAST + 1))
+            if nearest <= farthest and not (low <= nearest >> LOW_BITS and farthest >> LOW_BITS < high):
+                low, high = _cleared(cells, row_size, low, high, nearest >> LOW_BITS, (farthest >> LOW_BITS) + 1)
+            at = U(3 * first)
+            for i in range(part.size):
+                place = U(block[i])
+                row = (place >> U(LOW_BITS)) * (U(3) * pitch)
+                cells[row + (U(image[at]) >> shift)] += PIXEL + np.int64(place & U(_LOW))
+                cells[row + pitch + (U(image[at + U(1)]) >> shift)] += 1
+                cells[row + pitch + pitch + (U(image[at + U(2)]) >> shift)] += 1
+                at += U(3)
     return low, high
+
+
+@njit(cache=True, nogil=True)
+def _cleared(cells, row_size, low, high, first, end):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """The levels with cleared cells, from ``low`` to before ``high``, grown to hold those from ``first`` to before ``end``."""
+    low, high = (first, first) if low == high else (low, high)
+    cells[min(first, low) * row_size : low * row_size] = 0
+    cells[high * row_size : max(end, high) * row_size] = 0
+    return min(first, low), max(end, high)
 
 
 @njit(cache=True, nogil=True)
@@ -184,7 +199,7 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
     image, bits, gain, offset, missing, capped, decoded, known, curve, shoulder, out, unknown, beyond
 ):
     rows, factors, codes = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.float32), np.empty(3 * BLOCK, curve.dtype)
-    near, first_capped, deep = _first(known < 1), _first(capped), image.itemsize == 2
+    near, lost, first_capped, deep = _first(known < 1), _first(known <= 0), _first(capped), image.itemsize == 2
     clipped, full = 0, (1 << 8 * image.itemsize) - 1
     table, low, high = np.empty(0 if deep else (FINE_LEVELS + 1) * ROW, curve.dtype), FINE_LEVELS, FINE_LEVELS
     table[FINE_LEVELS * ROW :] = curve[0]
@@ -206,7 +221,9 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
         elif not deep:
             _look_up_words(pixels, row, table, shown)
         if deep or farthest >= first_capped or _highest(pixels) >= near:
-            _compute(pixels, row, near, gain, offset, missing, capped, decoded, known, curve, shoulder, shown, beyond[start:end])
+            _compute(
+                pixels, row, near, lost, gain, offset, missing, capped, decoded, known, curve, shoulder, shown, beyond[start:end]
+            )
         if _highest(shown) == full:
             clipped += _full(shown)
     return clipped
@@ -275,29 +292,54 @@ def _factor(code, knee, span, bend):  # type: ignore[no-untyped-def]  # pragma: 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _compute(  # type: ignore[no-untyped-def]  # pragma: no cover
-    image, rows, near, gain, offset, missing, capped, decoded, known, curve, shoulder, out, beyond
+    image, rows, near, lost, gain, offset, missing, capped, decoded, known, curve, shoulder, out, beyond
 ):
     """Without a table: all pixels of 16 bits, and of 8 bits those where a channel is not what its look-up says: noise has stopped
-    its gain, or the camera clipped it."""
-    deep, zero, full = image.itemsize == 2, np.float32(0), np.float32((1 << 8 * image.itemsize) - 1)
-    for i in range(rows.size):
-        at, level = U(3 * i), U(rows[i] // np.uint32(ROW))
+    its gain, or the camera clipped it. In loops over one thing, of which the compiler does many pixels at a time."""
+    levels, places = rows // np.uint32(ROW), np.empty(rows.size, np.uint32)
+    number = _chosen(image, levels, capped, near if _highest(image) >= near else known.size, lost, places, beyond)
+    lights, full = np.empty((3, number), np.float32), np.float32((1 << 8 * image.itemsize) - 1)
+    for k in range(number):
+        place = U(places[k])
+        at = U(3) * place
         red, green, blue = U(image[at]), U(image[at + U(1)]), U(image[at + U(2)])
-        if level == U(FINE_LEVELS):
-            out[at] = out[at + U(1)] = out[at + U(2)] = 0
-            continue
-        stopped, most = capped[level], max(red, green, blue)
-        if not (deep or stopped or most >= near):
-            continue
-        beyond[i] = stopped or known[most] == zero
-        r, g, b = _lights(red, green, blue, level, gain, offset, missing, decoded, known)
-        r, g, b = _encoded(r, curve), _encoded(g, curve), _encoded(b, curve)
-        if shoulder.size:
-            factor = _factor(max(r, g, b), shoulder[0], shoulder[1], shoulder[2]) * shoulder[3]
-            r, g, b = r * factor - shoulder[4], g * factor - shoulder[4], b * factor - shoulder[4]
-        out[at] = np.int32(min(max(r, zero), full))
-        out[at + U(1)] = np.int32(min(max(g, zero), full))
-        out[at + U(2)] = np.int32(min(max(b, zero), full))
+        light = _lights(red, green, blue, U(levels[place]), gain, offset, missing, decoded, known)
+        lights[0, k], lights[1, k], lights[2, k] = light
+    _encode(lights, curve)
+    if shoulder.size:
+        _shoulder(lights, shoulder)
+    if image.itemsize == 2:
+        out[:] = 0
+    for c in range(3):
+        for k in range(number):
+            lights[c, k] = min(max(lights[c, k], np.float32(0)), full)
+    for k in range(number):
+        at = U(3) * U(places[k])
+        out[at], out[at + U(1)], out[at + U(2)] = np.int32(lights[0, k]), np.int32(lights[1, k]), np.int32(lights[2, k])
+
+
+@njit(cache=True, nogil=True)
+def _chosen(image, levels, capped, near, full, places, beyond):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Into ``places`` the pixels to compute, and how many: those of 16 bits with a range, and of 8 bits those beyond a look-up.
+
+    near, full: the values from which on a pixel may be, and is, one that the camera clipped.
+    """
+    wanted, none = np.empty(levels.size, np.uint8), np.uint32(FINE_LEVELS)
+    for i in range(levels.size):
+        wanted[i] = beyond[i] = capped[U(levels[i])]
+    if image.itemsize == 2:
+        for i in range(levels.size):
+            wanted[i] = levels[i] != none
+    if near < full:
+        for i in range(levels.size):
+            most, seen = U(max(image[3 * i], max(image[3 * i + 1], image[3 * i + 2]))), levels[i] != none
+            wanted[i] |= seen & (most >= U(near))
+            beyond[i] |= seen & (most >= U(full))
+    number = U(0)
+    for i in range(U(0), U(levels.size), U(1)):  # without a branch, which noise would make hard to foresee
+        places[number] = i
+        number += U(wanted[i])
+    return number
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -328,6 +370,39 @@ def _unclipped(red, green, blue, level, gain, offset, missing, decoded):  # type
         gray = (r + g + b) / ((one - no_r) + (one - no_g) + (one - no_b))  # r, g, b are what the caps left
         r, g, b = r + no_r * gray, g + no_g * gray, b + no_b * gray
     return r, g, b
+
+
+@njit(cache=True, nogil=True)
+def _encode(lights, curve):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Linear light (3, N) through the curve, in place: of 8 bits the nearest of its values, of 16 between two."""
+    zero, half, last = np.float32(0), np.float32(0.5), np.float32(curve.size - (1 if curve.itemsize < 4 else 2))
+    nodes = np.empty(lights.shape[1], np.uint32)
+    for c in range(3):
+        light = lights[c]
+        for k in range(light.size):
+            light[k] = max(light[k] * np.float32(NODES), zero)
+        if curve.itemsize < 4:
+            for k in range(light.size):
+                nodes[k] = np.int32(min(light[k] + half, last))
+            for k in range(light.size):
+                light[k] = curve[nodes[k]]
+        else:
+            for k in range(light.size):
+                place = min(light[k], last)
+                node = U(np.int32(place))
+                light[k] = curve[node] + (curve[node + U(1)] - curve[node]) * (place - np.float32(node))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _shoulder(codes, shoulder):  # type: ignore[no-untyped-def]  # pragma: no cover
+    """Codes (3, N) rolled off and as displayed, in place."""
+    knee, span, bend, unit, zero = shoulder
+    red, green, blue = codes[0], codes[1], codes[2]
+    for k in range(red.size):
+        factor = _factor(max(red[k], max(green[k], blue[k])), knee, span, bend) * unit
+        red[k] = red[k] * factor - zero
+        green[k] = green[k] * factor - zero
+        blue[k] = blue[k] * factor - zero
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -364,17 +439,6 @@ def _full(image):  # type: ignore[no-untyped-def]  # pragma: no cover
     for i in range(image.size // 3):
         number += np.uint32(max(image[3 * i], max(image[3 * i + 1], image[3 * i + 2])) == full)
     return number
-
-
-@njit(cache=True, nogil=True)
-def _encoded(light, curve):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Of 8 bits the nearest of the curve's values, of 16 between two."""
-    place = max(light * np.float32(NODES), np.float32(0))
-    if curve.itemsize < 4:
-        return np.float32(curve[U(min(place + np.float32(0.5), np.float32(curve.size - 1)))])
-    place = min(place, np.float32(curve.size - 2))
-    node = U(place)
-    return np.float32(curve[node] + (curve[node + U(1)] - curve[node]) * (place - np.float32(node)))
 
 
 @njit(cache=True, nogil=True)

@@ -94,10 +94,11 @@ class MomentTable:
         return MomentTable(self.counts.reshape(3, LEVELS, VALUES[8], -1).sum(axis=3), self.offset_sum, 8)
 
 
-def measure(image: Image, range_m: Map, device: str = "cpu") -> MomentTable:
+def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> MomentTable:
     """The moment table of an image's pixels with a known range (finite, above 0).
 
     image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 metres. device: cuda counts there, all else on the processor's cores.
+    every: of so many rows that in the middle is counted.
     Raises ColorError for other shapes or types, DeviceError where CUDA is asked for and absent.
     """
     check_pair(image, range_m)
@@ -106,11 +107,12 @@ def measure(image: Image, range_m: Map, device: str = "cpu") -> MomentTable:
         from stereo_seecolor.color import tensors
         from stereo_seecolor.color.device import find_device
 
-        counts, offset_sum = tensors.count(image, range_m, VALUES[depth], find_device(device))
+        rows = slice(every // 2, None, every)
+        counts, offset_sum = tensors.count(image[rows], range_m[rows], VALUES[depth], find_device(device))
     else:
         from stereo_seecolor.color import kernels
 
-        counts, offset_sum = kernels.count(image, range_m, VALUES[depth])
+        counts, offset_sum = kernels.count(image, range_m, VALUES[depth], every)
     return MomentTable(counts, offset_sum, depth)
 
 
