@@ -2,9 +2,7 @@
 
 import csv
 import json
-from collections.abc import Sequence
 from pathlib import Path
-from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +16,7 @@ from stereo_seecolor.data import Image, Water
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
+from stereo_seecolor.lazy import Lazy
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.placement import place
 from stereo_seecolor.outputs.survey_frames import SurveyFrames
@@ -47,7 +46,7 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> tu
     return path, water
 
 
-class _KeyFrames(Sequence[KeyFrame]):
+class _KeyFrames(Lazy[KeyFrame]):
     """The placed frames of a run, raw and rectified, read when asked for."""
 
     def __init__(self, out: Path, frames: SurveyFrames, poses: NDArray[np.float64], config: RunConfig) -> None:
@@ -61,14 +60,9 @@ class _KeyFrames(Sequence[KeyFrame]):
     def __len__(self) -> int:
         return len(self._placed)
 
-    @overload
-    def __getitem__(self, index: int) -> KeyFrame: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[KeyFrame]: ...
-    def __getitem__(self, index: int | slice) -> KeyFrame | Sequence[KeyFrame]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        number = int(self._placed[index])
-        frame = self._frames[number]
+    def item(self, number: int) -> KeyFrame:
+        """A frame, raw and rectified."""
+        placed = int(self._placed[number])
+        frame = self._frames[placed]
         image: Image = self._rectification.apply_left(read_image(self._left[frame.name], self._config.input))
-        return KeyFrame(image, frame.range_m, self._poses[number])
+        return KeyFrame(image, frame.range_m, self._poses[placed])

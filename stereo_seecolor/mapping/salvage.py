@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import overload
 
 from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import FrameError
+from stereo_seecolor.lazy import Lazy
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class Unplaced:
 Frames = Sequence[SurveyFrame | Unplaced]
 
 
-class Salvage(Frames):
+class Salvage(Lazy[SurveyFrame | Unplaced]):
     """Frames as they are read; one whose files are gone or damaged is Unplaced from then on. lost: those, by number."""
 
     def __init__(self, frames: Sequence[SurveyFrame]) -> None:
@@ -29,16 +29,11 @@ class Salvage(Frames):
     def __len__(self) -> int:
         return len(self._frames)
 
-    @overload
-    def __getitem__(self, index: int) -> SurveyFrame | Unplaced: ...
-    @overload
-    def __getitem__(self, index: slice) -> Frames: ...
-    def __getitem__(self, index: int | slice) -> SurveyFrame | Unplaced | Frames:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        if index not in self.lost:
+    def item(self, number: int) -> SurveyFrame | Unplaced:
+        """A frame, or that it is lost."""
+        if number not in self.lost:
             try:
-                return self._frames[index]
+                return self._frames[number]
             except FrameError as error:
-                self.lost[index] = Unplaced(error.name, str(error))
-        return self.lost[index]
+                self.lost[number] = Unplaced(error.name, str(error))
+        return self.lost[number]

@@ -7,7 +7,9 @@ import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, overload
+from typing import Any, Literal
+
+from stereo_seecolor.lazy import Lazy
 
 Status = Literal["ok", "failed", "unpaired"]
 _PATH = re.compile(r"^\S*/.*?: ")
@@ -53,7 +55,7 @@ class FrameRow:
 _NOTHING: dict[str, Any] = {}
 
 
-class FrameTable(Sequence[FrameRow]):
+class FrameTable(Lazy[FrameRow]):
     """A dive's rows in the order they came; each is made anew when asked for.
 
     There are thousands of them, so numbers and hashes are kept packed, in blocks of at most 512 bytes: those have memory of their
@@ -79,15 +81,10 @@ class FrameTable(Sequence[FrameRow]):
     def __len__(self) -> int:
         return len(self._texts)
 
-    @overload
-    def __getitem__(self, index: int) -> FrameRow: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[FrameRow]: ...
-    def __getitem__(self, index: int | slice) -> FrameRow | Sequence[FrameRow]:
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        hashes, seconds, facts = pickle.loads(self._numbers[index])
-        return replace(self._texts[index], hashes=hashes, seconds=seconds, facts=facts)
+    def item(self, number: int) -> FrameRow:
+        """A row."""
+        hashes, seconds, facts = pickle.loads(self._numbers[number])
+        return replace(self._texts[number], hashes=hashes, seconds=seconds, facts=facts)
 
 
 @dataclass(frozen=True)

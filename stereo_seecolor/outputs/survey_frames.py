@@ -2,9 +2,8 @@
 
 import csv
 import json
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, overload
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,11 +12,12 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.lazy import Lazy
 from stereo_seecolor.outputs.run_folder import RUN_FORMAT
 from stereo_seecolor.outputs.write import MASK_CODES
 
 
-class SurveyFrames(Sequence[SurveyFrame]):
+class SurveyFrames(Lazy[SurveyFrame]):
     """The frames of ``OUT/`` that went through all stages, in the order of their names; each is read when asked for.
 
     pair: the geometry of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes.
@@ -43,15 +43,9 @@ class SurveyFrames(Sequence[SurveyFrame]):
     def __len__(self) -> int:
         return len(self._rows)
 
-    @overload
-    def __getitem__(self, index: int) -> SurveyFrame: ...
-    @overload
-    def __getitem__(self, index: slice) -> Sequence[SurveyFrame]: ...
-    def __getitem__(self, index: int | slice) -> SurveyFrame | Sequence[SurveyFrame]:
+    def item(self, number: int) -> SurveyFrame:
         """Read one frame. Raises FrameError if one of its files is gone or damaged."""
-        if isinstance(index, slice):
-            return [self[i] for i in range(*index.indices(len(self)))]
-        row = self._rows[index]
+        row = self._rows[number]
         try:
             return self._frame(row)
         except InputError as error:

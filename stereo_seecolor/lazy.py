@@ -1,0 +1,24 @@
+"""Sequences whose items are read or made when asked for, since a dive's do not fit in memory."""
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import TypeVar, overload
+
+Item = TypeVar("Item", covariant=True)
+
+
+class Lazy(Sequence[Item]):
+    """A sequence of what ``item`` gives; a slice of it is a list."""
+
+    @abstractmethod
+    def item(self, number: int) -> Item:
+        """The item of this number, 0 to before the length."""
+
+    @overload
+    def __getitem__(self, index: int) -> Item: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Item]: ...
+    def __getitem__(self, index: int | slice) -> Item | list[Item]:
+        if isinstance(index, slice):
+            return [self.item(i) for i in range(len(self))[index]]
+        return self.item(range(len(self))[index])
