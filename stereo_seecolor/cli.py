@@ -461,7 +461,7 @@ def _print_summary(summary: "RunSummary", out: Path) -> None:
     console = Console(soft_wrap=True, highlight=False)
     bad = [row for row in summary.rows if row.status != "ok"]
     for row in bad[:MOST_NAMED]:
-        console.print(f"{row.status}: {row.name}: {row.error}", markup=False)
+        console.print(row.line, markup=False)
     if len(bad) > MOST_NAMED:
         console.print(f"and {len(bad) - MOST_NAMED} more, named in {out / 'frames.csv'}", markup=False)
     for note in summary.notes:

@@ -43,6 +43,6 @@ class _Bar:
         if self._task is None:
             return
         if row.status == "failed":
-            self._bar.console.print(f"failed: {row.name}: {row.error}", markup=False)
+            self._bar.console.print(row.line, markup=False)
         speed = self._bar.tasks[self._task].speed
         self._bar.update(self._task, advance=1, pair=row.name, rate=f"{speed:.1f}/s" if speed else "")

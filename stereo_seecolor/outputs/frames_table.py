@@ -36,6 +36,11 @@ class FrameRow:
     seconds: dict[str, float] = field(default_factory=dict)
     facts: dict[str, float] = field(default_factory=dict)
 
+    @property
+    def line(self) -> str:
+        """What became of it, for a person: the name once, also where the error begins with it."""
+        return f"{self.status}: {self.name}: {self.error.removeprefix(f'{self.name}: ')}"
+
     def then(self, later: "FrameRow") -> "FrameRow":
         """This row after a later stage: times add up, what a stage says again is said once, kept only if both were."""
         seconds = {key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0) for key in self.seconds | later.seconds}
