@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,14 @@ from stereo_seecolor.options import RunOptions
 from stereo_seecolor.outputs.frames_table import FrameRow
 
 PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
+
+
+@pytest.fixture(autouse=True)
+def heed_interrupts() -> Iterator[None]:
+    """Ctrl-C works, also where the tests are run in the background of a script, whose shell has it ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 def assert_whole(out: Path) -> None:
