@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from stereo_seecolor.color import kernels, table_solver
+from stereo_seecolor.color import counting, kernels, table_solver
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.parameters import ATTENUATION, BACKSCATTER, raw_rates
 from stereo_seecolor.color.table_losses import attenuation_loss
@@ -94,7 +94,8 @@ def test_same_result_whatever_the_number_of_threads(objective, monkeypatch):
     image, range_m = scene(3, (150, 200))
 
     def result(parts):
-        monkeypatch.setattr(kernels, "_parts", lambda pixels: parts)
+        monkeypatch.setattr(counting, "divisions", lambda pixels: parts)
+        monkeypatch.setattr(kernels, "divisions", lambda pixels: parts)
         table = corrector.measure(image, range_m)
         water = corrector.fit(table)
         return water, corrector.apply(image, range_m, water, table)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.color import kernels
+from stereo_seecolor.color import counting
 from stereo_seecolor.color.corrector import ENOUGH, Corrector
 from stereo_seecolor.color.tables import LEVELS, MomentTable, level_edges_m, measure
 from stereo_seecolor.errors import ColorError
@@ -51,7 +51,7 @@ def test_same_table_whatever_the_number_of_cores(monkeypatch):
     image, range_m = random_frame(2, (701, 613))
     tables = []
     for cores in (1, 5):
-        monkeypatch.setattr(kernels, "cores", lambda cores=cores: cores)
+        monkeypatch.setattr(counting, "cores", lambda cores=cores: cores)
         tables.append(measure(image, range_m))
     one, many = tables
     assert np.array_equal(one.counts, many.counts)

@@ -1,57 +1,24 @@
-"""The loops that touch every pixel, on all cores. Counts are integers: the same result whatever the number of threads.
+"""Correcting every pixel, on all cores: by look-up where a level of range and a value say it all, else computed.
 
 Compiled without numba's own threads, whose simplest layer must not be entered by two threads at once.
 """
 
 import itertools
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.counting import BLOCK, LAST, U, divisions, place_of, span, spread
 from stereo_seecolor.color.encoding import NODES
 from stereo_seecolor.color.gains import FINE, FINE_LEVELS, Gains
-from stereo_seecolor.color.tables import LEVELS, LOW_BITS, NEAREST_M, range_bits
+from stereo_seecolor.color.tables import LOW_BITS
 from stereo_seecolor.color.tone import Looks
-from stereo_seecolor.schedule import core_pool, cores
 
-U = np.uint64
-GAP = 8
-"""Between the counts of two channels: without, those of equal red and blue are 4096 bytes apart, which processors take for one."""
-ZERO, PIXEL = np.int32(0), np.int64(1 << 40)
-BLOCK = 2048
 ROW = 3 * 256
 """Entries of a level in a ``color_table``."""
-MOST = 1 << 21
-"""Pixels of one part: their places in a level then add up to less than 40 bits."""
-_FIRST = int(np.float32(NEAREST_M).view(np.int32))
-_INFINITY = int(np.float32(np.inf).view(np.int32))
-_LAST = (LEVELS << LOW_BITS) - 1
-_LOW = (1 << LOW_BITS) - 1
 _FINE_BITS = LOW_BITS - FINE.bit_length() + 1
-
-
-def count(
-    image: NDArray[Any], range_m: NDArray[np.floating], values: int, every: int = 1
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Counts (3, 256, values) and offset sums (256,) of an image (H, W, 3) and its range map (H, W), of one row in ``every``."""
-    flat, bits = np.ascontiguousarray(image).reshape(-1), range_bits(range_m)
-    (height, width), shift = range_m.shape, 0 if image.dtype == np.uint8 else 4
-    parts = _parts(bits.size // every)
-    edges = [height * i // parts // every * every for i in range(parts)] + [height]
-    cells = np.empty((parts, LEVELS + 1, 3, values + GAP), np.int64)
-    met = np.zeros((parts, 2), np.int64)
-
-    def part(i: int) -> None:
-        a, b = edges[i] * width, edges[i + 1] * width
-        met[i] = _count(flat[3 * a : 3 * b], bits[a:b], max(width, 1), every, shift, cells[i].reshape(-1))
-
-    _spread(part, parts)
-    counts, place_sum = np.zeros((3, LEVELS, values), np.int64), np.zeros(LEVELS, np.int64)
-    _add_up(cells, met, counts, place_sum)
-    return counts, place_sum
 
 
 def apply(
@@ -74,7 +41,7 @@ def apply(
         clipped[i] = _correct(image[pixels], bits[a:b], *model, *shown, out[pixels], unknown[a:b].view(np.uint8), beyond[a:b])
         known[i] = b - a - np.count_nonzero(unknown[a:b])
 
-    _spread(part, len(bounds))
+    spread(part, len(bounds))
     return out, unknown, beyond, float(clipped.sum() / max(known.sum(), 1))
 
 
@@ -87,7 +54,7 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, decode
         a, b = bounds[i]
         _linear(image[3 * a : 3 * b], bits[a:b], by_level.gain, by_level.offset, by_level.missing, decoded, out[3 * a : 3 * b])
 
-    _spread(part, len(bounds))
+    spread(part, len(bounds))
     return out
 
 
@@ -98,100 +65,19 @@ def color_table(by_level: Gains, looks: Looks) -> NDArray[Any]:
     return table
 
 
-def _parts(pixels: int) -> int:
-    return max(1, min(cores(), 8, pixels // 65536), -(-pixels // MOST))
-
-
 def _bounds(pixels: int) -> list[tuple[int, int]]:
-    parts = _parts(pixels)
+    parts = divisions(pixels)
     return list(itertools.pairwise(pixels * i // parts // 4 * 4 if i < parts else pixels for i in range(parts + 1)))
-
-
-def _spread(part: Callable[[int], None], parts: int) -> None:
-    if parts == 1:
-        part(0)
-        return
-    others = [core_pool().submit(part, i) for i in range(1, parts)]
-    part(0)
-    for other in others:
-        other.result()
-
-
-@njit(cache=True, nogil=True)
-def _place(bits):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Where a range is among the levels and inside its own; past the last where it is not known."""
-    zero, infinity, first, last = ZERO, np.int32(_INFINITY), np.int32(_FIRST), np.int32(_LAST)
-    known = (bits > zero) & (bits < infinity)  # NaN, infinities, zero and negative numbers are not
-    return min(max(bits - first, zero), last) if known else last + np.int32(1)
-
-
-@njit(cache=True, nogil=True)
-def _places(bits, places):  # type: ignore[no-untyped-def]  # pragma: no cover
-    for i in range(bits.size):  # 32-bit arithmetic and no branch: the compiler does eight at a time
-        places[i] = np.uint32(_place(bits[i]))
 
 
 @njit(cache=True, nogil=True)
 def _rows(bits, rows, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Where in a ``color_table`` each pixel's fine level begins; 1 where its range is unknown."""
-    shift, last = np.int32(_FINE_BITS), np.int32(_LAST)
+    shift, last = np.int32(_FINE_BITS), np.int32(LAST)
     for i in range(bits.size):
-        place = _place(bits[i])
+        place = place_of(bits[i])
         rows[i] = np.uint32(place >> shift) * np.uint32(ROW)
         unknown[i] = np.uint8(place > last)
-
-
-@njit(cache=True, nogil=True)
-def _count(image, bits, width, every, shift, cells):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """Into ``cells``, flat (257, 3, values + GAP), pixels; red's above 40 bits, and below these the sum of places in a level.
-
-    Of each ``every`` rows that in the middle is counted.
-    Gives the levels met, from the first to before the last; the cells of others are left as they were.
-    """
-    # a flat array and unsigned indices: numba then leaves out its tests for negative ones
-    block = np.empty(BLOCK, np.uint32)
-    row_size = cells.size // (LEVELS + 1)
-    pitch, shift = U(row_size // 3), U(shift)
-    low, high = 0, 0
-    cells[LEVELS * row_size :] = 0
-    for start in range(every // 2 * width, bits.size, every * width):
-        for first in range(start, start + width, BLOCK):
-            part = bits[first : min(first + BLOCK, start + width)]
-            _places(part, block)
-            nearest, farthest = _span(block[: part.size], np.uint32(_LAST + 1))
-            if nearest <= farthest and not (low <= nearest >> LOW_BITS and farthest >> LOW_BITS < high):
-                low, high = _cleared(cells, row_size, low, high, nearest >> LOW_BITS, (farthest >> LOW_BITS) + 1)
-            at = U(3 * first)
-            for i in range(part.size):
-                place = U(block[i])
-                row = (place >> U(LOW_BITS)) * (U(3) * pitch)
-                cells[row + (U(image[at]) >> shift)] += PIXEL + np.int64(place & U(_LOW))
-                cells[row + pitch + (U(image[at + U(1)]) >> shift)] += 1
-                cells[row + pitch + pitch + (U(image[at + U(2)]) >> shift)] += 1
-                at += U(3)
-    return low, high
-
-
-@njit(cache=True, nogil=True)
-def _cleared(cells, row_size, low, high, first, end):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """The levels with cleared cells, from ``low`` to before ``high``, grown to hold those from ``first`` to before ``end``."""
-    low, high = (first, first) if low == high else (low, high)
-    cells[min(first, low) * row_size : low * row_size] = 0
-    cells[high * row_size : max(end, high) * row_size] = 0
-    return min(first, low), max(end, high)
-
-
-@njit(cache=True, nogil=True)
-def _add_up(cells, met, counts, place_sum):  # type: ignore[no-untyped-def]  # pragma: no cover
-    for part in range(cells.shape[0]):
-        for level in range(met[part, 0], met[part, 1]):
-            for value in range(counts.shape[2]):
-                red = cells[part, level, 0, value]
-                counts[0, level, value] += red >> 40
-                place_sum[level] += red & (PIXEL - 1)
-            for channel in range(1, 3):
-                for value in range(counts.shape[2]):
-                    counts[channel, level, value] += cells[part, level, channel, value]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -208,7 +94,7 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
         pixels, shown, row = image[3 * start : 3 * end], out[3 * start : 3 * end], rows[: end - start]
         beyond[start:end] = False
         _rows(bits[start:end], row, unknown[start:end])
-        nearest, farthest = _span(row, np.uint32(FINE_LEVELS * ROW))
+        nearest, farthest = span(row, np.uint32(FINE_LEVELS * ROW))
         nearest, farthest = nearest // ROW, farthest // ROW
         if not deep and nearest <= farthest and not low <= nearest <= farthest < high:  # the table grows with the ranges met
             low, high = (nearest, nearest) if low == high else (low, high)
@@ -227,16 +113,6 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
         if _highest(shown) == full:
             clipped += _full(shown)
     return clipped
-
-
-@njit(cache=True, nogil=True)
-def _span(places, none):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """The nearest and the farthest of a block's places that are not ``none``; the nearest is beyond the farthest where all are."""
-    nearest, farthest = none, np.uint32(0)
-    for i in range(places.size):
-        nearest = min(nearest, places[i])
-        farthest = max(farthest, places[i] if places[i] != none else np.uint32(0))
-    return int(nearest), int(farthest)
 
 
 @njit(cache=True, nogil=True)
@@ -408,7 +284,7 @@ def _shoulder(codes, shoulder):  # type: ignore[no-untyped-def]  # pragma: no co
 @njit(cache=True, nogil=True, error_model="numpy")
 def _linear(image, bits, gain, offset, missing, decoded, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     for i in range(bits.size):
-        level, at = U(_place(bits[i]) >> np.int32(_FINE_BITS)), U(3 * i)
+        level, at = U(place_of(bits[i]) >> np.int32(_FINE_BITS)), U(3 * i)
         r, g, b = np.float32(0), np.float32(0), np.float32(0)
         if level != U(FINE_LEVELS):
             red, green, blue = U(image[at]), U(image[at + U(1)]), U(image[at + U(2)])

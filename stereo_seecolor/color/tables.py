@@ -110,9 +110,9 @@ def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> 
         rows = slice(every // 2, None, every)
         counts, offset_sum = tensors.count(image[rows], range_m[rows], VALUES[depth], find_device(device))
     else:
-        from stereo_seecolor.color import kernels
+        from stereo_seecolor.color import counting
 
-        counts, offset_sum = kernels.count(image, range_m, VALUES[depth], every)
+        counts, offset_sum = counting.count(image, range_m, VALUES[depth], every)
     return MomentTable(counts, offset_sum, depth)
 
 

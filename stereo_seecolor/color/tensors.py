@@ -1,4 +1,4 @@
-"""What ``kernels`` does, in torch, for a CUDA device (``color.device: cuda``) or any other: the same integers, the same pixels.
+"""What ``counting`` and ``kernels`` do, in torch, for a CUDA device (``color.device: cuda``) or any other: the same numbers.
 
 Images that are on the device already can stay there: ``count_pixels`` and ``look_up``.
 """
@@ -25,7 +25,7 @@ _FINE_BITS = LOW_BITS - FINE.bit_length() + 1
 def count(
     image: NDArray[Any], range_m: NDArray[np.floating], values: int, device: torch.device
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """``kernels.count`` on a device."""
+    """``counting.count`` on a device."""
     pixels, bits = _pixels(np.ascontiguousarray(image), device), torch.from_numpy(range_bits(range_m)).to(device)
     counts, offset_sum = count_pixels(pixels, bits, values)
     return counts.cpu().numpy(), offset_sum.cpu().numpy()
