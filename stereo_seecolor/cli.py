@@ -6,7 +6,6 @@ Exit codes: 0 all done; 1 a known error, in one line; 2 wrong usage; 3 finished,
 
 import inspect
 import json
-import os
 import sys
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -17,6 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from stereo_seecolor.allocator import keep_freed_memory
+from stereo_seecolor.schedule import cores
 
 if TYPE_CHECKING:
     from stereo_seecolor.config import RunConfig
@@ -48,7 +48,7 @@ Strict = Annotated[bool, typer.Option("--strict", help="Stop at the first bad pa
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, for scripts.")]
 
 EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_SOME_FAILED, EXIT_INTERRUPTED = 0, 1, 3, 130
-DEFAULT_WORKERS = min(os.cpu_count() or 1, 8)
+DEFAULT_WORKERS = min(cores(), 8)
 MOST_NAMED = 20
 """So many bad pairs are named on the terminal; frames.csv names them all."""
 

@@ -7,6 +7,7 @@ import sys
 from dataclasses import dataclass
 
 from stereo_seecolor.mapping.fusion import LIBRARIES
+from stereo_seecolor.schedule import cores
 
 EXTRAS = {"rasterio": "geo", "laspy": "geo", "pyproj": "geo", "onnxruntime": "onnx"}
 
@@ -26,7 +27,7 @@ def examine() -> list[Finding]:
     """Look at all that the program can make use of."""
     findings = [
         Finding("python", sys.version_info >= (3, 11), platform.python_version(), needed=True),
-        Finding("processor", True, f"{os.cpu_count()} cores, {platform.machine()}"),
+        Finding("processor", True, f"{cores()} cores, {platform.machine()}"),
     ]
     findings += [_library(name, needed=True) for name in ("numpy", "cv2", "torch", "numba", "pydantic", "yaml")]
     return [*findings, _cuda(), _open3d(), *(_extra(module, extra) for module, extra in EXTRAS.items())]

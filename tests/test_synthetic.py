@@ -104,7 +104,7 @@ def test_truth_is_consistent(scene: Scene, pair: RenderedPair) -> None:
 
 
 def test_same_specification_same_pictures_whatever_the_threads(pair: RenderedPair, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(casting.os, "cpu_count", lambda: 1)
+    monkeypatch.setattr(casting, "cores", lambda: 3)
     again = Scene.from_spec(SPEC).render(1)
     assert np.array_equal(again.frame.left, pair.frame.left)
     assert np.array_equal(again.frame.right, pair.frame.right)
