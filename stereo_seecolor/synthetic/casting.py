@@ -5,13 +5,14 @@ Compiled without numba's own threads, whose simplest layer must not be entered t
 
 import itertools
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereo_seecolor.schedule import core_pool, cores
+from stereo_seecolor.schedule import cores
 from stereo_seecolor.synthetic.reef import BLOCK_CELLS, CELL_M, DETAIL_TEXEL_M, MAX_STEEPNESS, Reef
 
 Rays = NDArray[np.float32]
@@ -38,10 +39,15 @@ def look_up(
 
 
 def in_rows(kernel: Callable[..., Any], rows: int, *arguments: Any) -> None:
-    """Run a compiled ``kernel(first_row, end_row, *arguments)`` over all rows, a share to each core."""
-    bounds = np.linspace(0, rows, 4 * cores() + 1).astype(int).tolist()
-    for part in [core_pool().submit(kernel, first, end, *arguments) for first, end in itertools.pairwise(bounds)]:
-        part.result()
+    """Run a compiled ``kernel(first_row, end_row, *arguments)`` over all rows, a share to each core.
+
+    In threads of its own: who renders frames as they are asked for may be in the shared ones, which must not wait for each other.
+    """
+    threads = min(cores(), 8)
+    bounds = np.linspace(0, rows, 4 * threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads) as pool:
+        for part in [pool.submit(kernel, first, end, *arguments) for first, end in itertools.pairwise(bounds)]:
+            part.result()
 
 
 @compiled
