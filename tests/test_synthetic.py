@@ -175,6 +175,10 @@ def test_waters_take_red_first_and_light_away_with_depth(name: WaterName) -> Non
     np.testing.assert_allclose(shallow.water.backscatter(range_m)[3], shallow.water.gamma_inf, rtol=1e-3)
     assert deep.water.white[0] / deep.water.white[1] < shallow.water.white[0] / shallow.water.white[1]
     assert (shallow.sun_attenuation > 0).all()
+    white_patch = shallow.water.white * shallow.water.attenuation(np.array(1.5))
+    assert white_patch.max() < 1.0
+    if name != "turbid":  # whose veil takes room
+        assert white_patch.max() > 0.9
     for altitude_m in (1.5, 4.0):  # in turbid water the veil is then three times the patch's own light
         water = lit_water(name, 10.0, 10.0 - altitude_m, altitude_m).water
         seen = water.white * water.attenuation(np.array(altitude_m)) + water.backscatter(np.array(altitude_m))
