@@ -39,16 +39,16 @@ def longer_focal(rig: StereoRig) -> StereoRig:
 
 def main() -> None:
     rig = make_rig()
-    modelled, ignored = port_error(rig, DEPTHS_M), port_error(rig, DEPTHS_M, replace(rig, port=None))
+    modeled, ignored = port_error(rig, DEPTHS_M), port_error(rig, DEPTHS_M, replace(rig, port=None))
     zoomed = port_error(rig, DEPTHS_M, longer_focal(rig))
     far = port_error(make_rig(0.1), DEPTHS_M)
     print("| range, m | with the model | port 100 mm away, with the model | focal length x index | port ignored | rows, ignored |")
     print("| --- | --- | --- | --- | --- | --- |")
     for i, depth in enumerate(DEPTHS_M):
-        columns = [f"{e.range_error[i]:.2%}" for e in (modelled, far, zoomed, ignored)]
+        columns = [f"{e.range_error[i]:.2%}" for e in (modeled, far, zoomed, ignored)]
         print(f"| {depth:g} | {' | '.join(columns)} | {ignored.row_error_px[i]:.1f} px |")
     if len(sys.argv) > 1:
-        curves = {"with the model": modelled, "focal length x index": zoomed, "port ignored": ignored}
+        curves = {"with the model": modeled, "focal length x index": zoomed, "port ignored": ignored}
         Path(sys.argv[1]).write_text(_svg({name: error.range_error for name, error in curves.items()}), encoding="utf-8")
 
 

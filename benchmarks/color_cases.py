@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.data import Water
+from stereo_seecolor.records import Water
 
 MATERIALS = np.array(
     [  # linear reflectance R, G, B

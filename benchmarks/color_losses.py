@@ -17,12 +17,12 @@ import numpy as np
 import torch
 from color_speed import frame
 
-from stereo_seecolor.color import table_solver
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.parameters import ATTENUATION, BACKSCATTER
-from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.color.fit import table_solver
+from stereo_seecolor.color.fit.parameters import ATTENUATION, BACKSCATTER
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.data import Image, Map, Water
+from stereo_seecolor.records import Image, Map, Water
 
 STEP = 6
 """Every sixth pixel each way, for the losses: the dense solver takes a minute a frame otherwise."""

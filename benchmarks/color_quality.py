@@ -18,11 +18,11 @@ from color_cases import Case, make_case, srgb
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, RunConfig
-from stereo_seecolor.data import Water
 from stereo_seecolor.evaluation.baselines import METHODS, expose
 from stereo_seecolor.evaluation.charts import correct_by_all, score_target
 from stereo_seecolor.evaluation.measures import linear_from_srgb, score_neutral, score_truth, srgb_from_linear
 from stereo_seecolor.evaluation.targets import neutral, read_targets, targets_of
+from stereo_seecolor.records import Water
 
 Result = np.ndarray
 Method = Callable[[Case], Result]

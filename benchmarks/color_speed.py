@@ -1,4 +1,4 @@
-"""Seconds of the colour stage at 1952x1242, 8 bit: measure, fit, apply; and apply where highlights roll off, and where besides
+"""Seconds of the color stage at 1952x1242, 8 bit: measure, fit, apply; and apply where highlights roll off, and where besides
 noise stops the gain in a quarter of the pixels.
 
 python benchmarks/color_speed.py
@@ -14,7 +14,7 @@ import numpy as np
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.data import Image, Map, Water
+from stereo_seecolor.records import Image, Map, Water
 
 SIZE = (1242, 1952)
 FRAMES = 20

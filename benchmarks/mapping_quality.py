@@ -22,16 +22,16 @@ from scipy.spatial import cKDTree
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
-from stereo_seecolor.data import StereoFrame, SurveyFrame, Trajectory
 from stereo_seecolor.evaluation.cloud import REACH_M, surface_points
 from stereo_seecolor.evaluation.measures import angle_deg, linear_from_srgb
 from stereo_seecolor.evaluation.nearest import nearest_distance_m
 from stereo_seecolor.evaluation.trajectory import align, trajectory_error
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.mapping.georeference import _ply_vertices
-from stereo_seecolor.mapping.reef_metrics import measure
+from stereo_seecolor.mapping.raster.georeference import _ply_vertices
+from stereo_seecolor.mapping.raster.reef_metrics import measure
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.records import StereoFrame, SurveyFrame, Trajectory
 from stereo_seecolor.synthetic.reef import CELL_M
 from stereo_seecolor.synthetic.render import Scene
 from stereo_seecolor.synthetic.survey import SurveySpec

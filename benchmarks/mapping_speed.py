@@ -19,9 +19,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 from mapping_scene import ReefFrames, write_run
 
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import SurveyFrame, Trajectory
 from stereo_seecolor.mapping.survey_map import build_map
-from stereo_seecolor.outputs.survey_frames import SurveyFrames
+from stereo_seecolor.records import SurveyFrame, Trajectory
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 SPEC = SurveySpec(pairs=24, lines=2, image_size=(1280, 1024), altitude_m=(2.0, 2.0))

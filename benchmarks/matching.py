@@ -13,8 +13,8 @@ import numpy as np
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
-from stereo_seecolor.data import StereoFrame
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.records import StereoFrame
 from stereo_seecolor.synthetic.render import Scene
 from stereo_seecolor.synthetic.survey import SurveySpec
 

@@ -39,11 +39,11 @@ def plain_loop(dive: Path, out: Path) -> None:
     """What one would write in an afternoon: one pair after the other through the same stages, and everything written."""
     from calibration.formats import load_rig
     from stereo_seecolor.config import load_config
-    from stereo_seecolor.data import StereoFrame
     from stereo_seecolor.inputs.images import read_image
-    from stereo_seecolor.outputs.run_folder import RunFolder
-    from stereo_seecolor.outputs.write import write_correction, write_range
     from stereo_seecolor.pipeline import Pipeline
+    from stereo_seecolor.records import StereoFrame
+    from stereo_seecolor.run_folder.folder import RunFolder
+    from stereo_seecolor.run_folder.products import write_correction, write_range
 
     pipeline = Pipeline(load_rig(dive / "rendered/cam.yaml"), load_config(None, ["color.lock=frame"]))
     with RunFolder(out, "plain") as folder:
@@ -56,10 +56,10 @@ def plain_loop(dive: Path, out: Path) -> None:
 
 
 def whole_run(dive: Path, out: Path, workers: int) -> None:
-    from stereo_seecolor import jobs
-    from stereo_seecolor.allocator import keep_freed_memory
+    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.compute.allocator import keep_freed_memory
     from stereo_seecolor.config import load_config
-    from stereo_seecolor.options import RunOptions
+    from stereo_seecolor.progress import RunOptions
 
     keep_freed_memory()  # as the command does
     config = load_config(None, ["color.lock=survey"])

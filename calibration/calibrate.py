@@ -99,7 +99,7 @@ def _row_errors(bundle: Bundle, views: list[View]) -> Array:
 def _choose(fits: list[Bundle], scores: list[LensScore]) -> tuple[Bundle, LensScore]:
     """The simplest lens whose left-out errors are no worse than the best's beyond doubt, or by too little to matter.
 
-    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), but with two: from ten views, chance favours a needless
+    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), but with two: from ten views, chance favors a needless
     coefficient often enough, and it costs more than it gives. The errors of a view are compared as a ratio, so that the many views
     that agree outweigh one that is large.
     """

@@ -206,7 +206,7 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
 
 
 def _inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bool_]:
-    """Matches whose rows differ as their neighbours' do: within a few deviations of a smooth trend over the image."""
+    """Matches whose rows differ as their neighbors' do: within a few deviations of a smooth trend over the image."""
     x, y = ((left - np.array(pair.image_size) / 2) / pair.focal_px).T
     disparity = (left[:, 0] - right[:, 0]) / pair.focal_px
     one = np.ones_like(x)

@@ -17,7 +17,7 @@ Map = NDArray[np.float32]
 class RectifiedPair:
     """The pinhole geometry that both rectified images share.
 
-    focal_px: focal length; cx_left_px, cx_right_px, cy_px: principal points; baseline_m: distance of the optical centres;
+    focal_px: focal length; cx_left_px, cx_right_px, cy_px: principal points; baseline_m: distance of the optical centers;
     image_size: (width, height).
     """
 
@@ -42,7 +42,7 @@ class RectifiedPair:
         return np.sqrt(1 + x**2 + y**2).astype(np.float32)
 
     def depth_from_disparity(self, disparity: Map) -> Map:
-        """Z = f B / (d - (cx_left - cx_right)), metres; NaN where the disparity is unknown or at or beyond infinity."""
+        """Z = f B / (d - (cx_left - cx_right)), meters; NaN where the disparity is unknown or at or beyond infinity."""
         shifted = disparity - np.float32(self.cx_left_px - self.cx_right_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             depth_m = np.float32(self.focal_px * self.baseline_m) / shifted
@@ -54,11 +54,11 @@ class RectifiedPair:
         return (np.float32(self.focal_px * self.baseline_m) / depth_m + shift_px).astype(np.float32)
 
     def range_from_depth(self, depth_m: Map) -> Map:
-        """Distance along the ray in metres, from Z."""
+        """Distance along the ray in meters, from Z."""
         return depth_m * self.ray_length
 
     def depth_from_range(self, range_m: Map) -> Map:
-        """Z in metres, from the distance along the ray."""
+        """Z in meters, from the distance along the ray."""
         return range_m / self.ray_length
 
     @cached_property
@@ -71,5 +71,5 @@ class RectifiedPair:
         return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True), np.float32)
 
     def points_from_range(self, range_m: Map) -> NDArray[np.float32]:
-        """(H, W, 3) points in the rectified left camera, metres; NaN where the range is unknown."""
+        """(H, W, 3) points in the rectified left camera, meters; NaN where the range is unknown."""
         return np.asarray(self.rays * range_m[..., None])

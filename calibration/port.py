@@ -17,7 +17,7 @@ BAR_PER_M = 0.1005
 class FlatWindow:
     """The flat window before one camera.
 
-    distance_m: from the camera's optical centre to the inside of the glass, along the normal. thickness_m: of the glass.
+    distance_m: from the camera's optical center to the inside of the glass, along the normal. thickness_m: of the glass.
     normal: (3,) in the camera's axes, pointing out into the water; made a unit vector here.
 
     Raises CalibrationError for what no window can be.
@@ -62,9 +62,9 @@ class FlatPort:
 
 @dataclass(frozen=True)
 class DomePort:
-    """Domes whose centres are the cameras' optical centres: rays meet the glass squarely and pass unbent, so nothing is changed.
+    """Domes whose centers are the cameras' optical centers: rays meet the glass squarely and pass unbent, so nothing is changed.
 
-    A dome off centre bends light as a lens would; calibrate such a rig in water.
+    A dome off center bends light as a lens would; calibrate such a rig in water.
     """
 
 

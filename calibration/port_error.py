@@ -1,4 +1,4 @@
-"""What a flat port, modelled or ignored, does to ranges: exact rays traced through it, and read as the rectification reads them."""
+"""What a flat port, modeled or ignored, does to ranges: exact rays traced through it, and read as the rectification reads them."""
 
 from dataclasses import dataclass
 
@@ -51,7 +51,7 @@ def _errors_at(rig: StereoRig, seen_as: StereoRig, depth_m: float) -> tuple[floa
 
 
 def _traced(rig: StereoRig, depth_m: float) -> tuple[Array, tuple[Array, Array]]:
-    """Points (n, 3) that both cameras see, in rectified axes from the left camera's centre in water; and their raw pixels."""
+    """Points (n, 3) that both cameras see, in rectified axes from the left camera's center in water; and their raw pixels."""
     left, right, _ = cameras_in_water(rig)
     if not isinstance(left, CameraInWater) or not isinstance(right, CameraInWater):
         raise CalibrationError("the rig has no flat port: nothing is bent")
@@ -60,7 +60,7 @@ def _traced(rig: StereoRig, depth_m: float) -> tuple[Array, tuple[Array, Array]]
     x, y = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
     slopes = (np.column_stack([x.ravel(), y.ravel()]) - [pair.cx_left_px, pair.cy_px]) / pair.focal_px
     points = np.column_stack([slopes, np.ones(len(slopes))]) * depth_m
-    before_left = points @ R_left + left.centre_m
+    before_left = points @ R_left + left.center_m
     before_right = before_left @ rig.R.T + rig.T_right_left[:3, 3]
     pixels = [left.project_points(before_left), right.project_points(before_right)]
     with np.errstate(invalid="ignore"):

@@ -59,7 +59,7 @@ def _note(target: Target) -> str:
 
 
 def _rectangles(target: Target) -> list[_Rectangle]:
-    """What to paint, in order, metres from the page's top left corner."""
+    """What to paint, in order, meters from the page's top left corner."""
     columns, rows = _squares(target)
     side = target.square_m
     if isinstance(target, Chessboard):

@@ -25,7 +25,7 @@ class Rectification:
 
     pair: the geometry after rectification.
     R_left, R_right: (3, 3) rotation from each camera's axes to the rectified axes.
-    centre_left_m: (3,) in the left camera's axes, where the rectified left camera has its centre; off zero behind a flat port.
+    center_left_m: (3,) in the left camera's axes, where the rectified left camera has its center; off zero behind a flat port.
     maps_left, maps_right: cv2.remap tables (fixed point), None for a rig that is rectified already: its images pass
     through untouched.
     """
@@ -33,7 +33,7 @@ class Rectification:
     pair: RectifiedPair
     R_left: Array
     R_right: Array
-    centre_left_m: Array
+    center_left_m: Array
     maps_left: RemapTables | None
     maps_right: RemapTables | None
 
@@ -44,8 +44,8 @@ class Rectification:
         if rig.is_rectified:
             return cls(pair, R_left, R_right, np.zeros(3), None, None)
         left, right, _ = cameras_in_water(rig)
-        centre_m = left.centre_m if isinstance(left, CameraInWater) else np.zeros(3)
-        return cls(pair, R_left, R_right, centre_m, _maps(left, R_left, pair), _maps(right, R_right, pair))
+        center_m = left.center_m if isinstance(left, CameraInWater) else np.zeros(3)
+        return cls(pair, R_left, R_right, center_m, _maps(left, R_left, pair), _maps(right, R_right, pair))
 
     def apply_left(self, image: Image) -> Image:
         """Rectify a left image (H, W) or (H, W, C); dtype kept, black where the camera saw nothing."""
@@ -59,7 +59,7 @@ class Rectification:
     def T_rectified_left(self) -> Array:
         """(4, 4): a point in the left camera's axes, as calibrated, into the rectified left camera's."""
         T = np.eye(4)
-        T[:3, :3], T[:3, 3] = self.R_left, -self.R_left @ self.centre_left_m
+        T[:3, :3], T[:3, 3] = self.R_left, -self.R_left @ self.center_left_m
         return T
 
     def rectified_rig(self) -> StereoRig:
@@ -141,20 +141,20 @@ def _inner_bounds(camera: AnyCamera, R: Array) -> Array:
     """((x0, y0), (x1, y1)) slopes of the largest upright rectangle found inside the camera's rectified outline."""
     width, height = camera.image_size
     along = np.linspace(0, 1, BORDER_STEPS)[:, None]
-    centre = np.array([(width - 1) / 2, (height - 1) / 2])
+    center = np.array([(width - 1) / 2, (height - 1) / 2])
     corners = np.array([[0, 0], [width - 1, 0], [width - 1, height - 1], [0, height - 1]], dtype=np.float64)
-    edges = [_outermost(camera, R, centre, corners[i] + along * (corners[(i + 1) % 4] - corners[i])) for i in range(4)]
+    edges = [_outermost(camera, R, center, corners[i] + along * (corners[(i + 1) % 4] - corners[i])) for i in range(4)]
     top, right, bottom, left = edges
     return np.array([[left[:, 0].max(), top[:, 1].max()], [right[:, 0].min(), bottom[:, 1].min()]])
 
 
-def _outermost(camera: AnyCamera, R: Array, centre: Array, border: Array) -> Array:
-    """(n, 2) slopes, in rectified axes, of the outermost ray on the way from the centre to each border pixel.
+def _outermost(camera: AnyCamera, R: Array, center: Array, border: Array) -> Array:
+    """(n, 2) slopes, in rectified axes, of the outermost ray on the way from the center to each border pixel.
 
     A lens model may reach no further (its polynomial turns back), and a fisheye sees wider than an image plane can show.
     """
     inwards = np.linspace(0, 1, BORDER_STEPS)[1:, None, None]
-    pixels = centre + inwards * (border - centre)
+    pixels = center + inwards * (border - center)
     x, y, z = np.moveaxis((camera.rays(pixels.reshape(-1, 2)) @ R.T).reshape(*pixels.shape[:2], 3), 2, 0)
     with np.errstate(invalid="ignore", divide="ignore"):
         slopes = np.stack([x / z, y / z], axis=-1)

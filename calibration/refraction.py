@@ -1,7 +1,7 @@
 """Cameras behind a flat port: exact Snell rays through air, glass and water, and the pinhole in water that stands for them.
 
-A flat port has no single centre of projection: water rays meet the port's axis the farther behind it, the wider their angle
-(Treibitz et al. 2012, Flat refractive geometry). Here a camera becomes the pinhole whose centre is the middle of these crossings,
+A flat port has no single center of projection: water rays meet the port's axis the farther behind it, the wider their angle
+(Treibitz et al. 2012, Flat refractive geometry). Here a camera becomes the pinhole whose center is the middle of these crossings,
 with a table of pixels that is exact for points at one working range; ``checks.port_range_errors`` tells what is left at others.
 """
 
@@ -21,7 +21,7 @@ TOLERANCE_M = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class CameraInWater:
-    """A camera behind a flat window, seen from the water as a camera with rays from ``centre_m``; like Camera in use."""
+    """A camera behind a flat window, seen from the water as a camera with rays from ``center_m``; like Camera in use."""
 
     camera: Camera
     window: FlatWindow
@@ -33,7 +33,7 @@ class CameraInWater:
         return self.camera.image_size
 
     @cached_property
-    def centre_m(self) -> Array:
+    def center_m(self) -> Array:
         """(3,) in camera axes: the middle of where water rays meet the axis through the camera, over the image."""
         width, height = self.image_size
         x, y = np.meshgrid(np.linspace(0, width - 1, 21), np.linspace(0, height - 1, 21))
@@ -82,20 +82,20 @@ class CameraInWater:
         return self.camera.project(N + slope[:, None] * outward)
 
     def rays(self, pixels: Array) -> Array:
-        """(n, 3) directions with z = 1, from ``centre_m`` to where each pixel's ray meets the working range."""
+        """(n, 3) directions with z = 1, from ``center_m`` to where each pixel's ray meets the working range."""
         points, directions = self.trace(pixels)
         length = (self._working_z_m - points[:, 2]) / directions[:, 2]
-        seen = points + directions * length[:, None] - self.centre_m
+        seen = points + directions * length[:, None] - self.center_m
         return np.asarray(seen / seen[:, 2:])
 
     def project(self, directions: Array) -> Array:
-        """Pixels (n, 2) of directions (n, 3) from ``centre_m``, for points at the working range."""
+        """Pixels (n, 2) of directions (n, 3) from ``center_m``, for points at the working range."""
         depth = self.port.working_range_m
-        return self.project_points(directions / directions[:, 2:] * depth + self.centre_m)
+        return self.project_points(directions / directions[:, 2:] * depth + self.center_m)
 
     @property
     def _working_z_m(self) -> float:
-        return float(self.port.working_range_m + self.centre_m[2])
+        return float(self.port.working_range_m + self.center_m[2])
 
     @property
     def _paraxial_crossing_m(self) -> float:
@@ -117,13 +117,13 @@ class CameraInWater:
 
 
 def cameras_in_water(rig: StereoRig) -> tuple[Camera | CameraInWater, Camera | CameraInWater, Array]:
-    """What the rig is in water: its cameras, and the (4, 4) transform between their centres, left to right."""
+    """What the rig is in water: its cameras, and the (4, 4) transform between their centers, left to right."""
     if not isinstance(rig.port, FlatPort):
         return rig.left, rig.right, rig.T_right_left
     left = CameraInWater(rig.left, rig.port.left, rig.port)
     right = CameraInWater(rig.right, rig.port.right, rig.port)
     T = rig.T_right_left.copy()
-    T[:3, 3] += rig.R @ left.centre_m - right.centre_m
+    T[:3, 3] += rig.R @ left.center_m - right.center_m
     return left, right, T
 
 

@@ -27,7 +27,7 @@ DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 class Camera:
     """One camera as OpenCV describes it.
 
-    K: (3, 3) float64, pixels, centre of the top left pixel at (0, 0).
+    K: (3, 3) float64, pixels, center of the top left pixel at (0, 0).
     distortion: (n,) float64 in OpenCV's order; n in {0, 4, 5, 8, 12, 14} for pinhole, 4 for fisheye.
     image_size: (width, height) in pixels.
 
@@ -84,7 +84,7 @@ class Camera:
 class StereoRig:
     """Two cameras and the rigid transform between them.
 
-    T_right_left: (4, 4) float64, metres: p_right = T_right_left @ p_left (R and T of OpenCV's stereoCalibrate).
+    T_right_left: (4, 4) float64, meters: p_right = T_right_left @ p_left (R and T of OpenCV's stereoCalibrate).
     medium: where the calibration was made; air calibrations of cameras behind a flat port are wrong under water.
     rms_px: reprojection error of the calibration, None where the file does not say.
     port: the window of a rig calibrated in air; Rectification takes a flat one into account. None for all in-water calibrations.
@@ -120,7 +120,7 @@ class StereoRig:
 
     @cached_property
     def baseline_m(self) -> float:
-        """Distance between the two optical centres in metres."""
+        """Distance between the two optical centers in meters."""
         return float(np.linalg.norm(self.T_right_left[:3, 3]))
 
     @property
@@ -161,8 +161,8 @@ def _check_rotation(R: NDArray[np.float64]) -> None:
 
 def _unit_guess(baseline: float) -> str:
     if baseline < 20:
-        return f"centimetres it is {baseline / 100:g} m, and if it is in board squares, multiply by the size of one"
-    return f"millimetres it is {baseline / 1000:g} m"
+        return f"centimeters it is {baseline / 100:g} m, and if it is in board squares, multiply by the size of one"
+    return f"millimeters it is {baseline / 1000:g} m"
 
 
 def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) -> None:
@@ -172,26 +172,26 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
     if baseline_m > MAX_BASELINE_M:
         raise CalibrationError(
             f"T_right_left: a baseline of {baseline_m:g} m cannot be: if the file is in {_unit_guess(baseline_m)}; "
-            "divide the translation, or calibrate again with the size of a square in metres"
+            "divide the translation, or calibrate again with the size of a square in meters"
         )
     if baseline_m < MIN_BASELINE_M:
         raise CalibrationError(
-            f"T_right_left: a baseline of {baseline_m:g} m cannot be: the unit must be metres "
+            f"T_right_left: a baseline of {baseline_m:g} m cannot be: the unit must be meters "
             "(OpenCV's stereo_calib sample writes board squares unless told their size)"
         )
-    centre_right_in_left = -R.T @ translation_m
-    if abs(centre_right_in_left[2]) > 2 * np.hypot(*centre_right_in_left[:2]):
+    center_right_in_left = -R.T @ translation_m
+    if abs(center_right_in_left[2]) > 2 * np.hypot(*center_right_in_left[:2]):
         raise CalibrationError(
-            f"T_right_left: the second camera stands {centre_right_in_left[2]:+.3f} m along the optical axis of the first: "
+            f"T_right_left: the second camera stands {center_right_in_left[2]:+.3f} m along the optical axis of the first: "
             "no stereo pair stands so; check the order and the axes of the translation"
         )
-    if abs(centre_right_in_left[1]) > abs(centre_right_in_left[0]):
+    if abs(center_right_in_left[1]) > abs(center_right_in_left[0]):
         raise CalibrationError(
-            f"T_right_left: the second camera stands {centre_right_in_left[1]:+.3f} m along y (a vertical pair): "
+            f"T_right_left: the second camera stands {center_right_in_left[1]:+.3f} m along y (a vertical pair): "
             "turn the images by 90 degrees and calibrate again, vertical pairs are not supported"
         )
-    if centre_right_in_left[0] < 0:
+    if center_right_in_left[0] < 0:
         raise CalibrationError(
-            f"T_right_left: the right camera stands {-centre_right_in_left[0]:.3f} m to the LEFT of the left one: "
+            f"T_right_left: the right camera stands {-center_right_in_left[0]:.3f} m to the LEFT of the left one: "
             "left and right are swapped, or the transform is inverted"
         )

@@ -24,7 +24,7 @@ class Corners:
 
 @dataclass(frozen=True)
 class Chessboard:
-    """A chessboard of columns x rows inner corners; square_m: the side of a square in metres."""
+    """A chessboard of columns x rows inner corners; square_m: the side of a square in meters."""
 
     columns: int
     rows: int
@@ -57,7 +57,7 @@ class Chessboard:
 
 @dataclass(frozen=True)
 class Charuco:
-    """A ChArUco board of columns x rows squares; sides in metres; dictionary: OpenCV's name without DICT_, such as 5X5_100."""
+    """A ChArUco board of columns x rows squares; sides in meters; dictionary: OpenCV's name without DICT_, such as 5X5_100."""
 
     dictionary: str
     columns: int
@@ -166,7 +166,7 @@ def _find_chessboard(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray
 
 
 def _refine(image: NDArray[np.uint8], pixels: NDArray[np.float64], columns: int) -> NDArray[np.float64]:
-    """Corners to a fraction of a pixel, in the largest window that never reaches the neighbouring corner.
+    """Corners to a fraction of a pixel, in the largest window that never reaches the neighboring corner.
 
     cornerSubPix beats the sector-based detector's own refinement by a third on small, compressed images.
     """

@@ -1,4 +1,4 @@
-"""Stereo pairs of a reef in, metric range maps, true-colour images and coloured 3-D maps out.
+"""Stereo pairs of a reef in, metric range maps, true-color images and colored 3-D maps out.
 
 >>> from stereo_seecolor import Pipeline, run  # doctest: +SKIP
 """
@@ -17,7 +17,7 @@ def __getattr__(name: str) -> Any:
 
         return Pipeline
     if name == "run":
-        from stereo_seecolor.jobs import run
+        from stereo_seecolor.commands.jobs import run
 
         return run
     raise AttributeError(name)

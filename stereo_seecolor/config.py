@@ -25,7 +25,7 @@ class InputConfig(_Stage):
     timestamp_tolerance_s: float = Field(0.01, ge=0, description="Largest difference of the two time stamps of a pair, seconds.")
     bayer: Literal["none", "rggb", "bggr", "gbrg", "grbg"] = Field(
         default="none",
-        description="Colour filter pattern of single-channel raw images, by the first two pixels of the first two rows.",
+        description="Color filter pattern of single-channel raw images, by the first two pixels of the first two rows.",
     )
     significant_bits: Literal[None, 10, 12, 14] = Field(
         default=None, description="Bits that a 16-bit file really uses (12 for a 12-bit sensor stored unshifted); scaled to full."
@@ -36,15 +36,15 @@ class InputConfig(_Stage):
 class MatchingConfig(_Stage):
     """Stereo matching: StereoFrame -> RangeMap."""
 
-    min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, metres; sets the largest disparity searched.")
-    max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, metres; more than the nearest.")
+    min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, meters; sets the largest disparity searched.")
+    max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, meters; more than the nearest.")
     min_confidence: float = Field(
         default=0.75,
         ge=0,
         le=1,
         description="Pixels less sure than this to be right within one pixel of disparity are left unknown.",
     )
-    fill: bool = Field(default=False, description="Close the holes with what their neighbours suggest; such pixels are marked.")
+    fill: bool = Field(default=False, description="Close the holes with what their neighbors suggest; such pixels are marked.")
     engine: Literal["sgbm", "onnx"] = Field(
         default="sgbm", description="sgbm: semi-global matching. onnx: your own stereo network, run by onnxruntime."
     )
@@ -96,17 +96,17 @@ class ColorConfig(_Stage):
     )
     white_point: Literal["scene", "none"] | tuple[float, float, float] = Field(
         default="scene",
-        description="The colour of the light that arrives at the reef. scene: found with the water. none: white, as in the paper's "
+        description="The color of the light that arrives at the reef. scene: found with the water. none: white, as in the paper's "
         "model. Or R, G, B as known, from a white card say, in linear light (objective robust).",
     )
     scene_colors: Literal["natural", "gray"] = Field(
         default="natural",
-        description="What a reef's colours are on average: natural, warm as sand and rock are; or gray (objective robust).",
+        description="What a reef's colors are on average: natural, warm as sand and rock are; or gray (objective robust).",
     )
     water_depth_m: float | None = Field(
         default=None,
         ge=0,
-        description="How far below the surface the reef lies, metres, where known: the light that arrives then follows from the "
+        description="How far below the surface the reef lies, meters, where known: the light that arrives then follows from the "
         "water (objective robust).",
     )
     lights: Literal["none", "learn"] = Field(
@@ -154,9 +154,9 @@ class MountConfig(_Stage):
     Rz(yaw) Ry(pitch) Rx(roll): all zero looks down with the image's right towards the bow.
     """
 
-    surge_m: float = Field(default=0.0, description="Camera forward of the vehicle's reference point, metres.")
-    sway_m: float = Field(default=0.0, description="Camera to starboard of it, metres.")
-    heave_m: float = Field(default=0.0, description="Camera below it, metres.")
+    surge_m: float = Field(default=0.0, description="Camera forward of the vehicle's reference point, meters.")
+    sway_m: float = Field(default=0.0, description="Camera to starboard of it, meters.")
+    heave_m: float = Field(default=0.0, description="Camera below it, meters.")
     roll_deg: float = Field(default=0.0, description="Turn about the vehicle's x axis, degrees.")
     pitch_deg: float = Field(default=0.0, description="Turn about the vehicle's y axis, degrees.")
     yaw_deg: float = Field(default=90.0, description="Turn about the vehicle's z axis; 90: the top of the image is the bow.")
@@ -165,13 +165,13 @@ class MountConfig(_Stage):
 class MappingConfig(_Stage):
     """Odometry, fusion and the map products."""
 
-    voxel_m: float = Field(default=0.01, gt=0, description="Edge of a fusion voxel, metres.")
-    tile_m: float = Field(default=6.0, gt=0, description="Edge of a tile of the map, metres; memory grows with its square.")
+    voxel_m: float = Field(default=0.01, gt=0, description="Edge of a fusion voxel, meters.")
+    tile_m: float = Field(default=6.0, gt=0, description="Edge of a tile of the map, meters; memory grows with its square.")
     mount: MountConfig = MountConfig()
     max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
     max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")
     loop_closure: bool = Field(
-        default=True, description="Own odometry: recognise places seen before (needs the slam extra, GTSAM)."
+        default=True, description="Own odometry: recognize places seen before (needs the slam extra, GTSAM)."
     )
     poses: Literal["given", "prior"] = Field(
         default="given", description="A trajectory's poses are the map's; or prior: own odometry, held to them by the errors below."
@@ -183,9 +183,9 @@ class MappingConfig(_Stage):
     prior_position_std_m: float = Field(default=0.5, gt=0, description="Standard error of a prior's position, east and north.")
     prior_depth_std_m: float = Field(default=0.05, gt=0, description="Standard error of a prior's depth: its pressure sensor's.")
     prior_attitude_std_deg: float = Field(default=1.0, gt=0, description="Standard error of a prior's roll, pitch and heading.")
-    mosaic_m: float = Field(default=0.005, gt=0, description="Pixel of the orthomosaic, metres.")
-    dem_m: float = Field(default=0.01, gt=0, description="Pixel of the terrain model, metres.")
-    metrics_m: float = Field(default=1.0, gt=0, description="Edge of a square of the structural metrics, metres.")
+    mosaic_m: float = Field(default=0.005, gt=0, description="Pixel of the orthomosaic, meters.")
+    dem_m: float = Field(default=0.01, gt=0, description="Pixel of the terrain model, meters.")
+    metrics_m: float = Field(default=1.0, gt=0, description="Edge of a square of the structural metrics, meters.")
 
 
 class OutputConfig(_Stage):
@@ -194,7 +194,7 @@ class OutputConfig(_Stage):
     image_format: Literal["png", "png16", "tiff32", "jpg"] = Field(
         default="png", description="Corrected images: png keeps the input's bit depth; tiff32 is linear and unclipped."
     )
-    clouds: bool = Field(default=True, description="Write a coloured cloud for each pair.")
+    clouds: bool = Field(default=True, description="Write a colored cloud for each pair.")
     range_std: bool = Field(default=True, description="Write the standard error of each range beside the range maps.")
 
 

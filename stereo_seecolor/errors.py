@@ -1,4 +1,4 @@
-"""What can go wrong, as errors of our own. ``cli.py`` turns each into one line and exit code 1; all else keeps its traceback."""
+"""What can go wrong, as errors of our own. ``cli`` turns each into one line and exit code 1; all else keeps its traceback."""
 
 
 class SeeColorError(Exception):
@@ -34,7 +34,7 @@ class MatchingError(SeeColorError):
 
 
 class ColorError(SeeColorError):
-    """A frame or a survey whose colours cannot be fitted."""
+    """A frame or a survey whose colors cannot be fitted."""
 
 
 class MappingError(SeeColorError):

@@ -1,6 +1,6 @@
 """START HERE: one pair through all stages (Pipeline), and all pairs of a dive (Survey).
 
-A dive takes two passes. The first measures: each pair is read, rectified and matched, and its colours are counted over range.
+A dive takes two passes. The first measures: each pair is read, rectified and matched, and its colors are counted over range.
 From the counts follows the water: one for the dive, or one a frame. The second pass takes the water out of each frame and
 writes it. Whatever an earlier run finished with the same inputs and settings is kept, in either pass.
 """
@@ -14,19 +14,19 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification, RectifiedPair, StereoRig
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.lights import LightField, even_light, learn_light
-from stereo_seecolor.color.tables import MomentTable
+from stereo_seecolor.color.photometry.lights import LightField, even_light, learn_light
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.threads import Clock, in_order
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.data import FrameResult, Image, RangeMap, StereoFrame, Water
 from stereo_seecolor.errors import DeviceError, MatchingError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.matcher import Matcher
-from stereo_seecolor.options import RunOptions
-from stereo_seecolor.outputs.frames_table import FrameRow, FrameTable
-from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
-from stereo_seecolor.outputs.water_file import water_content
-from stereo_seecolor.outputs.write import correction_outputs, write_correction
-from stereo_seecolor.schedule import Clock, in_order
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import FrameResult, Image, RangeMap, StereoFrame, Water
+from stereo_seecolor.run_folder.folder import Finished, RunFolder, content_key
+from stereo_seecolor.run_folder.frames_table import FrameRow, FrameTable
+from stereo_seecolor.run_folder.products import correction_outputs, write_correction
+from stereo_seecolor.run_folder.water_file import water_content
 
 LIGHT_FRAMES = 60
 """So many frames, spread over the dive, teach the rig's lights; more would teach little more."""
@@ -101,7 +101,7 @@ class Done:
 
 
 class Source(Protocol):
-    """Where a survey's images and ranges come from; see sources.py."""
+    """Where a survey's images and ranges come from; see commands/sources.py."""
 
     geometry: RectifiedPair | None
 
@@ -135,7 +135,7 @@ class Survey:
         self._light = learn_light(((r.image, r.range_map.measured_m) for r in ranged), self._config.color.input_encoding)
 
     def fit(self, pairs: Sequence[Pair]) -> dict[str, Water]:
-        """First pass: range maps, and from all colours over range each frame's water, by name."""
+        """First pass: range maps, and from all colors over range each frame's water, by name."""
         fitter = self._corrector.survey_fitter()
         for done in self._pass("ranges", pairs, self._count):
             if done.ranged and done.table:

@@ -38,8 +38,8 @@ def poses(
     while len(found) < views:
         distance = target.points_m[:, 0].max() / (2 * slope) / width_share * rng.uniform(0.8, 1.5)
         T = _pose(rng.uniform(-0.6, 0.6, 3) * [1, 1, 0.5], [0, 0, 0])
-        centre = np.append(rng.uniform(-slope, slope, 2) * [1, 0.7], 1.0) * distance
-        T[:3, 3] = centre - T[:3, :3] @ middle
+        center = np.append(rng.uniform(-slope, slope, 2) * [1, 0.7], 1.0) * distance
+        T[:3, 3] = center - T[:3, :3] @ middle
         found.append(T)
     return found
 

@@ -1,4 +1,4 @@
-"""A reef with known truth as the map's stages see it: frames with exact colours and ranges of known noise, without stereo."""
+"""A reef with known truth as the map's stages see it: frames with exact colors and ranges of known noise, without stereo."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import SurveyFrame, Trajectory
-from stereo_seecolor.mapping.join import VERTEX
-from stereo_seecolor.outputs.encode import encode_confidence, encode_image, encode_map, encode_mask
+from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
+from stereo_seecolor.mapping.surface.join import VERTEX
+from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.synthetic import survey
 from stereo_seecolor.synthetic.casting import cast, look_up
 from stereo_seecolor.synthetic.reef import CELL_M, Reef, build_reef

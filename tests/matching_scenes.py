@@ -8,7 +8,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.data import Map, Mask, StereoFrame
+from stereo_seecolor.records import Map, Mask, StereoFrame
 
 CELL_M = 0.01
 FIELD = 1024

@@ -26,7 +26,7 @@ def matches_of(truth: StereoRig, seen_as: StereoRig, noise_px: float = 0.1, seed
     directions = left.rays(rng.uniform([0, 0], size - 1, (600, 2)))
     points = directions * rng.uniform(0.6, 4, (600, 1))
     if isinstance(left, CameraInWater) and isinstance(right, CameraInWater):
-        points += left.centre_m
+        points += left.center_m
         pixels = [left.project_points(points), right.project_points(points @ truth.R.T + truth.T_right_left[:3, 3])]
     else:
         pixels = [truth.left.project(points), truth.right.project(points @ truth.R.T + truth.T_right_left[:3, 3])]

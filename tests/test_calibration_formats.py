@@ -38,8 +38,8 @@ def rigs(draw: DrawFn, representable: bool = True) -> StereoRig:
     cameras = [_camera(draw, size, fisheye) for _ in range(2)]
     T = np.eye(4)
     T[:3, :3] = cv2.Rodrigues(np.array([draw(floats(-0.3, 0.3)) for _ in range(3)]))[0]
-    centre = np.array([draw(floats(0.02, 1.5)), draw(floats(-0.01, 0.01)), draw(floats(-0.01, 0.01))])
-    T[:3, 3] = -T[:3, :3] @ centre
+    center = np.array([draw(floats(0.02, 1.5)), draw(floats(-0.01, 0.01)), draw(floats(-0.01, 0.01))])
+    T[:3, 3] = -T[:3, :3] @ center
     return StereoRig(cameras[0], cameras[1], T)
 
 
@@ -184,7 +184,7 @@ def test_orbslam_new_transform_is_inverted(tmp_path: Path) -> None:
     assert load_rig(file).T_right_left[0, 3] == pytest.approx(-0.1)
 
 
-def test_middlebury_doffs_and_millimetres(tmp_path: Path) -> None:
+def test_middlebury_doffs_and_millimeters(tmp_path: Path) -> None:
     file = tmp_path / "calib.txt"
     file.write_text(MIDDLEBURY)
     rig = load_rig(file)
@@ -199,7 +199,7 @@ REFUSED = {
     "ds": (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "'ds' is not supported"),
     "eucm": (KALIBR.replace("camera_model: pinhole", "camera_model: eucm"), "'eucm' is not supported"),
     "fov": (KALIBR.replace("radtan", "fov"), "'fov' is not supported"),
-    "millimetres": (KALIBR.replace("-0.1]", "-94.0]"), "millimetres it is 0.094 m"),
+    "millimeters": (KALIBR.replace("-0.1]", "-94.0]"), "millimeters it is 0.094 m"),
     "squares": (KALIBR.replace("-0.1]", "-3.88]"), "in board squares"),
     "swapped": (NATIVE.replace("-0.1]", "0.1]"), "left and right are swapped"),
     "swapped by topic": (

@@ -16,7 +16,7 @@ from conftest import contents
 
 from stereo_seecolor.cli import main
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.outputs.survey_frames import SurveyFrames
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 
 @pytest.fixture
@@ -127,7 +127,7 @@ def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -
     cli(*dive.command(out))
     ranges = {path: path.stat().st_mtime_ns for path in (out / "range").iterdir()}
     cli(*dive.command(out, "--set", "color.clipped_share=0.1"))
-    assert ranges == {path: path.stat().st_mtime_ns for path in ranges}, "ranges do not depend on colour settings"
+    assert ranges == {path: path.stat().st_mtime_ns for path in ranges}, "ranges do not depend on color settings"
     cv2.imwrite(str(dive.root / "R" / "0001.png"), read(dive.root / "R" / "0002.png"))
     cli(*dive.command(out))
     changed = {path.stem for path, then in ranges.items() if path.stat().st_mtime_ns != then}
@@ -303,7 +303,7 @@ def pose(x: float, scale: float = 1.0) -> list[list[float]]:
         ("left.K", None, "left.K"),
         ("T_right_left", pose(-0.1, scale=2.0), "the rotation is not one"),
         ("T_right_left", pose(0.0), "the baseline is zero"),
-        ("T_right_left", pose(-94.0), "millimetres it is 0.094 m"),
+        ("T_right_left", pose(-94.0), "millimeters it is 0.094 m"),
         ("T_right_left", pose(0.1), "left and right are swapped"),
         ("left.K", [[0, 0, 1], [0, 1, 1], [0, 0, 1]], "focal lengths must be positive"),
     ],

@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.encoding import decode, encode
-from stereo_seecolor.color.gains import fine_ranges_m
-from stereo_seecolor.color.parameters import clear_water
+from stereo_seecolor.color.fit.parameters import clear_water
+from stereo_seecolor.color.render.gains import fine_ranges_m
+from stereo_seecolor.color.table.encoding import decode, encode
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.data import Water
 from stereo_seecolor.errors import ColorError
+from stereo_seecolor.records import Water
 
 ENCODINGS = ["srgb", "linear", "as-is"]
 
@@ -43,8 +43,8 @@ def random_frame(seed, depth=8, shape=(40, 60)):
 def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
     image, range_m = random_frame(seed, depth)
     known = np.isfinite(range_m) & (range_m > 0)
-    centres = fine_ranges_m().astype(np.float32)  # where a level's gain is the range's own
-    range_m[known] = centres[np.searchsorted(centres, range_m[known])]
+    centers = fine_ranges_m().astype(np.float32)  # where a level's gain is the range's own
+    range_m[known] = centers[np.searchsorted(centers, range_m[known])]
     water = some_water(encoding, seed)
     corrector = Corrector(ColorConfig(input_encoding=encoding, output_noise=1e9))
     full = 2**depth - 1
@@ -66,8 +66,8 @@ def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
 
 
 def test_between_the_levels_the_range_is_off_by_four_thousandths_at_most():
-    centres = fine_ranges_m()
-    assert (np.diff(centres) / centres[:-1]).max() < 0.008
+    centers = fine_ranges_m()
+    assert (np.diff(centers) / centers[:-1]).max() < 0.008
 
 
 @pytest.mark.parametrize("depth", [8, 16])

@@ -6,14 +6,19 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.color import losses as per_pixel
-from stereo_seecolor.color.dense import load, train
-from stereo_seecolor.color.encoding import decoded_bins
-from stereo_seecolor.color.model import AttenuationNet, BackscatterNet, ComplementaryGatedExponentialDecay, GatedExponentialDecay
-from stereo_seecolor.color.parameters import ATTENUATION, BACKSCATTER, water_of
-from stereo_seecolor.color.table_losses import Channel, attenuation_loss, backscatter_loss, sums_below
-from stereo_seecolor.color.table_solver import channels, direct_signal
-from stereo_seecolor.color.tables import level_edges_m, measure
+from stereo_seecolor.color.fit import losses as per_pixel
+from stereo_seecolor.color.fit.dense import load, train
+from stereo_seecolor.color.fit.model import (
+    AttenuationNet,
+    BackscatterNet,
+    ComplementaryGatedExponentialDecay,
+    GatedExponentialDecay,
+)
+from stereo_seecolor.color.fit.parameters import ATTENUATION, BACKSCATTER, water_of
+from stereo_seecolor.color.fit.table_losses import Channel, attenuation_loss, backscatter_loss, sums_below
+from stereo_seecolor.color.fit.table_solver import channels, direct_signal
+from stereo_seecolor.color.table.encoding import decoded_bins
+from stereo_seecolor.color.table.moment_table import level_edges_m, measure
 from stereo_seecolor.config import ColorConfig
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.exposure import Brightness, darkened
-from stereo_seecolor.color.tables import MomentTable, measure
+from stereo_seecolor.color.photometry.exposure import Brightness, darkened
+from stereo_seecolor.color.table.moment_table import MomentTable, measure
 from stereo_seecolor.config import ColorConfig
 
 

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.color import counting
 from stereo_seecolor.color.corrector import ENOUGH, Corrector
-from stereo_seecolor.color.tables import LEVELS, MomentTable, level_edges_m, measure
+from stereo_seecolor.color.table import counting
+from stereo_seecolor.color.table.moment_table import LEVELS, MomentTable, level_edges_m, measure
 from stereo_seecolor.errors import ColorError
 
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from stereo_seecolor.color import kernels, tensors
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.gains import gains
-from stereo_seecolor.color.tables import VALUES, measure, range_bits
-from stereo_seecolor.color.tone import looks
+from stereo_seecolor.color.render import kernels, tensors
+from stereo_seecolor.color.render.gains import gains
+from stereo_seecolor.color.render.tone import looks
+from stereo_seecolor.color.table.moment_table import VALUES, measure, range_bits
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import DeviceError
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.lights import GRID, LightField, even_light, learn_light
-from stereo_seecolor.data import Image, Map
+from stereo_seecolor.color.photometry.lights import GRID, LightField, even_light, learn_light
 from stereo_seecolor.errors import ColorError
+from stereo_seecolor.records import Image, Map
 from stereo_seecolor.synthetic.render import Scene
 from stereo_seecolor.synthetic.survey import SurveySpec
 

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from stereo_seecolor import jobs
+from stereo_seecolor.commands import jobs
 from stereo_seecolor.config import load_config
 
 

@@ -1,4 +1,4 @@
-"""The water from places seen twice: known waters come back, whatever the reef's colours, moving light and wrong matches."""
+"""The water from places seen twice: known waters come back, whatever the reef's colors, moving light and wrong matches."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
-from stereo_seecolor.color.multiview import fit_sightings
-from stereo_seecolor.color.sightings import KeyFrame, Sightings, find_sightings
-from stereo_seecolor.data import Water
+from stereo_seecolor.color.fit.multiview import fit_sightings
+from stereo_seecolor.color.photometry.sightings import KeyFrame, Sightings, find_sightings
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.records import Water
 from stereo_seecolor.synthetic.waters import WATER_NAMES, WaterName, lit_water
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
@@ -26,7 +26,7 @@ def water_named(name: WaterName) -> Water:
 
 
 def sightings_through(water: Water, colors: NDArray[np.float64], noise: float = 0.003, each: int = 5) -> Sightings:
-    """Places (P, 3) of these linear colours seen ``each`` times, in as many frames, at random ranges."""
+    """Places (P, 3) of these linear colors seen ``each`` times, in as many frames, at random ranges."""
     rng = np.random.default_rng(1)
     place = np.repeat(np.arange(len(colors)), each)
     range_m = rng.uniform(*RANGES_M, place.size)
@@ -107,7 +107,7 @@ def dive() -> tuple[RectifiedPair, list[KeyFrame]]:
 
 
 def test_water_of_the_sample_dive(dive: tuple[RectifiedPair, list[KeyFrame]]) -> None:
-    """Two lines at two altitudes: attenuation within 10 % of truth, with no assumption on the reef's colours."""
+    """Two lines at two altitudes: attenuation within 10 % of truth, with no assumption on the reef's colors."""
     geometry, frames = dive
     sightings = find_sightings(frames, geometry, "srgb")
     found = fit_sightings(sightings, "srgb")

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.color import robust
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.jerlov import RATE_OF_CHANGE, water_prior
-from stereo_seecolor.color.order_statistics import SHARES, summarize
-from stereo_seecolor.color.tables import MomentTable, measure
+from stereo_seecolor.color.fit import robust
+from stereo_seecolor.color.fit.jerlov import RATE_OF_CHANGE, water_prior
+from stereo_seecolor.color.table.moment_table import MomentTable, measure
+from stereo_seecolor.color.table.order_statistics import SHARES, summarize
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.data import Water
 from stereo_seecolor.evaluation.measures import linear_from_srgb, score_truth, srgb_from_linear
+from stereo_seecolor.records import Water
 
 SHAPE = (160, 240)
 CONFIG = ColorConfig()
@@ -31,7 +31,7 @@ GREEN = some_water([0.08, 0.2, 0.15], [0.45, 0.3, 0.35], far=[0.45, 0.3, 0.35], 
 
 
 def reef(rng: np.random.Generator, cast: tuple[float, float, float] = (1, 1, 1)) -> np.ndarray:
-    """(H, W, 3) linear colours of a reef of sand, rock and coral in shade and sun, in blocks of 8 pixels."""
+    """(H, W, 3) linear colors of a reef of sand, rock and coral in shade and sun, in blocks of 8 pixels."""
     materials = np.array([[0.5, 0.43, 0.33], [0.25, 0.23, 0.2], [0.25, 0.17, 0.09], [0.45, 0.1, 0.06], [0.12, 0.2, 0.07]])
     blocks = rng.choice(len(materials), (SHAPE[0] // 8, SHAPE[1] // 8), p=[0.35, 0.3, 0.15, 0.1, 0.1])
     light = np.exp(0.4 * rng.standard_normal((*SHAPE, 1))).clip(0.02, 1.9)
@@ -68,7 +68,7 @@ def test_known_water_is_taken_out(water: Water) -> None:
     assert after_gains < floor + 1.0
     assert found.warnings == ()
     truly, fitted = water.attenuation(np.array([1.5, 3.5])), found.attenuation(np.array([1.5, 3.5]))
-    # what the colours of an image tell is how much faster red goes than green, and green than blue
+    # what the colors of an image tell is how much faster red goes than green, and green than blue
     np.testing.assert_allclose(np.diff(np.log(fitted[1] / fitted[0])), np.diff(np.log(truly[1] / truly[0])), atol=0.15)
 
 

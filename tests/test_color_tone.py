@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.encoding import decode
-from stereo_seecolor.color.gains import MID_GRAY
-from stereo_seecolor.color.parameters import clear_water
+from stereo_seecolor.color.fit.parameters import clear_water
+from stereo_seecolor.color.render.gains import MID_GRAY
+from stereo_seecolor.color.table.encoding import decode
 from stereo_seecolor.config import ColorConfig
 
 CONFIG = ColorConfig(output_noise=1e9)

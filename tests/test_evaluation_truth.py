@@ -7,11 +7,11 @@ import cv2
 import numpy as np
 import pytest
 
+from stereo_seecolor.commands.jobs import run
 from stereo_seecolor.config import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import evaluate_truth
-from stereo_seecolor.jobs import run
-from stereo_seecolor.options import RunOptions
+from stereo_seecolor.progress import RunOptions
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 TRUTH = SAMPLES / "truth"

@@ -14,11 +14,11 @@ import pytest
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.config import load_config
-from stereo_seecolor.data import Water
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.outputs.water_file import read_waters, write_waters
+from stereo_seecolor.records import Water
+from stereo_seecolor.run_folder.water_file import read_waters, write_waters
 
 CASES = 420  # of each of the kinds below: well over 2,000 in all
 SECONDS, BYTES = 5, 1 << 30

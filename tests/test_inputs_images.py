@@ -130,12 +130,12 @@ def test_mutated_files_give_an_image_or_one_clear_line(suffix: str, changes: lis
         assert image.shape[2] == 3
 
 
-def test_range_maps_in_metres_and_millimetres(tmp_path: Path) -> None:
-    metres = np.array([[1.5, 0, np.nan], [-1, np.inf, 2]], np.float32)
+def test_range_maps_in_meters_and_millimeters(tmp_path: Path) -> None:
+    meters = np.array([[1.5, 0, np.nan], [-1, np.inf, 2]], np.float32)
     expected = np.array([[1.5, np.nan, np.nan], [np.nan, np.nan, 2]], np.float32)
-    np.testing.assert_array_equal(read_range_map(save(tmp_path / "a.tiff", metres)), expected)
-    millimetres = np.array([[1500, 0, 0], [0, 0, 2000]], np.uint16)
-    np.testing.assert_allclose(read_range_map(save(tmp_path / "a.png", millimetres)), expected)
+    np.testing.assert_array_equal(read_range_map(save(tmp_path / "a.tiff", meters)), expected)
+    millimeters = np.array([[1500, 0, 0], [0, 0, 2000]], np.uint16)
+    np.testing.assert_allclose(read_range_map(save(tmp_path / "a.png", millimeters)), expected)
 
 
 @pytest.mark.parametrize(("image", "message"), [(RGB8, "has 3 channels"), (RGB8[..., 0], "holds uint8 pixels")])

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor import jobs
+from stereo_seecolor.commands import jobs
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.video import is_video, unpack

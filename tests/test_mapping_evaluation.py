@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from stereo_seecolor.evaluation.cloud import cloud_error, surface_points
 from stereo_seecolor.evaluation.nearest import nearest_distance_m
 from stereo_seecolor.evaluation.trajectory import align, trajectory_error
-from stereo_seecolor.mapping.poses import rotation_from_vector
+from stereo_seecolor.geometry import rotation_from_vector
 
 
 @settings(max_examples=20, deadline=None)

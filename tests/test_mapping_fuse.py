@@ -17,18 +17,20 @@ from calibration.formats import write_rig
 from calibration.port import FlatPort, FlatWindow
 from calibration.rectification import rectified_points
 from calibration.refraction import CameraInWater
-from stereo_seecolor import jobs
 from stereo_seecolor.cli import main
+from stereo_seecolor.commands import jobs
 from stereo_seecolor.config import MappingConfig, RunConfig
-from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import DeviceError, FrameError, InputError, MappingError, OutputError
+from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
-from stereo_seecolor.mapping import fusion, odometry, survey_map
+from stereo_seecolor.mapping import survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.poses import inverse, rotation_from_vector
-from stereo_seecolor.mapping.salvage import Salvage
-from stereo_seecolor.mapping.tum_file import write_tum
-from stereo_seecolor.outputs.run_folder import held
+from stereo_seecolor.mapping.recovered import Salvage
+from stereo_seecolor.mapping.surface import fusion
+from stereo_seecolor.mapping.track import odometry
+from stereo_seecolor.mapping.track.tum_file import write_tum
+from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.run_folder.folder import held
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 try:
@@ -61,7 +63,7 @@ def test_poses_of_the_raw_camera_put_things_where_the_rectified_image_shows_them
     np.testing.assert_allclose(projected[:, :2] / projected[:, 2:], shown, atol=1e-6)
 
 
-def test_behind_a_flat_port_the_rectified_cameras_centre_moves_as_well() -> None:
+def test_behind_a_flat_port_the_rectified_cameras_center_moves_as_well() -> None:
     window = FlatWindow(0.05, 0.01, np.array([0.0, 0, 1]))
     rig = toed_in_rig(FlatPort(window, window, 2.0, 1.34))
     rectification = Rectification.from_rig(rig)

@@ -12,11 +12,12 @@ from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, height_at, read_
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import DeviceError, OutputError
-from stereo_seecolor.mapping import fusion, survey_map
-from stereo_seecolor.mapping.join import VERTEX
+from stereo_seecolor.mapping import survey_map
+from stereo_seecolor.mapping.surface import fusion
+from stereo_seecolor.mapping.surface.join import VERTEX
 from stereo_seecolor.mapping.survey_map import build_map
+from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 try:
@@ -108,7 +109,7 @@ def test_a_doubtful_color_hardly_counts(tmp_path: Path, why: str) -> None:
 
 def test_edges_are_not_darkened_by_voxels_without_a_color(tmp_path: Path) -> None:
     frames = [flat_frame(i, altitude_m=2.0) for i in range(5)]
-    for i, frame in enumerate(frames):  # a box half a metre high, 0.6 m wide, seen from all sides: its rim hides what is below
+    for i, frame in enumerate(frames):  # a box half a meter high, 0.6 m wide, seen from all sides: its rim hides what is below
         left = round(80 + 200 * (-0.3 - 0.3 * (i - 2)) / 1.5)
         frame.range_m[44:84, max(left, 0) : max(left + 80, 0)] *= np.float32(0.75)
     build_map(frames, PAIR, tmp_path, CONFIG, track(5, altitude_m=2.0))

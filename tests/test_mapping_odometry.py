@@ -8,15 +8,15 @@ import pytest
 from mapping_scene import ReefFrames
 
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import SurveyFrame
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.evaluation.trajectory import trajectory_error
-from stereo_seecolor.mapping import odometry, pose_graph
-from stereo_seecolor.mapping.features import detect
+from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.placement import Placement
-from stereo_seecolor.mapping.poses import inverse, rotation_from_vector
-from stereo_seecolor.mapping.relative_pose import Edge, relate
+from stereo_seecolor.mapping.track import odometry, pose_graph
+from stereo_seecolor.mapping.track.features import detect
+from stereo_seecolor.mapping.track.placement import Placement
+from stereo_seecolor.mapping.track.relative_pose import Edge, relate
+from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 ALONE = MappingConfig(loop_closure=False)

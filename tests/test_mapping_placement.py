@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import Trajectory
 from stereo_seecolor.errors import MappingError
+from stereo_seecolor.geometry import interpolate, inverse, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.placement import place, upright
-from stereo_seecolor.mapping.poses import interpolate, inverse, rotation_from_vector, rotation_vector
+from stereo_seecolor.mapping.track.placement import place, upright
+from stereo_seecolor.records import Trajectory
 
 CONFIG = MappingConfig()
 DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
@@ -99,7 +99,7 @@ def test_a_pose_that_is_not_finite_leaves_its_frame_out() -> None:
     T[3, 0, 3] = np.nan
     assert place(index(), by_name(T), CONFIG).unplaced[0].reason == "its pose is not finite"
     placement = place(index(), by_time(T), CONFIG)
-    assert not placement.unplaced  # its neighbours in time stand in for it
+    assert not placement.unplaced  # its neighbors in time stand in for it
     assert "1 poses of the trajectory are not finite" in placement.warnings[0]
 
 

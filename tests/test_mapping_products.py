@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, flat_frame, track
 
-from stereo_seecolor.data import GeoOrigin, Trajectory
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.mapping.block_raster import BlockRaster
-from stereo_seecolor.mapping.fusion import Surface
-from stereo_seecolor.mapping.grid import Grid
-from stereo_seecolor.mapping.preview import render_preview
-from stereo_seecolor.mapping.reef_metrics import measure, measure_squares, site_of
+from stereo_seecolor.mapping.raster.block_raster import BlockRaster
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.preview import render_preview
+from stereo_seecolor.mapping.raster.reef_metrics import measure, measure_squares, site_of
+from stereo_seecolor.mapping.raster.terrain import render_terrain
+from stereo_seecolor.mapping.surface.fusion import Surface
 from stereo_seecolor.mapping.survey_map import build_map
-from stereo_seecolor.mapping.terrain import render_terrain
 from stereo_seecolor.mapping.viewer import view
+from stereo_seecolor.records import GeoOrigin, Trajectory
 
 CELL_M = 0.01
 
@@ -84,7 +84,7 @@ def test_windows_of_a_block_raster_round_trip(tmp_path: Path) -> None:
     assert len(list(raster.windows())) == 6
 
 
-def test_cells_are_centred_on_voxels_and_cover_the_box() -> None:
+def test_cells_are_centered_on_voxels_and_cover_the_box() -> None:
     grid = Grid.around(np.array([-0.504, 0.01]), np.array([1.0, 0.497]), CELL_M)
     x, y = grid.centers(slice(0, grid.shape[0]), slice(0, grid.shape[1]))
     for centers, low, high in ((x, -0.504, 1.0), (y, 0.01, 0.497)):
@@ -110,7 +110,7 @@ def test_terrain_is_the_highest_surface_over_each_cell(tmp_path: Path) -> None:
     np.testing.assert_allclose(terrain[:, 5:], 1 - 2 * np.maximum(abs(x - 0.5), abs(y - 0.5)), atol=1e-6)
 
 
-def test_vertices_on_cells_centres_leave_no_slits(tmp_path: Path) -> None:
+def test_vertices_on_cells_centers_leave_no_slits(tmp_path: Path) -> None:
     """As the map's are, far from the origin in float32; a strip one voxel wide is two cells."""
     x, y = np.meshgrid(np.arange(2000, 2041), np.arange(3000, 3002))
     points = np.stack([x * 0.01, y * 0.01, 0 * x], axis=-1).reshape(-1, 3) + np.random.default_rng(0).normal(0, 2e-6, (82, 3))

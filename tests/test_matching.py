@@ -12,8 +12,8 @@ from matching_scenes import Scene, render
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
-from stereo_seecolor.data import RangeMap, StereoFrame
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.records import RangeMap, StereoFrame
 
 CONFIG = MatchingConfig(min_range_m=0.8)
 

@@ -6,18 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stereo_seecolor.commands.jobs import run
+from stereo_seecolor.commands.measured_water import measure_water
 from stereo_seecolor.config import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import evaluate_truth
-from stereo_seecolor.jobs import run
-from stereo_seecolor.measured_water import measure_water
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
 
 
 def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
-    """Attenuation within 10 % of truth from matched ranges, and colours no worse for it."""
+    """Attenuation within 10 % of truth from matched ranges, and colors no worse for it."""
     config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
     run(*SIDES, tmp_path / "first", config)
     path, found = measure_water(tmp_path / "first", SAMPLES / "trajectory.tum")

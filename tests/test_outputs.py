@@ -11,14 +11,14 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.data import Water
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.outputs.atomic import write_atomic
-from stereo_seecolor.outputs.cloud import encode_cloud
-from stereo_seecolor.outputs.encode import encode_confidence, encode_image, encode_map
-from stereo_seecolor.outputs.frames_table import FrameRow, FrameTable, RunSummary, frames_csv
-from stereo_seecolor.outputs.run_folder import Finished, RunFolder, content_key
-from stereo_seecolor.outputs.water_file import read_waters, write_waters
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map
+from stereo_seecolor.files.ply import encode_cloud
+from stereo_seecolor.records import Water
+from stereo_seecolor.run_folder.folder import Finished, RunFolder, content_key
+from stereo_seecolor.run_folder.frames_table import FrameRow, FrameTable, RunSummary, frames_csv
+from stereo_seecolor.run_folder.water_file import read_waters, write_waters
 
 RNG = np.random.default_rng(1)
 
@@ -101,7 +101,7 @@ def test_overwrite_does_not_touch_other_files(tmp_path: Path) -> None:
 
 def test_second_run_is_refused_and_a_crash_leaves_no_lock(tmp_path: Path) -> None:
     code = (
-        "import os, sys; from pathlib import Path; from stereo_seecolor.outputs.run_folder import RunFolder\n"
+        "import os, sys; from pathlib import Path; from stereo_seecolor.run_folder.folder import RunFolder\n"
         f"folder = RunFolder(Path({str(tmp_path / 'out')!r}), 'dive')\n"
         "folder.__enter__(); print('in', flush=True); sys.stdin.read()"
     )

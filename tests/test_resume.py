@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from conftest import contents
 
-from stereo_seecolor import jobs
+from stereo_seecolor.commands import jobs
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
-from stereo_seecolor.options import RunOptions
-from stereo_seecolor.outputs.frames_table import FrameRow
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder.frames_table import FrameRow
 
 PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
 

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from stereo_seecolor.schedule import Clock, in_order
+from stereo_seecolor.compute.threads import Clock, in_order
 
 
 def test_results_in_order_whatever_the_speed() -> None:

@@ -42,7 +42,7 @@ def linear(image: NDArray[np.generic]) -> NDArray[np.float64]:
 
 
 def smooth_pixels(pair: RenderedPair) -> NDArray[np.bool_]:
-    """Pixels whose surroundings have nearly one range and one colour, where interpolation cannot blur anything."""
+    """Pixels whose surroundings have nearly one range and one color, where interpolation cannot blur anything."""
     steep = cv2.morphologyEx(pair.range_map.range_m, cv2.MORPH_GRADIENT, np.ones((5, 5))) > 0.03
     busy = cv2.morphologyEx(pair.color, cv2.MORPH_GRADIENT, np.ones((5, 5))).max(axis=2) > 0.12
     return ~(steep | busy)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.config import MappingConfig, MountConfig
-from stereo_seecolor.data import GeoOrigin
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory
 from stereo_seecolor.inputs.trajectories.axes import north_east_from_degrees
+from stereo_seecolor.records import GeoOrigin
 
 # A camera that looks down with the top of its image to the north: right is east, down (in the image) is south.
 NORTH_UP = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])
@@ -70,7 +70,7 @@ def test_colmap_is_world_to_camera_with_w_first(tmp_path: Path) -> None:
     text = f"{header}1 {half} 0 0 {half} 1 2 3 1 left/a 1.png\n\n2 1 0 0 0 0 0 0 1 b.png\n1 2 3\n"
     trajectory = read_trajectory(write(tmp_path, text, "images.txt"))
     assert trajectory.names == ("left/a 1.png", "b.png")
-    # x_camera = R x_world + t with R 90 degrees about z: the camera centre is -R^T t = (-2, 1, -3)
+    # x_camera = R x_world + t with R 90 degrees about z: the camera center is -R^T t = (-2, 1, -3)
     np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [-2, 1, -3], atol=1e-12)
 
 
@@ -82,8 +82,8 @@ def test_oplab_is_north_east_down_with_the_vehicles_heading(tmp_path: Path) -> N
     np.testing.assert_allclose(trajectory.T_world_camera[1, :3, :3], EAST_UP, atol=1e-12)
     # northing is the camera's, latitude the vehicle's, 1 m behind it: the origin lies 9 m south, 20 m west of the vehicle
     assert trajectory.origin is not None
-    metres = north_east_from_degrees([50], [-10], trajectory.origin)[0]
-    np.testing.assert_allclose(metres, [9, 20], atol=1e-3)
+    meters = north_east_from_degrees([50], [-10], trajectory.origin)[0]
+    np.testing.assert_allclose(meters, [9, 20], atol=1e-3)
 
 
 def test_oplab_mount_turns_the_camera(tmp_path: Path) -> None:

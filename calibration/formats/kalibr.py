@@ -1,4 +1,4 @@
-"""Kalibr's camchain: pinhole cameras with radtan or equidistant distortion, metres, x_cam1 = T_cn_cnm1 x_cam0."""
+"""Kalibr's camchain: pinhole cameras with radtan or equidistant distortion, meters, x_cam1 = T_cn_cnm1 x_cam0."""
 
 from pathlib import Path
 from typing import Any

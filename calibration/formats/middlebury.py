@@ -1,4 +1,4 @@
-"""Middlebury's calib.txt (2014 and later): a rectified pair, baseline in millimetres, doffs = cx of the right minus the left."""
+"""Middlebury's calib.txt (2014 and later): a rectified pair, baseline in millimeters, doffs = cx of the right minus the left."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section) -> StereoRig:
-    """The rectified rig, metres; the right principal point is the left one plus doffs (Z = f B / (d + doffs))."""
+    """The rectified rig, meters; the right principal point is the left one plus doffs (Z = f B / (d + doffs))."""
     size = document.image_size("width", "height")
     K_left = document.matrix("cam0", 3, 3)
     K_right = document.matrix("cam1", 3, 3) if document.has("cam1") else K_left.copy()
@@ -28,5 +28,5 @@ def parse(document: Section) -> StereoRig:
     T = np.eye(4)
     T[0, 3] = -document.number("baseline") / 1000
     left, right = (make_camera(document.where, K, np.zeros(0), size, "pinhole") for K in (K_left, K_right))
-    with naming(f"{document.where}: baseline (millimetres in this format)"):
+    with naming(f"{document.where}: baseline (millimeters in this format)"):
         return StereoRig(left, right, T, medium="air")

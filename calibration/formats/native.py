@@ -1,4 +1,4 @@
-"""The native ``cam.yaml``: one file a rig, versioned, metres, nothing implied."""
+"""The native ``cam.yaml``: one file a rig, versioned, meters, nothing implied."""
 
 from pathlib import Path
 from typing import Annotated, Any, Literal

@@ -58,10 +58,10 @@ def rig_from_projections(
     left: Camera, right: Camera, rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]
 ) -> StereoRig:
     """The exact rig behind two rectifying rotations (3, 3) and projections (3, 4), left first."""
-    centres = [np.linalg.solve(P[:, :3], P[:, 3]) if P[0, 0] > 0 and P[1, 1] > 0 else None for P in projections]
-    if centres[0] is None or centres[1] is None:
+    centers = [np.linalg.solve(P[:, :3], P[:, 3]) if P[0, 0] > 0 and P[1, 1] > 0 else None for P in projections]
+    if centers[0] is None or centers[1] is None:
         raise CalibrationError("a projection matrix has no focal length: calibrate the two cameras as a stereo pair")
-    offset = centres[1] - centres[0]
+    offset = centers[1] - centers[0]
     if not offset.any():
         raise CalibrationError(
             "both projection matrices have P[0, 3] = 0: these are two single-camera calibrations without a baseline; "

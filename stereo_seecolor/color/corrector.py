@@ -1,20 +1,20 @@
-"""The colour stage: images and range maps in, corrected images out. numpy at its face; numba and torch load when first used."""
+"""The color stage: images and range maps in, corrected images out. numpy at its face; numba and torch load when first used."""
 
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color import tables
-from stereo_seecolor.color.apply import correct, correct_linear
-from stereo_seecolor.color.evidence import doubts
-from stereo_seecolor.color.parameters import clear_water
-from stereo_seecolor.color.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
-from stereo_seecolor.color.tables import MomentTable
-from stereo_seecolor.color.tone import Tone, choose
+from stereo_seecolor.color.fit.parameters import clear_water
+from stereo_seecolor.color.fit.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
+from stereo_seecolor.color.render.apply import correct, correct_linear
+from stereo_seecolor.color.render.tone import Tone, choose
+from stereo_seecolor.color.table import moment_table as tables
+from stereo_seecolor.color.table.evidence import doubts
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.data import Correction, Image, Map, Water
 from stereo_seecolor.errors import ColorError
+from stereo_seecolor.records import Correction, Image, Map, Water
 
 ENOUGH = 400_000
 """A frame of twice as many pixels or more is measured from every second row, every third, and so on, that many pixels at least."""
@@ -31,8 +31,8 @@ class Corrector:
     def measure(self, image: Image, range_m: Map) -> MomentTable:
         """What the fits need to know of an image: its pixels with a known range, counted by channel, range and value.
 
-        Of 800,000 pixels or more every second row is counted, or fewer: rows tell what their neighbours tell (see ``ENOUGH``).
-        image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 metres along the ray, unknown where not finite or not above 0.
+        Of 800,000 pixels or more every second row is counted, or fewer: rows tell what their neighbors tell (see ``ENOUGH``).
+        image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, unknown where not finite or not above 0.
         Raises ColorError where the two do not belong together.
         """
         every = max(range_m.size // ENOUGH, 1)
@@ -48,7 +48,7 @@ class Corrector:
         """
         if not table.pixels.any():
             return self._without_pixels(start)
-        from stereo_seecolor.color import robust, table_solver
+        from stereo_seecolor.color.fit import robust, table_solver
 
         doubt = doubts(table)
         if self.config.objective == "robust" and self.config.solver == "table":
@@ -69,7 +69,7 @@ class Corrector:
 
     def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""
-        from stereo_seecolor.color import dense
+        from stereo_seecolor.color.fit import dense
 
         tables.check_pair(image, range_m)
         known = (np.isfinite(range_m) & (range_m > 0)).reshape(-1)
@@ -92,7 +92,7 @@ class Corrector:
         exposure: float | None = None,
         highlights: float = 1.0,
     ) -> Correction:
-        """The image in its true colours, at its own size and bit depth.
+        """The image in its true colors, at its own size and bit depth.
 
         table: what ``measure`` gave for this image, if at hand. exposure, highlights: the brightness, as another frame's correction
         has it; None is the water's, or else this frame's own, by ``config.highlights`` and ``config.clipped_share``.
@@ -120,4 +120,4 @@ class Corrector:
     def _without_pixels(self, start: Water | None) -> Water:
         if start is not None:
             return replace(start, warnings=("no pixel with a known range: another frame's water is used",))
-        return replace(clear_water(self.config), warnings=("no pixel with a known range: colours are left as they are",))
+        return replace(clear_water(self.config), warnings=("no pixel with a known range: colors are left as they are",))

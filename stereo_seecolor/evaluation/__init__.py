@@ -1,1 +1,1 @@
-"""How good is it: colour charts, known truth, range and cloud errors."""
+"""How good is it: color charts, known truth, range and cloud errors."""

@@ -1,6 +1,6 @@
 """What others do, written from their papers, to be held against: image and ranges in, corrected image out.
 
-Every method takes an image as it is displayed (H, W, 3) float64 in [0, 1] with a range map (H, W) in metres, NaN where unknown,
+Every method takes an image as it is displayed (H, W, 3) float64 in [0, 1] with a range map (H, W) in meters, NaN where unknown,
 and gives (H, W, 3) float64 in the same encoding, not clipped, NaN where it cannot say. ``expose`` sets all to one exposure.
 """
 
@@ -139,7 +139,7 @@ def _shifted(padded: Array, dy: int, dx: int) -> Array:
 
 
 def _best_rates(z: Array, values: Array, number: int, basis: Callable[[Array, Array], Array]) -> tuple[Array, Array]:
-    """Least squares of ``values`` on a basis linear but for its rates, which a grid of 0 to 5 per metre is searched for.
+    """Least squares of ``values`` on a basis linear but for its rates, which a grid of 0 to 5 per meter is searched for.
 
     Weights are kept in [0, 1], as in the paper.
     """

@@ -1,4 +1,4 @@
-"""How well each method does on targets of known colour: rows of a table, and a contact sheet to look at."""
+"""How well each method does on targets of known color: rows of a table, and a contact sheet to look at."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.data import Image, Map
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.baselines import METHODS
 from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gain, lab_from_linear, linear_from_srgb, score_neutral
 from stereo_seecolor.evaluation.targets import GRAYS, Target, read_targets, targets_of
+from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import pair_by_stem
-from stereo_seecolor.outputs.atomic import write_atomic
+from stereo_seecolor.records import Image, Map
 
 OURS = "stereo-seecolor"
 _TILE_WIDTH, _LABEL_HEIGHT = 320, 22
@@ -28,7 +28,7 @@ class ChartRow:
     """A method on a target.
 
     range_m: median distance, NaN where unknown. psi_deg: mean angle to gray of its neutral patches as displayed, psi_linear_deg: in
-    linear light, degrees. ciede2000: median over its patches after one exposure gain, against the chart's published colours, or for
+    linear light, degrees. ciede2000: median over its patches after one exposure gain, against the chart's published colors, or for
     something merely neutral against gray of the same brightness. clipped_share: of its pixels. pixels counted.
     """
 

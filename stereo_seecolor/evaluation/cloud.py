@@ -12,7 +12,7 @@ REACH_M = 0.1
 
 @dataclass(frozen=True)
 class CloudError:
-    """Distances in metres; a point with no truth within 0.1 m counts as 0.1 m.
+    """Distances in meters; a point with no truth within 0.1 m counts as 0.1 m.
 
     median_m, percentile_95_m: of the cloud's points to the nearest true one. completeness: share of the true points that have
     a point of the cloud within the tolerance.
@@ -33,7 +33,7 @@ def cloud_error(cloud_m: NDArray[np.floating], truth_m: NDArray[np.floating], to
 def surface_points(height_m: NDArray[np.floating], origin_m: tuple[float, float], cell_m: float) -> NDArray[np.float64]:
     """Points of a height field (ny, nx), grid point (row, column) at origin + (column, row) * cell; steep walls are filled in.
 
-    Between neighbours that differ by more than a cell in height, points are put every cell along the edge.
+    Between neighbors that differ by more than a cell in height, points are put every cell along the edge.
     """
     rows, columns = np.mgrid[: height_m.shape[0], : height_m.shape[1]]
     grid = np.stack([origin_m[0] + columns * cell_m, origin_m[1] + rows * cell_m, height_m], axis=-1).astype(np.float64)

@@ -41,12 +41,12 @@ class TruthScore:
 
 
 def gray_angle_deg(pixels: Pixels) -> NDArray[np.float64]:
-    """Angle of each colour to gray (the paper's psi), degrees, shape (...); NaN where black or unknown."""
+    """Angle of each color to gray (the paper's psi), degrees, shape (...); NaN where black or unknown."""
     return angle_deg(pixels, np.ones(3))
 
 
 def angle_deg(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
-    """Angle between two colours, degrees, shape (...); NaN where either is black or unknown."""
+    """Angle between two colors, degrees, shape (...); NaN where either is black or unknown."""
     a, b = np.asarray(pixels, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     cross = np.linalg.norm(np.cross(a, b), axis=-1)  # atan2 keeps the small angles that arccos rounds away
     dot = (a * b).sum(axis=-1)
@@ -73,8 +73,8 @@ def score_truth(
 ) -> TruthScore:
     """Score of an image (..., 3) against its truth (..., 3), both in the same encoding: sRGB, or linear light where so said.
 
-    range_m (...): metres, for the range consistency. darkest: pixels whose brightest true channel is below this share of full scale
-    are left out, as their colour is noise; so are those that the truth has clipped.
+    range_m (...): meters, for the range consistency. darkest: pixels whose brightest true channel is below this share of full scale
+    are left out, as their color is noise; so are those that the truth has clipped.
     """
     lit = np.isfinite(image).all(axis=-1) & (truth.max(axis=-1) >= darkest) & ~clipped(truth)
     nan = float("nan")
@@ -123,7 +123,7 @@ def range_consistency(pixels: Pixels, truth: Pixels | None, range_m: NDArray[np.
 
 
 def cross_frame_spread(samples: Pixels) -> float:
-    """Spread of the same surface's colour in overlapping frames, as a share of its mean.
+    """Spread of the same surface's color in overlapping frames, as a share of its mean.
 
     samples: (points, frames, 3), NaN where a frame does not see the point. The standard deviation over frames divided by the mean,
     root mean square over channels, median over the points that two frames or more see.
@@ -159,7 +159,7 @@ def lab_from_linear(linear: Pixels) -> NDArray[np.float64]:
 
 
 def ciede2000(lab: Pixels, other: Pixels) -> NDArray[np.float64]:
-    """CIEDE2000 colour difference of L*a*b* colours (..., 3), shape (...) (Sharma, Wu and Dalal 2005, equations 2 to 22)."""
+    """CIEDE2000 color difference of L*a*b* colors (..., 3), shape (...) (Sharma, Wu and Dalal 2005, equations 2 to 22)."""
     (L1, a1, b1), (L2, a2, b2) = np.moveaxis(np.asarray(lab, float), -1, 0), np.moveaxis(np.asarray(other, float), -1, 0)
     chroma7 = ((np.hypot(a1, b1) + np.hypot(a2, b2)) / 2) ** 7
     stretch = 1.5 - 0.5 * np.sqrt(chroma7 / (chroma7 + 25.0**7))

@@ -1,4 +1,4 @@
-"""Nearest neighbours in a cloud, exactly, by a grid of cells."""
+"""Nearest neighbors in a cloud, exactly, by a grid of cells."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ _CELLS = 8
 
 
 def nearest_distance_m(queries_m: NDArray[np.floating], points_m: NDArray[np.floating], reach_m: float) -> NDArray[np.float64]:
-    """Distance of each query (N, 3) to the nearest of the points (M, 3), metres; infinite beyond ``reach_m``."""
+    """Distance of each query (N, 3) to the nearest of the points (M, 3), meters; infinite beyond ``reach_m``."""
     cell_m = reach_m / _CELLS
     points = np.asarray(points_m, np.float64)
     keys = _keys(np.floor(points / cell_m).astype(np.int64))
@@ -29,7 +29,7 @@ def _keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _offsets() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Neighbouring cells, nearest first: what they add to a cell's key, and how far away they are at least, in cells."""
+    """Neighboring cells, nearest first: what they add to a cell's key, and how far away they are at least, in cells."""
     steps = np.arange(-_CELLS, _CELLS + 1)
     cells = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), axis=-1).reshape(-1, 3)
     gaps = np.linalg.norm(np.maximum(np.abs(cells) - 1, 0), axis=1)

@@ -1,4 +1,4 @@
-"""Targets of known colour in an image: a 24-patch chart, found or given by its corners, or neutral things inside polygons."""
+"""Targets of known color in an image: a 24-patch chart, found or given by its corners, or neutral things inside polygons."""
 
 import json
 from dataclasses import dataclass
@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.data import Image, Map
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.measures import CLIPPED
+from stereo_seecolor.records import Image, Map
 
 CHART_SRGB = np.array(  # the 24 patches of a ColorChecker Classic row by row, sRGB of 8 bits, as its maker publishes them
     [
@@ -24,12 +24,12 @@ CHART_SRGB = np.array(  # the 24 patches of a ColorChecker Classic row by row, s
 GRAYS = slice(18, 24)
 _COLUMNS, _ROWS = 6, 4
 _INNER = 0.25
-"""Of a patch, this much is left out on each side, where its neighbours bleed in."""
+"""Of a patch, this much is left out on each side, where its neighbors bleed in."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What has known colours. patches: one (H, W) mask each; srgb: (patches, 3) in [0, 1], or None for something neutral."""
+    """What has known colors. patches: one (H, W) mask each; srgb: (patches, 3) in [0, 1], or None for something neutral."""
 
     name: str
     patches: tuple[NDArray[np.bool_], ...]

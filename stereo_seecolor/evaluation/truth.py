@@ -1,4 +1,4 @@
-"""A finished run against known truth: how far off its ranges and its colours are, beside the raw images' own error."""
+"""A finished run against known truth: how far off its ranges and its colors are, beside the raw images' own error."""
 
 import json
 from dataclasses import dataclass, fields
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
-from stereo_seecolor.data import Map, Mask
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.measures import TruthScore, score_truth, srgb_from_linear
 from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.records import Map, Mask
 
 Score = TypeVar("Score", "RangeScore", TruthScore)
 NOT_MEASURED = (1, 2)
@@ -59,7 +59,7 @@ class TruthReport:
 def evaluate_truth(out: Path, truth: Path) -> TruthReport:
     """Compare the run folder ``out`` with the truth of a dive (docs/synthetic.md), whose left/ and cam.yaml lie beside ``truth``.
 
-    Colours are compared as displayed (sRGB), over pixels whose range was measured and whose true colour is neither clipped nor so
+    Colors are compared as displayed (sRGB), over pixels whose range was measured and whose true color is neither clipped nor so
     dark (brightest channel below 6 % of full scale, encoded) that noise makes its hue.
 
     Raises InputError if a folder holds no such files, or a result has another size than its truth.

@@ -1,7 +1,7 @@
 """Look at an image file before decoding it: is it whole, and how large would it be?
 
 OpenCV decodes a truncated PNG or JPEG to a picture that is partly gray or black and says nothing. Such pixels would be
-matched, coloured and mapped; so wholeness is checked here, from the file formats' own marks, before any pixel is decoded.
+matched, colored and mapped; so wholeness is checked here, from the file formats' own marks, before any pixel is decoded.
 """
 
 import struct

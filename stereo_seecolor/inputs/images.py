@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.data import Image, Map
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.headers import image_size
+from stereo_seecolor.records import Image, Map
 
 EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg"})
 MAX_PIXELS = 150_000_000
@@ -57,7 +57,7 @@ def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
 
 
 def read_range_map(path: Path) -> Map:
-    """Read a range map in metres along the ray: float32 TIFF in metres, or 16-bit PNG in millimetres; (H, W) float32.
+    """Read a range map in meters along the ray: float32 TIFF in meters, or 16-bit PNG in millimeters; (H, W) float32.
 
     Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such map.
     """
@@ -69,7 +69,7 @@ def read_range_map(path: Path) -> Map:
     elif pixels.dtype in (np.float32, np.float64):
         range_m = pixels.astype(np.float32)
     else:
-        raise InputError(f"{path}: holds {pixels.dtype} pixels, a range map is float32 metres or 16-bit millimetres")
+        raise InputError(f"{path}: holds {pixels.dtype} pixels, a range map is float32 meters or 16-bit millimeters")
     with np.errstate(invalid="ignore"):
         return np.where(np.isfinite(range_m) & (range_m > 0), range_m, np.float32(np.nan))
 

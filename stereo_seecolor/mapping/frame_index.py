@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.data import SurveyFrame
-from stereo_seecolor.mapping.salvage import Frames, Unplaced
+from stereo_seecolor.mapping.recovered import Frames, Unplaced
+from stereo_seecolor.records import SurveyFrame
 
 MAX_STRIDE_PX = 16
 SPACING_M = 0.04

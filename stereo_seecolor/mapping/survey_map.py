@@ -12,21 +12,22 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.data import GeoOrigin, SurveyFrame, Trajectory
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.mapping import islands, pose_graph
-from stereo_seecolor.mapping.files import whole
+from stereo_seecolor.files.map_files import whole
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
-from stereo_seecolor.mapping.fusion import Surface, check_available, fuse_tile
-from stereo_seecolor.mapping.join import write_map
-from stereo_seecolor.mapping.kernels import BLOCK
-from stereo_seecolor.mapping.odometry import estimate, priors_from
-from stereo_seecolor.mapping.placement import Placement, place, upright
-from stereo_seecolor.mapping.products import Piece, write_products
-from stereo_seecolor.mapping.salvage import Frames, Salvage, Unplaced
-from stereo_seecolor.mapping.tile_store import TileStore
-from stereo_seecolor.mapping.tiles import Tile, cut
-from stereo_seecolor.mapping.tum_file import write_tum
+from stereo_seecolor.mapping.raster.products import Piece, write_products
+from stereo_seecolor.mapping.recovered import Frames, Salvage, Unplaced
+from stereo_seecolor.mapping.surface import islands
+from stereo_seecolor.mapping.surface.fusion import Surface, check_available, fuse_tile
+from stereo_seecolor.mapping.surface.join import write_map
+from stereo_seecolor.mapping.surface.kernels import BLOCK
+from stereo_seecolor.mapping.surface.tile_store import TileStore
+from stereo_seecolor.mapping.surface.tiles import Tile, cut
+from stereo_seecolor.mapping.track import pose_graph
+from stereo_seecolor.mapping.track.odometry import estimate, priors_from
+from stereo_seecolor.mapping.track.placement import Placement, place, upright
+from stereo_seecolor.mapping.track.tum_file import write_tum
+from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 
 
 @dataclass(frozen=True, eq=False)

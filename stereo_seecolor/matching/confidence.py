@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from stereo_seecolor.data import Map
+from stereo_seecolor.records import Map
 
 RIVAL_WEIGHT, SUPPORT_WEIGHT, RELIEF_WEIGHT, OFFSET = 1.77, 6.94, -0.513, -6.33
 """Logistic regression on synthetic reefs and card scenes in clear to turbid water (docs/matching.md: reliability on others)."""
@@ -18,7 +18,7 @@ _inlined: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, 
 
 @_compiled
 def trust_rows(least: float, rival: Map, support: Map, relief: Map, disparity: Map, sure: Map) -> None:
-    """sure = P(|disparity error| <= 1 px) from its lead over its rival, known neighbours and relief; NaN where under ``least``."""
+    """sure = P(|disparity error| <= 1 px) from its lead over its rival, known neighbors and relief; NaN where under ``least``."""
     one, unknown, least_relief, least_sure = np.float32(1), np.float32(np.nan), np.float32(LEAST_RELIEF_PX), np.float32(least)
     per_rival, per_support = np.float32(RIVAL_WEIGHT / np.log(2)), np.float32(SUPPORT_WEIGHT / np.log(2))
     per_relief, offset = np.float32(RELIEF_WEIGHT), np.float32(OFFSET / np.log(2))

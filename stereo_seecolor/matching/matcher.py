@@ -6,18 +6,18 @@ import cv2
 import numpy as np
 
 from calibration.geometry import RectifiedPair
+from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import MatchingConfig
-from stereo_seecolor.data import Mask, RangeMap, StereoFrame
-from stereo_seecolor.matching import inspection
-from stereo_seecolor.matching.band import Band
+from stereo_seecolor.matching import diagnostics as inspection
 from stereo_seecolor.matching.confidence import trust_rows
-from stereo_seecolor.matching.filling import fill
-from stereo_seecolor.matching.images import Gray, gray, shrink
-from stereo_seecolor.matching.metres import measure_rows
-from stereo_seecolor.matching.network import Network
+from stereo_seecolor.matching.fill import fill
+from stereo_seecolor.matching.onnx_engine import Network
 from stereo_seecolor.matching.refine import refine_rows
-from stereo_seecolor.matching.search import LARGE_IMAGE_PX, Found, remove_speckles, search
-from stereo_seecolor.schedule import core_pool
+from stereo_seecolor.matching.sgm.band import Band
+from stereo_seecolor.matching.sgm.images import Gray, gray, shrink
+from stereo_seecolor.matching.sgm.search import LARGE_IMAGE_PX, Found, remove_speckles, search
+from stereo_seecolor.matching.triangulation import measure_rows
+from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 
 Pair = tuple[Gray, Gray]
 
@@ -102,7 +102,7 @@ class Matcher:
         return Found(np.where(agree, disparity, UNKNOWN), np.full_like(disparity, RIVAL_OF_NETWORK))
 
     def _range_map(self, found: Found, sharp: Pair) -> RangeMap:
-        """Check, refine, judge, and turn into metres, in strips on all cores."""
+        """Check, refine, judge, and turn into meters, in strips on all cores."""
         pair, checked = self._pair, found.disparity
         remove_speckles(checked, SPECKLE_PX)
         if self._seen_left is not None:

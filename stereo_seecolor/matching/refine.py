@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from stereo_seecolor.data import Map
-from stereo_seecolor.matching.images import SMOOTHING_PX, Gray
-from stereo_seecolor.matching.vectors import four
+from stereo_seecolor.matching.sgm.images import SMOOTHING_PX, Gray
+from stereo_seecolor.matching.sgm.vectors import four
+from stereo_seecolor.records import Map
 
 WINDOW = 7
 SMOOTHED = 5
@@ -28,7 +28,7 @@ def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, first: int
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient g of both images are
     summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of what is left of e over
-    n var(g). The window sees each neighbour at its own, smoothed disparity, so slopes do no harm.
+    n var(g). The window sees each neighbor at its own, smoothed disparity, so slopes do no harm.
     support: share of the window that is known.
     relief: |disparity - its mean over the window|, pixels: large beside an edge.
     """
@@ -81,11 +81,11 @@ def _smooth_across(disparity: Any, mean: Any) -> None:
 
 
 @_compiled
-def _mean_near(centre: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> None:
+def _mean_near(center: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> None:
     """Mean with those neighbors that are within one pixel: steps of matching taken out, edges kept."""
     one, none = np.float32(1), np.float32(0)
-    for x in range(centre.size):
-        here = centre[x]
+    for x in range(center.size):
+        here = center[x]
         near0, near1, near2, near3 = (
             abs(n0[x] - here) < one,
             abs(n1[x] - here) < one,

@@ -17,7 +17,7 @@ CORALLINE: Color = (0.36, 0.15, 0.20)
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A window of the bottom around a thing: u_m, v_m are metres from its centre; slices cut the window from the grids."""
+    """A window of the bottom around a thing: u_m, v_m are meters from its center; slices cut the window from the grids."""
 
     rows: slice
     columns: slice
@@ -80,7 +80,7 @@ class Bottom:
         return float(self.height_m[row, column])
 
     def raise_to(self, patch: Patch, top_m: NDArray[np.floating], albedo: Grid, texture: float) -> None:
-        """Put a thing there: wherever its top stands above what is there, height, colour and grain become its own."""
+        """Put a thing there: wherever its top stands above what is there, height, color and grain become its own."""
         window = patch.rows, patch.columns
         above = top_m > self.height_m[window]
         self.height_m[window] = np.where(above, top_m, self.height_m[window])
@@ -88,7 +88,7 @@ class Bottom:
         self.texture[window] = np.where(above, np.float32(texture), self.texture[window])
 
     def paint(self, patch: Patch, share: Grid, albedo: Color) -> None:
-        """Cover what is there with a colour, ``share`` in [0, 1] of it."""
+        """Cover what is there with a color, ``share`` in [0, 1] of it."""
         window = patch.rows, patch.columns
         self.albedo[window] = _mix(self.albedo[window], share, albedo)
 

@@ -1,4 +1,4 @@
-"""Rays against the reef: where each meets it, and what colour is there; the same on any number of threads.
+"""Rays against the reef: where each meets it, and what color is there; the same on any number of threads.
 
 Compiled without numba's own threads, whose simplest layer must not be entered twice at once: ``in_rows`` spreads the rows.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereo_seecolor.schedule import cores
+from stereo_seecolor.compute.threads import cores
 from stereo_seecolor.synthetic.reef import BLOCK_CELLS, CELL_M, DETAIL_TEXEL_M, MAX_STEEPNESS, Reef
 
 Rays = NDArray[np.float32]
@@ -22,7 +22,7 @@ compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(nogil=True, 
 
 
 def cast(reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays) -> NDArray[np.float32]:
-    """(H, W, S) distance along each ray to the reef, metres, infinite where a ray never meets it."""
+    """(H, W, S) distance along each ray to the reef, meters, infinite where a ray never meets it."""
     range_m = np.empty(rays.shape[:3], np.float32)
     low, high = float(reef.height_m.min()), float(reef.height_m.max())
     in_rows(_cast, len(rays), reef.height_m, *reef.origin_m, reef.blocks, low, high, T_world_camera, rays, range_m)
@@ -32,7 +32,7 @@ def cast(reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays) -> NDArray
 def look_up(
     reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays, range_m: NDArray[np.float32], sample_angle: float
 ) -> NDArray[np.float32]:
-    """(H, W, S, 3) linear colour of the lit reef where each ray meets it, filtered to ``sample_angle``, radians between rays."""
+    """(H, W, S, 3) linear color of the lit reef where each ray meets it, filtered to ``sample_angle``, radians between rays."""
     out = np.zeros(rays.shape, np.float32)
     in_rows(_look_up, len(rays), reef.color, reef.detail, *reef.origin_m, T_world_camera, rays, range_m, sample_angle, out)
     return out
@@ -74,7 +74,7 @@ def _height(height_m: Any, column: float, row: float) -> Any:
 
 @compiled
 def _to_block_edge(place: float, step: float) -> float:
-    """Ray length until ``place`` (in blocks), moving ``step`` blocks a metre, leaves its block."""
+    """Ray length until ``place`` (in blocks), moving ``step`` blocks a meter, leaves its block."""
     if step > 1e-9:
         return float((np.floor(place) + 1 - place) / step)
     if step < -1e-9:
@@ -178,7 +178,7 @@ def _level(footprint_m: float, cell_m: float, levels: int) -> Any:
 def _lit_color(
     color: Any, detail: Any, x: float, y: float, z: float, x0: float, y0: float, footprint_m: float, near: Any, far: Any
 ) -> None:
-    """Trilinear colour into ``near[:3]``, with the grain that this footprint resolves; height moves the grain, for walls."""
+    """Trilinear color into ``near[:3]``, with the grain that this footprint resolves; height moves the grain, for walls."""
     level = _level(footprint_m, CELL_M, len(color))
     k, share = int(level), level - int(level)
     scale = 2.0**k

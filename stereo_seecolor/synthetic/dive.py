@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.formats import native
-from stereo_seecolor.data import Trajectory, Water
 from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.records import Trajectory, Water
 from stereo_seecolor.synthetic.reef import CELL_M, Reef
 from stereo_seecolor.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.synthetic.survey import SurveySpec
@@ -81,7 +81,7 @@ def _write(path: Path, pixels: NDArray[Any], parameters: list[int]) -> None:
 
 
 def _write_tum(path: Path, trajectory: Trajectory) -> None:
-    lines = ["# timestamp tx ty tz qx qy qz qw: the rectified left camera in the world (east, north, up), metres"]
+    lines = ["# timestamp tx ty tz qx qy qz qw: the rectified left camera in the world (east, north, up), meters"]
     for time_s, T in zip(trajectory.timestamps_s, trajectory.T_world_camera, strict=True):
         numbers = [*T[:3, 3], *_quaternion(T[:3, :3])]
         lines.append(f"{time_s:.6f} " + " ".join(f"{number:.9f}" for number in numbers))

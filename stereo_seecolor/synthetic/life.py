@@ -1,4 +1,4 @@
-"""What lives and lies on the bottom: boulders, corals, sponges, a colour chart, a bare patch of sand."""
+"""What lives and lies on the bottom: boulders, corals, sponges, a color chart, a bare patch of sand."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ _MASSIVE: tuple[Color, ...] = ((0.34, 0.24, 0.09), (0.20, 0.22, 0.08), (0.38, 0.
 
 
 def settle(bottom: Bottom, spec: SurveySpec, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Populate the bottom, big things first; returns the (4, 2) corners of the colour chart, metres."""
+    """Populate the bottom, big things first; returns the (4, 2) corners of the color chart, meters."""
     ny, nx = bottom.height_m.shape
     area_m2 = ny * nx * bottom.cell_m**2
 
@@ -119,7 +119,7 @@ def _sponge(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> Non
 
 
 def _crust(bottom: Bottom, x: float, y: float, rng: np.random.Generator) -> None:
-    """A strongly coloured patch that covers what is there without raising it."""
+    """A strongly colored patch that covers what is there without raising it."""
     radius_m = rng.uniform(0.08, 0.3)
     patch = bottom.patch(x, y, 1.4 * radius_m)
     noise = fractal_noise(patch.u_m.shape, 0.5 * radius_m / bottom.cell_m, 4, rng)

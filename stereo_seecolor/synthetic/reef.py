@@ -28,7 +28,7 @@ class Reef:
     height_m: (ny, nx). color: mip levels of (ny, nx, 4) linear R, G, B of the lit surface (albedo times shading) and the
     strength of its fine texture; level k has cells of CELL_M 2^k. detail: mip levels of a tile of fine texture, mean 0, that
     repeats every DETAIL_TILE * DETAIL_TEXEL_M. blocks: highest point and steepest slope of each BLOCK_CELLS x BLOCK_CELLS cells.
-    chart_corners_m: (4, 2) of the colour chart's corners, x and y.
+    chart_corners_m: (4, 2) of the color chart's corners, x and y.
     """
 
     origin_m: tuple[float, float]
@@ -55,7 +55,7 @@ def build_reef(spec: SurveySpec) -> Reef:
 
 
 def _blocks(height_m: Grid) -> Grid:
-    """(rows, columns, 2) highest point and steepest slope in each block, its neighbouring grid points included."""
+    """(rows, columns, 2) highest point and steepest slope in each block, its neighboring grid points included."""
     slope_x, slope_y = (np.abs(np.diff(height_m, axis=axis, append=np.nan)) / CELL_M for axis in (1, 0))
     slope = np.nan_to_num(np.hypot(slope_x, slope_y))
     size = [-(-n // BLOCK_CELLS) * BLOCK_CELLS for n in height_m.shape]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
-from stereo_seecolor.data import Image, Mask, RangeMap, StereoFrame, Trajectory
+from stereo_seecolor.records import Image, Mask, RangeMap, StereoFrame, Trajectory
 from stereo_seecolor.synthetic.casting import Rays, cast, compiled, in_rows, look_up
 from stereo_seecolor.synthetic.fish import School
 from stereo_seecolor.synthetic.lighting import caustics, lamplight, sunlight
@@ -28,7 +28,7 @@ class RenderedPair:
     """A pair as the cameras took it, and what is true of the rectified left image.
 
     frame: the raw pair, distorted, not rectified. rectified: the same pair after rectification.
-    range_map: exact, NaN where the camera looks past the reef. color: (H, W, 3) linear colour of the lit reef without water
+    range_map: exact, NaN where the camera looks past the reef. color: (H, W, 3) linear color of the lit reef without water
     (albedo times shading, 1 = white in full light). visible: pixels that the right camera sees too. moving: pixels on fish.
     T_world_camera: (4, 4) of the rectified left camera.
     """
@@ -103,7 +103,7 @@ class Scene:
     def _surface(
         self, T_world_camera: NDArray[np.float64], rays: Rays, focal_px: float, school: School
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], Mask]:
-        """Range (H, W, S), lit colour (H, W, S, 3) and fish mask of what each ray meets first."""
+        """Range (H, W, S), lit color (H, W, S, 3) and fish mask of what each ray meets first."""
         range_m = cast(self.reef, T_world_camera, rays)
         color = look_up(self.reef, T_world_camera, rays, range_m, 1.0 / (focal_px * _GRID))
         moving = school.cover(T_world_camera, rays, range_m, color)
@@ -141,8 +141,8 @@ class Scene:
 
     def _truth(self, pose: NDArray[np.float64], school: School) -> tuple[RangeMap, NDArray[np.float32], Mask, Mask]:
         pair = self.rectification.pair
-        centres = _pixel_rays(pair.P_left, pair.image_size)
-        range_m, _, moving = self._surface(pose, centres, pair.focal_px, school)
+        centers = _pixel_rays(pair.P_left, pair.image_size)
+        range_m, _, moving = self._surface(pose, centers, pair.focal_px, school)
         known_m = np.where(np.isfinite(range_m[..., 0]), range_m[..., 0], np.float32(np.nan))
         _, color, _ = self._surface(pose, self._rays_rectified, pair.focal_px, school)
         depth_m = pair.depth_from_range(known_m)
@@ -151,7 +151,7 @@ class Scene:
         sure = np.where(known, np.float32(0), np.float32(np.nan))
         none = np.zeros(known.shape, np.bool_)
         range_map = RangeMap(disparity, depth_m, known_m, sure, known.astype(np.float32), none)
-        visible = self._seen_from_right(pose, _points(pose, centres, range_m)[..., 0, :], disparity, school)
+        visible = self._seen_from_right(pose, _points(pose, centers, range_m)[..., 0, :], disparity, school)
         return range_map, color.mean(axis=2), visible, moving[..., 0]
 
     def _seen_from_right(
@@ -202,7 +202,7 @@ def _raw_rays(camera: Camera) -> Rays:
 
 
 def _pixel_rays(P: NDArray[np.float64], image_size: tuple[int, int]) -> Rays:
-    """(H, W, 1, 3) the ray through each pixel's centre."""
+    """(H, W, 1, 3) the ray through each pixel's center."""
     width, height = image_size
     row, column = np.meshgrid(np.arange(height), np.arange(width), indexing="ij")
     rays = np.stack([(column - P[0, 2]) / P[0, 0], (row - P[1, 2]) / P[1, 1], np.ones_like(row, np.float64)], axis=-1)

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.data import Image
+from stereo_seecolor.records import Image
 
 
 def expose(

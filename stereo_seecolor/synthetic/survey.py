@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
-from stereo_seecolor.data import Trajectory
+from stereo_seecolor.records import Trajectory
 from stereo_seecolor.synthetic.waters import WaterName
 
 START_S = 1_790_000_000.0
@@ -75,7 +75,7 @@ def rig(spec: SurveySpec) -> StereoRig:
 def track(spec: SurveySpec) -> Trajectory:
     """Poses of the rectified left camera, world axes east, north, up; origin on the mean bottom at the start of the first line.
 
-    The vehicle rolls, pitches, yaws and heaves by a degree or two and a few centimetres, slowly enough for neighbours to agree.
+    The vehicle rolls, pitches, yaws and heaves by a degree or two and a few centimeters, slowly enough for neighbors to agree.
     """
     per_line = -(-spec.pairs // spec.lines)
     index = np.arange(spec.pairs)

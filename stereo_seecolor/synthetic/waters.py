@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.data import PerChannel, Water
+from stereo_seecolor.records import PerChannel, Water
 
 WaterName = Literal["blue-ocean", "coastal-green", "turbid"]
 Spectrum = NDArray[np.float64]
@@ -35,7 +35,7 @@ _WAVELENGTH_NM = np.arange(400.0, 701.0, 5.0)
 # Peaks and widths of a machine-vision sensor's R, G, B filters, about the mean of the 28 cameras of Jiang et al. (WACV 2013).
 _CHANNELS = np.exp(-0.5 * ((_WAVELENGTH_NM - np.array([[610.0], [535.0], [460.0]])) / np.array([[26.0], [36.0], [28.0]])) ** 2)
 _LOST_SHARE_OF_SCATTERING = 0.2
-_VEILING_SHARE = 0.06  # of the scattered sunlight, what reaches a camera as veiling light; sets its level, not its colour
+_VEILING_SHARE = 0.06  # of the scattered sunlight, what reaches a camera as veiling light; sets its level, not its color
 _FITTED_RANGE_M = np.linspace(0.5, 6.0, 23)
 
 

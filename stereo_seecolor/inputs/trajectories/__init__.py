@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from stereo_seecolor.config import MappingConfig, MountConfig
-from stereo_seecolor.data import Trajectory
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.trajectories import acfr, colmap, kitti, matisse, oplab, orca, tum
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
+from stereo_seecolor.records import Trajectory
 
 FORMATS = "TUM, KITTI, COLMAP images.txt, oplab, ACFR stereo_pose_est.data, ORCA, Matisse (CSV and dim2)"
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.data import GeoOrigin, Trajectory
 from stereo_seecolor.inputs.trajectories.axes import poses_from_ned, rotation_from_euler
 from stereo_seecolor.inputs.trajectories.table import Lines
+from stereo_seecolor.records import GeoOrigin, Trajectory
 
 _WITH_DEGREES = 15
 _WITHOUT_DEGREES = 13

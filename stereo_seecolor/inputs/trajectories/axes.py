@@ -1,10 +1,10 @@
-"""Navigation's axes to the map's: north-east-down to east-north-up, Euler angles, degrees on Earth to metres."""
+"""Navigation's axes to the map's: north-east-down to east-north-up, Euler angles, degrees on Earth to meters."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.data import GeoOrigin
+from stereo_seecolor.records import GeoOrigin
 
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 
@@ -25,7 +25,7 @@ def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> ND
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """(N, 4) as x, y, z, w -> (N, 3, 3); normalised first, NaN for a zero quaternion."""
+    """(N, 4) as x, y, z, w -> (N, 3, 3); normalized first, NaN for a zero quaternion."""
     q = np.atleast_2d(np.asarray(quaternion, dtype=np.float64))
     with np.errstate(invalid="ignore", divide="ignore"):
         x, y, z, w = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
@@ -61,9 +61,9 @@ def mount_offset_m(mount: MountConfig) -> NDArray[np.float64]:
 
 
 def north_east_from_degrees(latitude_deg: ArrayLike, longitude_deg: ArrayLike, origin: GeoOrigin) -> NDArray[np.float64]:
-    """(N, 2) metres north and east of the origin: transverse Mercator at the origin, to second order in longitude.
+    """(N, 2) meters north and east of the origin: transverse Mercator at the origin, to second order in longitude.
 
-    Snyder, Map Projections (USGS 1395), eqs. 8-9 and 8-10; within 1 mm of the full projection over a kilometre.
+    Snyder, Map Projections (USGS 1395), eqs. 8-9 and 8-10; within 1 mm of the full projection over a kilometer.
     """
     latitude, longitude = np.radians(np.asarray(latitude_deg, np.float64)), np.asarray(longitude_deg, np.float64)
     latitude_0 = np.radians(origin.latitude_deg)

@@ -3,9 +3,9 @@
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.data import Trajectory
 from stereo_seecolor.inputs.trajectories.axes import poses, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number
+from stereo_seecolor.records import Trajectory
 
 
 def recognizes(lines: Lines) -> bool:

@@ -3,8 +3,8 @@
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.data import Trajectory
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
+from stereo_seecolor.records import Trajectory
 
 
 def recognizes(lines: Lines) -> bool:

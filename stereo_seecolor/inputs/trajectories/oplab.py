@@ -3,7 +3,6 @@
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.data import GeoOrigin, Trajectory
 from stereo_seecolor.inputs.trajectories.axes import (
     mount_offset_m,
     mount_rotation,
@@ -12,6 +11,7 @@ from stereo_seecolor.inputs.trajectories.axes import (
     rotation_from_euler,
 )
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
+from stereo_seecolor.records import GeoOrigin, Trajectory
 
 
 def recognizes(lines: Lines) -> bool:
@@ -33,7 +33,7 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def _origin(table: Table, camera_ned: np.ndarray, R_ned_vehicle: np.ndarray, mount: MountConfig) -> GeoOrigin | None:
-    """The origin that northing and easting count from: latitude and longitude are the vehicle's centre's."""
+    """The origin that northing and easting count from: latitude and longitude are the vehicle's center's."""
     latitude = np.array(table.column("latitude [deg]", np.nan))
     longitude = np.array(table.column("longitude [deg]", np.nan))
     vehicle_ned = camera_ned - R_ned_vehicle @ mount_offset_m(mount)
@@ -42,6 +42,6 @@ def _origin(table: Table, camera_ned: np.ndarray, R_ned_vehicle: np.ndarray, mou
         return None
     first = known[0]
     anchor = GeoOrigin(latitude[first], longitude[first])
-    metres = north_east_from_degrees([latitude[first] + 0.001], [longitude[first] + 0.001], anchor)[0]
-    shift = vehicle_ned[first, :2] / metres * 0.001
+    meters = north_east_from_degrees([latitude[first] + 0.001], [longitude[first] + 0.001], anchor)[0]
+    shift = vehicle_ned[first, :2] / meters * 0.001
     return GeoOrigin(float(latitude[first] - shift[0]), float(longitude[first] - shift[1]))

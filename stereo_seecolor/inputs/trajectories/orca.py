@@ -5,9 +5,9 @@ from datetime import UTC, datetime
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.data import Trajectory
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
 from stereo_seecolor.inputs.trajectories.vehicle import camera_trajectory
+from stereo_seecolor.records import Trajectory
 
 
 def recognizes(lines: Lines) -> bool:

@@ -4,7 +4,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.data import GeoOrigin, Trajectory
 from stereo_seecolor.inputs.trajectories.axes import (
     mount_offset_m,
     mount_rotation,
@@ -12,6 +11,7 @@ from stereo_seecolor.inputs.trajectories.axes import (
     poses_from_ned,
     rotation_from_euler,
 )
+from stereo_seecolor.records import GeoOrigin, Trajectory
 
 
 def camera_trajectory(

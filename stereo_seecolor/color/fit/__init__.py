@@ -1,0 +1,1 @@
+"""From moment tables to the water."""

@@ -1,0 +1,67 @@
+"""The paper's solver: both networks trained by Adam on every pixel, many steps on a first frame, few on those that follow."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from stereo_seecolor.color.device import find_device
+from stereo_seecolor.color.fit.losses import attenuation_loss, backscatter_loss, clamp_direct
+from stereo_seecolor.color.fit.model import AttenuationNet, BackscatterNet, Scale, Spread
+from stereo_seecolor.color.fit.parameters import ATTENUATION, BACKSCATTER, cold_water, raw_rates, raw_shares, water_of
+from stereo_seecolor.color.table.encoding import decoded_values
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.records import Water
+
+
+def fit(pixels: NDArray[Any], range_m: NDArray[np.float32], config: ColorConfig, start: Water | None = None) -> Water:
+    """The water of the (N, 3) pixels at the (N,) ranges, all known, by Adam from ``start`` or from a guess.
+
+    Raises DeviceError where CUDA is asked for and absent.
+    """
+    device = find_device(config.device)
+    steps = config.first_steps if start is None else config.next_steps
+    depth = 8 if pixels.dtype == np.uint8 else 16
+    light = torch.from_numpy(decoded_values(depth, config.input_encoding)[pixels.T]).to(device)[None, :, None]  # (1, 3, 1, N)
+    z = torch.from_numpy(np.ascontiguousarray(range_m)).to(device)[None, None, None]  # (1, 1, 1, N)
+    start = start or cold_water(config)
+
+    backscatter = BackscatterNet().to(device)
+    load(backscatter, start)
+    train(backscatter, lambda: backscatter_loss(light - backscatter(z), config.penalty), steps, config.learning_rate)
+    with torch.no_grad():
+        direct = clamp_direct(light - backscatter(z))
+
+    attenuation = AttenuationNet().to(device)
+    load(attenuation, start)
+    train(attenuation, lambda: attenuation_loss(direct / attenuation(z), direct), steps, config.learning_rate)
+    return water_of(np.stack([_value(backscatter, n) for n in BACKSCATTER] + [_value(attenuation, n) for n in ATTENUATION]), config)
+
+
+def train(network: nn.Module, loss: Callable[[], Tensor], steps: int, learning_rate: float) -> None:
+    """Adam on the network's weights for a number of steps."""
+    optimizer = torch.optim.Adam(network.parameters(), lr=learning_rate)
+    for _ in range(steps):
+        optimizer.zero_grad()
+        loss().backward()  # type: ignore[no-untyped-call]
+        optimizer.step()
+
+
+def load(network: nn.Module, water: Water) -> None:
+    """Set the network's raw weights to give the water's parameters."""
+    with torch.no_grad():
+        for name, layer in network.named_children():
+            if isinstance(layer, Scale | Spread):
+                share = isinstance(layer, Scale) and layer.share
+                raw = (raw_shares if share else raw_rates)(getattr(water, name))
+                layer.weight.copy_(torch.from_numpy(raw).reshape(3, 1, 1, 1))
+
+
+def _value(network: nn.Module, name: str) -> NDArray[np.float64]:
+    layer = network.get_submodule(name)
+    raw = layer.get_parameter("weight").detach().double().cpu().flatten()
+    value = torch.sigmoid(raw) if isinstance(layer, Scale) and layer.share else nn.functional.softplus(raw)
+    return np.asarray(value.numpy())

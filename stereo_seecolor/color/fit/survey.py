@@ -1,0 +1,141 @@
+"""One water for many frames: tables add, so the water of a survey is the fit to the sum of its frames' tables."""
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import reduce
+from operator import add
+from typing import Protocol
+
+import numpy as np
+
+from stereo_seecolor.color.photometry.exposure import Brightness, darkened, exposed
+from stereo_seecolor.color.render.tone import choose
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.records import Image, Map, Water
+
+FitTable = Callable[[MomentTable, Water | None], Water]
+FitFrame = Callable[[MomentTable, Image, Map, Water | None], Water]
+
+STOPS_APART = 2.0
+"""Frames are sorted by brightness into classes this wide; more than a class from most is another exposure, not another reef."""
+
+
+class Fitter(Protocol):
+    """Frames in, one at a time and in their order; a water for each of them out."""
+
+    def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
+        """One more frame: its table, and the image and range map it was measured from."""
+
+    def waters(self) -> dict[str, Water]:
+        """Name of a frame -> its water, for all frames added."""
+
+
+class FrameFitter:
+    """``color.lock: frame``. Each frame its own water, begun from the frame's before it."""
+
+    def __init__(self, fit: FitFrame) -> None:
+        self._fit = fit
+        self._waters: dict[str, Water] = {}
+        self._last: Water | None = None
+
+    def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
+        """One more frame."""
+        self._waters[name] = water = self._fit(table, image, range_m, self._last)
+        if table.pixels.any():
+            self._last = water
+
+    def waters(self) -> dict[str, Water]:
+        """Each frame's own."""
+        return self._waters
+
+
+class SlidingFitter:
+    """``color.lock: sliding``. Each frame the water and the exposure of the last few together."""
+
+    def __init__(self, config: ColorConfig, fit: FitTable) -> None:
+        self._config, self._fit = config, fit
+        self._waters: dict[str, Water] = {}
+        self._window: deque[MomentTable] = deque()
+        self._total: MomentTable | None = None
+        self._last: Water | None = None
+
+    def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
+        """One more frame; the oldest leaves the window."""
+        self._window.append(table)
+        self._total = table if self._total is None else self._total + table
+        if len(self._window) > self._config.sliding_frames:
+            self._total -= self._window.popleft()
+        self._waters[name] = self._last = _fitted(self._total, self._config, self._fit, self._last)
+
+    def waters(self) -> dict[str, Water]:
+        """Each frame's window's."""
+        return self._waters
+
+
+@dataclass(frozen=True, eq=False)
+class _Class:
+    """Frames of one brightness together."""
+
+    table: MomentTable
+    brightness: Brightness
+
+    def __add__(self, other: "_Class") -> "_Class":
+        return _Class(self.table + other.table, self.brightness + other.brightness)
+
+
+class SurveyFitter:
+    """``color.lock: survey``. One water and one exposure for all frames.
+
+    Where the camera holds its exposure, frames that are far darker or brighter than most take no part, and get the survey's water
+    as their exposure shows it. Where it does not (``camera_exposure: auto``), every frame is first brought to one exposure.
+    """
+
+    def __init__(self, config: ColorConfig, fit: FitTable) -> None:
+        self._config, self._fit = config, fit
+        self._frames: dict[str, bytes] = {}
+        self._classes: dict[int, _Class] = {}
+
+    def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
+        """One more frame."""
+        brightness = Brightness.of(table, self._config.input_encoding)
+        self._frames[name] = brightness.packed()
+        if not np.isfinite(brightness.stops):
+            return
+        if self._config.camera_exposure == "auto" and self._classes:
+            table = darkened(table, brightness.ratio(self._classes[0].brightness), self._config.input_encoding)
+        frame = _Class(table, Brightness.of(table, self._config.input_encoding))
+        kind = self._kind(brightness)
+        self._classes[kind] = self._classes[kind] + frame if kind in self._classes else frame
+
+    def waters(self) -> dict[str, Water]:
+        """The survey's, as each frame's camera exposure shows it."""
+        if not self._classes:
+            water = self._fit(MomentTable.empty(), None)
+            return dict.fromkeys(self._frames, water)
+        most = max(self._classes, key=lambda kind: int(self._classes[kind].brightness.pixels.sum()))
+        survey = reduce(add, (frames for kind, frames in self._classes.items() if abs(kind - most) <= 1))
+        water = _fitted(survey.table, self._config, self._fit, None)
+        frames = ((name, Brightness.unpacked(packed)) for name, packed in self._frames.items())
+        return {name: self._seen(water, frame, survey.brightness, most) for name, frame in frames}
+
+    def _seen(self, water: Water, frame: Brightness, survey: Brightness, most: int) -> Water:
+        if not np.isfinite(frame.stops):
+            return water
+        if self._config.camera_exposure == "auto":
+            return exposed(water, frame.ratio(survey))
+        if abs(self._kind(frame) - most) <= 1:
+            return water
+        factor = frame.ratio(survey)
+        warning = f"{factor:.3g} times the survey's brightness: another camera exposure, followed"
+        return replace(exposed(water, factor), warnings=(*water.warnings, warning))
+
+    def _kind(self, brightness: Brightness) -> int:
+        return 0 if self._config.camera_exposure == "auto" else int(np.floor(brightness.stops / STOPS_APART))
+
+
+def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water | None) -> Water:
+    water = fit(total, start)
+    exposure, highlights = choose(total, water, config)
+    return replace(water, exposure=exposure, highlights=highlights)

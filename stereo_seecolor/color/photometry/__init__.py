@@ -1,0 +1,1 @@
+"""Lights, exposure and points seen from several frames."""

@@ -1,0 +1,72 @@
+"""A frame's camera exposure against others', seen at like ranges: a brighter exposure multiplies reef and backscatter alike."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins
+from stereo_seecolor.color.table.moment_table import LEVELS, MomentTable
+from stereo_seecolor.records import Water
+
+_PACKED = np.dtype([("level", "u1"), ("light", "<f4"), ("pixels", "<i4")])
+
+
+@dataclass(frozen=True, eq=False)
+class Brightness:
+    """Linear light summed over the channels and pixels of each level, and the pixels; both (256,) and to be added."""
+
+    light: NDArray[np.floating]
+    pixels: NDArray[np.signedinteger]
+
+    @classmethod
+    def of(cls, table: MomentTable, encoding: InputEncoding) -> "Brightness":
+        """A table's."""
+        return cls(table.counts.sum(axis=0) @ decoded_bins(table.bit_depth, encoding), table.pixels)
+
+    def __add__(self, other: "Brightness") -> "Brightness":
+        return Brightness(self.light + other.light, self.pixels + other.pixels)
+
+    def packed(self) -> bytes:
+        """The levels that have pixels, in 9 bytes each, for the thousands of frames of a dive."""
+        levels = np.flatnonzero(self.pixels)
+        packed = np.empty(levels.size, _PACKED)
+        packed["level"], packed["light"], packed["pixels"] = levels, self.light[levels], self.pixels[levels]
+        return packed.tobytes()
+
+    @classmethod
+    def unpacked(cls, content: bytes) -> "Brightness":
+        """What ``packed`` gave, to single precision; no longer to be added."""
+        packed = np.frombuffer(content, _PACKED)
+        light, pixels = np.zeros(LEVELS, np.float32), np.zeros(LEVELS, np.int32)
+        light[packed["level"]], pixels[packed["level"]] = packed["light"], packed["pixels"]
+        return cls(light, pixels)
+
+    @property
+    def stops(self) -> float:
+        """log2 of the mean light; -inf where there is none."""
+        mean = self.light.sum() / max(int(self.pixels.sum()), 1)
+        return float(np.log2(mean)) if mean > 0 else -np.inf
+
+    def ratio(self, reference: "Brightness") -> float:
+        """How many times brighter than the reference, averaged over the ranges that both have seen; 1 where there is none."""
+        both = (self.light > 0) & (reference.light > 0)
+        if not both.any():
+            return 1.0
+        brighter = np.log(self.light[both] / self.pixels[both]) - np.log(reference.light[both] / reference.pixels[both])
+        return float(np.exp(np.average(brighter, weights=np.minimum(self.pixels[both], reference.pixels[both]))))
+
+
+def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
+    """The table that the camera would have given at a ``factor`` times shorter exposure, each bin moved to the nearest there is."""
+    light = decoded_bins(table.bit_depth, encoding)
+    nearest = np.searchsorted(0.5 * (light[1:] + light[:-1]), light / factor)
+    counts = np.zeros_like(table.counts)
+    for value, target in enumerate(nearest):
+        counts[:, :, target] += table.counts[:, :, value]
+    return MomentTable(counts, table.offset_sum, table.bit_depth)
+
+
+def exposed(water: Water, factor: float) -> Water:
+    """The water as a ``factor`` times longer exposure of the camera shows it."""
+    return replace(water, gamma_inf=water.gamma_inf * factor, eta=water.eta * factor, white=water.white * factor)

@@ -1,0 +1,134 @@
+"""The same places of the reef seen from several frames: found by projecting known ranges from known poses."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import RectifiedPair
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
+from stereo_seecolor.records import Image, Map
+
+Vector = NDArray[np.float64]
+
+PATCH_M = 0.05
+"""Places are this wide on the reef, in every frame: a mean over them sees the same texture from any range."""
+PLACES, PLACES_A_FRAME = 20_000, 1600
+"""At most so many places are looked for, in all and in a frame."""
+SAME_PLACE = 0.02
+"""A place is the same if the other frame's range agrees with the projected one to this share."""
+LEVEL_PATCH = 0.06
+"""A place is left out where the range varies within it by more than this share: an edge."""
+FULL = 0.98
+"""Light beyond this share of full scale may be clipped."""
+
+
+@dataclass(frozen=True, eq=False)
+class KeyFrame:
+    """image: Image, rectified left, as the camera wrote it. range_m: Map, measured only. T_world_camera: (4, 4) of that camera."""
+
+    image: Image
+    range_m: Map
+    T_world_camera: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sightings:
+    """place: (N,) int64, which place was seen, 0..P-1, ascending, each two times or more. frame: (N,) int64.
+    range_m: (N,) meters. light: (N, 3) linear, share of full scale, mean over the place.
+    """
+
+    place: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    range_m: Vector
+    light: Vector
+
+
+def find_sightings(frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding) -> Sightings:
+    """Where the frames see the same places; wrong matches are few but not none. Each frame is asked for twice, one at a time."""
+    number = min(PLACES_A_FRAME, PLACES // max(len(frames), 1))
+    points_m = np.concatenate([_places_m(frame, geometry, number) for frame in frames])
+    places, numbers, ranges, lights = [], [], [], []
+    for index, frame in enumerate(frames):
+        place, range_m, light = _View.of(frame, geometry, encoding).look_at(points_m)
+        places.append(place)
+        numbers.append(np.full(place.size, index))
+        ranges.append(range_m)
+        lights.append(light)
+    place, seen_by, range_m, light = (np.concatenate(parts) for parts in (places, numbers, ranges, lights))
+    several = np.bincount(place, minlength=len(points_m))[place] > 1
+    order = np.flatnonzero(several)[np.argsort(place[several], kind="stable")]
+    compact = np.unique(place[order], return_inverse=True)[1]
+    return Sightings(compact, seen_by[order], range_m[order], light[order])
+
+
+def _places_m(frame: KeyFrame, geometry: RectifiedPair, number: int) -> Vector:
+    """(P, 3) about ``number`` world points on a grid over what a frame measured."""
+    level_m = _without_edges(frame.range_m)
+    height, width = level_m.shape
+    step = max(int(np.sqrt(height * width / max(number, 1))), 1)
+    grid = np.zeros((height, width), np.bool_)
+    grid[step // 2 :: step, step // 2 :: step] = True
+    points = geometry.points_from_range(level_m)[grid & np.isfinite(level_m)].astype(np.float64)
+    return np.asarray(points @ frame.T_world_camera[:3, :3].T + frame.T_world_camera[:3, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class _View:
+    """A frame made ready: ``sums`` is the integral image of its linear light, ``level_m`` its range without edges."""
+
+    geometry: RectifiedPair
+    T_world_camera: NDArray[np.float64]
+    level_m: Map
+    sums: Vector
+
+    @classmethod
+    def of(cls, frame: KeyFrame, geometry: RectifiedPair, encoding: InputEncoding) -> "_View":
+        bits = 8 * frame.image.dtype.itemsize
+        light = decoded_values(bits, encoding)[frame.image].astype(np.float64)
+        light[(light >= FULL).any(axis=2)] = np.nan
+        blind = np.isnan(light[..., 0])
+        sums = np.zeros((light.shape[0] + 1, light.shape[1] + 1, 4))
+        sums[1:, 1:, :3] = np.nan_to_num(light).cumsum(axis=0).cumsum(axis=1)
+        sums[1:, 1:, 3] = blind.astype(float).cumsum(axis=0).cumsum(axis=1)
+        return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
+
+    def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector]:
+        """Which of the (P, 3) places this frame sees, by number; the range to each, and its light (n, 3)."""
+        farthest_m = float(np.nanmax(self.level_m)) if np.isfinite(self.level_m).any() else 0.0
+        near = np.flatnonzero(np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1) < (1 + SAME_PLACE) * farthest_m)
+        local = (points_m[near] - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :3]
+        range_m = np.linalg.norm(local, axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            x = self.geometry.focal_px * local[:, 0] / local[:, 2] + self.geometry.cx_left_px
+            y = self.geometry.focal_px * local[:, 1] / local[:, 2] + self.geometry.cy_px
+            half_px = 0.5 * PATCH_M * self.geometry.focal_px / local[:, 2]
+        height, width = self.level_m.shape
+        inside = (local[:, 2] > 0.05) & (x - half_px > 0) & (y - half_px > 0)
+        inside &= (x + half_px < width - 1) & (y + half_px < height - 1)
+        x, y, half_px = (np.where(inside, value, 0.0) for value in (x, y, half_px))
+        measured_m = self.level_m[np.round(y).astype(int), np.round(x).astype(int)]
+        with np.errstate(invalid="ignore"):
+            seen = inside & (np.abs(measured_m - range_m) < SAME_PLACE * range_m)
+        corners = [self._sum_to(x + dx * half_px + 0.5, y + dy * half_px + 0.5) for dy in (-1, 1) for dx in (-1, 1)]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = (corners[3] - corners[2] - corners[1] + corners[0]) / (2 * half_px[:, None]) ** 2
+        seen &= np.nan_to_num(mean[:, 3], nan=1.0) < 1e-6
+        return near[seen], range_m[seen], mean[seen, :3]
+
+    def _sum_to(self, x: Vector, y: Vector) -> Vector:
+        """(P, 4) sum over all pixels left of and above a point, fractions of pixels counted."""
+        height, width = self.sums.shape[:2]
+        c, r = (np.clip(np.floor(value).astype(int), 0, size - 2) for value, size in ((x, width), (y, height)))
+        fx, fy = (x - c)[:, None], (y - r)[:, None]
+        upper = self.sums[r, c] * (1 - fx) + self.sums[r, c + 1] * fx
+        lower = self.sums[r + 1, c] * (1 - fx) + self.sums[r + 1, c + 1] * fx
+        return np.asarray(upper * (1 - fy) + lower * fy)
+
+
+def _without_edges(range_m: Map) -> Map:
+    known = np.where(np.isfinite(range_m), range_m, np.float32(1e6))
+    spread = cv2.morphologyEx(known, cv2.MORPH_GRADIENT, np.ones((7, 7), np.uint8))
+    return np.where(spread < LEVEL_PATCH * known, range_m, np.float32(np.nan))

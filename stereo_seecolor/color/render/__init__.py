@@ -1,0 +1,1 @@
+"""Taking a known water out of an image."""

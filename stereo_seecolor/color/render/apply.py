@@ -1,0 +1,68 @@
+"""Taking a known water out of an image: J = exposure (I - B(z)) / (A(z) white), by look-up for 8 bits, computed for 16."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.render.gains import Gains, gains
+from stereo_seecolor.color.render.tone import Looks, Tone, looks
+from stereo_seecolor.color.table.encoding import decoded_values
+from stereo_seecolor.color.table.moment_table import check_pair, range_bits
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.records import Correction, Image, Map, Water
+
+
+def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig) -> Correction:
+    """The image without its water, at its own size and bit depth; black where the range is unknown, unless the config says else."""
+    check_pair(image, range_m)
+    bits, shape = range_bits(range_m), image.shape[:2]
+    flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
+    by_level = gains(water, config, tone.exposure)
+    look = looks(8 * image.dtype.itemsize, config.input_encoding, tone.highlights)
+    out, unknown, beyond, clipped = _apply(flat, bits, by_level, look, config)
+    corrected, unknown = out.reshape(image.shape), unknown.reshape(shape)
+    if config.unknown_pixels == "raw":
+        corrected[unknown] = image[unknown]
+    return Correction(
+        image=corrected,
+        unknown=unknown,
+        unrecoverable=beyond.reshape(shape),
+        clipped_share=clipped,
+        water=water,
+        exposure=tone.exposure,
+        highlights=tone.highlights,
+        warnings=water.warnings,
+    )
+
+
+def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig) -> NDArray[np.float32]:
+    """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
+    check_pair(image, range_m)
+    by_level, bits = gains(water, config, exposure), range_bits(range_m)
+    flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
+    decoded = decoded_values(8 * image.dtype.itemsize, config.input_encoding)
+    if config.device == "cuda":
+        from stereo_seecolor.color.device import find_device
+        from stereo_seecolor.color.render import tensors
+
+        light = tensors.linear(flat, bits, by_level, decoded, find_device("cuda"))
+    else:
+        from stereo_seecolor.color.render import kernels
+
+        light = kernels.linear(flat, bits, by_level, decoded)
+    return light.reshape(image.shape)
+
+
+def _apply(
+    flat: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, look: Looks, config: ColorConfig
+) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], float]:
+    """Where the config wants it done: see ``kernels.apply``."""
+    if config.device == "cuda":
+        from stereo_seecolor.color.device import find_device
+        from stereo_seecolor.color.render import tensors
+
+        return tensors.apply(flat, bits, by_level, look, find_device("cuda"))
+    from stereo_seecolor.color.render import kernels
+
+    return kernels.apply(flat, bits, by_level, look)

@@ -1,0 +1,68 @@
+"""The gain and offset that take a water out, by channel and range, and how far noise lets a gain go."""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.table.encoding import decoding_slope
+from stereo_seecolor.color.table.moment_table import LEVELS, level_edges_m
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.records import Water
+
+MID_GRAY = 0.18
+"""Linear light of a surface in the middle of the grays."""
+
+FINE = 4
+FINE_LEVELS = FINE * LEVELS
+"""Levels of gain: 128 an octave, steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gains:
+    """J = gain I - offset for each channel and fine level of range; capped: where noise allowed no more gain.
+
+    gain, offset: (3, 1024) float32, of full scale. missing: (3, 1024) float32, the share of a channel's light that its cap leaves
+    out, against that of the channel least capped. capped: (1024,) bool.
+    """
+
+    gain: NDArray[np.float32]
+    offset: NDArray[np.float32]
+    missing: NDArray[np.float32]
+    capped: NDArray[np.bool_]
+
+
+@cache
+def fine_ranges_m() -> NDArray[np.float64]:
+    """(1024,) the middle of each fine level, meters: 128 an octave from 1/8 m to 32 m."""
+    edges = level_edges_m()
+    steps = (np.arange(FINE) + 0.5) / FINE
+    return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())
+
+
+def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
+    """What takes this water out and shows the scene at this exposure.
+
+    Against the channel least capped, one that is more so counts by the square of its cap, as noise does in Wiener's filter.
+    """
+    wanted, veil = unexposed(water, fine_ranges_m())
+    most = config.output_noise / exposure / _noise(wanted, veil, config, exposure)
+    share = np.minimum(1.0, most / wanted)
+    best = share.max(axis=0)
+    trust = (share / best) ** 2
+    shown = best * trust * exposure
+    gain, offset, missing = (part.astype(np.float32) for part in (wanted * shown, veil * shown, 1 - trust))
+    return Gains(gain, offset, missing, np.any(share < 1, axis=0))
+
+
+def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gain and offset (3, N) of J = gain I - offset at (N,) ranges and exposure 1, with no cap but against overflow."""
+    gain = 1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T
+    return gain, gain * water.backscatter(range_m).T
+
+
+def _noise(gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, exposure: float) -> NDArray[np.float64]:
+    """(3, N) noise in linear light of a surface that comes out mid-gray: the config's, times the slope of the decoding there."""
+    light = (offset + MID_GRAY / exposure) / gain
+    return np.asarray(config.input_noise * decoding_slope(np.minimum(light, 1.0), config.input_encoding))

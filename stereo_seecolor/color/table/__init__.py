@@ -1,0 +1,1 @@
+"""Counting an image's colors over range: the moment table."""

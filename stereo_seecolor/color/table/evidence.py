@@ -1,0 +1,32 @@
+"""Whether a table can carry a fit at all, and what to say where it cannot."""
+
+import numpy as np
+
+from stereo_seecolor.color.table.moment_table import MomentTable
+
+LEAST_RELIEF = 1.15
+"""Far over near (the 5 and 95 % of the pixels) below which attenuation and the color of the scene cannot be told apart."""
+
+LEAST_PIXELS = 100
+
+
+def doubts(table: MomentTable) -> tuple[str, ...]:
+    """What keeps this table, of at least one pixel, from telling what water it was seen through; nothing where nothing does."""
+    number = int(table.pixels.sum())
+    if number < LEAST_PIXELS:
+        return (f"only {number} pixels with a known range: the water is a guess",)
+    if (table.counts[:, :, 0].sum(axis=1) == number).all():
+        return ("the frame is black where the range is known: the water is a guess",)
+    if table.counts[:, :, -1].sum() > 0.5 * 3 * number:
+        return ("the frame is blown out where the range is known: the water is a guess",)
+    near, far = relief_m(table)
+    if far < LEAST_RELIEF * near:
+        return (f"no relief (ranges {near:.2f} to {far:.2f} m): one frame cannot tell its water; lock the water over the survey",)
+    return ()
+
+
+def relief_m(table: MomentTable) -> tuple[float, float]:
+    """The ranges that 5 and 95 % of the pixels are nearer than, meters."""
+    share = np.cumsum(table.pixels) / max(int(table.pixels.sum()), 1)
+    near, far = (table.range_m[int(np.searchsorted(share, at))] for at in (0.05, 0.95))
+    return float(near), float(far)

@@ -1,0 +1,1 @@
+"""The ground floor: file formats and atomic writes."""

@@ -1,0 +1,1 @@
+"""Mosaic, terrain and metrics of a surface."""

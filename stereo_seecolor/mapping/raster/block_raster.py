@@ -1,0 +1,65 @@
+"""A raster on disk of which only the blocks that hold something exist: a track across a bay is long, not large."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.map_files import whole
+from stereo_seecolor.mapping.raster.grid import Grid
+
+BLOCK_PX = 512
+
+
+class BlockRaster:
+    """(bands, H, W) in blocks of 512 cells a side, each a file of ``folder``; what was never written is ``fill``."""
+
+    def __init__(self, folder: Path, grid: Grid, bands: int, dtype: type[np.generic], fill: float) -> None:
+        self.grid, self.bands, self.dtype, self.fill = grid, bands, dtype, fill
+        self._folder = folder
+        self._blocks: set[tuple[int, int]] = set()
+
+    def read(self, rows: slice, columns: slice) -> NDArray[Any]:
+        """A window (bands, h, w); it may reach beyond the raster."""
+        result = np.full((self.bands, rows.stop - rows.start, columns.stop - columns.start), self.fill, self.dtype)
+        for block, here, there in self._overlaps(rows, columns):
+            if block in self._blocks:
+                result[:, here[0], here[1]] = np.load(self._path(block))[:, there[0], there[1]]
+        return result
+
+    def write(self, rows: slice, columns: slice, values: NDArray[Any]) -> None:
+        """Replace a window by (bands, h, w). Raises OutputError if the disk is full."""
+        for block, here, there in self._overlaps(rows, columns):
+            if block in self._blocks:
+                content = np.load(self._path(block))
+            else:
+                content = np.full((self.bands, BLOCK_PX, BLOCK_PX), self.fill, self.dtype)
+            content[:, there[0], there[1]] = values[:, here[0], here[1]]
+            with whole(self._path(block)) as path, path.open("wb") as file:
+                np.save(file, content)
+            self._blocks.add(block)
+
+    def windows(self) -> Iterator[tuple[slice, slice]]:
+        """The windows of all blocks that exist, cut to the raster, row by row."""
+        for row, column in sorted(self._blocks):
+            yield (
+                slice(row * BLOCK_PX, min((row + 1) * BLOCK_PX, self.grid.shape[0])),
+                slice(column * BLOCK_PX, min((column + 1) * BLOCK_PX, self.grid.shape[1])),
+            )
+
+    def _overlaps(self, rows: slice, columns: slice) -> Iterator[tuple[tuple[int, int], tuple[slice, slice], tuple[slice, slice]]]:
+        """Each block that a window meets: its number, the part of the window, the part of the block."""
+        for row in range(max(rows.start, 0) // BLOCK_PX, -(-min(rows.stop, self.grid.shape[0]) // BLOCK_PX)):
+            for column in range(max(columns.start, 0) // BLOCK_PX, -(-min(columns.stop, self.grid.shape[1]) // BLOCK_PX)):
+                parts = [_overlap(rows, row), _overlap(columns, column)]
+                yield (row, column), (parts[0][0], parts[1][0]), (parts[0][1], parts[1][1])
+
+    def _path(self, block: tuple[int, int]) -> Path:
+        return self._folder / f"{block[0]}-{block[1]}.npy"
+
+
+def _overlap(window: slice, block: int) -> tuple[slice, slice]:
+    first, last = max(window.start, block * BLOCK_PX), min(window.stop, (block + 1) * BLOCK_PX)
+    return slice(first - window.start, last - window.start), slice(first - block * BLOCK_PX, last - block * BLOCK_PX)

@@ -1,0 +1,42 @@
+"""Where the cells of a raster map lie."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True)
+class Grid:
+    """North-up cells. west_m, north_m: outer edges of the first cell; its center lies on whole multiples of cell_m.
+
+    shape: (rows, columns).
+    """
+
+    west_m: float
+    north_m: float
+    cell_m: float
+    shape: tuple[int, int]
+
+    @classmethod
+    def around(cls, low_m: NDArray[np.floating], high_m: NDArray[np.floating], cell_m: float) -> "Grid":
+        """The cells that cover a box, centered on all multiples of cell_m: repeated surveys share their cells.
+
+        Voxels lie on multiples of their size too: over each of their columns the surface is measured, between them interpolated.
+        """
+        west, south = np.floor(np.asarray(low_m[:2], np.float64) / cell_m + 0.5) - 0.5
+        east, north = np.ceil(np.asarray(high_m[:2], np.float64) / cell_m - 0.5) + 0.5
+        return cls(float(west * cell_m), float(north * cell_m), cell_m, (round(north - south), round(east - west)))
+
+    def pixels(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """(N, 2) column and row of points (N, 2 or more); the center of the first cell is (0, 0)."""
+        points = np.asarray(points_m, np.float64)
+        columns, rows = (points[:, 0] - self.west_m) / self.cell_m - 0.5, (self.north_m - points[:, 1]) / self.cell_m - 0.5
+        return np.stack([columns, rows], axis=-1)
+
+    def centers(self, rows: slice, columns: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x and y (h, w) of the cells' centers in a window."""
+        x = self.west_m + (np.arange(columns.start, columns.stop) + 0.5) * self.cell_m
+        y = self.north_m - (np.arange(rows.start, rows.stop) + 0.5) * self.cell_m
+        grid_x, grid_y = np.meshgrid(x, y)
+        return grid_x, grid_y

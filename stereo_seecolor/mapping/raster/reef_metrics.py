@@ -1,0 +1,151 @@
+"""The structural numbers that reef people compute, on a terrain model, a square at a time and for the whole site.
+
+surface_rugosity: area of the surface over its planar area, 8 triangles a cell (Jenness 2004, Wildlife Society Bulletin 32).
+linear_rugosity: length of the profile over the straight line, mean of all east-west and north-south profiles of a square
+  (chain and tape; Risk 1972, Atoll Research Bulletin 153).
+slope_deg, aspect_deg: of the plane through a square's cells; aspect is where it faces, clockwise from north.
+vector_ruggedness: 1 - length of the mean unit normal (VRM; Sappington, Longshore and Thompson 2007, J. Wildlife Management 71),
+  normals by Horn's 3x3 gradient (1981, Proc. IEEE 69).
+fractal_dimension: 2 - the slope of log surface area over log cell size, cells of 1 to 16 times the terrain's
+  (Zawada and Brock 2009, J. Coastal Research SI 53); 2 is flat.
+height_range_m: highest less lowest cell, after the plane was taken out.
+"""
+
+from dataclasses import astuple, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.raster.block_raster import BlockRaster
+from stereo_seecolor.mapping.raster.grid import Grid
+
+MIN_COVERAGE = 0.5
+_SCALES = (1, 2, 4, 8, 16)
+
+Heights = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReefMetrics:
+    """One square's numbers, or a site's; NaN where too little was seen. coverage: share of the cells that were seen."""
+
+    coverage: float
+    surface_rugosity: float
+    linear_rugosity: float
+    slope_deg: float
+    aspect_deg: float
+    vector_ruggedness: float
+    fractal_dimension: float
+    height_range_m: float
+
+    @classmethod
+    def names(cls) -> tuple[str, ...]:
+        """In the order of ``values``."""
+        return tuple(field.name for field in fields(cls))
+
+    def values(self) -> tuple[float, ...]:
+        """All numbers."""
+        return tuple(astuple(self))
+
+
+def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
+    """The metrics of a terrain model (H, W), NaN where unknown; definitions in this module's documentation."""
+    heights = np.asarray(height_m, np.float64)
+    known = np.isfinite(heights)
+    coverage = float(known.mean()) if known.size else 0.0
+    if coverage < MIN_COVERAGE or min(heights.shape) < 3:
+        return ReefMetrics(coverage, *([float("nan")] * 7))
+    east, north, residual = _plane(heights, known, cell_m)
+    return ReefMetrics(
+        coverage=coverage,
+        surface_rugosity=_surface_rugosity(heights, cell_m),
+        linear_rugosity=_linear_rugosity(heights, cell_m),
+        slope_deg=float(np.degrees(np.arctan(np.hypot(east, north)))),
+        aspect_deg=float(np.degrees(np.arctan2(-east, -north)) % 360),
+        vector_ruggedness=_vector_ruggedness(heights, cell_m),
+        fractal_dimension=_fractal_dimension(heights, cell_m),
+        height_range_m=float(np.nanmax(residual) - np.nanmin(residual)),
+    )
+
+
+def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> BlockRaster:
+    """(metrics, rows, columns) of all squares of a terrain model that were seen, counted from its north-west corner."""
+    cell_m = terrain.grid.cell_m
+    size = max(3, round(square_m / cell_m))
+    shape = -(-terrain.grid.shape[0] // size), -(-terrain.grid.shape[1] // size)
+    grid = Grid(terrain.grid.west_m, terrain.grid.north_m, size * cell_m, shape)
+    squares = BlockRaster(folder, grid, len(ReefMetrics.names()), np.float32, np.nan)
+    wanted = set()
+    for rows, columns in terrain.windows():
+        for row in range(rows.start // size, -(-rows.stop // size)):
+            wanted |= {(row, column) for column in range(columns.start // size, -(-columns.stop // size))}
+    for row, column in sorted(wanted):
+        heights = terrain.read(slice(row * size, (row + 1) * size), slice(column * size, (column + 1) * size))[0]
+        values = np.array(measure(heights, cell_m).values(), np.float32)
+        if values[0] > 0:
+            squares.write(slice(row, row + 1), slice(column, column + 1), values[:, None, None])
+    return squares
+
+
+def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(metrics,) of a site from those of its squares (metrics, N): means weighted by what was seen, aspects as directions."""
+    values = np.asarray(squares, np.float64)
+    known = np.isfinite(values[1])
+    if not known.any():
+        return np.full(len(values), np.nan)
+    site = np.average(values[:, known], axis=1, weights=values[0, known])
+    site[0] = values[0].mean()
+    aspect = ReefMetrics.names().index("aspect_deg")
+    directions = np.exp(1j * np.radians(values[aspect, known])) * values[0, known]
+    site[aspect] = np.degrees(np.angle(directions.sum())) % 360
+    return site
+
+
+def _plane(heights: Heights, known: NDArray[np.bool_], cell_m: float) -> tuple[float, float, Heights]:
+    """Rise to the east and to the north of the fitted plane, and what is left without it."""
+    rows, columns = np.nonzero(known)
+    basis = np.stack([columns * cell_m, -rows * cell_m, np.ones(len(rows))], axis=-1)
+    solution = np.linalg.lstsq(basis, heights[known], rcond=None)[0]
+    residual = np.full_like(heights, np.nan)
+    residual[known] = heights[known] - basis @ solution
+    return float(solution[0]), float(solution[1]), residual
+
+
+def _surface_rugosity(heights: Heights, cell_m: float) -> float:
+    """Two triangles between each four neighbors, both ways to halve the square averaged; only where all four are known."""
+    a, b, c, d = heights[:-1, :-1], heights[:-1, 1:], heights[1:, :-1], heights[1:, 1:]
+    area = np.zeros(a.shape)
+    for right, down in ((b - a, c - a), (d - c, d - b), (b - a, d - b), (d - c, c - a)):
+        area += 0.25 * cell_m * np.sqrt(cell_m**2 + right**2 + down**2)
+    return float(np.nanmean(area) / cell_m**2)
+
+
+def _linear_rugosity(heights: Heights, cell_m: float) -> float:
+    steps = [np.hypot(np.diff(heights, axis=axis), cell_m) / cell_m for axis in (0, 1)]
+    return float(np.mean([np.nanmean(s) for s in steps]))
+
+
+def _vector_ruggedness(heights: Heights, cell_m: float) -> float:
+    padded = heights
+    west, east = padded[:, :-2], padded[:, 2:]
+    rise_x = ((east - west)[:-2] + 2 * (east - west)[1:-1] + (east - west)[2:]) / (8 * cell_m)
+    north, south = padded[:-2], padded[2:]
+    rise_y = ((north - south)[:, :-2] + 2 * (north - south)[:, 1:-1] + (north - south)[:, 2:]) / (8 * cell_m)
+    normals = np.stack([-rise_x, -rise_y, np.ones_like(rise_x)], axis=-1)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    known = np.isfinite(normals).all(axis=-1)
+    return float(1 - np.linalg.norm(normals[known].mean(axis=0))) if known.any() else float("nan")
+
+
+def _fractal_dimension(heights: Heights, cell_m: float) -> float:
+    sizes, areas = [], []
+    for scale in _SCALES:
+        coarse = heights[::scale, ::scale]
+        if min(coarse.shape) < 4:
+            break
+        rugosity = _surface_rugosity(coarse, cell_m * scale)
+        if np.isfinite(rugosity):
+            sizes.append(np.log(cell_m * scale))
+            areas.append(np.log(rugosity))
+    return float(2 - np.polyfit(sizes, areas, 1)[0]) if len(sizes) >= 3 else float("nan")

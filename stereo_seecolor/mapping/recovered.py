@@ -1,0 +1,39 @@
+"""A survey's frames, of which some may turn out to be gone: each is named, and the map is made of the rest."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.errors import FrameError
+from stereo_seecolor.records import SurveyFrame
+
+
+@dataclass(frozen=True)
+class Unplaced:
+    """A frame that is not in the map, and why."""
+
+    name: str
+    reason: str
+
+
+Frames = Sequence[SurveyFrame | Unplaced]
+
+
+class Salvage(Lazy[SurveyFrame | Unplaced]):
+    """Frames as they are read; one whose files are gone or damaged is Unplaced from then on. lost: those, by number."""
+
+    def __init__(self, frames: Sequence[SurveyFrame]) -> None:
+        self._frames = frames
+        self.lost: dict[int, Unplaced] = {}
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def item(self, number: int) -> SurveyFrame | Unplaced:
+        """A frame, or that it is lost."""
+        if number not in self.lost:
+            try:
+                return self._frames[number]
+            except FrameError as error:
+                self.lost[number] = Unplaced(error.name, str(error))
+        return self.lost[number]

@@ -1,0 +1,1 @@
+"""Frames with poses to one colored surface."""

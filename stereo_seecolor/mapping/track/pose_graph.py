@@ -1,0 +1,98 @@
+"""All measured relations between frames, brought to agreement: GTSAM's sparse solver, robust against false loops."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.mapping.track.relative_pose import Edge
+
+REJECT_SIGMAS = 6.0
+CAUCHY = 3.0
+TRACK = 3
+"""Frames so far apart at most belong to the track, not to a loop."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What navigation says of a frame: T_world_camera (4, 4), and how far to trust it; position_std_m: (3,) in world axes."""
+
+    frame: int
+    T_world_camera: NDArray[np.float64]
+    position_std_m: NDArray[np.float64]
+    attitude_std_rad: float
+
+
+def available() -> bool:
+    """True if GTSAM can be imported."""
+    try:
+        _gtsam()
+    except DeviceError:
+        return False
+    return True
+
+
+def check_available() -> None:
+    """Raise DeviceError, with the command that mends it, where GTSAM is missing."""
+    _gtsam()
+
+
+def solve(
+    T_world_camera: NDArray[np.float64], frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior] = ()
+) -> tuple[NDArray[np.float64], list[Edge]]:
+    """Poses that agree best with edges and priors, and the edges that do not fit the rest: false loops.
+
+    T_world_camera: (N, 4, 4) first guess; only ``frames`` are solved for, and the edges must hang them all together; the first
+    stays put where there are no priors. Levenberg-Marquardt under a Cauchy kernel, which false loops hardly bend; an edge beyond
+    six sigmas is false, unless it is one of the track itself.
+
+    Raises DeviceError if GTSAM is missing.
+    """
+    gtsam = _gtsam()
+    solved = _optimize(gtsam, T_world_camera, frames, edges, priors)
+    false = [edge for edge in edges if abs(edge.j - edge.i) > TRACK and _sigmas(gtsam, solved, edge) > REJECT_SIGMAS]
+    return solved, false
+
+
+def _gtsam() -> Any:
+    try:
+        import gtsam
+    except (ImportError, OSError) as error:
+        what = "closing loops and holding a track to navigation need GTSAM, which is missing"
+        raise DeviceError(f"{what} ({error}): pip install 'stereo-seecolor[slam]'") from error
+    return gtsam
+
+
+def _optimize(
+    gtsam: Any, T: NDArray[np.float64], frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior]
+) -> NDArray[np.float64]:
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for frame in frames:
+        values.insert(frame, gtsam.Pose3(T[frame]))
+    noise = gtsam.noiseModel
+    for edge in edges:
+        gaussian = noise.Gaussian.Covariance(edge.covariance)
+        robust = noise.Robust.Create(noise.mEstimator.Cauchy.Create(CAUCHY), gaussian)
+        graph.add(gtsam.BetweenFactorPose3(edge.i, edge.j, gtsam.Pose3(edge.T_i_j), robust))
+    for prior in priors:
+        pose = gtsam.Pose3(prior.T_world_camera)
+        graph.add(gtsam.GPSFactor(prior.frame, pose.translation(), noise.Diagonal.Sigmas(prior.position_std_m)))
+        attitude = np.array([prior.attitude_std_rad] * 3 + [1e4] * 3)
+        graph.add(gtsam.PriorFactorPose3(prior.frame, pose, noise.Diagonal.Sigmas(attitude)))
+    if not priors:
+        graph.add(gtsam.PriorFactorPose3(frames[0], gtsam.Pose3(T[frames[0]]), noise.Isotropic.Sigma(6, 1e-6)))
+    result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    solved = T.copy()
+    for frame in frames:
+        solved[frame] = result.atPose3(frame).matrix()
+    return solved
+
+
+def _sigmas(gtsam: Any, T: NDArray[np.float64], edge: Edge) -> float:
+    """How far an edge is from the solution, in its own standard deviations."""
+    between = gtsam.Pose3(T[edge.i]).between(gtsam.Pose3(T[edge.j]))
+    off = gtsam.Pose3(edge.T_i_j).localCoordinates(between)
+    return float(np.sqrt(off @ np.linalg.solve(edge.covariance, off)))

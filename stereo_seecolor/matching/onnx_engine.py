@@ -1,0 +1,50 @@
+"""A user's own stereo network in place of semi-global matching (``matching.engine: onnx``)."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stereo_seecolor.errors import ConfigError, DeviceError, MatchingError
+from stereo_seecolor.records import Image, Map
+
+
+class Network:
+    """An ONNX model: inputs ``left`` and ``right``, output ``disparity``.
+
+    left, right: float32 (1, 3, H, W), RGB, 0..1, rectified, at full size. disparity: float32 (1, 1, H, W) or (1, H, W), pixels
+    of the left image, x_left - x_right. The model must take the size of the rectified images: export it with free H and W.
+    """
+
+    def __init__(self, model: Path | None) -> None:
+        if model is None:
+            raise ConfigError("matching.engine: onnx needs matching.model, the path of the network's .onnx file")
+        try:
+            import onnxruntime
+        except ImportError as error:
+            raise DeviceError("matching.engine: onnx needs onnxruntime: pip install 'stereo-seecolor[onnx]'") from error
+        try:
+            self._session: Any = onnxruntime.InferenceSession(str(model), providers=onnxruntime.get_available_providers())
+        except Exception as error:  # onnxruntime's own exceptions share no public base
+            raise ConfigError(f"matching.model: {model} cannot be loaded: {' '.join(str(error).split())[:200]}") from error
+        names = sorted(i.name for i in self._session.get_inputs())
+        if names != ["left", "right"] or "disparity" not in [o.name for o in self._session.get_outputs()]:
+            raise ConfigError(f"matching.model: {model} must take 'left' and 'right' and give 'disparity', it takes {names}")
+
+    def disparity(self, left: Image, right: Image) -> Map:
+        """(H, W) disparity of the left image, as the network gives it."""
+        try:
+            (found,) = self._session.run(["disparity"], {"left": _tensor(left), "right": _tensor(right)})
+        except Exception as error:
+            raise MatchingError(
+                f"the network of matching.model failed on this pair: {' '.join(str(error).split())[:200]}"
+            ) from error
+        disparity = np.asarray(found, dtype=np.float32).squeeze()
+        if disparity.shape != left.shape[:2]:
+            raise MatchingError(f"the network gave a disparity of shape {disparity.shape} for an image of {left.shape[:2]}")
+        return disparity.copy()
+
+
+def _tensor(image: Image) -> Any:
+    scale = np.float32(1 / np.iinfo(image.dtype).max)
+    return np.ascontiguousarray(image.transpose(2, 0, 1)[None], dtype=np.float32) * scale

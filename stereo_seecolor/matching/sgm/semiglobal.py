@@ -1,0 +1,314 @@
+"""Semi-global matching (Hirschmueller 2008) of census images, each tile of the image over its own band of disparities.
+
+Tiles of TILE x TILE pixels search ``lowest .. lowest + count - 1``, count a multiple of LANES. Paths run right, down, left
+and up; between tiles of different bands a path carries over what the bands share (Rothermel et al. 2012, tSGM). Four pixels
+go at a time: four rows of a tile along the rows, four columns of it across them, so that they always share a band. The
+image is cut into strips of rows that are matched alone, each with rows beyond its ends to let the vertical paths settle:
+memory stays small, strips go to threads, and the result does not depend on how many there are.
+
+Costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these pixel by pixel. Every cost is below 128.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from stereo_seecolor.matching.sgm.vectors import (
+    BLOCK,
+    FAR,
+    LANES,
+    PIXELS,
+    TILE,
+    WINDOW,
+    add,
+    add_wide,
+    claim,
+    fold,
+    hamming,
+    scatter,
+    slide,
+    smallest,
+    smallest_but,
+    step,
+    step_of_many,
+    steps,
+    winners,
+)
+from stereo_seecolor.records import Map
+
+NOWHERE, FLOOR, ALONG = 0, BLOCK, 2 * BLOCK
+"""Places in ``paths``: a block of FAR, one of least costs, and the paths along the rows; then come those across them."""
+LOW, COUNT, PLACE = 0, 1, 2
+NEXT = TILE * LANES
+"""From one pixel's costs to its next LANES disparities."""
+MARGIN = TILE
+"""Elements before the sums of a row and before the claims, which vector steps may read or write."""
+BEST, LEAST, SECOND, BELOW, ABOVE, CHOSEN = range(6)
+
+NEVER = -0x8000
+"""Taken from the disparity of a claim; that of a pixel that nobody claimed."""
+
+_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
+
+_inlined: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, forceinline=True)
+
+
+@_compiled
+def match_rows(
+    left: NDArray[np.uint32],
+    right: NDArray[np.uint32],
+    offset: int,
+    lowest: NDArray[np.int32],
+    count: NDArray[np.int32],
+    rows: tuple[int, int, int, int],
+    jump: NDArray[np.uint8],
+    P1: int,
+    P2: int,
+    ambiguous: float,
+    disparity: Map,
+    rival: Map,
+    ended: NDArray[np.int32],
+) -> None:
+    """Fill rows[1]..rows[2]-1 of the two maps from rows[0]..rows[3]-1 of the census images; rows[0] starts a tile.
+
+    left: (H, W). right: (H, offset + W + ...) mirrored, the pixel x at column offset + W - 1 - x, zero where nothing was seen.
+    jump: what a jump costs from the pixel above, and from the pixel to the left (jump_costs).
+    disparity: of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band, where its lead
+    over its rival is under ``ambiguous``, or where the pixel of the right image that it meets chose, from the same costs,
+    another by more than one pixel.
+    rival: how much worse the best disparity beyond +-1 is, as a share of P2. ended: added to for each tile, how many pixels'
+    best lie on the edge of its band.
+    """
+    start, first, end, stop = rows
+    tile_row = start // TILE
+    bands, lengths = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1)
+    most, widest = lengths.max(), TILE * count.max()
+    row_places = np.zeros(end - first + 1, np.int64)
+    for row in range(end - first):
+        row_places[row + 1] = row_places[row] + lengths[(first + row) // TILE - tile_row]
+    total = np.empty(row_places[-1], np.uint8)
+    cost, along = np.empty(TILE * most, np.uint8), np.empty(TILE * most, np.uint8)
+    sums, facts = np.empty(most + 2 * TILE * LANES, np.uint16), np.empty((6, left.shape[1] + TILE), np.int16)
+    claims = np.empty(TILE + right.shape[1] + WINDOW, np.uint32)
+    paths = np.zeros(ALONG + 3 * widest + 2 * most, np.uint8)
+    paths[:BLOCK] = FAR
+    origin = offset + left.shape[1] - 1
+    p1, scale, least_lead = np.uint8(P1), np.float32(1 / P2), np.float32(ambiguous)
+    for sweep in range(2):
+        top, bottom = (start, end) if sweep == 0 else (first, stop)
+        before, now = ALONG + 3 * widest, ALONG + 3 * widest + most
+        paths[before:] = 0
+        tiles = -(-(bottom - top) // TILE)
+        for i in range(tiles):
+            y = top + TILE * (i if sweep == 0 else tiles - 1 - i)
+            tile, tall = y // TILE - tile_row, min(TILE, bottom - y)
+            band = bands[tile]
+            if i > 0:
+                _change_bands(paths, before, now, bands[tile - 1 if sweep == 0 else tile + 1], band)
+                before, now = now, before
+            _costs(left[y : y + tall], right[y : y + tall], origin, band, cost, most)
+            inside = first <= y < end
+            if inside:
+                _along(sweep, band, cost, along, most, jump[1], y, paths, widest, p1)
+            for turn in range(tall):
+                row = turn if sweep == 0 else tall - 1 - turn
+                _across(band, cost, row * most, jump[0], y + row + sweep, paths, before, now, p1)
+                before, now = now, before
+                if inside:
+                    place = row_places[y + row - first]
+                    _sum(sweep, paths, before, along, row * most, total, place, lengths[tile], sums)
+                if inside and sweep == 1:
+                    _choose(sums, band, origin, facts, claims)
+                    _judge(facts, claims, MARGIN + origin, scale, least_lead, disparity[y + row], rival[y + row], ended[y // TILE])
+
+
+@_compiled
+def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, rows: int) -> Any:
+    """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,) lengths of these rows."""
+    tiles = lowest.shape[1]
+    bands, lengths = np.empty((rows, 3, tiles), np.int64), np.empty(rows, np.int64)
+    for row in range(rows):
+        place = 0
+        for tile in range(tiles):
+            bands[row, LOW, tile] = lowest[tile_row + row, tile]
+            bands[row, COUNT, tile] = count[tile_row + row, tile]
+            bands[row, PLACE, tile] = place
+            place += TILE * bands[row, COUNT, tile]
+        lengths[row] = place
+    return bands, lengths
+
+
+@_compiled
+def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int) -> None:
+    """The costs of some rows, ``most`` apart; beyond the rows' ends they are 0, with which a path has not begun."""
+    rows, width = bits.shape
+    for row in range(rows):
+        for tile in range(band.shape[1]):
+            for k in range(0, band[COUNT, tile], LANES):
+                place = row * most + band[PLACE, tile] + k * TILE
+                met = origin + band[LOW, tile] + k
+                for x in range(tile * TILE, min(tile * TILE + TILE, width)):
+                    hamming(bits[row, x], others[row], met - x, cost, place + LANES * (x % TILE))
+                if tile * TILE + TILE > width:
+                    cost[place + LANES * (width % TILE) : place + LANES * TILE] = 0
+
+
+@_compiled
+def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
+    """The paths along a row of tiles, whose first row is y, right in sweep 0 and left in sweep 1, to ``along``."""
+    tiles, jump_stride = band.shape[1], jump.shape[1]
+    before, now, spare = ALONG, ALONG + widest, ALONG + 2 * widest
+    first = 0 if sweep == 0 else tiles - 1
+    low, count = band[LOW, first], band[COUNT, first]
+    paths[before : before + TILE * count] = 0
+    for i in range(tiles):
+        tile = i if sweep == 0 else tiles - 1 - i
+        if band[LOW, tile] != low or band[COUNT, tile] != count:
+            _slide(paths, before, spare, low, count, band[LOW, tile], band[COUNT, tile])
+            before, spare = spare, before
+            low, count = band[LOW, tile], band[COUNT, tile]
+        column, onward = (0, 1) if sweep == 0 else (TILE - 1, -1)
+        place = band[PLACE, tile] + column * LANES
+        j = y * jump_stride + tile * TILE + column + sweep
+        if count == LANES:
+            steps(paths, before, cost, place, along, onward * LANES, most, jump, j, onward, jump_stride, P1)
+            continue
+        for _ in range(TILE):
+            for half in range(0, TILE, PIXELS):
+                at = half * LANES
+                _advance(
+                    paths, before + at, now + at, count,
+                    cost, place + half * most, most, jump, j + half * jump_stride, jump_stride, P1,
+                )  # fmt: skip
+                for k in range(0, count, LANES):
+                    scatter(paths, now + at + k * TILE, along, place + half * most + k * TILE, most)
+            before, now = now, before
+            place, j = place + onward * LANES, j + onward
+
+
+@_compiled
+def _across(band: Any, cost: Any, row: int, jump: Any, y: int, paths: Any, before: int, now: int, P1: Any) -> None:
+    """The paths across the rows take one step, from paths[before:] to paths[now:], both laid out as a row's costs."""
+    for tile in range(band.shape[1]):
+        for half in range(0, TILE, PIXELS):
+            place = band[PLACE, tile] + half * LANES
+            j = y * jump.shape[1] + tile * TILE + half
+            _advance(
+                paths, before + place, now + place, band[COUNT, tile], cost, row + place, LANES, jump, j, 1, P1
+            )  # fmt: skip
+
+
+@_inlined
+def _advance(
+    paths: Any, before: int, now: int, count: int,
+    cost: Any, c: int, cost_stride: int, jump: Any, j: int, jump_stride: int, P1: Any,
+) -> None:  # fmt: skip
+    """Four pixels' paths take one step."""
+    if count == LANES:
+        step(paths, before, now, cost, c, cost_stride, jump, j, jump_stride, P1)
+        return
+    last = before + (count // LANES - 1) * NEXT
+    fold(paths, before, last, FLOOR)
+    for block in range(before + NEXT, last, NEXT):
+        fold(paths, block, FLOOR, FLOOR)
+    for on in range(0, last - before + NEXT, NEXT):
+        block = before + on
+        below, above = block - NEXT if on else NOWHERE, block + NEXT if block < last else NOWHERE
+        step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, jump, j, jump_stride, P1)
+
+
+@_compiled
+def _sum(sweep: int, paths: Any, now: int, along: Any, row: int, total: Any, place: int, length: int, sums: Any) -> None:
+    """Sum a row's paths: those of sweep 0 to total, all four to sums."""
+    for k in range(0, length, BLOCK):
+        if sweep == 0:
+            add(paths, now + k, along, row + k, total, place + k)
+        else:
+            add_wide(paths, now + k, along, row + k, total, place + k, sums, MARGIN + k)
+
+
+@_compiled
+def _change_bands(paths: Any, before: int, now: int, band: Any, new: Any) -> None:
+    """Carry a row of paths over to the bands of the next row of tiles."""
+    for tile in range(band.shape[1]):
+        source, target = before + band[PLACE, tile], now + new[PLACE, tile]
+        _slide(paths, source, target, band[LOW, tile], band[COUNT, tile], new[LOW, tile], new[COUNT, tile])
+
+
+@_compiled
+def _slide(paths: Any, source: int, target: int, low: int, count: int, new_low: int, new_count: int) -> None:
+    """Copy costs of TILE pixels over the band low.. to where the band new_low.. finds them; what only this one has is FAR."""
+    for k in range(0, new_count, LANES):
+        first = k + new_low - low
+        block = first // LANES
+        for pixel in range(TILE):
+            piece = source + (block * TILE + pixel) * LANES
+            lower = piece if 0 <= block < count // LANES else NOWHERE
+            upper = piece + NEXT if -1 <= block < count // LANES - 1 else NOWHERE
+            slide(paths, lower, upper, first - block * LANES, target + k * TILE + pixel * LANES)
+
+
+@_compiled
+def _choose(sums: Any, band: Any, origin: int, facts: Any, claims: Any) -> None:
+    """One row: each left pixel's best disparity and the sums around it; each right pixel's best among all that look at it."""
+    width = facts.shape[1] - TILE
+    claims[:] = 0xFFFFFFFF
+    for tile in range(band.shape[1]):
+        low, count = band[LOW, tile], band[COUNT, tile]
+        place, first = MARGIN + band[PLACE, tile], tile * TILE
+        if count == LANES:
+            winners(sums, place, np.int16(low), facts, first, facts.shape[1])
+        else:
+            for x in range(TILE):
+                _winner(sums, place + LANES * x, low, count, facts, first + x)
+        for k in range(0, count, LANES):
+            if tile == band.shape[1] - 1:
+                sums[place + k * TILE + LANES * (width - first) : place + (k + LANES) * TILE] = 0xFFFF
+            claim(sums, place + k * TILE, np.int16(low + k), claims, MARGIN + origin - first + low + k)
+
+
+@_inlined
+def _winner(sums: Any, at: int, low: int, count: int, facts: Any, x: int) -> None:
+    """What ``winners`` notes, for a pixel with more than LANES disparities."""
+    least, best = 0xFFFF, 0
+    for k in range(0, count, LANES):
+        key = int(smallest(sums, at + k * TILE))
+        if key >> 4 < least:
+            least, best = key >> 4, k + (key & 15)
+    second = 0xFFFF
+    for k in range(0, count, LANES):
+        second = min(second, int(smallest_but(sums, at + k * TILE, np.int16(best - k))))
+    facts[BEST, x], facts[LEAST, x], facts[SECOND, x] = low + best, least, second
+    facts[BELOW, x] = sums[_place(at, best - 1)] if best > 0 else -1
+    facts[ABOVE, x] = sums[_place(at, best + 1)] if best < count - 1 else -1
+
+
+@_inlined
+def _place(at: int, k: int) -> int:
+    return at + (k & -LANES) * TILE + (k & (LANES - 1))
+
+
+@_compiled
+def _judge(facts: Any, claims: Any, met: int, scale: Any, least_lead: Any, disparity: Any, rival: Any, ended: Any) -> None:
+    """One row of disparities, with the parabola's fraction, where they pass the checks, and of leads over the rival."""
+    width = disparity.size
+    chosen_row, best_row, least_row, second_row = facts[CHOSEN], facts[BEST], facts[LEAST], facts[SECOND]
+    below_row, above_row = facts[BELOW], facts[ABOVE]
+    for x in range(width):
+        chosen_row[x] = np.int32(claims[met - x + np.int64(best_row[x])] & np.uint32(0xFFFF)) + NEVER
+        ended[x // TILE] += (below_row[x] < 0) | (above_row[x] < 0)
+    half, one, unknown = np.float32(0.5), np.float32(1), np.float32(np.nan)
+    for x in range(width):
+        least, best = np.int32(least_row[x]), np.int32(best_row[x])
+        below, above = np.int32(below_row[x]), np.int32(above_row[x])
+        lead = np.float32(np.int32(second_row[x]) - least) * scale
+        bend = np.float32(max(max(below, above) - least, np.int32(1)))
+        found = np.float32(best) + half * np.float32(below - above) / bend
+        mutual = abs(found - np.float32(chosen_row[x])) <= one
+        inside = (best <= np.int32(x)) & (np.int32(x) - best < np.int32(width))
+        good = (below >= 0) & (above >= 0) & (lead >= least_lead) & mutual & inside
+        disparity[x] = found if good else unknown
+        rival[x] = lead

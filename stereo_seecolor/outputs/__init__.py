@@ -1,1 +1,0 @@
-"""The run folder and everything written into it."""

@@ -1,0 +1,199 @@
+"""What the stages exchange: frozen, units and shapes on every field, NaN for unknown."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[np.uint8] | NDArray[np.uint16]
+"""(H, W, 3) RGB at the camera's own bit depth, 0..255 or 0..65535."""
+
+Map = NDArray[np.float32]
+"""(H, W) float32, NaN = unknown."""
+
+Mask = NDArray[np.bool_]
+"""(H, W) bool."""
+
+PerChannel = NDArray[np.float64]
+"""(3,) float64 in the order R, G, B."""
+
+
+@dataclass(frozen=True, eq=False)
+class StereoFrame:
+    """One pair: as read, or rectified.
+
+    name: what the outputs are called; left, right: Image; timestamp_s: seconds, or None where the name holds no time.
+    """
+
+    name: str
+    left: Image
+    right: Image
+    timestamp_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RangeMap:
+    """What stereo knows of the distance of each pixel of the rectified left image.
+
+    disparity: pixels, x_left - x_right. depth_m: Z along the optical axis. range_m: distance along the ray (what water acts on).
+    range_std_m: standard error of range_m. confidence: [0, 1], 0 where unknown.
+    filled: True where the value was invented from its neighbors, not measured; such pixels have confidence 0.
+    """
+
+    disparity: Map
+    depth_m: Map
+    range_m: Map
+    range_std_m: Map
+    confidence: Map
+    filled: Mask
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def measured_m(self) -> Map:
+        """range_m with everything that was filled in taken out again."""
+        return np.where(self.filled, np.float32(np.nan), self.range_m)
+
+
+@dataclass(frozen=True, eq=False)
+class Water:
+    """The water between camera and reef, one value a channel (R, G, B); COLOR.md's model, with a white point.
+
+    I_c = J_c white_c A_c(z) + B_c(z)
+    B_c(z) = gamma_inf (1 - exp(-beta z)) + eta exp(-alpha z)       (paper eq. sea-thru-backscatter-residual)
+    A_c(z) = exp(-z (w exp(-v z) + y exp(-x z)))                      (paper eq. sea-thru-atten-coeff)
+
+    gamma_inf, eta, white: intensities as a share of full scale. beta, alpha, v, x, w, y: 1/m.
+    standard_errors: name of a parameter -> (3,) standard error, NaN where the data could not tell.
+    input_encoding: how the images were read that it was fitted to. warnings: what the fit had to say.
+    exposure: the brightness that its frames are shown at, None where each frame has its own. highlights: how many times the
+    brightest light shown is rolled off to it at that exposure, 1 = none is.
+    """
+
+    gamma_inf: PerChannel
+    beta: PerChannel
+    eta: PerChannel
+    alpha: PerChannel
+    w: PerChannel
+    v: PerChannel
+    y: PerChannel
+    x: PerChannel
+    white: PerChannel = field(default_factory=lambda: np.ones(3))
+    standard_errors: dict[str, PerChannel] = field(default_factory=dict)
+    input_encoding: Literal["srgb", "linear", "as-is"] = "srgb"
+    warnings: tuple[str, ...] = ()
+    exposure: float | None = None
+    highlights: float = 1.0
+
+    def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """B_c(z), shape (..., 3), as a share of full scale."""
+        z, gamma_inf, beta, eta, alpha = _by_channel(range_m, self.gamma_inf, self.beta, self.eta, self.alpha)
+        return np.moveaxis(gamma_inf * -np.expm1(-beta * z) + eta * np.exp(-alpha * z), 0, -1)
+
+    def attenuation(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """A_c(z) in (0, 1], shape (..., 3); the white point is not in it."""
+        z, w, v, y, x = _by_channel(range_m, self.w, self.v, self.y, self.x)
+        return np.moveaxis(np.exp(-z * (w * np.exp(-v * z) + y * np.exp(-x * z))), 0, -1)
+
+
+def _by_channel(range_m: NDArray[np.floating], *numbers: PerChannel) -> list[NDArray[np.float64]]:
+    """Ranges as they are, and numbers of three channels such that products with them are (3, ...): numpy is slow at rows of 3."""
+    z = np.asarray(range_m, dtype=np.float64)
+    return [z, *(number.reshape(3, *(1,) * z.ndim) for number in numbers)]
+
+
+@dataclass(frozen=True, eq=False)
+class Correction:
+    """A frame in its true colors.
+
+    image: J at the input's bit depth; where the range is unknown see ``unknown``.
+    unknown: True where no range was known. unrecoverable: True where a channel's gain hit its noise-tied cap, or the camera had
+    clipped a channel. clipped_share: share of valid pixels with a channel at full scale. water: the water that was taken out.
+    exposure, highlights: as a Water's.
+    linear: (H, W, 3) float32 linear light, unclipped, where it was asked for.
+    """
+
+    image: Image
+    unknown: Mask
+    unrecoverable: Mask
+    clipped_share: float
+    water: Water
+    exposure: float = 1.0
+    highlights: float = 1.0
+    warnings: tuple[str, ...] = ()
+    linear: NDArray[np.float32] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FrameResult:
+    """A pair through all stages: the rectified pair, its range map, its colors; seconds a stage."""
+
+    frame: StereoFrame
+    range_map: RangeMap
+    correction: Correction
+    seconds: dict[str, float]
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that the stages had to say about this pair."""
+        return self.range_map.warnings + self.correction.warnings
+
+
+@dataclass(frozen=True, eq=False)
+class SurveyFrame:
+    """A finished pair as the map sees it: corrected colors and ranges of the rectified left camera.
+
+    name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m, confidence: Map, measured pixels only.
+    unrecoverable: True where the water left too little of a color, None where nothing is known of that.
+    """
+
+    name: str
+    timestamp_s: float | None
+    color: NDArray[np.uint8]
+    range_m: Map
+    range_std_m: Map
+    confidence: Map
+    unrecoverable: Mask | None = None
+
+    @cached_property
+    def color_is_doubtful(self) -> Mask:
+        """True where a channel is clipped, or could not be recovered."""
+        r, g, b = (np.ascontiguousarray(self.color[..., c]) for c in range(3))  # minima over the last axis take ten times as long
+        clipped = (np.maximum(np.maximum(r, g), b) >= 254) | (np.minimum(np.minimum(r, g), b) == 0)
+        doubtful: Mask = clipped if self.unrecoverable is None else clipped | self.unrecoverable
+        return doubtful
+
+
+@dataclass(frozen=True)
+class GeoOrigin:
+    """Where the map's (0, 0, 0) lies: WGS84 degrees, at the water's surface (z is minus the depth)."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Where the left camera stood: p_world = T_world_camera @ p_camera, meters.
+
+    names: (N,) frame names ("" where the file names none). timestamps_s: (N,) float64, NaN where the file holds no time.
+    T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world east-north-up when georeferenced.
+    up: "z" where the world's z axis points up; "unknown" where the format does not say (KITTI: the first camera's axes).
+    origin: where the world's origin lies on Earth, None for a local map.
+    camera: "rectified" where the poses are the rectified left camera's; "raw" where they are those of the camera as it was
+    calibrated and mounted, which rectification turns.
+    """
+
+    names: tuple[str, ...]
+    timestamps_s: NDArray[np.float64]
+    T_world_camera: NDArray[np.float64]
+    up: Literal["z", "unknown"] = "z"
+    origin: GeoOrigin | None = None
+    camera: Literal["raw", "rectified"] = "rectified"
+
+    def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
+        """The same track as the rectified camera's. T_rectified_left: (4, 4), from the raw left camera's axes."""
+        if self.camera == "rectified":
+            return self
+        return replace(self, T_world_camera=self.T_world_camera @ np.linalg.inv(T_rectified_left), camera="rectified")
