@@ -1,37 +1,124 @@
-"""Files that are whole or not there at all."""
+"""Files that are complete or not there at all, also after a kill or a loss of power.
+
+Content goes to a temporary file beside its destination, is flushed to disk, and is renamed into place; then the folder is flushed.
+"""
 
 import contextlib
+import itertools
 import os
-import threading
-from collections.abc import Iterator
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from stereo_seecolor.errors import OutputError
 
 TEMPORARY_PREFIX = ".writing-"
 
+_numbers = itertools.count()
 
-def write_atomic(path: Path, content: bytes | memoryview | Iterator[bytes]) -> None:
-    """Write ``content``, whole or piece by piece, under a temporary name beside ``path``, then rename.
+Content = bytes | memoryview | Iterator[bytes]
 
-    So a kill at any instant leaves whole files only. Makes the folder if need be.
-    Raises OutputError if the disk is full or the place cannot be written.
+
+def write_atomic(path: Path, content: Content) -> None:
+    """Write ``content``, in one piece or in several, to ``path``; makes the folder if need be.
+
+    Raises OutputError if the disk is full or the folder cannot be written; what was at ``path`` is then still there.
     """
-    temporary = path.with_name(f"{TEMPORARY_PREFIX}{os.getpid()}-{threading.get_ident()}-{path.name}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with temporary.open("wb") as file:
-            file.writelines(content if isinstance(content, Iterator) else [content])
+    with output_errors(path):
+        temporary = write_temporary(path, content)
         temporary.replace(path)
+        flush_folder(path.parent)
+
+
+@contextmanager
+def atomic_path(path: Path) -> Iterator[Path]:
+    """A temporary path to write to, for libraries that write files themselves; it becomes ``path`` when the block ends well.
+
+    Raises OutputError where the file cannot be written; OSError raised inside the block becomes one.
+    """
+    temporary = temporary_path(path)
+    with output_errors(path):
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            yield temporary
+            _flush_file(temporary)
+            temporary.replace(path)
+            flush_folder(path.parent)
+        except BaseException:
+            _remove(temporary)
+            raise
+
+
+@contextmanager
+def output_errors(path: Path) -> Iterator[None]:
+    """Turn an OSError of the block into an OutputError that names ``path``."""
+    try:
+        yield
     except OSError as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink(missing_ok=True)
         raise OutputError(
             f"{path}: cannot be written: {error.strerror or error}: free the place and run again, what is done is kept"
         ) from error
 
 
-def remove_leftovers(root: Path) -> None:
-    """Delete the temporary files that a killed run left below ``root``."""
-    for leftover in root.rglob(f"{TEMPORARY_PREFIX}*"):
-        leftover.unlink(missing_ok=True)
+def write_temporary(path: Path, content: Content) -> Path:
+    """Write ``content`` beside ``path``, flushed to disk, and return where; nothing is left there on an error. Raises OSError."""
+    temporary = temporary_path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with temporary.open("wb") as file:
+            file.writelines(content if isinstance(content, Iterator) else [content])
+            file.flush()
+            os.fsync(file.fileno())
+    except BaseException:
+        _remove(temporary)
+        raise
+    return temporary
+
+
+def temporary_path(path: Path) -> Path:
+    """A name beside ``path`` that no other process or thread uses; short, whatever the length of the destination's name."""
+    return path.with_name(f"{TEMPORARY_PREFIX}{os.getpid()}-{next(_numbers)}-{path.name[-40:]}")
+
+
+def flush_folder(folder: Path) -> None:
+    """Flush a folder's entries to disk, where the system can."""
+    if os.name == "nt":  # Windows cannot open folders, and flushes renames itself
+        return
+    with contextlib.suppress(OSError):  # some network file systems refuse
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete the temporary files and folders that a killed run left in ``folder`` itself; links are never followed."""
+    if not folder.is_dir() or folder.is_symlink():
+        return
+    for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
+        _remove(leftover)
+
+
+def files_below(folder: Path) -> Iterable[Path]:
+    """All files and links below a folder, without following links."""
+    for root, folders, names in os.walk(folder, followlinks=False):
+        links = [name for name in folders if (Path(root) / name).is_symlink()]
+        yield from (Path(root) / name for name in (*names, *links))
+
+
+def _flush_file(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDWR)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def _remove(path: Path) -> None:
+    with contextlib.suppress(OSError):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)

@@ -90,7 +90,8 @@ class RunFolder:
                 shutil.rmtree(self.root / product, ignore_errors=True)
             for name in FILES:
                 (self.root / name).unlink(missing_ok=True)
-        remove_leftovers(self.root)
+        for folder in (self.root, *(path for path in self.root.rglob("*") if path.is_dir())):
+            remove_leftovers(folder)
         write_atomic(owner, json.dumps({"identity": self._identity}).encode())
 
     def corrected(self, name: str) -> Path:
