@@ -26,8 +26,7 @@ def write_atomic(path: Path, content: Content) -> None:
     Raises OutputError if the disk is full or the folder cannot be written; what was at ``path`` is then still there.
     """
     with output_errors(path):
-        temporary = write_temporary(path, content)
-        temporary.replace(path)
+        move_into_place(write_temporary(path, content), path)
         flush_folder(path.parent)
 
 
@@ -74,6 +73,15 @@ def write_temporary(path: Path, content: Content) -> Path:
         _remove(temporary)
         raise
     return temporary
+
+
+def move_into_place(temporary: Path, path: Path) -> None:
+    """Rename a temporary file; it is removed where that fails. Raises OSError."""
+    try:
+        temporary.replace(path)
+    except OSError:
+        _remove(temporary)
+        raise
 
 
 def temporary_path(path: Path) -> Path:
