@@ -65,7 +65,6 @@ def test_frames_out_of_order_are_followed_by_their_times(reef: ReefFrames, frame
 
 
 def test_loops_bring_it_to_a_fifth_of_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
-    pytest.importorskip("gtsam")
     placement = estimate(frames, reef, MappingConfig())
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
     assert error.share < 0.002
@@ -98,7 +97,6 @@ def test_a_long_blank_stretch_breaks_the_map_in_two(reef: ReefFrames, frames: li
 
 
 def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
-    pytest.importorskip("gtsam")
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked, reef, MappingConfig())
     placed = placement.pieces == 0
@@ -108,7 +106,6 @@ def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[Su
 
 
 def test_frames_of_another_reef_are_never_joined(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
-    pytest.importorskip("gtsam")
     other = ReefFrames(SurveySpec(pairs=4, lines=1, image_size=(256, 208), seed=99), noise_px=0.1)
     strangers = [dataclasses.replace(f, name=f"x{i}", timestamp_s=f.timestamp_s + 1e4) for i, f in enumerate(other)]  # type: ignore[operator]
     placement = estimate(frames[:6] + strangers, reef, MappingConfig())
@@ -121,7 +118,6 @@ def test_nothing_but_blank_frames_is_an_error(reef: ReefFrames, frames: list[Sur
 
 
 def test_noisy_navigation_as_a_prior_gives_place_and_pictures_give_shape(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
-    pytest.importorskip("gtsam")
     truth = reef.trajectory.T_world_camera[:6]
     rng = np.random.default_rng(1)
     priors = []
@@ -153,7 +149,6 @@ def edge(T: np.ndarray, i: int, j: int, off: np.ndarray | None = None) -> Edge:
 
 
 def test_the_pose_graph_spreads_drift_and_rejects_a_false_loop() -> None:
-    pytest.importorskip("gtsam")
     T = ring()
     rng = np.random.default_rng(5)
     chain = [edge(T, i, i + 1, rng.normal(0, 0.01, 3)) for i in range(11)]
@@ -167,7 +162,6 @@ def test_the_pose_graph_spreads_drift_and_rejects_a_false_loop() -> None:
 
 
 def test_priors_hold_the_map_to_navigation() -> None:
-    pytest.importorskip("gtsam")
     T = ring()
     T[:, :3, 3] += [100, 200, -8]
     chain = [edge(T, i, i + 1, np.array([0, 0, 0.02])) for i in range(11)]

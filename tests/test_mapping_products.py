@@ -4,8 +4,11 @@ import sys
 import types
 from pathlib import Path
 
+import laspy
 import numpy as np
+import pyproj
 import pytest
+import rasterio
 from mapping_scene import CONFIG, PAIR, flat_frame, track
 
 from stereo_seecolor.errors import DeviceError, InputError
@@ -138,7 +141,6 @@ def georeferenced(count: int) -> Trajectory:
 
 @pytest.mark.usefixtures("open3d")
 def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
-    rasterio, laspy, pyproj = (pytest.importorskip(name) for name in ("rasterio", "laspy", "pyproj"))
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, georeferenced(4))
     assert {path.name for path in summary.files} >= {"dem.tif", "orthomosaic.tif", "reef_metrics.tif", "cloud.laz"}
     with rasterio.open(tmp_path / "dem.tif") as dem:
@@ -159,7 +161,6 @@ def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
 
 @pytest.mark.usefixtures("open3d")
 def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
-    rasterio = pytest.importorskip("rasterio")
     frames = [flat_frame(i, fish=i == 1) for i in range(4)]
     build_map(frames, PAIR, tmp_path, CONFIG, track(4, step_m=0.15))
     with rasterio.open(tmp_path / "orthomosaic.tif") as mosaic:

@@ -3,15 +3,13 @@
 from pathlib import Path
 
 import numpy as np
+import onnx
 import pytest
 from matching_scenes import render
 
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.errors import ConfigError, MatchingError
 from stereo_seecolor.matching.matcher import Matcher
-
-onnx = pytest.importorskip("onnx", reason="the onnx package exports the test's network")
-pytest.importorskip("onnxruntime", reason="the onnx extra is not installed")
 
 SHIFTS = np.arange(16, 48)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+import pyproj
 import pytest
 
 from stereo_seecolor.config import MappingConfig, MountConfig
@@ -144,7 +145,6 @@ def test_dim2_gives_roll_before_pitch(tmp_path: Path) -> None:
 
 
 def test_degrees_agree_with_a_map_projection() -> None:
-    pyproj = pytest.importorskip("pyproj")
     origin = GeoOrigin(-23.5, 152.0)
     project = pyproj.Proj(proj="tmerc", lat_0=origin.latitude_deg, lon_0=origin.longitude_deg, k=1, ellps="WGS84")
     latitude, longitude = -23.5 + np.array([0.004, -0.002]), 152.0 + np.array([0.003, 0.004])
