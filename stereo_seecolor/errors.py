@@ -1,8 +1,25 @@
 """What can go wrong, as errors of our own. ``cli`` turns each into one line and exit code 1; all else keeps its traceback."""
 
+import re
+
+_NOT_PRINTABLE = re.compile("[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
+
+
+def printable(text: str) -> str:
+    """``text`` as valid UTF-8 on one line: control characters, and bytes of file names that are not UTF-8, become %XX."""
+    return _NOT_PRINTABLE.sub(lambda match: _percent(match[0]), text)
+
+
+def _percent(character: str) -> str:
+    undecoded_byte = "\udc80" <= character <= "\udcff"  # what surrogateescape makes of it
+    return "".join(f"%{byte:02X}" for byte in character.encode(errors="surrogateescape" if undecoded_byte else "surrogatepass"))
+
 
 class SeeColorError(Exception):
     """Base of all known errors. The message is one line: what is wrong, where, what to do."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class InputError(SeeColorError):

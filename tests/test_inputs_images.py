@@ -1,5 +1,6 @@
 """Images of every kind that cameras write, and files that are none."""
 
+import os
 from pathlib import Path
 
 import cv2
@@ -102,6 +103,25 @@ def test_missing_and_foreign_files(tmp_path: Path) -> None:
     (tmp_path / "a.png").write_bytes(b"hello, reef")
     with pytest.raises(InputError, match="is no PNG, TIFF or JPEG"):
         read_image(tmp_path / "a.png")
+
+
+def test_an_empty_file_is_said_to_be_empty(tmp_path: Path) -> None:
+    (tmp_path / "a.png").touch()
+    with pytest.raises(InputError, match=r"a\.png: is empty"):
+        read_image(tmp_path / "a.png")
+
+
+def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.png")
+    with pytest.raises(InputError, match=r"a\.png: is a named pipe, not a file"):
+        read_image(tmp_path / "a.png")
+
+
+def test_errors_about_odd_names_can_be_printed(tmp_path: Path) -> None:
+    path = tmp_path / os.fsdecode(b"caf\xe9\n.png")
+    with pytest.raises(InputError) as error:
+        read_image(path)
+    assert str(error.value).encode().endswith(b"caf%E9%0A.png: cannot be read: No such file or directory")
 
 
 def test_float_images_are_refused(tmp_path: Path) -> None:

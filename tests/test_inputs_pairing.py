@@ -1,5 +1,7 @@
 """Which file belongs to which: by name, by time stamp, and what belongs to none."""
 
+import os
+import unicodedata
 from pathlib import Path
 
 import pytest
@@ -8,7 +10,9 @@ from hypothesis import strategies as st
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.pairing import list_files, pair_by_stem, pair_folders
+from stereo_seecolor.files.names import natural_key, product_name
+from stereo_seecolor.inputs.listing import list_images
+from stereo_seecolor.inputs.pairing import pair_by_stem, pair_folders
 from stereo_seecolor.inputs.timestamps import timestamp_from_name
 
 
@@ -38,6 +42,7 @@ def names(tmp_path: Path, lefts: list[str], rights: list[str], **config: object)
         ("PR_20180811_153729_762_LC16.tif", "PR_20180811_153729_762_RC16.tif", "PR_20180811_153729_762_16"),
         ("fwd_0001.png", "aft_0001.png", "0001"),
         ("récif_links_5.png", "récif_rechts_5.png", "5"),
+        ("lc_5.png", "rc_5.png", "5"),
     ],
 )
 def test_pairs_by_name(tmp_path: Path, left: str, right: str, name: str) -> None:
@@ -92,13 +97,13 @@ def test_missing_or_empty_folder(tmp_path: Path, make: bool, message: str) -> No
         (tmp_path / "L").mkdir()
         (tmp_path / "L" / "notes.txt").touch()
     with pytest.raises(InputError, match=message):
-        list_files(tmp_path / "L", "left images")
+        list_images(tmp_path / "L", "left images")
 
 
 def test_a_file_instead_of_a_folder(tmp_path: Path) -> None:
     (tmp_path / "x.png").touch()
     with pytest.raises(InputError, match="is a file"):
-        list_files(tmp_path / "x.png", "left images")
+        list_images(tmp_path / "x.png", "left images")
 
 
 def test_own_range_maps_pair_by_stem(tmp_path: Path) -> None:
@@ -123,6 +128,87 @@ def test_own_range_maps_pair_by_stem(tmp_path: Path) -> None:
 def test_timestamps(stem: str, seconds: float | None) -> None:
     found = timestamp_from_name(stem)
     assert found == (None if seconds is None else pytest.approx(seconds, abs=1e-6))
+
+
+def test_numbers_in_names_are_ordered_as_numbers(tmp_path: Path) -> None:
+    files = [f"frame{i}.png" for i in (1, 10, 2, 100, 20)] + ["Frame3.png"]
+    found = [name for name, _, _ in names(tmp_path, files, files)]
+    assert found == ["frame1", "frame2", "Frame3", "frame10", "frame20", "frame100"]
+
+
+def test_time_comes_before_name_where_every_name_holds_one(tmp_path: Path) -> None:
+    files = ["b_1000000001.500000.png", "a_1000000002.500000.png", "c_1000000000.500000.png"]
+    assert [name[0] for name, _, _ in names(tmp_path, files, files)] == ["c", "b", "a"]
+
+
+def test_unpaired_files_are_in_natural_order(tmp_path: Path) -> None:
+    lefts = ["1.png", "10.png", "2.png"]
+    pairing = pair_folders(*folders(tmp_path, lefts, ["1.png"]), InputConfig())
+    assert [file.path.name for file in pairing.unpaired] == ["2.png", "10.png"]
+
+
+@pytest.mark.parametrize("name", ["l_noise.png", "left_left_1.png", "r_1.png", "right_left_2.png", "lc.png"])
+def test_one_name_in_both_folders_is_a_pair_whatever_words_it_holds(tmp_path: Path, name: str) -> None:
+    assert names(tmp_path, [name], [name]) == [(Path(name).stem, name, name)]
+
+
+def test_pipes_folders_and_lost_links_are_named_and_not_opened(tmp_path: Path) -> None:
+    left, right = folders(tmp_path, ["1.png", "2.png"], ["1.png", "2.png", "3.png", "4.png"])
+    os.mkfifo(left / "3.png")
+    (left / "4.png").mkdir()
+    (left / "5.png").symlink_to(tmp_path / "nowhere.png")
+    (left / "6.png").symlink_to(left / "1.png")
+    pairing = pair_folders(left, right, InputConfig())
+    assert [pair.name for pair in pairing.pairs] == ["1", "2"]
+    assert {f"{file.path.parent.name}/{file.name}": file.reason for file in pairing.unpaired} == {
+        "L/3": "is a named pipe, not a file",
+        "L/4": "is a folder, not a file",
+        "L/5": "cannot be read: No such file or directory",
+        "L/6": "no right image matches",
+        "R/3": "no left image matches",
+        "R/4": "no left image matches",
+    }
+
+
+def test_outputs_have_names_of_their_own_also_where_case_does_not_count(tmp_path: Path) -> None:
+    files = ["Reef.png", "reef.png", "sand.png"]
+    found = [name for name, _, _ in names(tmp_path, files, files)]
+    assert len({name.casefold() for name in found}) == 3
+    assert "sand" in found
+
+
+@pytest.mark.parametrize(
+    ("stem", "name"),
+    [
+        ("reef_0001", "reef_0001"),
+        ("récif", "récif"),
+        (os.fsdecode(b"caf\xe9"), "caf%E9"),
+        ("two\nlines", "two%0Alines"),
+        ("line\u2028separator", "line%E2%80%A8separator"),
+    ],
+)
+def test_product_names_are_printable(stem: str, name: str) -> None:
+    assert product_name(stem) == name
+
+
+def test_long_names_are_cut_and_stay_apart() -> None:
+    stems = ["é" * 120 + end for end in "ab"]
+    cut = [product_name(stem) for stem in stems]
+    assert len(set(cut)) == 2
+    assert all(len(name.encode()) <= 180 and name.startswith("é" * 80) for name in cut)
+
+
+@given(st.text(st.characters(), max_size=260))
+def test_any_stem_gives_a_name_that_can_be_written(stem: str) -> None:
+    name = product_name(stem)
+    assert len(name.encode()) <= 180
+    assert not any(unicodedata.category(letter) == "Cc" for letter in name)
+
+
+@given(st.lists(st.text(max_size=12), max_size=6))
+def test_natural_order_is_total(texts: list[str]) -> None:
+    once = sorted(texts, key=natural_key)
+    assert sorted(texts[::-1], key=natural_key) == once
 
 
 @given(st.text(max_size=40))

@@ -197,7 +197,7 @@ class _Job:
         finally:
             for file in self._pairing.unpaired:
                 error = f"{file.path}: {file.reason}"
-                self._survey.rows.add(FrameRow(file.path.stem, status="unpaired", left=str(file.path), error=error))
+                self._survey.rows.add(FrameRow(file.name, status="unpaired", left=str(file.path), error=error))
             summary = self._tell(stopped)
         return summary
 

@@ -11,7 +11,8 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
-from stereo_seecolor.inputs.images import decode_image, read_bytes, read_image, read_range_map
+from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.inputs.images import decode_image, read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Done, Pipeline, Ranged
 from stereo_seecolor.records import Image, Map, Mask, RangeMap, StereoFrame

@@ -25,8 +25,6 @@ def image_size(content: bytes) -> tuple[int, int]:
         return _jpeg_size(content)
     if content.startswith(TIFF_SIGNATURES):
         return _tiff_size(content)
-    if not content:
-        raise ValueError("is empty")
     raise ValueError("is no PNG, TIFF or JPEG image")
 
 

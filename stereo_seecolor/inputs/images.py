@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.inputs.headers import image_size
 from stereo_seecolor.records import Image, Map
 
-EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg"})
 MAX_PIXELS = 150_000_000
 BAYER_CODES = {
     "rggb": cv2.COLOR_BayerRGGB2RGB,
@@ -27,14 +27,6 @@ def read_image(path: Path, config: InputConfig | None = None) -> Image:
     Raises InputError if the file is missing, truncated, damaged, too large, or holds no 8- or 16-bit picture.
     """
     return decode_image(read_bytes(path), path, config or InputConfig())
-
-
-def read_bytes(path: Path) -> bytes:
-    """The file's content. Raises InputError if it cannot be read."""
-    try:
-        return path.read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
 
 
 def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.errors import printable
 
 Status = Literal["ok", "failed", "unpaired"]
 _PATH = re.compile(r"^\S*/.*?: ")
@@ -166,5 +167,5 @@ def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
 
 def _csv_line(cells: Sequence[object]) -> bytes:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(cells)
+    csv.writer(text, lineterminator="\n").writerow(printable(cell) if isinstance(cell, str) else cell for cell in cells)
     return text.getvalue().encode()

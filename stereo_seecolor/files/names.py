@@ -1,0 +1,34 @@
+"""File names: their natural order, and the names that outputs get from them."""
+
+import hashlib
+import re
+
+from stereo_seecolor.errors import printable
+
+MAX_NAME_BYTES = 180
+"""File systems take 255 bytes; a suffix (5) and the prefix of a file that is being written (up to 40) must fit too."""
+
+_HASH_DIGITS = 8
+
+
+def natural_key(name: str) -> tuple[tuple[str | int, ...], str]:
+    """Sort key that reads runs of digits as numbers, so that frame2 comes before frame10; ties are broken by the name itself."""
+    parts = re.split(r"([0-9]+)", name.casefold())
+    return tuple(int(part) if i % 2 else part for i, part in enumerate(parts)), name
+
+
+def product_name(stem: str) -> str:
+    """The name that outputs get from an input's stem: valid UTF-8, on one line, of at most MAX_NAME_BYTES bytes.
+
+    Bytes that are not UTF-8 and control characters are written as %XX. A longer name is cut, and a hash of the whole appended.
+    """
+    name = printable(stem)
+    encoded = name.encode()
+    if len(encoded) <= MAX_NAME_BYTES:
+        return name
+    return f"{encoded[: MAX_NAME_BYTES - _HASH_DIGITS - 1].decode(errors='ignore')}~{short_hash(stem)}"
+
+
+def short_hash(text: str) -> str:
+    """Eight hexadecimal digits that differ for different texts; the text need not be valid UTF-8."""
+    return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_HASH_DIGITS]

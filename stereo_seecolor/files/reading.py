@@ -1,0 +1,42 @@
+"""Contents of files, with one clear line for what cannot be read."""
+
+import os
+import stat
+from pathlib import Path
+
+from stereo_seecolor.errors import InputError
+
+
+def read_bytes(path: Path) -> bytes:
+    """The content of a regular file. Raises InputError if it is missing, empty, or something else, such as a named pipe."""
+    try:
+        if kind := special_kind(path):
+            raise InputError(f"{path}: is {kind}, not a file")
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not content:
+        raise InputError(f"{path}: is empty: copy it again from its source, or leave it out")
+    return content
+
+
+def special_kind(path: Path) -> str:
+    """What ``path`` is where it is no regular file, "" where it is one: opening a named pipe or a device could wait forever.
+
+    Raises OSError if the path does not exist.
+    """
+    mode = path.stat().st_mode
+    if stat.S_ISREG(mode):
+        return ""
+    kinds = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a named pipe", stat.S_IFSOCK: "a socket"}
+    return kinds.get(stat.S_IFMT(mode), "a device")
+
+
+def entry_problem(entry: os.DirEntry[str]) -> str:
+    """Why a folder's entry cannot be read as a file; "" where it can."""
+    if entry.is_file():
+        return ""
+    try:
+        return f"is {special_kind(Path(entry.path))}, not a file"
+    except OSError as error:
+        return f"cannot be read: {error.strerror or error}"

@@ -1,0 +1,57 @@
+"""What two files of a pair have in common in their names: keys under which left and right files meet."""
+
+import re
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+Keys = dict[str, list[Path]]
+"""Key -> the files of one folder that have it; more than one where the key is ambiguous."""
+
+_SIDE_WORDS = {
+    "left": re.compile(r"(?<![a-z])(left|lc|l|cam0)(?![a-z])", re.IGNORECASE),
+    "right": re.compile(r"(?<![a-z])(right|rc|r|cam1)(?![a-z])", re.IGNORECASE),
+}
+_SEPARATORS = "_-. "
+
+
+def stem_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
+    """The stems as they are (``0001.png`` and ``0001.tif``)."""
+    return _grouped(lefts, lambda stem: stem), _grouped(rights, lambda stem: stem)
+
+
+def side_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
+    """The stems without the word for their side (``left_0001`` and ``right_0001``)."""
+    return _grouped(lefts, lambda stem: _without_side(stem, "left")), _grouped(rights, lambda stem: _without_side(stem, "right"))
+
+
+def affix_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
+    """The stems without the letters that all files of their folder begin or end with (``fwd_0001`` and ``aft_0001``)."""
+    return _within_affixes(lefts), _within_affixes(rights)
+
+
+def _grouped(paths: Sequence[Path], key_of: Callable[[str], str]) -> Keys:
+    keys: Keys = defaultdict(list)
+    for path in paths:
+        keys[key_of(path.stem)].append(path)
+    return keys
+
+
+def _without_side(stem: str, side: str) -> str:
+    rest = _SIDE_WORDS[side].sub("", stem)
+    return re.sub(r"([_\-. ])[_\-. ]+", r"\1", rest).strip(_SEPARATORS) or stem
+
+
+def _within_affixes(paths: Sequence[Path]) -> Keys:
+    prefix = _common_prefix([path.stem for path in paths])
+    suffix = _common_prefix([path.stem[len(prefix) :][::-1] for path in paths])
+    return _grouped(paths, lambda stem: stem[len(prefix) : len(stem) - len(suffix)].strip(_SEPARATORS) or stem)
+
+
+def _common_prefix(texts: Sequence[str]) -> str:
+    """What all texts begin with, less the digits at its end, which are the beginning of a number; of one text, its letters."""
+    first, last = min(texts), max(texts)
+    if first == last:
+        return re.match(r"\D*", first)[0]  # type: ignore[index]  # matches anything
+    length = next((i for i, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), min(len(first), len(last)))
+    return re.sub(r"\d+$", "", first[:length])
