@@ -1,0 +1,163 @@
+"""Numbers of whole runs from the command line stay what they were: the sample dive, its map, and real frames.
+
+Where a change of method moves them on purpose, see what moved and store the new numbers, naming the change in CHANGELOG.md:
+
+    python tests/test_golden.py           # prints what differs
+    python tests/test_golden.py --write   # and stores it in tests/golden/
+"""
+
+import io
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
+from pathlib import Path
+
+import cv2
+import pytest
+from golden_numbers import (
+    Numbers,
+    color_run_numbers,
+    differences,
+    map_numbers,
+    range_numbers,
+    range_run_numbers,
+    read_image,
+    run_numbers,
+    write_numbers,
+)
+
+from stereo_seecolor.cli import main
+
+ROOT = Path(__file__).resolve().parents[1]
+REEF = ROOT / "data_samples" / "reef"
+FLSEA = ROOT.parent / "shared" / "data" / "flsea"
+GOLDEN = ROOT / "tests" / "golden"
+
+SAMPLE_DIVE = ("--left", str(REEF / "left"), "--right", str(REEF / "right"), "--calib", str(REEF / "cam.yaml"))
+REAL_FRAMES = ("--images", str(FLSEA / "rgb"), "--range", str(FLSEA / "range"))
+
+RUNS: dict[str, dict[str, tuple[tuple[str, ...], Callable[[Path], Numbers]]]] = {
+    "sample_dive": {
+        "run": (("run", *SAMPLE_DIVE), run_numbers),
+        "run, one water": (("run", *SAMPLE_DIVE, "--set", "color.lock=survey"), color_run_numbers),
+        "range, filled": (("range", *SAMPLE_DIVE, "--set", "matching.fill=true"), range_run_numbers),
+    },
+    "flsea": {
+        "correct": (("correct", *REAL_FRAMES), color_run_numbers),
+        "correct, one water": (("correct", *REAL_FRAMES, "--set", "color.lock=survey"), color_run_numbers),
+    },
+}
+"""By the file of the numbers, then by a name in it: the command without --out, and what is kept of its folder."""
+TRACKS = {"map, own track": (), "map, given poses": ("--poses", str(REEF / "trajectory.tum"))}
+"""Maps of the sample dive's first run, in the same file."""
+
+
+def command(*words: str) -> tuple[int, str]:
+    """Run a command as typed, in this process; (exit code, what it printed and said)."""
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(said):
+        patch.setattr(sys, "argv", ["stereo-seecolor", *words])
+        with pytest.raises(SystemExit) as end:
+            main()
+    code = end.value.code
+    return (code if isinstance(code, int) else 0 if code is None else 1), said.getvalue()
+
+
+def golden(file: str) -> Numbers:
+    return json.loads((GOLDEN / f"{file}.json").read_text())
+
+
+def run(file: str, name: str, out: Path) -> Numbers:
+    words, numbers = RUNS[file][name]
+    code, said = command(*words, "--out", str(out))
+    assert code == 0, said
+    return numbers(out)
+
+
+def fuse(name: str, out: Path) -> Numbers:
+    """Of a finished run in out; skips where Open3D cannot be loaded."""
+    code, said = command("fuse", str(out), *TRACKS[name])
+    if code == 1 and "the map needs Open3D" in said:
+        pytest.skip(said.strip())
+    assert code == 0, said
+    return map_numbers(out)
+
+
+@pytest.fixture(scope="module")
+def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The output folder of the first run over the sample dive."""
+    out = tmp_path_factory.mktemp("golden") / "out"
+    run("sample_dive", "run", out)
+    return out
+
+
+def test_the_sample_dive(dive: Path) -> None:
+    assert not differences(golden("sample_dive")["run"], run_numbers(dive))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in RUNS["sample_dive"] if name != "run"])
+def test_the_sample_dive_with_settings(name: str, tmp_path: Path) -> None:
+    assert not differences(golden("sample_dive")[name], run("sample_dive", name, tmp_path / "out"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", TRACKS)
+def test_the_map_of_the_sample_dive(name: str, dive: Path) -> None:
+    assert not differences(golden("sample_dive")[name], fuse(name, dive))
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+@pytest.mark.parametrize("name", RUNS["flsea"])
+def test_real_frames(name: str, real_data: Path, tmp_path: Path) -> None:
+    assert not differences(golden("flsea")[name], run("flsea", name, tmp_path / "out"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("product", "shift"), [("range/{}.tiff", 1e-4), ("corrected/{}.png", 2)])
+def test_a_shift_of_one_frame_is_noticed(product: str, shift: float, dive: Path, tmp_path: Path) -> None:
+    expected = golden("sample_dive")["run"]
+    name = list(expected["frames"])[5]
+    moved = tmp_path / "out"
+    shutil.copytree(dive, moved, copy_function=os.symlink, ignore=shutil.ignore_patterns(".*", "map"))
+    path = moved / product.format(name)
+    image = read_image(path)
+    path.unlink()
+    cv2.imwrite(str(path), cv2.add(image, (shift,) * 4))
+    assert {line.split("/")[2] for line in differences(expected, run_numbers(moved))} == {name}
+
+
+def test_a_shift_of_one_block_is_noticed(dive: Path, tmp_path: Path) -> None:
+    name = next(iter(golden("sample_dive")["run"]["frames"]))
+    shutil.copytree(dive, tmp_path / "out", copy_function=os.symlink, ignore=shutil.ignore_patterns(".*", "map"))
+    path = tmp_path / "out/range" / f"{name}.tiff"
+    range_m = read_image(path)
+    range_m[:149, :144] += 1e-4
+    path.unlink()
+    cv2.imwrite(str(path), range_m)
+    assert differences(range_numbers(dive, name), range_numbers(tmp_path / "out", name))
+
+
+def renew(write: bool) -> None:
+    """Print how the numbers of every run differ from those stored, beyond the tolerances; with write, store them all."""
+    with tempfile.TemporaryDirectory() as folder:
+        for file, runs in RUNS.items():
+            if file == "flsea" and not FLSEA.is_dir():
+                print(f"{file}: {FLSEA} does not exist here: left as it is")
+                continue
+            measured = {name: run(file, name, Path(folder) / file / name) for name in runs}
+            if file == "sample_dive":
+                measured |= {name: fuse(name, Path(folder) / file / "run") for name in TRACKS}
+            path = GOLDEN / f"{file}.json"
+            print(f"{file}:", *(differences(golden(file), measured) if path.exists() else ["new"]), sep="\n  ")
+            if write:
+                write_numbers(path, measured)
+
+
+if __name__ == "__main__":
+    renew(write="--write" in sys.argv[1:])
