@@ -9,7 +9,7 @@ from calibration.bundle import Array, Bundle, Lens, rms, solve
 from calibration.errors import CalibrationError
 from calibration.lens import fit_rig, to_camera
 from calibration.outliers import view_errors, without_outliers
-from calibration.rectification import rectified_points
+from calibration.plan import rectified_points
 from calibration.report import CalibrationReport, LensScore, ViewReport
 from calibration.rig import Medium, StereoRig
 from calibration.targets import Target

@@ -1,4 +1,4 @@
-"""Checks that catch a wrong calibration before it costs a dive, each with its evidence in numbers."""
+"""A calibration held against images of a dive: what is wrong, with its evidence in numbers."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,87 +9,17 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
 from calibration.matches import Matches, find_matches
-from calibration.rectification import Rectification, plan_rectification, rectified_points
-from calibration.rig import Camera, StereoRig
+from calibration.plan import plan_rectification
+from calibration.rectification import Rectification
+from calibration.rig import StereoRig
+from calibration.suspicions import suspicions
 
 Array = NDArray[np.float64]
+__all__ = ["RowCheck", "check_rows", "judge_matches", "suspicions"]
 ACCEPTABLE_ROW_ERROR_PX = 0.25
 MIN_MATCHES = 50
-MIN_KEPT_SHARE = {"pinhole": 0.4, "fisheye": 0.1}
 INDICES = np.arange(1.0, 1.4401, 0.02)
 WATER_INDEX = (1.26, 1.42)
-
-
-def suspicions(rig: StereoRig) -> tuple[str, ...]:
-    """What looks wrong in a rig that can be used all the same, one line each; empty for a rig beyond suspicion."""
-    found = [text for side, camera in (("left", rig.left), ("right", rig.right)) for text in _camera_suspicions(side, camera)]
-    focal_ratio = rig.left.K[0, 0] / rig.right.K[0, 0]
-    if not 0.8 < focal_ratio < 1.25:
-        found.append(f"the focal lengths differ: {rig.left.K[0, 0]:.0f} px left and {rig.right.K[0, 0]:.0f} px right")
-    angle_deg = np.degrees(np.arccos(np.clip((np.trace(rig.R) - 1) / 2, -1, 1)))
-    if angle_deg > 30:
-        found.append(f"the cameras are turned by {angle_deg:.0f} degrees to each other: is the rotation of this rig?")
-    kept = min(kept_shares(rig))
-    if kept < MIN_KEPT_SHARE[rig.left.model]:
-        found.append(f"rectified images keep {kept:.0%} of what the cameras see: check rotation, focal lengths and distortion")
-    if rig.rms_px is not None and rig.rms_px > 1:
-        found.append(f"the calibration's own error is {rig.rms_px:.2f} px, over 1 px: calibrate again")
-    if rig.medium == "air" and rig.port is None:
-        found.append(
-            "calibrated in air: behind a flat port under water, ranges come out about a quarter wrong; calibrate in water, "
-            "or describe the port in cam.yaml"
-        )
-    return tuple(found)
-
-
-def _camera_suspicions(side: str, camera: Camera) -> list[str]:
-    found = []
-    (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
-    width, height = camera.image_size
-    if abs(cx / width - 0.5) > 0.2 or abs(cy / height - 0.5) > 0.2:
-        found.append(
-            f"{side}: the principal point ({cx:.0f}, {cy:.0f}) lies far from the middle of {width}x{height} px: "
-            f"is K of another resolution (about {2 * cx:.0f}x{2 * cy:.0f})?"
-        )
-    if not 0.95 < fx / fy < 1.05:
-        found.append(f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, and pixels are square")
-    if not 0.2 < fx / width < 10:
-        found.append(f"{side}: a focal length of {fx:.0f} px for an image {width} px wide: is K of another resolution?")
-    if lens_folds(camera):
-        found.append(
-            f"{side}: the distortion turns back before the corners of the image, which are lost: "
-            "was it fitted to corners from the middle alone?"
-        )
-    return found
-
-
-def lens_folds(camera: Camera) -> bool:
-    """True if the lens model turns back within the image, so that two directions share a pixel (or none reaches it).
-
-    A fisheye's corners may lie beyond 90 degrees or outside of its circle: no ray is asked to reach them.
-    """
-    width, height = camera.image_size
-    if camera.model == "fisheye":
-        angle = np.linspace(0, np.pi / 2, 500)
-        radius = angle * (1 + np.polynomial.polynomial.polyval(angle**2, [0, *camera.distortion]))
-        turns = np.flatnonzero(np.diff(radius) <= 0)
-        return bool(turns.size and radius[turns[0]] * camera.K[0, 0] < np.hypot(width, height) / 2)
-    edge = np.linspace(0, 1, 9)
-    x, y = np.meshgrid(edge * (width - 1), edge * (height - 1))
-    return bool(np.isnan(camera.rays(np.column_stack([x.ravel(), y.ravel()]))).any())
-
-
-def kept_shares(rig: StereoRig) -> tuple[float, float]:
-    """Share of the left and of the right raw image that the rectified images show."""
-    width, height = rig.left.image_size
-    x, y = np.meshgrid(np.linspace(0, width - 1, 40), np.linspace(0, height - 1, 40))
-    grid = np.column_stack([x.ravel(), y.ravel()])
-    shares = []
-    for pixels in rectified_points(rig, grid, grid):
-        with np.errstate(invalid="ignore"):
-            inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(axis=1)
-        shares.append(float(inside.mean()))
-    return shares[0], shares[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +107,8 @@ def check_rows(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic], NDArra
 
 def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
     """As check_rows, from matches in the rectified images of each pair."""
-    pair, R_left, R_right = plan_rectification(rig)
+    plan = plan_rectification(rig)
+    pair, R_left, R_right = plan.matching_pair, plan.R_left_matching, plan.R_right_matching
     left, right = (np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in found)]) for side in ("left", "right"))
     if len(left) >= MIN_MATCHES:
         kept = _inliers(left, right, pair)

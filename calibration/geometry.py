@@ -18,7 +18,8 @@ class RectifiedPair:
     """The pinhole geometry that both rectified images share.
 
     focal_px: focal length; cx_left_px, cx_right_px, cy_px: principal points; baseline_m: distance of the optical centers;
-    image_size: (width, height).
+    image_size: (width, height). quarter_turns: 0..3, counterclockwise turns that bring the images that are matched, whose
+    disparity runs along x, to the images that this geometry is of (``numpy.rot90``).
     """
 
     focal_px: float
@@ -27,11 +28,22 @@ class RectifiedPair:
     cy_px: float
     baseline_m: float
     image_size: tuple[int, int]
+    quarter_turns: int = 0
 
     @property
     def P_left(self) -> NDArray[np.float64]:
         """Projection (3, 3) of the rectified left camera: pixel = P_left @ (x, y, z) / z."""
         return np.array([[self.focal_px, 0, self.cx_left_px], [0, self.focal_px, self.cy_px], [0, 0, 1]], dtype=np.float64)
+
+    def turned(self, turns: int) -> "RectifiedPair":
+        """The geometry of these images turned counterclockwise by ``turns`` quarters; disparities keep their meaning."""
+        width, height = self.image_size
+        focal_px, cx, cy, shift_px = self.focal_px, self.cx_left_px, self.cy_px, self.cx_left_px - self.cx_right_px
+        for _ in range(turns % 4):
+            cx, cy, width, height = cy, width - 1 - cx, height, width
+        cx_right_px = cx - shift_px if turns % 4 else self.cx_right_px
+        quarter_turns = (self.quarter_turns + turns) % 4
+        return RectifiedPair(focal_px, cx, cx_right_px, cy, self.baseline_m, (width, height), quarter_turns)
 
     @cached_property
     def ray_length(self) -> Map:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.rectification import plan_rectification, rectified_points
+from calibration.plan import plan_rectification, rectified_points
 from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.rig import StereoRig
 
@@ -42,7 +42,7 @@ def _errors_at(rig: StereoRig, seen_as: StereoRig, depth_m: float) -> tuple[floa
     if len(points) == 0:
         return np.nan, np.nan
     left, right = rectified_points(seen_as, *pixels)
-    pair, _, _ = plan_rectification(seen_as)
+    pair = plan_rectification(seen_as).matching_pair
     disparity = left[:, 0] - right[:, 0] - (pair.cx_left_px - pair.cx_right_px)
     slopes = (left - [pair.cx_left_px, pair.cy_px]) / pair.focal_px
     range_m = pair.focal_px * pair.baseline_m / disparity * np.sqrt(1 + (slopes**2).sum(axis=1))
@@ -55,7 +55,8 @@ def _traced(rig: StereoRig, depth_m: float) -> tuple[Array, tuple[Array, Array]]
     left, right, _ = cameras_in_water(rig)
     if not isinstance(left, CameraInWater) or not isinstance(right, CameraInWater):
         raise CalibrationError("the rig has no flat port: nothing is bent")
-    pair, R_left, _ = plan_rectification(rig)
+    plan = plan_rectification(rig)
+    pair, R_left = plan.matching_pair, plan.R_left_matching
     width, height = pair.image_size
     x, y = np.meshgrid(np.linspace(0, width - 1, GRID[0]), np.linspace(0, height - 1, GRID[1]))
     slopes = (np.column_stack([x.ravel(), y.ravel()]) - [pair.cx_left_px, pair.cy_px]) / pair.focal_px

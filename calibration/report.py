@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from calibration.bundle import Lens
 from calibration.rig import StereoRig
+from calibration.suspicions import placement_suspicions
 
 Array = NDArray[np.float64]
 Verdict = Literal["good", "usable", "do it again"]
@@ -158,6 +159,7 @@ class CalibrationReport:
             f"baseline: {rig.baseline_m * 1000:.2f} +- {lens.baseline_std_m * 1000:.2f} mm",
             f"rows after rectification, on views left out: {lens.row_error_px:.3f} px",
             coverage + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
+            *(f"suspicious: {text}" for text in placement_suspicions(rig)),
             f"{verdict}: {why}",
         ]
 

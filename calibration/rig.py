@@ -20,6 +20,7 @@ MIN_BASELINE_M = 0.005
 MAX_IMAGE_SIDE_PX = 32767  # cv2.remap's limit
 WIDEST_SLOPE = 20.0  # tan of 87 degrees
 RAY_TOLERANCE_PX = 0.01
+SQUARE_TOLERANCE = 1e-5  # of fx / fy: 0.02 px at the border of an image of 4000 px
 DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 
@@ -55,6 +56,11 @@ class Camera:
         if min(self.image_size) < 1 or max(self.image_size) > MAX_IMAGE_SIDE_PX:
             raise CalibrationError(f"image_size must be (width, height) in pixels, 1 to {MAX_IMAGE_SIDE_PX}, got {self.image_size}")
 
+    @property
+    def skew(self) -> float:
+        """K[0, 1], which OpenCV ignores."""
+        return float(self.K[0, 1])
+
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 2) pixels of points (n, 3) in this camera's axes; only for points before the camera."""
         shaped, zero = points.reshape(-1, 1, 3), np.zeros(3)
@@ -62,11 +68,16 @@ class Camera:
             pixels, _ = cv2.fisheye.projectPoints(shaped, zero, zero, self.K, self.distortion)
         else:
             pixels, _ = cv2.projectPoints(shaped, zero, zero, self.K, self.distortion)
-        return np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        pixels = np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
+        if self.skew:
+            pixels[:, 0] += self._sheared_px(pixels)
+        return pixels
 
     def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 3) directions with z = 1 of pixels (n, 2); NaN where the lens model reaches no such pixel, or looks to the side."""
         shaped = pixels.reshape(-1, 1, 2)
+        if self.skew:
+            shaped = shaped - np.stack([self._sheared_px(pixels), np.zeros(len(pixels))], axis=-1)[:, None]
         criteria = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 100, 1e-14)
         if self.model == "fisheye":
             slopes = cv2.fisheye.undistortPoints(shaped, self.K, self.distortion, criteria=criteria)
@@ -79,6 +90,9 @@ class Camera:
         directions[missed] = np.nan
         return directions
 
+    def _sheared_px(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray((pixels[:, 1] - self.K[1, 2]) * (self.skew / self.K[1, 1]))
+
 
 @dataclass(frozen=True, eq=False)
 class StereoRig:
@@ -89,7 +103,9 @@ class StereoRig:
     rms_px: reprojection error of the calibration, None where the file does not say.
     port: the window of a rig calibrated in air; Rectification takes a flat one into account. None for all in-water calibrations.
 
-    Raises CalibrationError for a rotation that is not one, a baseline that is zero or absurd, and left and right swapped.
+    The right camera may stand anywhere beside the left one (to the right, below, above, diagonally), turned by any angle.
+
+    Raises CalibrationError for a rotation that is not one, and for a baseline that is zero, absurd, or along the optical axis.
     """
 
     left: Camera
@@ -125,19 +141,22 @@ class StereoRig:
 
     @property
     def is_rectified(self) -> bool:
-        """True if rows correspond already: no distortion, no rotation, one focal length and cy, baseline along x.
+        """True if rows correspond already: no distortion, no rotation, square pixels, one focal length and cy, baseline along +x.
 
         The principal points cx may differ (Middlebury's doffs); Rectification honours that.
         """
         same_lens = np.allclose(self.left.K[[0, 1, 1], [0, 1, 2]], self.right.K[[0, 1, 1], [0, 1, 2]], atol=1e-6)
+        square = not self.left.skew and not self.right.skew and abs(self.left.K[0, 0] / self.left.K[1, 1] - 1) < SQUARE_TOLERANCE
         no_distortion = not self.left.distortion.any() and not self.right.distortion.any()
         pinhole = self.left.model == self.right.model == "pinhole"
         return bool(
             pinhole
             and not isinstance(self.port, FlatPort)
             and same_lens
+            and square
             and no_distortion
             and np.allclose(self.R, np.eye(3), atol=1e-9)
+            and self.T_right_left[0, 3] < 0
             and np.allclose(self.T_right_left[1:3, 3], 0.0, atol=1e-9)
         )
 
@@ -184,14 +203,4 @@ def _check_baseline(translation_m: NDArray[np.float64], R: NDArray[np.float64]) 
         raise CalibrationError(
             f"T_right_left: the second camera stands {center_right_in_left[2]:+.3f} m along the optical axis of the first: "
             "no stereo pair stands so; check the order and the axes of the translation"
-        )
-    if abs(center_right_in_left[1]) > abs(center_right_in_left[0]):
-        raise CalibrationError(
-            f"T_right_left: the second camera stands {center_right_in_left[1]:+.3f} m along y (a vertical pair): "
-            "turn the images by 90 degrees and calibrate again, vertical pairs are not supported"
-        )
-    if center_right_in_left[0] < 0:
-        raise CalibrationError(
-            f"T_right_left: the right camera stands {-center_right_in_left[0]:.3f} m to the LEFT of the left one: "
-            "left and right are swapped, or the transform is inverted"
         )

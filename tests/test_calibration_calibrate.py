@@ -71,10 +71,10 @@ def test_many_wrong_pairs_are_dropped() -> None:
     assert found.baseline_m == pytest.approx(0.12, rel=0.005)
 
 
-def test_swapped_folders_give_no_rig() -> None:
+def test_swapped_folders_are_suspicious() -> None:
     views = projected_views(pinhole_rig(), BOARD, 6, 0.1, np.random.default_rng(0))
-    with pytest.raises(CalibrationError, match=r"no rig that can be.*to the LEFT.*folders are swapped"):
-        calibrate([replace(view, left=view.right, right=view.left) for view in views], BOARD)
+    _, report = calibrate([replace(view, left=view.right, right=view.left) for view in views], BOARD)
+    assert any(line.startswith("suspicious") and "to the LEFT" in line for line in report.lines())
 
 
 def test_views_all_from_the_front_do_not_pass_for_good() -> None:

@@ -12,7 +12,7 @@ from test_calibration_port import port_rig
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.checks import check_rows, judge_matches, suspicions
 from calibration.matches import Matches, find_matches
-from calibration.rectification import rectified_points
+from calibration.plan import rectified_points
 from calibration.refraction import CameraInWater, cameras_in_water
 
 GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]

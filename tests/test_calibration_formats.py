@@ -201,15 +201,11 @@ REFUSED = {
     "fov": (KALIBR.replace("radtan", "fov"), "'fov' is not supported"),
     "millimeters": (KALIBR.replace("-0.1]", "-94.0]"), "millimeters it is 0.094 m"),
     "squares": (KALIBR.replace("-0.1]", "-3.88]"), "in board squares"),
-    "swapped": (NATIVE.replace("-0.1]", "0.1]"), "left and right are swapped"),
     "swapped by topic": (
         KALIBR.replace("-0.1]", "0.1]").replace("/cam0/", "/left/").replace("/cam1/", "/right/"),
         "left and right are swapped",
     ),
-    "vertical": (
-        NATIVE.replace("[1.0, 0.0, 0.0, -0.1], [0.0, 1.0, 0.0, 0.0]", "[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, -0.1]"),
-        "vertical",
-    ),
+    "one behind the other": (NATIVE.replace("-0.1]", "0.0]").replace("1.0, 0.0],", "1.0, 0.1],"), "along the optical axis"),
     "rotation": (NATIVE.replace("[[1.0, 0.0, 0.0, -0.1]", "[[1.1, 0.0, 0.0, -0.1]"), "the rotation is not one"),
     "mono": (ROS_LEFT, "one camera of a ROS pair"),
     "intrinsics alone": (OPENCV_INTRINSICS, "extrinsics file too"),

@@ -11,9 +11,9 @@ from hypothesis.strategies import floats
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.formats import load_rig, write_rig
+from calibration.plan import plan_rectification
 from calibration.port import DomePort, FlatPort, FlatWindow, seawater_index
 from calibration.port_error import port_error
-from calibration.rectification import plan_rectification
 from calibration.refraction import CameraInWater
 
 SIZE = (640, 480)
@@ -103,7 +103,8 @@ def test_a_picture_seen_through_the_port_is_rectified_exactly() -> None:
     rig = port_rig(0.05, working_range_m=1.0, toe_in=0.02)
     assert isinstance(rig.port, FlatPort)
     rectification = Rectification.from_rig(rig)
-    pair, R_left, _ = plan_rectification(rig)
+    plan = plan_rectification(rig)
+    pair, R_left = plan.pair, plan.R_left
     left = CameraInWater(rig.left, rig.port.left, rig.port)
     x, y = np.meshgrid(np.linspace(60, 580, 9), np.linspace(60, 420, 7))
     wanted = np.column_stack([x.ravel(), y.ravel()])
@@ -126,8 +127,8 @@ def test_dome_changes_nothing() -> None:
     flat = port_rig()
     bare, dome = replace(flat, port=None), replace(flat, port=DomePort())
     a, b = plan_rectification(bare), plan_rectification(dome)
-    np.testing.assert_array_equal(a[0].P_left, b[0].P_left)
-    np.testing.assert_array_equal(a[1], b[1])
+    np.testing.assert_array_equal(a.pair.P_left, b.pair.P_left)
+    np.testing.assert_array_equal(a.R_left, b.R_left)
 
 
 def test_native_file_keeps_the_port(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
 from calibration.formats import write_rig
+from calibration.plan import rectified_points
 from calibration.port import FlatPort, FlatWindow
-from calibration.rectification import rectified_points
 from calibration.refraction import CameraInWater
 from stereo_seecolor.cli import main
 from stereo_seecolor.commands import jobs

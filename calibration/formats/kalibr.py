@@ -31,7 +31,8 @@ def parse(document: Section) -> StereoRig:
     T = sections[1].matrix("T_cn_cnm1", 4, 4)
     topics = [section.text("rostopic") if section.has("rostopic") else "" for section in sections]
     with naming(sections[1].where + ": T_cn_cnm1"):
-        if (T[:3, :3].T @ T[:3, 3])[0] > 0:
+        x_m, y_m, _ = -T[:3, :3].T @ T[:3, 3]
+        if x_m < -abs(y_m):
             _check_topics(topics[::-1])
             return StereoRig(cameras[1], cameras[0], inverse_transform(T))
         _check_topics(topics)

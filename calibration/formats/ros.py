@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.section import Section, naming
-from calibration.rectification import rectifying_rotations
+from calibration.plan import upright_rotations
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.turns import quarter_turn
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
     "plumb_bob": "pinhole",
@@ -28,10 +29,15 @@ def matches(document: Section) -> bool:
 
 
 def parse(left: Section, right: Section) -> StereoRig:
-    """The rig of a left and a right camera_info."""
+    """The rig of a left and a right camera_info.
+
+    Raises CalibrationError where the cameras' names and the geometry both say that left and right are swapped.
+    """
     rotations = [_rotation(side) for side in (left, right)]
     projections = [side.matrix(side.first("projection_matrix", "P", "p"), 3, 4) for side in (left, right)]
-    return rig_from_projections(parse_camera(left), parse_camera(right), rotations, projections)
+    rig = rig_from_projections(parse_camera(left), parse_camera(right), rotations, projections)
+    check_sides_named(rig, [str(side.content.get("camera_name", "")) for side in (left, right)])
+    return rig
 
 
 def parse_camera(section: Section) -> Camera:
@@ -44,6 +50,15 @@ def parse_camera(section: Section) -> Camera:
     K = section.matrix(section.first("camera_matrix", "K", "k"), 3, 3)
     distortion = section.numbers(section.first("distortion_coefficients", "D", "d"))
     return make_camera(section.where, K, distortion, size, DISTORTION_MODELS[name])
+
+
+def check_sides_named(rig: StereoRig, names: list[str]) -> None:
+    """Raise CalibrationError if the second camera stands to the left of the first, and their names say so too."""
+    x_m, y_m, _ = -rig.R.T @ rig.T_right_left[:3, 3]
+    if x_m < -abs(y_m) and "right" in names[0].lower() and "left" in names[1].lower():
+        raise CalibrationError(
+            f"{names[1]!r} stands to the left of {names[0]!r}, and is given as the right camera: left and right are swapped"
+        )
 
 
 def make_camera(
@@ -79,16 +94,16 @@ def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:
     Raises CalibrationError for a distortion that ROS has no name for.
     """
     T = rig.T_right_left
-    R_left, R_right = rectifying_rotations(T)
+    R_left, R_right, turns = upright_rotations(T)
     K_new = (rig.left.K + rig.right.K) / 2
     focal_px = K_new[1, 1]
-    baseline_term = (R_right @ T[:3, 3])[0] * focal_px
-    for camera, R, term, path, side in (
-        (rig.left, R_left, 0.0, left_path, "left"),
-        (rig.right, R_right, baseline_term, right_path, "right"),
+    baseline_terms = quarter_turn(turns)[:2, 0] * -rig.baseline_m * focal_px
+    for camera, R, (term_x, term_y), path, side in (
+        (rig.left, R_left, (0.0, 0.0), left_path, "left"),
+        (rig.right, R_right, baseline_terms, right_path, "right"),
     ):
         cx_px = camera.K[0, 2] if rig.is_rectified else K_new[0, 2]
-        P = np.array([[focal_px, 0, cx_px, term], [0, focal_px, K_new[1, 2], 0], [0, 0, 1, 0]])
+        P = np.array([[focal_px, 0, cx_px, term_x], [0, focal_px, K_new[1, 2], term_y], [0, 0, 1, 0]])
         path.write_text(_camera_text(camera, R, P, side), encoding="utf-8")
 
 
