@@ -38,7 +38,7 @@ def make_dive(root: Path, pairs: int, size: tuple[int, int]) -> None:
 def plain_loop(dive: Path, out: Path) -> None:
     """What one would write in an afternoon: one pair after the other through the same stages, and everything written."""
     from calibration.formats import load_rig
-    from stereo_seecolor.config import load_config
+    from stereo_seecolor.config_file import load_config
     from stereo_seecolor.inputs.images import read_image
     from stereo_seecolor.pipeline import Pipeline
     from stereo_seecolor.records import StereoFrame
@@ -58,7 +58,7 @@ def plain_loop(dive: Path, out: Path) -> None:
 def whole_run(dive: Path, out: Path, workers: int) -> None:
     from stereo_seecolor.commands import jobs
     from stereo_seecolor.compute.allocator import keep_freed_memory
-    from stereo_seecolor.config import load_config
+    from stereo_seecolor.config_file import load_config
     from stereo_seecolor.progress import RunOptions
 
     keep_freed_memory()  # as the command does

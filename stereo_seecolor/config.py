@@ -1,18 +1,21 @@
 """All settings: one small frozen model a stage, with the reason for each default in its description."""
 
-import difflib
-from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Literal, Self
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
 
-from stereo_seecolor.errors import ConfigError
+FilePath = Annotated[Path, Strict(False)]
+"""A path, also given as text."""
+
+Rgb = Annotated[tuple[float, float, float], Strict(False)]
+"""Three numbers, also given as a list."""
 
 
 class _Stage(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    """Strict: true is no number, "1" is none, and neither are infinity and NaN."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class InputConfig(_Stage):
@@ -48,7 +51,7 @@ class MatchingConfig(_Stage):
     engine: Literal["sgbm", "onnx"] = Field(
         default="sgbm", description="sgbm: semi-global matching. onnx: your own stereo network, run by onnxruntime."
     )
-    model: Path | None = Field(
+    model: FilePath | None = Field(
         default=None, description="The network of engine onnx: an .onnx file (contract in docs/matching.md)."
     )
 
@@ -94,7 +97,7 @@ class ColorConfig(_Stage):
         description="varying: attenuation may fall or rise with range, as wide bands and light from above do (objective robust). "
         "constant: one coefficient a channel.",
     )
-    white_point: Literal["scene", "none"] | tuple[float, float, float] = Field(
+    white_point: Literal["scene", "none"] | Rgb = Field(
         default="scene",
         description="The color of the light that arrives at the reef. scene: found with the water. none: white, as in the paper's "
         "model. Or R, G, B as known, from a white card say, in linear light (objective robust).",
@@ -206,69 +209,3 @@ class RunConfig(_Stage):
     color: ColorConfig = ColorConfig()
     mapping: MappingConfig = MappingConfig()
     output: OutputConfig = OutputConfig()
-
-
-def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
-    """Defaults, then the YAML file, then ``section.key=value`` overrides (values are read as YAML).
-
-    Raises ConfigError for an unreadable file, a key that does not exist (the nearest known one is suggested), a bad value.
-    """
-    content = _read(path) if path else {}
-    for override in overrides:
-        _apply_override(content, override)
-    try:
-        return RunConfig.model_validate(content)
-    except ValidationError as error:
-        raise ConfigError(_first_problem(error, str(path) if path else "--set")) from error
-
-
-def known_keys(model: type[BaseModel] = RunConfig, prefix: str = "") -> list[str]:
-    """Every ``section.key`` that a configuration may hold."""
-    keys: list[str] = []
-    for name, field in model.model_fields.items():
-        nested = isinstance(field.default, BaseModel)
-        keys += known_keys(type(field.default), f"{prefix}{name}.") if nested else [prefix + name]
-    return keys
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path}: cannot be read: {error}") from error
-    except yaml.YAMLError as error:
-        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
-    if content is None:
-        return {}
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: must hold sections ({', '.join(RunConfig.model_fields)}), got a {type(content).__name__}")
-    return content
-
-
-def _apply_override(content: dict[str, Any], override: str) -> None:
-    key, equals, value = override.partition("=")
-    *sections, name = key.strip().split(".")
-    if not (equals and sections):
-        raise ConfigError(f"--set {override}: write it as section.key=value, for example color.lock=survey")
-    if key.strip() not in known_keys():
-        raise ConfigError(f"--set {override}: there is no setting {key.strip()!r}{_suggestion(key.strip())}")
-    try:
-        for section in sections:
-            content = content.setdefault(section, {})
-        content[name] = yaml.safe_load(value)
-    except (yaml.YAMLError, TypeError, AttributeError) as error:
-        raise ConfigError(f"--set {override}: the value cannot be read: {' '.join(str(error).split())}") from error
-
-
-def _suggestion(key: str) -> str:
-    near = difflib.get_close_matches(key, [*known_keys(), *RunConfig.model_fields], n=1, cutoff=0.5)
-    return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known_keys())}"
-
-
-def _first_problem(error: ValidationError, where: str) -> str:
-    problem = error.errors()[0]
-    key = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "extra_forbidden":
-        return f"{where}: there is no setting {key!r}{_suggestion(key)}"
-    message = problem["msg"].removeprefix("Value error, ")
-    return f"{where}: {key}: {message[0].lower()}{message[1:]} (got {str(problem['input'])[:80]!r})"

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 
 from stereo_seecolor.commands import jobs
-from stereo_seecolor.config import load_config
+from stereo_seecolor.config_file import load_config
 
 
 def unevenness(folder, names) -> float:  # type: ignore[no-untyped-def]

@@ -1,5 +1,7 @@
 """Settings: defaults, files, overrides, and what is said of a mistake."""
 
+import json
+import os
 from pathlib import Path
 
 import pytest
@@ -7,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from stereo_seecolor.config import RunConfig, known_keys, load_config
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.config_file import known_keys, load_config, load_settings
 from stereo_seecolor.errors import ConfigError
 
 
@@ -33,6 +36,19 @@ def test_dumped_configuration_loads_again() -> None:
         ("color.lock=dive", r"--set: color\.lock: input should be .*got 'dive'"),
         ("matching.max_range_m=-1", r"matching\.max_range_m: .*greater than 0"),
         ("color.lock=[", "the value cannot be read"),
+        ("matching.min_range_m=yes", r"--set: matching\.min_range_m: input should be a valid number \(got True\)"),
+        ("matching.min_range_m='1'", r"matching\.min_range_m: input should be a valid number \(got '1'\)"),
+        ("matching.max_range_m=.inf", r"matching\.max_range_m: input should be a finite number \(got inf\)"),
+        ("mapping.voxel_m=.nan", r"mapping\.voxel_m: input should be a finite number \(got nan\)"),
+        ("color.white_point=[1, 1, .inf]", r"^--set: color\.white_point: "),
+        ("color.white_point=[1, yes, 1]", r"^--set: color\.white_point: "),
+        ("input.video_every=1.5", r"input\.video_every: input should be a valid integer"),
+        ("output.clouds=1", r"output\.clouds: input should be a valid boolean"),
+        ("mapping.mount=5", r"mapping\.mount: "),
+        ("mapping.mount={surge: 1}", r"there is no setting 'mapping\.mount\.surge'; did you mean 'mapping\.mount\.surge_m'"),
+        ("mapping.mount.surge=1", r"there is no setting 'mapping\.mount\.surge'; did you mean 'mapping\.mount\.surge_m'"),
+        ("mapping.voxel_m.x=1", r"there is no setting 'mapping\.voxel_m\.x'"),
+        ("color.lock=2020-13-45", "the value cannot be read"),
     ],
 )
 def test_bad_overrides(override: str, message: str) -> None:
@@ -48,6 +64,12 @@ def test_bad_overrides(override: str, message: str) -> None:
         ("- a", r"must hold sections .*got a list"),
         ("a: [", "is not YAML"),
         ("color: 5", r"run\.yaml: color: "),
+        ("matching: {max_range_m: .inf}", r"run\.yaml: matching\.max_range_m: input should be a finite number"),
+        ("matching: {min_range_m: yes}", r"run\.yaml: matching\.min_range_m: input should be a valid number"),
+        ("a: " + "[" * 5000, "is not YAML"),
+        ("{1: 2}", r"run\.yaml: "),
+        ('{"format": "stereo-seecolor/run", "config": {"color": {"lok": 1}}}', r"no setting 'color\.lok'"),
+        ('{"format": "stereo-seecolor/run", "config": 3}', "must hold sections .*got a int"),
     ],
 )
 def test_bad_files(tmp_path: Path, content: str, message: str) -> None:
@@ -74,6 +96,58 @@ def undescribed(model: type[BaseModel], where: str = "") -> list[str]:
 def test_every_setting_is_described() -> None:
     assert undescribed(RunConfig) == []
     assert {"color.lock", "mapping.mount.yaw_deg"} <= set(known_keys())
+
+
+def test_a_mapping_sets_the_keys_it_names() -> None:
+    config = load_config(None, ["mapping.mount.roll_deg=3", "mapping.mount={surge_m: 0.4, yaw_deg: 45}", "color={lock: survey}"])
+    mount = config.mapping.mount
+    assert (mount.roll_deg, mount.surge_m, mount.yaw_deg, mount.sway_m) == (3, 0.4, 45, 0)
+    assert config.color.lock == "survey"
+
+
+@pytest.mark.parametrize(("text", "number"), [("1e-3", 0.001), ("2.5E+1", 25.0), ("3", 3.0), (".5e1", 5.0)])
+def test_numbers_as_people_write_them(text: str, number: float) -> None:
+    assert load_config(None, [f"mapping.voxel_m={text}"]).mapping.voxel_m == number
+
+
+def test_lists_and_paths_are_read() -> None:
+    config = load_config(None, ["color.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"])
+    assert (config.color.white_point, config.matching.model) == ((1, 0.9, 0.8), Path("net.onnx"))
+
+
+def test_the_configuration_of_a_run_is_taken_from_its_run_json(tmp_path: Path) -> None:
+    config = load_config(None, ["color.lock=survey", "color.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"])
+    run = {"format": "stereo-seecolor/run", "inputs": {}, "config": config.model_dump(mode="json")}
+    (tmp_path / "run.json").write_text(json.dumps(run))
+    assert load_config(tmp_path / "run.json") == config
+    assert load_config(tmp_path / "run.json", ["color.lock=frame"]).color.lock == "frame"
+
+
+def test_every_setting_tells_where_its_value_comes_from(tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("color:\n  lock: survey\nmapping: {mount: {yaw_deg: 0}, voxel_m: 0.02}\n")
+    settings = {s.key: s for s in load_settings(tmp_path / "run.yaml", ["mapping.voxel_m=0.05"])}
+    assert settings.keys() == set(known_keys())
+    found = {key: (s.value, s.default, s.origin) for key, s in settings.items() if s.origin != "default"}
+    assert found == {
+        "color.lock": ("survey", "frame", str(tmp_path / "run.yaml")),
+        "mapping.mount.yaw_deg": (0, 90, str(tmp_path / "run.yaml")),
+        "mapping.voxel_m": (0.05, 0.01, "--set"),
+    }
+    assert all(setting.description for setting in settings.values())
+
+
+def test_an_error_names_the_layer_that_brought_the_value(tmp_path: Path) -> None:
+    (tmp_path / "run.yaml").write_text("mapping: {voxel_m: -1}\n")
+    with pytest.raises(ConfigError, match=r"run\.yaml: mapping\.voxel_m"):
+        load_config(tmp_path / "run.yaml", ["color.lock=survey"])
+    with pytest.raises(ConfigError, match=r"^--set: mapping\.tile_m"):
+        load_config(tmp_path / "run.yaml", ["mapping.voxel_m=1", "mapping.tile_m=-1"])
+
+
+def test_a_named_pipe_is_no_configuration(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "run.yaml")
+    with pytest.raises(ConfigError, match="is a named pipe"):
+        load_config(tmp_path / "run.yaml")
 
 
 def test_nested_settings_can_be_overridden() -> None:

@@ -13,7 +13,7 @@ import pytest
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.formats import load_rig, write_rig
-from stereo_seecolor.config import load_config
+from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory

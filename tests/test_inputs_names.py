@@ -40,5 +40,5 @@ def test_two_empty_files_are_said_to_be_empty(make_dive, tmp_path: Path) -> None
         (dive.root / side / "0001.png").write_bytes(b"")
     summary = jobs.run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
     assert [row.error for row in summary.rows if row.status == "failed"] == [
-        f"{dive.root}/L/0001.png: is empty: copy it again from its source, or leave it out"
+        f"{dive.root}/L/0001.png: is empty: copy it again from the vehicle, or leave it out"
     ]

@@ -207,8 +207,8 @@ def test_any_stem_gives_a_name_that_can_be_written(stem: str) -> None:
 
 @given(st.lists(st.text(max_size=12), max_size=6))
 def test_natural_order_is_total(texts: list[str]) -> None:
-    once = sorted(texts, key=natural_key)
-    assert sorted(texts[::-1], key=natural_key) == once
+    backwards = texts[::-1]
+    assert sorted(backwards, key=natural_key) == sorted(texts, key=natural_key)
 
 
 @given(st.text(max_size=40))

@@ -8,7 +8,7 @@ import pytest
 
 from stereo_seecolor.commands.jobs import run
 from stereo_seecolor.commands.measured_water import measure_water
-from stereo_seecolor.config import load_config
+from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import evaluate_truth
 

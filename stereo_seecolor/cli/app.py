@@ -375,7 +375,7 @@ def main() -> None:
 
 
 def _config(path: Path | None, settings: list[str] | None) -> "RunConfig":
-    from stereo_seecolor.config import load_config
+    from stereo_seecolor.config_file import load_config
 
     return load_config(path, settings or [])
 

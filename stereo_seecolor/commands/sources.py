@@ -11,8 +11,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
-from stereo_seecolor.files.reading import read_bytes
-from stereo_seecolor.inputs.images import decode_image, read_image, read_range_map
+from stereo_seecolor.inputs.images import decode_image, read_image, read_image_bytes, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Done, Pipeline, Ranged
 from stereo_seecolor.records import Image, Map, Mask, RangeMap, StereoFrame
@@ -44,7 +43,7 @@ class StereoSource:
     def ranged(self, pair: Pair, clock: Clock) -> Ranged:
         """The rectified left image and its range map. Raises InputError, MatchingError, CalibrationError, OutputError."""
         with clock("read"):
-            left, right = read_bytes(pair.left), read_bytes(pair.right)
+            left, right = read_image_bytes(pair.left), read_image_bytes(pair.right)
             hashes = {"left": hashlib.sha256(left).hexdigest(), "right": hashlib.sha256(right).hexdigest()}
             if hashes["left"] == hashes["right"]:
                 raise MatchingError(f"{pair.left} and {pair.right} are the same picture: no range can be had from it")
@@ -109,7 +108,7 @@ class RangedSource:
     def ranged(self, pair: Pair, clock: Clock) -> Ranged:
         """The image as it is and its range map. Raises InputError if they differ in size or cannot be read."""
         with clock("read"):
-            content = read_bytes(pair.left)
+            content = read_image_bytes(pair.left)
             image = decode_image(content, pair.left, self._config.input)
             range_m = read_range_map(pair.right)
         if range_m.shape != image.shape[:2]:

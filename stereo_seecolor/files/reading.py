@@ -8,16 +8,13 @@ from stereo_seecolor.errors import InputError
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a regular file. Raises InputError if it is missing, empty, or something else, such as a named pipe."""
+    """The content of a regular file. Raises InputError if it is missing, or something else, such as a named pipe."""
     try:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a file")
-        content = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if not content:
-        raise InputError(f"{path}: is empty: copy it again from its source, or leave it out")
-    return content
 
 
 def special_kind(path: Path) -> str:

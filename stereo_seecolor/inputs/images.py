@@ -26,7 +26,15 @@ def read_image(path: Path, config: InputConfig | None = None) -> Image:
 
     Raises InputError if the file is missing, truncated, damaged, too large, or holds no 8- or 16-bit picture.
     """
-    return decode_image(read_bytes(path), path, config or InputConfig())
+    return decode_image(read_image_bytes(path), path, config or InputConfig())
+
+
+def read_image_bytes(path: Path) -> bytes:
+    """The file's content. Raises InputError if it cannot be read or is empty."""
+    content = read_bytes(path)
+    if not content:
+        raise InputError(f"{path}: is empty: copy it again from the vehicle, or leave it out")
+    return content
 
 
 def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
@@ -53,7 +61,7 @@ def read_range_map(path: Path) -> Map:
 
     Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such map.
     """
-    pixels = _decode(read_bytes(path), path, cv2.IMREAD_UNCHANGED)
+    pixels = _decode(read_image_bytes(path), path, cv2.IMREAD_UNCHANGED)
     if pixels.ndim != 2:
         raise InputError(f"{path}: has {pixels.shape[2]} channels, a range map has one")
     if pixels.dtype == np.uint16:

@@ -1,0 +1,188 @@
+"""Configurations from files and from ``--set``: read, merged in that order, checked, with the origin of every value."""
+
+import difflib
+import json
+import re
+import reprlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import ConfigError, InputError
+from stereo_seecolor.files.reading import read_bytes
+
+RUN_FORMAT = "stereo-seecolor/run"
+"""The "format" of a run.json, whose "config" is a configuration too."""
+
+_Content = dict[str, Any]
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML 1.1 as PyYAML reads it, and 1e-3 is a number as in YAML 1.2."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
+)
+
+
+@dataclass(frozen=True)
+class Setting:
+    """One setting of a merged configuration. origin: "default", the file's path, or "--set"."""
+
+    key: str
+    value: Any
+    default: Any
+    origin: str
+    description: str
+
+
+@dataclass(frozen=True)
+class _Layer:
+    origin: str
+    content: _Content
+
+
+def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunConfig:
+    """Defaults, then the file, then ``section.key=value`` overrides, of which the last wins; values are read as YAML.
+
+    path: a YAML file, or the run.json of an earlier run, whose configuration is taken.
+    A mapping sets the keys that it names and leaves the others: ``mapping.mount={surge_m: 0.4, yaw_deg: 90}``.
+
+    Raises ConfigError for an unreadable file, a key that does not exist (the nearest known one is suggested), a bad value.
+    """
+    return _validated(_layers(path, overrides))
+
+
+def load_settings(path: Path | None = None, overrides: Sequence[str] = ()) -> tuple[Setting, ...]:
+    """As load_config, as a list of every setting with where its value comes from. Raises ConfigError."""
+    layers = _layers(path, overrides)
+    values, defaults = _flat(_validated(layers).model_dump()), _flat(RunConfig().model_dump())
+    return tuple(
+        Setting(key, values[key], defaults[key], _origin(layers, key.split(".")) or "default", description)
+        for key, description in descriptions().items()
+    )
+
+
+def known_keys() -> list[str]:
+    """Every ``section.key`` that holds a value."""
+    return list(descriptions())
+
+
+def descriptions(model: type[BaseModel] = RunConfig, prefix: str = "") -> dict[str, str]:
+    """Every ``section.key`` that holds a value, with its description."""
+    found: dict[str, str] = {}
+    for name, field in model.model_fields.items():
+        if isinstance(field.default, BaseModel):
+            found |= descriptions(type(field.default), f"{prefix}{name}.")
+        else:
+            found[prefix + name] = field.description or ""
+    return found
+
+
+def _layers(path: Path | None, overrides: Sequence[str]) -> list[_Layer]:
+    from_file = [_Layer(str(path), _read(path))] if path else []
+    return from_file + [_Layer("--set", _override(text)) for text in overrides]
+
+
+def _validated(layers: Sequence[_Layer]) -> RunConfig:
+    merged: _Content = {}
+    for layer in layers:
+        merged = _merge(merged, layer.content)
+    try:
+        return RunConfig.model_validate(merged)
+    except ValidationError as error:
+        raise ConfigError(_first_problem(error, layers)) from error
+
+
+def _merge(base: _Content, over: _Content) -> _Content:
+    """Mappings are merged key by key; any other value replaces what was there."""
+    both = {key: _merge(base[key], over[key]) for key in base.keys() & over.keys() if _are_mappings(base[key], over[key])}
+    return {**base, **over, **both}
+
+
+def _are_mappings(*values: object) -> bool:
+    return all(isinstance(value, dict) for value in values)
+
+
+def _read(path: Path) -> _Content:
+    try:
+        text = read_bytes(path).decode("utf-8-sig")
+        content = _parsed(text)
+    except InputError as error:
+        raise ConfigError(str(error)) from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: cannot be read: it is no UTF-8 text ({error.reason} at byte {error.start})") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: is not YAML: {' '.join(str(error).split())}") from error
+    if isinstance(content, dict) and content.get("format") == RUN_FORMAT:
+        content = content.get("config")
+    if content is None:
+        return {}
+    if not isinstance(content, dict):
+        raise ConfigError(f"{path}: must hold sections ({', '.join(RunConfig.model_fields)}), got a {type(content).__name__}")
+    return content
+
+
+def _parsed(text: str) -> Any:
+    """JSON if it is JSON, else YAML: the run.json of a long dive would take minutes as YAML."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError):
+        return yaml.load(text, _Loader)  # a SafeLoader
+
+
+def _override(text: str) -> _Content:
+    key, equals, value = text.partition("=")
+    key = key.strip()
+    if not equals or (key not in RunConfig.model_fields and "." not in key):
+        raise ConfigError(f"--set {text}: write it as section.key=value, for example color.lock=survey")
+    if not any(known == key or known.startswith(f"{key}.") for known in known_keys()):
+        raise ConfigError(f"--set {text}: there is no setting {key!r}{_suggestion(key)}")
+    try:
+        content = yaml.load(value, _Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ConfigError(f"--set {text}: the value cannot be read: {' '.join(str(error).split())}") from error
+    for name in reversed(key.split(".")):
+        content = {name: content}
+    return dict(content)
+
+
+def _flat(content: _Content, prefix: str = "") -> _Content:
+    found: _Content = {}
+    for name, value in content.items():
+        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+    return found
+
+
+def _origin(layers: Sequence[_Layer], key: Sequence[str]) -> str | None:
+    """The last layer that holds the key, or a value in place of one of its sections."""
+    return next((layer.origin for layer in reversed(layers) if _holds(layer.content, key)), None)
+
+
+def _holds(content: object, key: Sequence[str]) -> bool:
+    if not key or not isinstance(content, dict):
+        return True
+    return key[0] in content and _holds(content[key[0]], key[1:])
+
+
+def _suggestion(key: str) -> str:
+    near = difflib.get_close_matches(key, [*known_keys(), *RunConfig.model_fields], n=1, cutoff=0.5)
+    return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known_keys())}"
+
+
+def _first_problem(error: ValidationError, layers: Sequence[_Layer]) -> str:
+    problem = error.errors()[0]
+    parts = [str(part) for part in problem["loc"]]
+    where = _origin(layers, parts) or layers[-1].origin
+    if problem["type"] == "extra_forbidden":
+        key = ".".join(parts)
+        return f"{where}: there is no setting {key!r}{_suggestion(key)}"
+    key = next((known for known in known_keys() if known.split(".") == parts[: known.count(".") + 1]), ".".join(parts))
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{where}: {key}: {message[0].lower()}{message[1:]} (got {reprlib.repr(problem['input'])})"
