@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.records import Water
 
 MATERIALS = np.array(
@@ -134,14 +135,9 @@ def make_case(seed: int, shape: tuple[int, int] = (240, 320)) -> Case:
     noisy = linear * exposure
     noisy = noisy + rng.standard_normal(noisy.shape) * np.sqrt(noisy / rng.uniform(4000, 20000) + 0.002**2)
     curve = rng.random()
-    encoded = srgb(noisy) if curve < 0.7 else np.clip(noisy, 0, 1) ** (1 / rng.uniform(1.8, 2.4))
+    encoded = encode_srgb(np.clip(noisy, 0, 1)) if curve < 0.7 else np.clip(noisy, 0, 1) ** (1 / rng.uniform(1.8, 2.4))
     image = np.clip(np.round(np.nan_to_num(encoded) * 255), 0, 255).astype(np.uint8)
     tag = f"{name}-{kind}-{'colored' if colored else 'natural'}-{seed}"
     zero = np.zeros(3)
     water = Water(gamma_inf * exposure, beta, zero, zero, w=zero, v=zero, y=attenuation, x=zero, white=white * exposure)
     return Case(tag, image, range_m, truth, water)
-
-
-def srgb(linear):
-    linear = np.clip(linear, 0, 1)
-    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * linear ** (1 / 2.4) - 0.055)

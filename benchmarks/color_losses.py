@@ -18,8 +18,8 @@ import torch
 from color_speed import frame
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.fit import table_solver
-from stereo_seecolor.color.fit.parameters import ATTENUATION, BACKSCATTER
+from stereo_seecolor.color.fitting import table_solver
+from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Image, Map, Water

@@ -14,14 +14,15 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from color_cases import Case, make_case, srgb
+from color_cases import Case, make_case
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, RunConfig
 from stereo_seecolor.evaluation.baselines import METHODS, expose
 from stereo_seecolor.evaluation.charts import correct_by_all, score_target
-from stereo_seecolor.evaluation.measures import linear_from_srgb, score_neutral, score_truth, srgb_from_linear
+from stereo_seecolor.evaluation.measures import score_neutral, score_truth
 from stereo_seecolor.evaluation.targets import neutral, read_targets, targets_of
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Water
 
 Result = np.ndarray
@@ -62,8 +63,8 @@ def by_config(**settings: object) -> Method:
 def true_water(case: Case) -> Result:
     """The same correction by the water that the picture was made with."""
     water = case.water
-    light = np.maximum(linear_from_srgb(case.image / 255.0) - water.backscatter(case.range_m), 0)
-    return srgb_from_linear(light / (water.attenuation(case.range_m) * water.white))
+    light = np.maximum(decode_srgb(case.image / 255.0) - water.backscatter(case.range_m), 0)
+    return encode_srgb(light / (water.attenuation(case.range_m) * water.white))
 
 
 def baseline(name: str) -> Method:
@@ -74,7 +75,7 @@ def in_linear_light(name: str) -> Method:
     """A baseline on decoded values, as its authors ran it on raw images."""
 
     def correct(case: Case) -> Result:
-        return srgb_from_linear(METHODS[name](linear_from_srgb(case.image / 255.0), case.range_m.astype(np.float64)))
+        return encode_srgb(METHODS[name](decode_srgb(case.image / 255.0), case.range_m.astype(np.float64)))
 
     return correct
 
@@ -121,12 +122,12 @@ def picture_cases(data: Path) -> Iterator[Case]:
         values = cv2.imread(str(data / name / disparity), cv2.IMREAD_GRAYSCALE).astype(np.float64)
         nearest = np.quantile(values[values > 5], 0.98)
         range_m = np.where(values > 5, nearest / np.maximum(values, 1), np.nan).astype(np.float32)
-        truth = linear_from_srgb(cv2.imread(str(data / name / picture))[..., ::-1] / 255.0)
+        truth = decode_srgb(cv2.imread(str(data / name / picture))[..., ::-1] / 255.0)
         for water_name, depth_m in itertools.product(WATERS, (0.01, 4.0, 9.0)):
             water = lit_water(water_name, depth_m, max(depth_m - 1, 0.0), 1.5).water
             light = truth * water.white * water.attenuation(range_m) + water.backscatter(range_m)
             gain = 0.9 / np.nanquantile(light.max(axis=-1), 0.99)
-            noisy = srgb(np.nan_to_num(light * gain)) + rng.standard_normal(light.shape) / 255
+            noisy = encode_srgb(np.clip(np.nan_to_num(light * gain), 0, 1)) + rng.standard_normal(light.shape) / 255
             image = np.round(np.clip(noisy, 0, 1) * 255).astype(np.uint8)
             lit = Water(**{**vars(water), "white": water.white * gain, "gamma_inf": water.gamma_inf * gain})
             yield Case(f"{name} {water_name} {depth_m:.0f} m", image, range_m, truth, lit)
@@ -135,7 +136,7 @@ def picture_cases(data: Path) -> Iterator[Case]:
 def score(case: Case, result: Result) -> tuple[float, float, float]:
     """Mean angle, the same after the best gain a channel, CIEDE2000, where the camera has not clipped."""
     usable = (case.image < 254).all(axis=-1) & np.isfinite(case.range_m)
-    truth = srgb_from_linear(case.truth / np.quantile(case.truth.max(axis=-1), 0.995))
+    truth = encode_srgb(case.truth / np.quantile(case.truth.max(axis=-1), 0.995))
     result = np.where(usable[..., None], result, np.nan)
     scores = score_truth(result, truth, case.range_m)
     return scores.angle_deg, scores.angle_after_gains_deg, scores.ciede2000

@@ -23,9 +23,10 @@ from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
 from stereo_seecolor.evaluation.cloud import REACH_M, surface_points
-from stereo_seecolor.evaluation.measures import angle_deg, linear_from_srgb
+from stereo_seecolor.evaluation.measures import angle_deg
 from stereo_seecolor.evaluation.nearest import nearest_distance_m
 from stereo_seecolor.evaluation.trajectory import align, trajectory_error
+from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.georeference import _ply_vertices
 from stereo_seecolor.mapping.raster.reef_metrics import measure
@@ -180,21 +181,21 @@ def color_rows(survey: Survey, cloud: NDArray, colors: NDArray) -> Rows:
     """
     low = cloud[:, :2].min(axis=0) - 1
     shape = tuple(((cloud[:, :2].max(axis=0) + 1 - low) / GRID_M).astype(int)[::-1])
-    mapped = gather(shape, low, cloud, linear_from_srgb(colors / 255))
+    mapped = gather(shape, low, cloud, decode_srgb(colors / 255))
     truth, single, fused, real = np.zeros((*shape, 4)), [], [], []
-    tree, linear = cKDTree(cloud), linear_from_srgb(colors / 255)
+    tree, linear = cKDTree(cloud), decode_srgb(colors / 255)
     for i in range(0, len(survey), 3):
         z, image, ranges = survey.load(i), survey.load(i, "c")["image"], survey.load(i, "m")["range_m"]
         good = ~z["moving"] & np.isfinite(z["truth"]) & np.isfinite(ranges) & (image.max(axis=2) < 254) & (image.min(axis=2) > 0)
         T = survey.trajectory.T_world_camera[i]
         points = survey.pair.points_from_range(z["truth"])[good] @ T[:3, :3].T + T[:3, 3]
-        true = linear_from_srgb(z["color"][good] / 255)
+        true = decode_srgb(z["color"][good] / 255)
         truth += gather(shape, low, points, true)
         distance_m, nearest = tree.query(points[::SAMPLE], distance_upper_bound=0.03)
         on = np.isfinite(distance_m)
         on[on] &= linear[nearest[on]].any(axis=1)  # black has no angle
         fused.append(linear[nearest[on]])
-        single.append(linear_from_srgb(image[good] / 255)[::SAMPLE][on])
+        single.append(decode_srgb(image[good] / 255)[::SAMPLE][on])
         real.append(true[::SAMPLE][on])
     both = (truth[..., 3] > 8) & (mapped[..., 3] > 1)
     steps = []

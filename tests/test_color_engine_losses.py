@@ -6,19 +6,20 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.color.fit import losses as per_pixel
-from stereo_seecolor.color.fit.dense import load, train
-from stereo_seecolor.color.fit.model import (
+from stereo_seecolor.color.fitting import losses as per_pixel
+from stereo_seecolor.color.fitting.dense import load, train
+from stereo_seecolor.color.fitting.model import (
     AttenuationNet,
     BackscatterNet,
     ComplementaryGatedExponentialDecay,
     GatedExponentialDecay,
 )
-from stereo_seecolor.color.fit.parameters import ATTENUATION, BACKSCATTER, water_of
-from stereo_seecolor.color.fit.table_losses import Channel, attenuation_loss, backscatter_loss, sums_below
-from stereo_seecolor.color.fit.table_solver import channels, direct_signal
+from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, water_of
+from stereo_seecolor.color.fitting.table_losses import Channel, attenuation_loss, backscatter_loss, sums_below
+from stereo_seecolor.color.fitting.table_solver import channels, direct_signal
+from stereo_seecolor.color.table.bins import range_edges_m
 from stereo_seecolor.color.table.encoding import decoded_bins
-from stereo_seecolor.color.table.moment_table import level_edges_m, measure
+from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.config import ColorConfig
 
 
@@ -30,7 +31,7 @@ def random_water(rng):
 def random_frame(rng, depth):
     """Pixels of which a level has one range only, and whose 16-bit values are the bins' own."""
     shape = tuple(rng.integers(2, 30, 2))
-    levels = level_edges_m()[rng.integers(60, 180, 12)].astype(np.float32)
+    levels = range_edges_m()[rng.integers(60, 180, 12)].astype(np.float32)
     if depth == 8:
         return rng.integers(0, 256, (*shape, 3)).astype(np.uint8), rng.choice(levels, shape)
     return (rng.integers(0, 4096, (*shape, 3)) * 16 + 7).astype(np.uint16), rng.choice(levels, shape)

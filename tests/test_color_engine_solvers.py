@@ -5,9 +5,9 @@ import pytest
 import torch
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.fit import table_solver
-from stereo_seecolor.color.fit.parameters import ATTENUATION, BACKSCATTER, raw_rates
-from stereo_seecolor.color.fit.table_losses import attenuation_loss
+from stereo_seecolor.color.fitting import table_solver
+from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, raw_rates
+from stereo_seecolor.color.fitting.table_losses import attenuation_loss
 from stereo_seecolor.color.render import kernels
 from stereo_seecolor.color.table import counting
 from stereo_seecolor.config import ColorConfig

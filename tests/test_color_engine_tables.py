@@ -7,7 +7,9 @@ from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import ENOUGH, Corrector
 from stereo_seecolor.color.table import counting
-from stereo_seecolor.color.table.moment_table import LEVELS, MomentTable, level_edges_m, measure
+from stereo_seecolor.color.table.bins import RANGE_BINS, range_edges_m
+from stereo_seecolor.color.table.measure import measure
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.errors import ColorError
 
 
@@ -26,13 +28,13 @@ def test_counts_are_the_plain_histogram(seed, depth):
     table = measure(image, range_m)
     known = np.isfinite(range_m) & (range_m > 0)
     z = range_m[known].clip(0.125, np.nextafter(np.float32(32), np.float32(0)))
-    level = np.searchsorted(level_edges_m(), z, side="right") - 1
+    level = np.searchsorted(range_edges_m(), z, side="right") - 1
     shift = 0 if depth == 8 else 4
     for channel in range(3):
         plain = np.zeros_like(table.counts[0])
         np.add.at(plain, (level, image[known][:, channel] >> shift), 1)
         assert np.array_equal(table.counts[channel], plain)
-    sums = np.bincount(level, z.astype(np.float64), LEVELS)
+    sums = np.bincount(level, z.astype(np.float64), RANGE_BINS)
     occupied = table.pixels > 0
     assert np.allclose(table.range_m[occupied], (sums / np.maximum(table.pixels, 1))[occupied], rtol=1e-12)
 

@@ -5,10 +5,12 @@ import pytest
 import torch
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render import kernels, tensors
+from stereo_seecolor.color.render import kernels, torch_apply
 from stereo_seecolor.color.render.gains import gains
 from stereo_seecolor.color.render.tone import looks
-from stereo_seecolor.color.table.moment_table import VALUES, measure, range_bits
+from stereo_seecolor.color.table import torch_counting
+from stereo_seecolor.color.table.bins import VALUE_BINS, range_bits
+from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import DeviceError
 
@@ -27,7 +29,7 @@ def frame(depth):
 def test_tables_are_equal(depth):
     image, range_m = frame(depth)
     table = measure(image, range_m)
-    counts, offset_sum = tensors.count(image, range_m, VALUES[depth], DEVICE)
+    counts, offset_sum = torch_counting.count(image, range_m, VALUE_BINS[depth], DEVICE)
     assert np.array_equal(counts, table.counts)
     assert np.array_equal(offset_sum, table.offset_sum)
 
@@ -42,12 +44,12 @@ def test_corrections_are_equal(depth, encoding, highlights):
     by_level = gains(corrector.fit(table), corrector.config, 1.3)
     bits, flat = range_bits(range_m), image.reshape(-1)
     look = looks(depth, encoding, highlights)
-    on_cores, in_torch = kernels.apply(flat, bits, by_level, look), tensors.apply(flat, bits, by_level, look, DEVICE)
+    on_cores, in_torch = kernels.apply(flat, bits, by_level, look), torch_apply.apply(flat, bits, by_level, look, DEVICE)
     most = 1 if DEVICE.type == "cuda" else 0  # CUDA may fuse a product and a sum
     assert np.abs(on_cores[0].astype(int) - in_torch[0].astype(int)).max() <= most
     for a, b in zip(on_cores[1:], in_torch[1:], strict=True):
         assert np.array_equal(a, b)
-    lights = kernels.linear(flat, bits, by_level, look.decoded), tensors.linear(flat, bits, by_level, look.decoded, DEVICE)
+    lights = kernels.linear(flat, bits, by_level, look.decoded), torch_apply.linear(flat, bits, by_level, look.decoded, DEVICE)
     assert np.allclose(*lights, rtol=1e-6, atol=1e-6)
 
 

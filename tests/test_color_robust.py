@@ -8,12 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.fit import robust
-from stereo_seecolor.color.fit.jerlov import RATE_OF_CHANGE, water_prior
-from stereo_seecolor.color.table.moment_table import MomentTable, measure
+from stereo_seecolor.color.fitting import robust
+from stereo_seecolor.color.fitting.jerlov import RATE_OF_CHANGE, water_prior
+from stereo_seecolor.color.table.measure import measure
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.order_statistics import SHARES, summarize
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.evaluation.measures import linear_from_srgb, score_truth, srgb_from_linear
+from stereo_seecolor.evaluation.measures import score_truth
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Water
 
 SHAPE = (160, 240)
@@ -46,13 +48,13 @@ def seen_through(
     water: Water, truth: np.ndarray, range_m: np.ndarray, rng: np.random.Generator, exposure: float = 1.0
 ) -> np.ndarray:
     light = exposure * (truth * water.white * water.attenuation(range_m) + water.backscatter(range_m))
-    noisy = srgb_from_linear(light) + 0.004 * rng.standard_normal(light.shape)
+    noisy = encode_srgb(light) + 0.004 * rng.standard_normal(light.shape)
     return np.round(np.clip(noisy, 0, 1) * 255).astype(np.uint8)
 
 
 def errors_deg(image: np.ndarray, truth: np.ndarray, range_m: np.ndarray, water: Water) -> tuple[float, float]:
-    light = np.maximum(linear_from_srgb(image / 255) - water.backscatter(range_m), 0) / (water.attenuation(range_m) * water.white)
-    score = score_truth(srgb_from_linear(light), srgb_from_linear(truth))
+    light = np.maximum(decode_srgb(image / 255) - water.backscatter(range_m), 0) / (water.attenuation(range_m) * water.white)
+    score = score_truth(encode_srgb(light), encode_srgb(truth))
     return score.angle_deg, score.angle_after_gains_deg
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.charts import OURS, correct_by_all, evaluate_charts, score_target
-from stereo_seecolor.evaluation.measures import linear_from_srgb, srgb_from_linear
 from stereo_seecolor.evaluation.targets import CHART_SRGB, chart, find_chart, neutral, read_targets, targets_of
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 CELL, GAP = 44, 8
 SIZE = (480, 640)
@@ -49,7 +49,7 @@ def test_true_colors_score_zero(chart_image: tuple[np.ndarray, np.ndarray]) -> N
     assert row.ciede2000 < 0.5
     assert row.clipped_share == 0
     assert row.range_m == 2.0
-    darker = srgb_from_linear(0.5 * linear_from_srgb(image))
+    darker = encode_srgb(0.5 * decode_srgb(image))
     assert score_target("f", chart("c", corners, SIZE), "darker", darker, flat_range()).ciede2000 < 0.6
 
 
@@ -96,9 +96,9 @@ def folders(tmp_path: Path, chart_image: tuple[np.ndarray, np.ndarray]) -> tuple
     rng = np.random.default_rng(2)
     z = np.linspace(1.5, 3.5, SIZE[0])[:, None] * np.ones(SIZE)
     for name, image in (("a", chart_image[0]), ("b", 0.4 + 0.05 * rng.standard_normal((*SIZE, 3)))):
-        light = linear_from_srgb(np.clip(image, 0, 1)) * [0.5, 0.9, 1.0] * np.exp(-z[..., None] * [0.35, 0.1, 0.08])
+        light = decode_srgb(np.clip(image, 0, 1)) * [0.5, 0.9, 1.0] * np.exp(-z[..., None] * [0.35, 0.1, 0.08])
         light += np.array([0.02, 0.08, 0.1]) * -np.expm1(-z[..., None] * [0.35, 0.1, 0.08])
-        for folder, content in (("image", eight_bit(srgb_from_linear(light))[..., ::-1]), ("range", z.astype(np.float32))):
+        for folder, content in (("image", eight_bit(encode_srgb(light))[..., ::-1]), ("range", z.astype(np.float32))):
             (tmp_path / folder).mkdir(exist_ok=True)
             assert cv2.imwrite(str(tmp_path / folder / f"{name}.tiff"), content)
     return tmp_path / "image", tmp_path / "range"

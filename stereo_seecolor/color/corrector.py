@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fit.parameters import clear_water
-from stereo_seecolor.color.fit.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
+from stereo_seecolor.color.fitting.parameters import clear_water
+from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
-from stereo_seecolor.color.render.tone import Tone, choose
-from stereo_seecolor.color.table import moment_table as tables
+from stereo_seecolor.color.render.exposure import choose
+from stereo_seecolor.color.render.tone import Tone
 from stereo_seecolor.color.table.evidence import doubts
+from stereo_seecolor.color.table.measure import check_pair, measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
@@ -36,9 +37,9 @@ class Corrector:
         Raises ColorError where the two do not belong together.
         """
         every = max(range_m.size // ENOUGH, 1)
-        table = tables.measure(image, range_m, self.config.device, every)
+        table = measure(image, range_m, self.config.device, every)
         if every > 1 and table.pixels.sum() < FEW:
-            return tables.measure(image, range_m, self.config.device)
+            return measure(image, range_m, self.config.device)
         return table
 
     def fit(self, table: MomentTable, start: Water | None = None) -> Water:
@@ -48,7 +49,7 @@ class Corrector:
         """
         if not table.pixels.any():
             return self._without_pixels(start)
-        from stereo_seecolor.color.fit import robust, table_solver
+        from stereo_seecolor.color.fitting import robust, table_solver
 
         doubt = doubts(table)
         if self.config.objective == "robust" and self.config.solver == "table":
@@ -69,9 +70,9 @@ class Corrector:
 
     def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""
-        from stereo_seecolor.color.fit import dense
+        from stereo_seecolor.color.fitting import dense
 
-        tables.check_pair(image, range_m)
+        check_pair(image, range_m)
         known = (np.isfinite(range_m) & (range_m > 0)).reshape(-1)
         if not known.any():
             return self._without_pixels(start)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from calibration import Rectification
 from calibration.formats import load_rig
-from stereo_seecolor.color.fit.multiview import fit_sightings, with_white_of
+from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
 from stereo_seecolor.color.photometry.sightings import KeyFrame, find_sightings
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.config import RunConfig

@@ -12,9 +12,10 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.baselines import METHODS
-from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gain, lab_from_linear, linear_from_srgb, score_neutral
+from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gain, lab_from_linear, score_neutral
 from stereo_seecolor.evaluation.targets import GRAYS, Target, read_targets, targets_of
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import pair_by_stem
 from stereo_seecolor.records import Image, Map
@@ -111,7 +112,7 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
     """A method's row for a target."""
     colors = [result[patch] for patch in target.patches]
     grays = colors if target.srgb is None else colors[GRAYS]
-    psi = np.mean([(score_neutral(pixels).psi_deg, score_neutral(linear_from_srgb(pixels)).psi_deg) for pixels in grays], axis=0)
+    psi = np.mean([(score_neutral(pixels).psi_deg, score_neutral(decode_srgb(pixels)).psi_deg) for pixels in grays], axis=0)
     whole = np.concatenate(colors)
     known = np.isfinite(whole).all(axis=-1)
     seen = range_m[target.mask]
@@ -129,10 +130,10 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
 
 
 def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64] | None) -> float:
-    means = np.stack([linear_from_srgb(pixels[np.isfinite(pixels).all(axis=-1)]).mean(axis=0) for pixels in colors])
+    means = np.stack([decode_srgb(pixels[np.isfinite(pixels).all(axis=-1)]).mean(axis=0) for pixels in colors])
     if not np.isfinite(means).all():
         return float("nan")
-    truth = np.repeat(means @ [[0.2126], [0.7152], [0.0722]], 3, axis=1) if srgb is None else linear_from_srgb(srgb)
+    truth = np.repeat(means @ [[0.2126], [0.7152], [0.0722]], 3, axis=1) if srgb is None else decode_srgb(srgb)
     exposed = means * exposure_gain(means, truth) if srgb is not None else means
     return float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(truth))))
 

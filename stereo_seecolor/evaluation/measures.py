@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.files.srgb import decode_srgb
+
 Pixels = NDArray[np.floating]
 """(..., 3) RGB as a share of full scale, NaN = unknown."""
 
@@ -81,7 +83,7 @@ def score_truth(
     if not lit.any():
         return TruthScore(nan, nan, nan, nan, nan, 0)
     known, true = np.asarray(image[lit], dtype=np.float64), np.asarray(truth[lit], dtype=np.float64)
-    decode = (lambda pixels: pixels) if linear else linear_from_srgb
+    decode = (lambda pixels: pixels) if linear else decode_srgb
     exposed = decode(known) * exposure_gain(decode(known), decode(true))
     consistency = range_consistency(known, true, range_m[lit]) if range_m is not None else nan
     return TruthScore(
@@ -136,18 +138,6 @@ def cross_frame_spread(samples: Pixels) -> float:
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.nanstd(whole, axis=1) / mean
     return float(np.nanmedian(np.sqrt((relative**2).mean(axis=-1))))
-
-
-def linear_from_srgb(encoded: Pixels) -> NDArray[np.float64]:
-    """sRGB -> linear light (IEC 61966-2-1); negative values stay linear."""
-    values = np.asarray(encoded, dtype=np.float64)
-    return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0) + 0.055) / 1.055) ** 2.4)
-
-
-def srgb_from_linear(linear: Pixels) -> NDArray[np.float64]:
-    """Linear light -> sRGB (IEC 61966-2-1); values above 1 go on along the curve, so that nothing is clipped here."""
-    values = np.asarray(linear, dtype=np.float64)
-    return np.where(values <= 0.0031308, values * 12.92, 1.055 * np.maximum(values, 0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def lab_from_linear(linear: Pixels) -> NDArray[np.float64]:

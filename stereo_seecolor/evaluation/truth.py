@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.evaluation.measures import TruthScore, score_truth, srgb_from_linear
+from stereo_seecolor.evaluation.measures import TruthScore, score_truth
+from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.records import Map, Mask
 
@@ -128,13 +129,13 @@ def _displayed(path: Path, linear: bool) -> NDArray[np.float64]:
         bgr = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if bgr is None:
             raise InputError(f"{path}: is damaged: run again")
-        return srgb_from_linear(np.clip(bgr[..., ::-1], 0, 1))
+        return encode_srgb(np.clip(bgr[..., ::-1], 0, 1))
     return _as_displayed(read_image(path), linear)
 
 
 def _as_displayed(image: NDArray[np.unsignedinteger], linear: bool) -> NDArray[np.float64]:
     share = image / np.iinfo(image.dtype).max
-    return srgb_from_linear(share) if linear else np.asarray(share)
+    return encode_srgb(share) if linear else np.asarray(share)
 
 
 def _is_linear(truth: Path) -> bool:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.records import Image
 
 
@@ -21,9 +22,3 @@ def expose(
     if bits == 16:
         return np.round(seen * 65535.0).astype(np.uint16)
     return np.round(encode_srgb(seen) * 255.0).astype(np.uint8)
-
-
-def encode_srgb(linear: NDArray[np.float32]) -> NDArray[np.float32]:
-    """sRGB's transfer curve (IEC 61966-2-1), linear [0, 1] to encoded [0, 1]."""
-    curved = 1.055 * np.maximum(linear, 0.0031308) ** (1 / 2.4) - 0.055
-    return np.where(linear <= 0.0031308, 12.92 * linear, curved).astype(np.float32)

@@ -14,20 +14,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.jerlov import KD_JERLOV, KD_REVISED, TABLE_NM, Spectrum, scattering_per_m
 from stereo_seecolor.records import PerChannel, Water
 
 WaterName = Literal["blue-ocean", "coastal-green", "turbid"]
-Spectrum = NDArray[np.float64]
 
-_TABLE_NM = np.arange(400, 701, 25)
 _KD: dict[WaterName, Spectrum] = {
-    "blue-ocean": np.array(  # Jerlov IB
-        [0.0438, 0.0395, 0.0355, 0.0330, 0.0396, 0.0596, 0.0715, 0.0995, 0.2471, 0.3245, 0.3652, 0.4457, 0.6550]
-    ),
-    "coastal-green": np.array(  # Jerlov 1C
-        [0.2516, 0.2374, 0.2048, 0.1700, 0.1486, 0.1461, 0.1415, 0.1596, 0.3057, 0.3922, 0.4525, 0.5257, 0.6896]
-    ),
-    "turbid": np.array([1.10, 0.78, 0.56, 0.43, 0.36, 0.31, 0.30, 0.33, 0.40, 0.48, 0.54, 0.65, 0.80]),  # Jerlov 5C
+    "blue-ocean": KD_REVISED["IB"],
+    "coastal-green": KD_REVISED["1C"],
+    "turbid": KD_JERLOV["5C"],
 }
 WATER_NAMES: tuple[WaterName, ...] = tuple(_KD)
 
@@ -66,9 +61,8 @@ def lit_water(
     the sun's light added, and the veil before it does not take it beyond full scale. encoding: of the images; the water itself acts
     in linear light.
     """
-    kd = np.interp(_WAVELENGTH_NM, _TABLE_NM, _KD[name])
-    kd_535 = float(np.interp(535.0, _TABLE_NM, _KD[name]))
-    scattering = (kd_535 - 0.04) / 0.2 - kd_535
+    kd = np.interp(_WAVELENGTH_NM, TABLE_NM, _KD[name])
+    scattering = scattering_per_m(_KD[name])
     beam = kd + _LOST_SHARE_OF_SCATTERING * scattering
     sunlight = np.exp(-kd * depth_m)
 

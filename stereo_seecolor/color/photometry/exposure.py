@@ -5,8 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.table.bins import RANGE_BINS
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins
-from stereo_seecolor.color.table.moment_table import LEVELS, MomentTable
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.records import Water
 
 _PACKED = np.dtype([("level", "u1"), ("light", "<f4"), ("pixels", "<i4")])
@@ -38,7 +39,7 @@ class Brightness:
     def unpacked(cls, content: bytes) -> "Brightness":
         """What ``packed`` gave, to single precision; no longer to be added."""
         packed = np.frombuffer(content, _PACKED)
-        light, pixels = np.zeros(LEVELS, np.float32), np.zeros(LEVELS, np.int32)
+        light, pixels = np.zeros(RANGE_BINS, np.float32), np.zeros(RANGE_BINS, np.int32)
         light[packed["level"]], pixels[packed["level"]] = packed["light"], packed["pixels"]
         return cls(light, pixels)
 

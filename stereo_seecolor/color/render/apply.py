@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import Gains, gains
 from stereo_seecolor.color.render.tone import Looks, Tone, looks
+from stereo_seecolor.color.table.bins import range_bits
 from stereo_seecolor.color.table.encoding import decoded_values
-from stereo_seecolor.color.table.moment_table import check_pair, range_bits
+from stereo_seecolor.color.table.measure import check_pair
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Correction, Image, Map, Water
 
@@ -44,9 +45,9 @@ def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, co
     decoded = decoded_values(8 * image.dtype.itemsize, config.input_encoding)
     if config.device == "cuda":
         from stereo_seecolor.color.device import find_device
-        from stereo_seecolor.color.render import tensors
+        from stereo_seecolor.color.render import torch_apply
 
-        light = tensors.linear(flat, bits, by_level, decoded, find_device("cuda"))
+        light = torch_apply.linear(flat, bits, by_level, decoded, find_device("cuda"))
     else:
         from stereo_seecolor.color.render import kernels
 
@@ -60,9 +61,9 @@ def _apply(
     """Where the config wants it done: see ``kernels.apply``."""
     if config.device == "cuda":
         from stereo_seecolor.color.device import find_device
-        from stereo_seecolor.color.render import tensors
+        from stereo_seecolor.color.render import torch_apply
 
-        return tensors.apply(flat, bits, by_level, look, find_device("cuda"))
+        return torch_apply.apply(flat, bits, by_level, look, find_device("cuda"))
     from stereo_seecolor.color.render import kernels
 
     return kernels.apply(flat, bits, by_level, look)

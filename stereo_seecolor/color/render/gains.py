@@ -6,8 +6,8 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.table.bins import RANGE_BINS, range_edges_m
 from stereo_seecolor.color.table.encoding import decoding_slope
-from stereo_seecolor.color.table.moment_table import LEVELS, level_edges_m
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
@@ -15,7 +15,7 @@ MID_GRAY = 0.18
 """Linear light of a surface in the middle of the grays."""
 
 FINE = 4
-FINE_LEVELS = FINE * LEVELS
+FINE_LEVELS = FINE * RANGE_BINS
 """Levels of gain: 128 an octave, steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
 
 
@@ -36,7 +36,7 @@ class Gains:
 @cache
 def fine_ranges_m() -> NDArray[np.float64]:
     """(1024,) the middle of each fine level, meters: 128 an octave from 1/8 m to 32 m."""
-    edges = level_edges_m()
+    edges = range_edges_m()
     steps = (np.arange(FINE) + 0.5) / FINE
     return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import FINE, FINE_LEVELS, Gains
 from stereo_seecolor.color.render.tone import Looks
+from stereo_seecolor.color.table.bins import LOW_BITS
 from stereo_seecolor.color.table.counting import BLOCK, LAST, U, divisions, place_of, span, spread
 from stereo_seecolor.color.table.encoding import NODES
-from stereo_seecolor.color.table.moment_table import LOW_BITS
 
 ROW = 3 * 256
 """Entries of a level in a ``color_table``."""
@@ -330,29 +330,3 @@ def _tabulate(gain, offset, decoded, curve, low, high, table):  # type: ignore[n
                 nearest[value] = np.int32(min(max(scale * decoded[value] - shift, np.float32(0)), last))
             for value in range(256):
                 row[value] = curve[np.uint32(nearest[value])]
-
-
-@njit(cache=True, nogil=True)
-def exceeded(counts, levels, light, gain, offset, allowed):  # type: ignore[no-untyped-def]  # pragma: no cover
-    """For each of ``allowed``, most first: the value that at most so many of the channels' values gain * light - offset exceed, to
-    1/128 of an octave. counts: (3, 256, V), of which the ``levels`` are looked at; gain, offset: (3, levels)."""
-    seen = np.zeros(0x7F80, np.int64)
-    shown = np.empty(counts.shape[2], np.float32)
-    whole = shown.view(np.int32)
-    for c in range(3):
-        for i in range(levels.size):
-            for value in range(shown.size):
-                shown[value] = max(gain[c, i] * light[value] - offset[c, i], 0.0)
-            for value in range(shown.size):
-                seen[whole[value] >> 16] += counts[c, levels[i], value]
-    found = np.zeros(allowed.size, np.float32)
-    above = 0
-    place = seen.size - 1
-    for k in range(allowed.size):
-        while place > 0 and above + seen[place] <= allowed[k]:
-            above += seen[place]
-            place -= 1
-        if place > 0:
-            whole[0] = (place + 1) << 16
-            found[k] = shown[0]
-    return found

@@ -12,30 +12,20 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.render.gains import FINE, MID_GRAY, fine_ranges_m, unexposed
+from stereo_seecolor.color.render.gains import MID_GRAY
 from stereo_seecolor.color.table.encoding import (
     CODES,
-    SRGB_POWER,
-    SRGB_SLOPE,
-    SRGB_ZERO,
     InputEncoding,
     code_curve,
     decode,
-    decoded_bins,
     decoded_values,
     encoding_curve,
     known_values,
 )
-from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.records import Water
+from stereo_seecolor.files import srgb
 
 BRIGHTEST_SHOWN = 0.97
 """Of full scale, as displayed: where the brightest pixel that may not clip comes to lie; a white card's noise needs the rest."""
-MEDIAN_SHOWN = 0.12
-"""The median of a natural scene against its brightest thousandth, as in the default fit's: darker ones are shown brighter."""
-MOST_LIFT = 4.0
-"""Two stops: a cave is dark, and should look it; and noise is lifted too."""
 
 
 class Tone(NamedTuple):
@@ -74,25 +64,6 @@ def looks(bit_depth: int, encoding: InputEncoding, highlights: float) -> Looks:
     values, codes = 2**bit_depth - 1, CODES if bit_depth == 8 else 1
     brightest = float(decode(np.array(BRIGHTEST_SHOWN), "srgb"))
     light = np.array([MID_GRAY, brightest, highlights * brightest])
-    knee, top, most = values * codes * SRGB_SLOPE * light ** (1 / SRGB_POWER)
-    shoulder = [knee, top - knee, ((top - knee) / (most - knee)) ** 2, 1 / codes, values * SRGB_ZERO - 0.5]
+    knee, top, most = values * codes * srgb.SCALE * light ** (1 / srgb.POWER)
+    shoulder = [knee, top - knee, ((top - knee) / (most - knee)) ** 2, 1 / codes, values * srgb.OFFSET - 0.5]
     return Looks(decoded, known, code_curve(bit_depth), np.array(shoulder, np.float32))
-
-
-def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
-    """The tone at which at most ``config.clipped_share`` of the pixels have a channel at full scale; 1 for a black image."""
-    from stereo_seecolor.color.render import kernels
-
-    occupied = np.flatnonzero(table.pixels)
-    gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
-    light = decoded_bins(table.bit_depth, config.input_encoding)
-    pixels = int(table.pixels.sum())
-    few_and_half = np.array([int(config.clipped_share * pixels), 3 * pixels // 2])
-    brightest, median = (float(value) for value in kernels.exceeded(table.counts, occupied, light, gain, offset, few_and_half))
-    if brightest <= 0:
-        return Tone(1.0)
-    shown = float(decode(np.array(BRIGHTEST_SHOWN), "as-is" if config.input_encoding == "as-is" else "srgb"))
-    if config.highlights == "clip" or config.input_encoding == "as-is":
-        return Tone(shown / brightest)
-    lift = min(max(MEDIAN_SHOWN * brightest / max(median, 1e-9), 1.0), MOST_LIFT)
-    return Tone(lift * shown / brightest, lift)

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.moment_table import LEVELS, LOW_BITS, NEAREST_M, range_bits
+from stereo_seecolor.color.table.bins import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
 from stereo_seecolor.compute.threads import core_pool, cores
 
 U = np.uint64
@@ -22,7 +22,7 @@ GAP = 8
 ZERO, PIXEL = np.int32(0), np.int64(1 << 40)
 MOST = 1 << 21
 """Pixels of one part: their places in a level then add up to less than 40 bits."""
-LAST = (LEVELS << LOW_BITS) - 1
+LAST = (RANGE_BINS << LOW_BITS) - 1
 """The last place of the last level."""
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
 _INFINITY = int(np.float32(np.inf).view(np.int32))
@@ -37,7 +37,7 @@ def count(
     (height, width), shift = range_m.shape, 0 if image.dtype == np.uint8 else 4
     parts = divisions(bits.size // every)
     edges = [height * i // parts // every * every for i in range(parts)] + [height]
-    cells = np.empty((parts, LEVELS + 1, 3, values + GAP), np.int64)
+    cells = np.empty((parts, RANGE_BINS + 1, 3, values + GAP), np.int64)
     met = np.zeros((parts, 2), np.int64)
 
     def part(i: int) -> None:
@@ -45,7 +45,7 @@ def count(
         met[i] = _count(flat[3 * a : 3 * b], bits[a:b], max(width, 1), every, shift, cells[i].reshape(-1))
 
     spread(part, parts)
-    counts, place_sum = np.zeros((3, LEVELS, values), np.int64), np.zeros(LEVELS, np.int64)
+    counts, place_sum = np.zeros((3, RANGE_BINS, values), np.int64), np.zeros(RANGE_BINS, np.int64)
     _add_up(cells, met, counts, place_sum)
     return counts, place_sum
 
@@ -99,10 +99,10 @@ def _count(image, bits, width, every, shift, cells):  # type: ignore[no-untyped-
     """
     # a flat array and unsigned indices: numba then leaves out its tests for negative ones
     block = np.empty(BLOCK, np.uint32)
-    row_size = cells.size // (LEVELS + 1)
+    row_size = cells.size // (RANGE_BINS + 1)
     pitch, shift = U(row_size // 3), U(shift)
     low, high = 0, 0
-    cells[LEVELS * row_size :] = 0
+    cells[RANGE_BINS * row_size :] = 0
     for start in range(every // 2 * width, bits.size, every * width):
         for first in range(start, start + width, BLOCK):
             part = bits[first : min(first + BLOCK, start + width)]

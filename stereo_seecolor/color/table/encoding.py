@@ -6,7 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.moment_table import bin_values
+from stereo_seecolor.color.table.bins import bin_values
+from stereo_seecolor.files import srgb
 
 InputEncoding = Literal["srgb", "linear", "as-is"]
 NODES = 16384
@@ -15,31 +16,23 @@ REACH = 4
 """Light up to this many times full scale is told apart before it rolls off."""
 CODES = 128
 """Codes of such light for 8 bits: steps a value."""
-SRGB_POWER, SRGB_SLOPE, SRGB_ZERO = 2.4, 1.055, 0.055
-"""Encoded = SRGB_SLOPE light^(1 / SRGB_POWER) - SRGB_ZERO, but for the darkest."""
 FULL_FROM, FULL_AT = 0.95, 0.99
 """Shares of full scale, encoded: from the second on, a value says only that there was at least so much light; between, in part."""
 
 
 def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Encoded shares of full scale -> linear light in [0, 1]; srgb by IEC 61966-2-1, the others unchanged."""
-    if encoding != "srgb":
-        return values
-    return np.asarray(np.where(values <= 0.04045, values / 12.92, ((values + 0.055) / 1.055) ** 2.4))
+    """Encoded fractions of full scale -> linear light in [0, 1]; all but srgb unchanged."""
+    return srgb.decode_srgb(values) if encoding == "srgb" else values
 
 
 def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
     """Linear light in [0, 1] -> what an image file holds: srgb, also for linear input (files are looked at); as-is unchanged."""
-    if encoding == "as-is":
-        return light
-    return np.asarray(np.where(light <= 0.0031308, light * 12.92, 1.055 * np.maximum(light, 1e-9) ** (1 / 2.4) - 0.055))
+    return light if encoding == "as-is" else srgb.encode_srgb(light)
 
 
 def decoding_slope(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
     """d light / d value of what ``decode`` does, where it gives this light."""
-    if encoding != "srgb":
-        return np.ones_like(light)
-    return np.where(light <= 0.0031308, 1 / 12.92, SRGB_POWER / SRGB_SLOPE * np.maximum(light, 1e-9) ** (1 - 1 / SRGB_POWER))
+    return srgb.decoding_slope(light) if encoding == "srgb" else np.ones_like(light)
 
 
 @lru_cache
@@ -78,5 +71,5 @@ def code_curve(bit_depth: int) -> NDArray[np.uint16] | NDArray[np.float32]:
     """The codes of linear light 0, 1/NODES .. REACH: sRGB counted from where its power law begins, so that a factor on codes is one
     on light (but for the darkest). 8 bit: (REACH * NODES + 1,) uint16, CODES a value. 16 bit: one more, float32, 1 a value."""
     light = np.linspace(0, REACH, REACH * NODES + 1)
-    codes = (encode(light, "srgb") + SRGB_ZERO) * (255 * CODES if bit_depth == 8 else 65535)
+    codes = (encode(light, "srgb") + srgb.OFFSET) * (255 * CODES if bit_depth == 8 else 65535)
     return np.round(codes).astype(np.uint16) if bit_depth == 8 else np.append(codes, codes[-1]).astype(np.float32)

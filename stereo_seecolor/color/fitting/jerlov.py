@@ -10,23 +10,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.jerlov import KD_JERLOV, TABLE_NM, scattering_per_m
+
 Vector = NDArray[np.float64]
 
-_TABLE_NM = np.arange(400, 701, 25)
-# Diffuse attenuation Kd, 1/m: Jerlov, Marine Optics (1976), table XXVII, from the clearest ocean to turbid coast.
-_KD = np.array(
-    [
-        [0.027, 0.022, 0.019, 0.018, 0.027, 0.043, 0.063, 0.089, 0.235, 0.305, 0.36, 0.42, 0.56],  # I
-        [0.038, 0.031, 0.026, 0.025, 0.032, 0.048, 0.067, 0.094, 0.24, 0.31, 0.37, 0.43, 0.57],  # IA
-        [0.051, 0.042, 0.036, 0.033, 0.042, 0.054, 0.072, 0.099, 0.245, 0.315, 0.375, 0.435, 0.58],  # IB
-        [0.096, 0.081, 0.068, 0.062, 0.07, 0.076, 0.089, 0.115, 0.26, 0.335, 0.4, 0.465, 0.61],  # II
-        [0.185, 0.16, 0.135, 0.116, 0.115, 0.116, 0.12, 0.148, 0.295, 0.375, 0.445, 0.52, 0.66],  # III
-        [0.51, 0.36, 0.25, 0.17, 0.14, 0.13, 0.12, 0.15, 0.3, 0.37, 0.45, 0.51, 0.65],  # 1C
-        [0.78, 0.54, 0.39, 0.29, 0.22, 0.2, 0.19, 0.21, 0.33, 0.4, 0.46, 0.56, 0.71],  # 3C
-        [1.1, 0.78, 0.56, 0.43, 0.36, 0.31, 0.3, 0.33, 0.4, 0.48, 0.54, 0.65, 0.8],  # 5C
-        [1.6, 1.2, 0.89, 0.71, 0.58, 0.49, 0.46, 0.46, 0.48, 0.54, 0.63, 0.78, 0.92],  # 7C
-    ]
-)
+_KD = np.stack(list(KD_JERLOV.values()))  # from the clearest ocean to turbid coast
 _WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
 _PEAKS_NM, _WIDTHS_NM = np.array([605.0, 535.0, 460.0]), np.array([30.0, 35.0, 30.0])  # Jiang et al., WACV 2013, their 28 cameras
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
@@ -71,9 +59,9 @@ def _left_out() -> NDArray[np.float64]:
 def _water(draw: Vector, depth_m: float | None) -> Vector:
     """Fifteen numbers of one water from ten draws in [0, 1)."""
     at = draw[0] * (len(_KD) - 1)
-    kd = np.interp(_WAVELENGTH_NM, _TABLE_NM, _KD[int(at)] * (1 - at % 1) + _KD[int(at) + 1] * (at % 1))
-    kd_535 = np.interp(535.0, _WAVELENGTH_NM, kd)
-    scattering = max((kd_535 - 0.04) / 0.2 - kd_535, 0.02)  # beam attenuation from Kd: Shannon, Proc. SPIE 64 (1975)
+    table = _KD[int(at)] * (1 - at % 1) + _KD[int(at) + 1] * (at % 1)
+    kd = np.interp(_WAVELENGTH_NM, TABLE_NM, table)
+    scattering = max(scattering_per_m(table), 0.02)
     beam = kd + 0.4 * draw[1] * scattering  # most of what is scattered goes on nearly straight, and is not lost to an image
     depth_m = draw[2] * min(_DEEPEST_M, 2.0 / kd.min()) if depth_m is None else depth_m
     sunlight = np.exp(-kd * depth_m)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.fit.jerlov import RATE_OF_CHANGE, water_prior
+from stereo_seecolor.color.fitting.jerlov import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.photometry.sightings import KeyFrame, Sightings, find_sightings
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.errors import ColorError

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fit.jerlov import RATE_OF_CHANGE, water_prior
+from stereo_seecolor.color.fitting.jerlov import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.order_statistics import SHARES, OrderStatistics, summarize
 from stereo_seecolor.config import ColorConfig

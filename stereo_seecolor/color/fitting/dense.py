@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from stereo_seecolor.color.device import find_device
-from stereo_seecolor.color.fit.losses import attenuation_loss, backscatter_loss, clamp_direct
-from stereo_seecolor.color.fit.model import AttenuationNet, BackscatterNet, Scale, Spread
-from stereo_seecolor.color.fit.parameters import ATTENUATION, BACKSCATTER, cold_water, raw_rates, raw_shares, water_of
+from stereo_seecolor.color.fitting.losses import attenuation_loss, backscatter_loss, clamp_direct
+from stereo_seecolor.color.fitting.model import AttenuationNet, BackscatterNet, Scale, Spread
+from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, cold_water, raw_rates, raw_shares, water_of
 from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from stereo_seecolor.color.photometry.exposure import Brightness, darkened, exposed
-from stereo_seecolor.color.render.tone import choose
+from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Image, Map, Water

@@ -9,8 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fit.parameters import ATTENUATION, BACKSCATTER, rates, raw_rates, raw_shares, shares, water_of
-from stereo_seecolor.color.fit.table_losses import Channel, Direct, attenuation_loss, backscatter_loss, direct_sums, sums_below
+from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, rates, raw_rates, raw_shares, shares, water_of
+from stereo_seecolor.color.fitting.table_losses import Channel, Direct, attenuation_loss, backscatter_loss, direct_sums, sums_below
 from stereo_seecolor.color.table.encoding import decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig

@@ -1,6 +1,6 @@
-"""What ``counting`` and ``kernels`` do, in torch, for a CUDA device (``color.device: cuda``) or any other: the same numbers.
+"""What ``kernels`` does, in torch, for a CUDA device (``color.device: cuda``) or any other: the same numbers.
 
-Images that are on the device already can stay there: ``count_pixels`` and ``look_up``.
+Images that are on the device already can stay there: ``look_up``.
 """
 
 from typing import Any
@@ -13,35 +13,24 @@ from torch import Tensor
 from stereo_seecolor.color.render import kernels
 from stereo_seecolor.color.render.gains import FINE, FINE_LEVELS, Gains
 from stereo_seecolor.color.render.tone import Looks
+from stereo_seecolor.color.table.bins import LOW_BITS
 from stereo_seecolor.color.table.encoding import NODES
-from stereo_seecolor.color.table.moment_table import LEVELS, LOW_BITS, NEAREST_M, range_bits
+from stereo_seecolor.color.table.torch_counting import levels, on_device, pixels_on
 
-_FIRST = int(np.float32(NEAREST_M).view(np.int32))
-_INFINITY = int(np.float32(np.inf).view(np.int32))
-_LAST = (LEVELS << LOW_BITS) - 1
 _FINE_BITS = LOW_BITS - FINE.bit_length() + 1
-
-
-def count(
-    image: NDArray[Any], range_m: NDArray[np.floating], values: int, device: torch.device
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """``counting.count`` on a device."""
-    pixels, bits = _pixels(np.ascontiguousarray(image), device), torch.from_numpy(range_bits(range_m)).to(device)
-    counts, offset_sum = count_pixels(pixels, bits, values)
-    return counts.cpu().numpy(), offset_sum.cpu().numpy()
 
 
 def apply(
     image: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, look: Looks, device: torch.device
 ) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], float]:
     """``kernels.apply`` on a device."""
-    pixels, level = _pixels(image, device), levels(torch.from_numpy(bits).to(device), _FINE_BITS)
+    pixels, level = pixels_on(image, device), levels(torch.from_numpy(bits).to(device), _FINE_BITS)
     known = torch.from_numpy(look.known).to(device)[pixels.to(torch.int64)]
     capped = torch.from_numpy(np.append(by_level.capped, False)).to(device)[level]
     unknown = level == FINE_LEVELS
-    curve, shoulder = (_tensor(part, device) for part in (look.curve, look.shoulder))
+    curve, shoulder = (on_device(part, device) for part in (look.curve, look.shoulder))
     if image.dtype == np.uint8:
-        out = look_up(pixels, level, _tensor(kernels.color_table(by_level, look), device))
+        out = look_up(pixels, level, on_device(kernels.color_table(by_level, look), device))
         mend = (capped | (known < 1).any(dim=1)) & ~unknown
         light = _mended(pixels[mend], level[mend], known[mend], by_level, look)
         out[mend] = curve[(light * NODES + 0.5).clamp(0, curve.numel() - 1).to(torch.int64)]
@@ -61,45 +50,15 @@ def linear(
 ) -> NDArray[np.float32]:
     """``kernels.linear`` on a device."""
     level = levels(torch.from_numpy(bits).to(device), _FINE_BITS)
-    light = _light(_pixels(image, device), level, by_level, decoded)
+    light = _light(pixels_on(image, device), level, by_level, decoded)
     light[level == FINE_LEVELS] = 0
     return np.asarray(light.cpu().numpy().reshape(-1))
-
-
-def levels(bits: Tensor, shift: int) -> Tensor:
-    """(N,) int32 bits of ranges -> their places among the levels, without ``shift`` low bits; past the last where not known."""
-    known = (bits > 0) & (bits < _INFINITY)
-    place = (bits - _FIRST).clamp(0, _LAST)
-    return torch.where(known, place, _LAST + 1) >> shift
-
-
-def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
-    """Counts (3, 256, values) and offset sums (256,), both int64, of (N, 3) pixels with the (N,) int32 bits of their ranges."""
-    place = levels(bits, 0)
-    level = place >> LOW_BITS
-    channel = torch.arange(3, device=pixels.device, dtype=torch.int32)
-    value = pixels.to(torch.int32) >> (0 if pixels.dtype == torch.uint8 else 4)
-    cell = (channel * (LEVELS + 1) + level[:, None]) * values + value
-    counts = torch.bincount(cell.reshape(-1), minlength=3 * (LEVELS + 1) * values).reshape(3, LEVELS + 1, values)
-    sums = torch.zeros(LEVELS + 1, dtype=torch.int64, device=pixels.device)
-    sums.index_add_(0, level, (place & ((1 << LOW_BITS) - 1)).to(torch.int64))  # integers: the order does not matter
-    return counts[:, :LEVELS], sums[:LEVELS]
 
 
 def look_up(pixels: Tensor, level: Tensor, table: Tensor) -> Tensor:
     """(N, 3) uint8 pixels at their (N,) fine levels through ``kernels.color_table``."""
     channel = torch.arange(3, device=pixels.device, dtype=torch.int32) * 256
     return table[(level[:, None] * 768 + channel) + pixels]
-
-
-def _pixels(image: NDArray[Any], device: torch.device) -> Tensor:
-    """(N, 3) uint8, or int32 of 16 bits."""
-    return _tensor(image.reshape(-1, 3), device)
-
-
-def _tensor(numbers: NDArray[Any], device: torch.device) -> Tensor:
-    """On a device; as int32 where uint16, which few of torch's operations take."""
-    return torch.from_numpy(numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers).to(device)
 
 
 def _light(pixels: Tensor, level: Tensor, by_level: Gains, decoded: NDArray[np.float32]) -> Tensor:

@@ -1,0 +1,48 @@
+"""Choosing how bright a picture is shown, from its moment table."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.render.gains import FINE, fine_ranges_m, unexposed
+from stereo_seecolor.color.render.tone import BRIGHTEST_SHOWN, Tone
+from stereo_seecolor.color.table.encoding import decode, decoded_bins
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.records import Water
+
+MEDIAN_SHOWN = 0.12
+"""The median of a natural scene against its brightest thousandth, as in the default fit's: darker ones are shown brighter."""
+MOST_LIFT = 4.0
+"""Two stops: a cave is dark, and should look it; and noise is lifted too."""
+_MANTISSA_BITS = 16
+"""Of float32, dropped for a histogram over octaves."""
+
+
+def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
+    """The tone at which at most ``config.clipped_share`` of the pixels have a channel at full scale; 1 for a black image."""
+    occupied = np.flatnonzero(table.pixels)
+    gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
+    shown = gain[..., None] * decoded_bins(table.bit_depth, config.input_encoding) - offset[..., None]
+    pixels = int(table.pixels.sum())
+    few_and_half = np.array([int(config.clipped_share * pixels), 3 * pixels // 2])
+    brightest, median = (float(value) for value in exceeded(table.counts[:, occupied], shown, few_and_half))
+    if brightest <= 0:
+        return Tone(1.0)
+    full = float(decode(np.array(BRIGHTEST_SHOWN), "as-is" if config.input_encoding == "as-is" else "srgb"))
+    if config.highlights == "clip" or config.input_encoding == "as-is":
+        return Tone(full / brightest)
+    lift = min(max(MEDIAN_SHOWN * brightest / max(median, 1e-9), 1.0), MOST_LIFT)
+    return Tone(lift * full / brightest, lift)
+
+
+def exceeded(counts: NDArray[np.int64], shown: NDArray[np.float64], allowed: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(K,) the light that at most ``allowed`` (K,) of the counted values exceed, to 1/128 of an octave; 0 where more always do.
+
+    counts, shown: values counted and the light that each is shown as, of one shape.
+    """
+    counted = counts > 0
+    octaves = np.maximum(shown[counted], 0).astype(np.float32).view(np.int32) >> _MANTISSA_BITS  # exponent and 7 leading bits
+    number = np.bincount(octaves, weights=counts[counted], minlength=1)
+    place = number.size - 1 - np.searchsorted(np.cumsum(number[::-1]), allowed, side="right")
+    edge = (np.maximum(place + 1, 0).astype(np.int32) << _MANTISSA_BITS).view(np.float32)
+    return np.where(place > 0, edge, 0.0)

@@ -1,0 +1,40 @@
+"""From an image and its range map to a moment table, on the processor or a device."""
+
+import numpy as np
+
+from stereo_seecolor.color.table.bins import VALUE_BINS
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.errors import ColorError
+from stereo_seecolor.records import Image, Map
+
+
+def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> MomentTable:
+    """The moment table of an image's pixels with a known range (finite, above 0).
+
+    image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 meters. device: cuda counts there, all else on the processor's cores.
+    every: of so many rows that in the middle is counted.
+    Raises ColorError for other shapes or types, DeviceError where CUDA is asked for and absent.
+    """
+    check_pair(image, range_m)
+    depth = 8 if image.dtype == np.uint8 else 16
+    if device == "cuda":
+        from stereo_seecolor.color.device import find_device
+        from stereo_seecolor.color.table import torch_counting
+
+        rows = slice(every // 2, None, every)
+        counts, offset_sum = torch_counting.count(image[rows], range_m[rows], VALUE_BINS[depth], find_device(device))
+    else:
+        from stereo_seecolor.color.table import counting
+
+        counts, offset_sum = counting.count(image, range_m, VALUE_BINS[depth], every)
+    return MomentTable(counts, offset_sum, depth)
+
+
+def check_pair(image: Image, range_m: Map) -> None:
+    """ColorError where an image and a range map cannot be of the same view."""
+    if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.uint16):
+        raise ColorError(f"image of shape {image.shape} and type {image.dtype}: needs (H, W, 3), uint8 or uint16")
+    if range_m.shape != image.shape[:2]:
+        raise ColorError(
+            f"range map of {range_m.shape[1::-1]} pixels for an image of {image.shape[1::-1]}: the two must be the same size"
+        )

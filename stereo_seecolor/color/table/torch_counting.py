@@ -1,0 +1,56 @@
+"""Counting in torch, for a CUDA device (``color.device: cuda``) or any other: the same integers as ``counting``.
+
+Images that are on the device already can stay there: ``count_pixels``.
+"""
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from stereo_seecolor.color.table.bins import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
+
+_FIRST = int(np.float32(NEAREST_M).view(np.int32))
+_INFINITY = int(np.float32(np.inf).view(np.int32))
+_LAST = (RANGE_BINS << LOW_BITS) - 1
+
+
+def count(
+    image: NDArray[Any], range_m: NDArray[np.floating], values: int, device: torch.device
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """``counting.count`` on a device."""
+    pixels, bits = pixels_on(np.ascontiguousarray(image), device), torch.from_numpy(range_bits(range_m)).to(device)
+    counts, offset_sum = count_pixels(pixels, bits, values)
+    return counts.cpu().numpy(), offset_sum.cpu().numpy()
+
+
+def levels(bits: Tensor, shift: int) -> Tensor:
+    """(N,) int32 bits of ranges -> their places among the levels, without ``shift`` low bits; past the last where not known."""
+    known = (bits > 0) & (bits < _INFINITY)
+    place = (bits - _FIRST).clamp(0, _LAST)
+    return torch.where(known, place, _LAST + 1) >> shift
+
+
+def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
+    """Counts (3, 256, values) and offset sums (256,), both int64, of (N, 3) pixels with the (N,) int32 bits of their ranges."""
+    place = levels(bits, 0)
+    level = place >> LOW_BITS
+    channel = torch.arange(3, device=pixels.device, dtype=torch.int32)
+    value = pixels.to(torch.int32) >> (0 if pixels.dtype == torch.uint8 else 4)
+    cell = (channel * (RANGE_BINS + 1) + level[:, None]) * values + value
+    counts = torch.bincount(cell.reshape(-1), minlength=3 * (RANGE_BINS + 1) * values).reshape(3, RANGE_BINS + 1, values)
+    sums = torch.zeros(RANGE_BINS + 1, dtype=torch.int64, device=pixels.device)
+    sums.index_add_(0, level, (place & ((1 << LOW_BITS) - 1)).to(torch.int64))  # integers: the order does not matter
+    return counts[:, :RANGE_BINS], sums[:RANGE_BINS]
+
+
+def pixels_on(image: NDArray[Any], device: torch.device) -> Tensor:
+    """(N, 3) uint8, or int32 of 16 bits."""
+    return on_device(image.reshape(-1, 3), device)
+
+
+def on_device(numbers: NDArray[Any], device: torch.device) -> Tensor:
+    """On a device; as int32 where uint16, which few of torch's operations take."""
+    return torch.from_numpy(numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers).to(device)

@@ -1,0 +1,72 @@
+"""The arrows between modules go one way: no import circle anywhere, not even through imports inside functions."""
+
+import ast
+import graphlib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = ("calibration", "stereo_seecolor")
+
+KNOWN_CIRCLES: frozenset[tuple[str, str]] = frozenset()
+"""(importer, imported) of circles that are still to be cut, with a date; shrinks, and nothing may be added."""
+
+
+def name_of(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {name_of(path): path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))}
+
+
+def imported(path: Path) -> set[str]:
+    """Every module of ours that a file imports, at the top or inside a function; not what only type checkers import."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    checked_only = {
+        inner
+        for node in ast.walk(tree)
+        if isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)
+        for inner in ast.walk(node)
+    }
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if node in checked_only:
+            continue
+        if isinstance(node, ast.Import):
+            names.update(alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            assert not node.level, f"{path}: relative imports are not used here"
+            names.update(f"{node.module}.{alias.name}" for alias in node.names)
+    return {name if name in MODULES else name.rpartition(".")[0] for name in names} & set(MODULES)
+
+
+GRAPH = {name: imported(path) for name, path in MODULES.items()}
+
+
+def circle(graph: dict[str, set[str]]) -> list[str]:
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def test_no_import_circle():
+    graph = {name: {other for other in others if (name, other) not in KNOWN_CIRCLES} for name, others in GRAPH.items()}
+    found = circle(graph)
+    assert not found, " imports ".join(reversed(found))
+
+
+@pytest.mark.parametrize("edge", sorted(KNOWN_CIRCLES))
+def test_the_list_of_known_circles_holds_nothing_that_was_cut(edge):
+    others = KNOWN_CIRCLES - {edge}
+    assert circle({name: {other for other in GRAPH[name] if (name, other) not in others} for name in GRAPH})
+
+
+def test_a_circle_through_a_function_is_found(tmp_path, monkeypatch):
+    (tmp_path / "a.py").write_text("def f():\n    from b import g\n")
+    (tmp_path / "b.py").write_text("import a\n")
+    monkeypatch.setitem(globals(), "MODULES", {"a": tmp_path / "a.py", "b": tmp_path / "b.py"})
+    assert set(circle({name: imported(tmp_path / f"{name}.py") for name in "ab"})) == {"a", "b"}
