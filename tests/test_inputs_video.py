@@ -1,5 +1,8 @@
 """Video: one file a side, or both side by side in one."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import cv2
@@ -7,7 +10,8 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.commands import jobs
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.video import is_video, unpack
 
@@ -44,9 +48,65 @@ def test_one_file_a_side(tmp_path: Path) -> None:
     unpack(*videos, tmp_path / "frames", every=2)
     assert (left / "000000.png").stat().st_mtime_ns == before, "what is unpacked is kept"
     write_video(videos[0], rights)
-    left, _ = unpack(*videos, tmp_path / "frames", every=2)
-    assert near(left / "000001.png", rights[2]), "another video under the same name is unpacked anew"
+    other, _ = unpack(*videos, tmp_path / "frames", every=2)
+    assert near(other / "000001.png", rights[2]), "another video under the same name is unpacked too"
+    assert near(left / "000001.png", lefts[2]), "and the frames of the first are still there"
+
+
+def test_nothing_else_in_the_folder_is_touched(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "v.avi", smooth_frames(2))
+    mine = tmp_path / "frames" / "mine" / "notes.txt"
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
+    unpack(video, video, tmp_path / "frames", every=1)
+    with pytest.raises(InputError):
+        unpack(tmp_path / "gone.avi", video, tmp_path / "frames", every=1)
+    assert mine.read_text() == "mine"
+
+
+def stop_after(frames: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    written = []
+
+    def write(path: Path, content: bytes) -> None:
+        if len(written) == frames:
+            raise error
+        written.append(path)
+        write_atomic(path, content)
+
+    monkeypatch.setattr("stereo_seecolor.inputs.video.write_atomic", write)
+
+
+@pytest.mark.parametrize(
+    "error", [KeyboardInterrupt(), OutputError("a.png: cannot be written: no space left on device")], ids=["Ctrl-C", "full disk"]
+)
+def test_an_unpacking_that_was_stopped_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
+    video = write_video(tmp_path / "v.avi", smooth_frames(4))
+    with monkeypatch.context() as patch, pytest.raises(type(error)):
+        stop_after(3, patch, error)
+        unpack(video, video, tmp_path / "frames", every=1)
+    assert not list((tmp_path / "frames").iterdir())
+    left, right = unpack(video, video, tmp_path / "frames", every=1)
+    assert [len(list(side.iterdir())) for side in (left, right)] == [4, 4]
+
+
+def test_an_unpacking_that_was_killed_begins_again(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "v.avi", smooth_frames(3))
+    script = (
+        "import os, sys; from pathlib import Path; from stereo_seecolor.inputs import video as v; whole = v.write_atomic\n"
+        "v.write_atomic = lambda path, content: os._exit(9) if path.name == '000002.png' else whole(path, content)\n"
+        "v.unpack(Path(sys.argv[1]), Path(sys.argv[1]), Path(sys.argv[2]), 1)"
+    )
+    assert subprocess.run([sys.executable, "-c", script, video, tmp_path / "frames"], check=False).returncode == 9
     assert len(list((tmp_path / "frames").iterdir())) == 1
+    left, _ = unpack(video, video, tmp_path / "frames", every=1)
+    assert len(list(left.iterdir())) == 3
+    assert len(list((tmp_path / "frames").iterdir())) == 1, "nothing is left of the killed one"
+
+
+def test_a_named_pipe_is_no_video(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "v.avi")
+    with pytest.raises(InputError, match="is a named pipe, not a video"):
+        unpack(tmp_path / "v.avi", tmp_path / "v.avi", tmp_path / "frames", every=1)
 
 
 def test_side_by_side(tmp_path: Path) -> None:

@@ -112,6 +112,20 @@ def test_acfr_angles_are_the_cameras_own(tmp_path: Path) -> None:
     assert trajectory.names == ("L1.png",)
 
 
+@pytest.mark.parametrize("points", [0, 1, 4, 5, 6])
+def test_colmap_is_known_whatever_the_number_of_points_of_its_last_image(tmp_path: Path, points: int) -> None:
+    text = "1 1 0 0 0 1 2 3 1 a.png\n" + " ".join("10.5 20.5 -1" for _ in range(points)) + "\n"
+    trajectory = read_trajectory(write(tmp_path, text, "images.txt"))
+    np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [-1, -2, -3])
+
+
+@pytest.mark.parametrize("columns", [13, 15])
+def test_acfr_poses_are_known_without_a_header(tmp_path: Path, columns: int) -> None:
+    degrees = "-23.5 152.0 " if columns == 15 else ""
+    trajectory = read_trajectory(write(tmp_path, f"1 100.5 {degrees}1 2 3 0 0 0 L1.png R1.png 2.0 1.5 0\n"))
+    np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [2, 1, -3])
+
+
 def test_orca_depth_of_zero_is_unknown(tmp_path: Path) -> None:
     text = (
         "image_name,image_path,timestamp_utc,latitude,longitude,heading_deg,depth_m\n"
@@ -161,11 +175,14 @@ def test_degrees_agree_with_a_map_projection() -> None:
         ("0 0 0 0 0 0 0 1\n1 2 3\n", "line 2: a TUM pose has 8 numbers"),
         ("nan nan nan nan nan nan nan nan\n", "no finite pose"),
         ("1 0 0 0 0 1 0 0 0 0 1 x\n", "line 1: expected numbers"),
+        (b"\xff\xfe\x00", "is no UTF-8 text"),
     ],
 )
-def test_what_cannot_be_read_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_what_cannot_be_read_is_named(tmp_path: Path, text: str | bytes, message: str) -> None:
+    path = tmp_path / "trajectory.txt"
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
     with pytest.raises(InputError, match=message):
-        read_trajectory(write(tmp_path, text))
+        read_trajectory(path)
 
 
 def test_a_zero_quaternion_is_no_pose(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Video as input: its frames are unpacked once into folders of PNG files, and from then on it is like any other dive."""
 
+import hashlib
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,9 +9,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, flush_folder, output_errors, remove_leftovers, write_atomic
+from stereo_seecolor.files.names import product_name
+from stereo_seecolor.files.reading import special_kind
 
 EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"})
+
+SAMPLE_BYTES = 1 << 20
+"""A video is told from others by its size, its time of change, and so much of its beginning, middle and end."""
+
+_STEM_LETTERS = 40
+_PNG_FAST = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 
 def is_video(path: Path) -> bool:
@@ -19,36 +29,57 @@ def is_video(path: Path) -> bool:
 
 
 def unpack(left: Path, right: Path, folder: Path, every: int) -> tuple[Path, Path]:
-    """Unpack the frames of two videos, or of one that shows left and right side by side, into ``folder``/left and /right.
+    """Unpack the frames of two videos, or of one that shows left and right side by side; returns the two folders of frames.
 
     left, right: one file a side; the same file twice means side by side. every: 1 keeps each frame, 2 every second, and so on.
-    What the same files, unchanged since, were unpacked to is kept; other frames in ``folder`` are deleted.
-    Raises InputError if a video cannot be opened; OutputError if the disk is full.
+    folder: each unpacking gets a folder of its own in it, named after the videos' content; a finished one is kept, an unfinished
+    one is replaced, and others are left alone. Call it only while ``folder`` is locked.
+    Raises InputError if a video cannot be opened or read; OutputError if the disk is full.
     """
-    changed = "-".join(f"{_changed_ns(path):x}" for path in (left, right))
-    unpacked = folder / f"{left.stem}-{right.stem}-every-{every}-{changed}"
-    sides = unpacked / "left", unpacked / "right"
-    if unpacked.exists():
-        return sides
-    temporary = folder / f".writing-{unpacked.name}"
-    try:
-        shutil.rmtree(folder, ignore_errors=True)
-        if left == right:
-            _write(temporary, ("left", "right"), (frame for frame in _halves(_frames(left, every), left)))
-        else:
-            _write(temporary, ("left",), ((frame,) for frame in _frames(left, every)))
-            _write(temporary, ("right",), ((frame,) for frame in _frames(right, every)))
-        temporary.rename(unpacked)
-    except OSError as error:
-        raise OutputError(f"{temporary}: the video's frames cannot be unpacked: {error.strerror or error}") from error
-    return sides
+    unpacked = folder / unpacked_name(left, right, every)
+    if not unpacked.exists():
+        remove_leftovers(folder)
+        temporary = folder / f"{TEMPORARY_PREFIX}{unpacked.name}"
+        try:
+            _write_sides(left, right, every, temporary)
+            with output_errors(unpacked):
+                temporary.rename(unpacked)
+        except BaseException:
+            shutil.rmtree(temporary, ignore_errors=True)
+            raise
+        flush_folder(folder)
+    return unpacked / "left", unpacked / "right"
 
 
-def _changed_ns(path: Path) -> int:
+def unpacked_name(left: Path, right: Path, every: int) -> str:
+    """The name of the folder that the frames are unpacked into: equal for equal videos, whatever folder they lie in."""
+    digest = hashlib.sha256()
+    for path in dict.fromkeys((left, right)):
+        digest.update(_identity(path))
+    return f"{product_name(left.stem)[:_STEM_LETTERS]}-every-{every}-{digest.hexdigest()[:16]}"
+
+
+def _identity(path: Path) -> bytes:
     try:
-        return path.stat().st_mtime_ns
+        if kind := special_kind(path):
+            raise InputError(f"{path}: is {kind}, not a video")
+        facts = path.stat()
+        with path.open("rb") as file:
+            parts = [f"{facts.st_size} {facts.st_mtime_ns}".encode()]
+            for start in (0, facts.st_size // 2, max(0, facts.st_size - SAMPLE_BYTES)):
+                file.seek(start)
+                parts.append(hashlib.sha256(file.read(SAMPLE_BYTES)).digest())
     except OSError as error:
         raise InputError(f"{path}: the video cannot be read: {error.strerror}") from error
+    return b" ".join(parts)
+
+
+def _write_sides(left: Path, right: Path, every: int, folder: Path) -> None:
+    if left == right:
+        _write(folder, ("left", "right"), _halves(_frames(left, every), left))
+        return
+    _write(folder, ("left",), ((frame,) for frame in _frames(left, every)))
+    _write(folder, ("right",), ((frame,) for frame in _frames(right, every)))
 
 
 def _frames(path: Path, every: int) -> Iterator[NDArray[np.uint8]]:
@@ -76,9 +107,7 @@ def _halves(frames: Iterator[NDArray[np.uint8]], path: Path) -> Iterator[tuple[N
 
 
 def _write(folder: Path, sides: tuple[str, ...], frames: Iterator[tuple[NDArray[np.uint8], ...]]) -> None:
-    for side in sides:
-        (folder / side).mkdir(parents=True, exist_ok=True)
     for number, images in enumerate(frames):
         for side, image in zip(sides, images, strict=True):
-            content: NDArray[np.uint8] = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
-            (folder / side / f"{number:06d}.png").write_bytes(content.tobytes())
+            content: NDArray[np.uint8] = cv2.imencode(".png", image, _PNG_FAST)[1]
+            write_atomic(folder / side / f"{number:06d}.png", content.data)

@@ -4,7 +4,7 @@ import numpy as np
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.inputs.trajectories.axes import poses_from_ned, rotation_from_euler
-from stereo_seecolor.inputs.trajectories.table import Lines
+from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 _WITH_DEGREES = 15
@@ -13,8 +13,13 @@ _WITHOUT_DEGREES = 13
 
 def recognizes(lines: Lines) -> bool:
     """The first line's comment, or 13 or 15 columns with two names in them."""
-    columns = len(lines.content[-1][1].split()) if lines.content else 0
-    return "STEREO_POSE_FILE" in " ".join(lines.all[:3]) or columns in (_WITH_DEGREES, _WITHOUT_DEGREES)
+    return "STEREO_POSE_FILE" in " ".join(lines.all[:3]) or _is_pose(lines.content[-1][1].split() if lines.content else [])
+
+
+def _is_pose(fields: list[str]) -> bool:
+    """Five points of an image in a COLMAP file are 15 columns too, but all of them numbers."""
+    names = {_WITH_DEGREES: fields[10:12], _WITHOUT_DEGREES: fields[8:10]}.get(len(fields), [])
+    return bool(names) and not any(is_number(name) for name in names)
 
 
 def read(lines: Lines, mount: MountConfig) -> Trajectory:

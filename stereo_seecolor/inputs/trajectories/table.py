@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.reading import read_bytes
 
 
 def is_number(field: str) -> bool:
@@ -43,9 +44,9 @@ class Lines:
 def read_lines(path: Path) -> Lines:
     """Read a text file; ``#`` and ``%`` start a comment. Raises InputError if that fails."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: the trajectory cannot be read: {error}") from error
+        text = read_bytes(path).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(f"{path}: is no UTF-8 text ({error.reason} at byte {error.start})") from error
     numbered = [(i, line.strip()) for i, line in enumerate(text.splitlines(), start=1) if line.strip()]
     content = tuple((i, line) for i, line in numbered if not line.startswith(("#", "%")))
     if not numbered:
