@@ -2,9 +2,11 @@
 
 from typing import Any
 
-import numba
 import numpy as np
+from numba import prange
 from numpy.typing import NDArray
+
+from stereo_seecolor.compute.compiled import compiled
 
 _BITS = 21
 _HALF = 1 << (_BITS - 1)
@@ -39,10 +41,10 @@ def _offsets() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     return offsets[order][near], gaps[order][near]
 
 
-@numba.njit(parallel=True, cache=True)
+@compiled(parallel=True)
 def _search(queries: Any, points: Any, keys: Any, bounds: Any, offsets: Any, gaps_m: Any, cell_m: float) -> Any:
     result = np.full(len(queries), np.inf)
-    for q in numba.prange(len(queries)):
+    for q in prange(len(queries)):
         x, y, z = queries[q]
         cell = np.floor(queries[q] / cell_m).astype(np.int64) + _HALF
         key = (cell[0] << (2 * _BITS)) + (cell[1] << _BITS) + cell[2]

@@ -1,9 +1,9 @@
 """A pair's colored points, from its range map straight to the content of a PLY file."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Image, Map
 
 VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
@@ -29,7 +29,7 @@ def encode_cloud(range_m: Map, rays: NDArray[np.float32], rgb: Image) -> memoryv
     return content.data
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _fill(range_m, rays, rgb, shift, xyz, colors):  # type: ignore[no-untyped-def]  # pragma: no cover
     n = 0
     for row in range(range_m.shape[0]):

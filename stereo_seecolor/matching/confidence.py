@@ -1,22 +1,18 @@
 """How likely it is that a disparity is right to within one pixel."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Map
 
 RIVAL_WEIGHT, SUPPORT_WEIGHT, RELIEF_WEIGHT, OFFSET = 1.77, 6.94, -0.513, -6.33
 """Logistic regression on synthetic reefs and card scenes in clear to turbid water (docs/matching.md: reliability on others)."""
 LEAST_RELIEF_PX = 0.05
 
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
-_inlined: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, forceinline=True)
 
-
-@_compiled
+@compiled
 def trust_rows(least: float, rival: Map, support: Map, relief: Map, disparity: Map, sure: Map) -> None:
     """sure = P(|disparity error| <= 1 px) from its lead over its rival, known neighbors and relief; NaN where under ``least``."""
     one, unknown, least_relief, least_sure = np.float32(1), np.float32(np.nan), np.float32(LEAST_RELIEF_PX), np.float32(least)
@@ -32,7 +28,7 @@ def trust_rows(least: float, rival: Map, support: Map, relief: Map, disparity: M
             disparity_row[x] = disparity_row[x] if chance >= least_sure else unknown
 
 
-@_inlined
+@compiled(inline=True)
 def _log2(x: Any) -> Any:
     """Within 2e-5, for x > 0 (any number for NaN). The library's is called for one number at a time, this goes sixteen at once."""
     bits = np.float32(x).view(np.int32)
@@ -42,7 +38,7 @@ def _log2(x: Any) -> Any:
     return np.float32((bits >> np.int32(23)) - np.int32(127)) + curve
 
 
-@_inlined
+@compiled(inline=True)
 def _exp2(x: Any) -> Any:
     """Within 5e-6 of its value, for x cut to -100..100."""
     x = min(max(x, np.float32(-100)), np.float32(100))

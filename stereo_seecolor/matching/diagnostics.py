@@ -1,13 +1,12 @@
 """Pairs that cannot give a map, and maps that should not be trusted: what to tell the user."""
 
-from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.matching.sgm.images import Census, Gray
 from stereo_seecolor.records import Map
 
@@ -23,8 +22,6 @@ NO_MATTER_SHARE = 0.05
 """Rows shifted must agree better than unshifted ones by this share to count."""
 LARGEST_ROW_SHIFT = 4
 BAD_ROW_SHIFT_PX = 0.75
-
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True)
 
 
 def unusable(left: Gray, right: Gray) -> str | None:
@@ -90,7 +87,7 @@ def one_sided(left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: in
     return f"{share:.1%} of the left image finds no counterpart in the right one: {why}"
 
 
-@_compiled
+@compiled
 def _long_holes(disparity: Map, scale: Any, hole: NDArray[np.uint8]) -> None:
     """1 in the holes of a row that are longer than the occlusion that the disparities at their ends make."""
     height, width = disparity.shape
@@ -123,7 +120,7 @@ def row_shift_px(left: Census, right: Census, origin: int, disparity: Map) -> fl
     return float(best - LARGEST_ROW_SHIFT + 0.5 * (below - above) / max(max(below, above) - here, 1e-9))
 
 
-@_compiled
+@compiled
 def _row_costs(left: Census, right: Census, origin: int, disparity: Map) -> NDArray[np.float64]:
     """Mean bits by which matched pixels differ, for each shift of rows; every 16th pixel of every 16th row."""
     height, width = left.shape

@@ -1,18 +1,13 @@
 """Inventing disparities where none was measured."""
 
-from collections.abc import Callable
-from typing import Any
-
 import cv2
 import numpy as np
-from numba import njit
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Map
 
 REACH_SHARE = 0.1
 """How far from a measured pixel of its row, as a share of the width, a pixel may be invented."""
-
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
 
 
 def fill(disparity: Map) -> Map:
@@ -28,7 +23,7 @@ def fill(disparity: Map) -> Map:
     return joined
 
 
-@_compiled
+@compiled
 def _ends(disparity: Map, reach: float, ends: Map) -> None:
     """Each pixel of a hole the smaller of the known disparities at its ends in the row, NaN where both are beyond the reach."""
     height, width = disparity.shape
@@ -46,7 +41,7 @@ def _ends(disparity: Map, reach: float, ends: Map) -> None:
                 ends[y, x] = disparity[y, last]
 
 
-@_compiled
+@compiled
 def _keep(disparity: Map, ends: Map, joined: Map) -> None:
     """Put back what was measured, and NaN where nothing can be invented."""
     for y in range(joined.shape[0]):

@@ -1,11 +1,10 @@
 """Sub-pixel disparity without pixel locking: one least-squares step of registration over a window (Lucas and Kanade 1981)."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.matching.sgm.images import SMOOTHING_PX, Gray
 from stereo_seecolor.matching.sgm.vectors import four
 from stereo_seecolor.records import Map
@@ -19,8 +18,6 @@ MATCHING_STD_PX = 0.3
 """Standard error of what matching gives: where the images say less than that, the step shrinks towards none."""
 SAMPLES = WINDOW**2 / (4 * np.pi * SMOOTHING_PX**2)
 """Independent pixels in a window: the blur before matching has correlated their noise over 4 pi sigma^2."""
-
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 
 
 def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, first: int, refined: Map, std: Map) -> tuple[Map, Map]:
@@ -37,7 +34,7 @@ def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, first: int
     return support, relief
 
 
-@_compiled
+@compiled
 def _refine(left: Gray, right: Gray, gain: Any, disparity: Map, rows: tuple[int, int], found: tuple[Map, Map, Map, Map]) -> None:
     """Fill the four maps in one pass, in rings of as many rows as a window has: what is at hand stays in the processor's cache."""
     height, width = disparity.shape
@@ -74,13 +71,13 @@ def _refine(left: Gray, right: Gray, gain: Any, disparity: Map, rows: tuple[int,
             _solve(base[row % WINDOW], moments, found[0][i], found[1][i], found[3][i])
 
 
-@_compiled
+@compiled
 def _smooth_across(disparity: Any, mean: Any) -> None:
     mean[:2], mean[-2:] = disparity[:2], disparity[-2:]
     _mean_near(disparity[2:-2], disparity[:-4], disparity[1:-3], disparity[3:-1], disparity[4:], mean[2:-2])
 
 
-@_compiled
+@compiled
 def _mean_near(center: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> None:
     """Mean with those neighbors that are within one pixel: steps of matching taken out, edges kept."""
     one, none = np.float32(1), np.float32(0)
@@ -99,7 +96,7 @@ def _mean_near(center: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> No
         mean[x] = total / count
 
 
-@_compiled
+@compiled
 def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, margin: int, first: Any, fetched: Any) -> None:
     """samples: rows of 1, g, e, g g, g e, e e, d, in gray levels of 8 bits, zero where nothing is known; then one of scratch.
 
@@ -139,7 +136,7 @@ def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, m
         gg[x], ge[x], ee[x] = gradient * gradient, gradient * residual, residual * residual
 
 
-@_compiled
+@compiled
 def _sum_across(values: Any, total: Any) -> None:
     width = total.size
     a, b, c = values[0 : 0 + width], values[1 : 1 + width], values[2 : 2 + width]
@@ -149,7 +146,7 @@ def _sum_across(values: Any, total: Any) -> None:
         total[x] = a[x] + b[x] + c[x] + d[x] + e[x] + f[x] + g[x]
 
 
-@_compiled
+@compiled
 def _sum_down(ring: Any, moment: int, mean: Any) -> None:
     a, b, c = ring[0, moment], ring[1, moment], ring[2, moment]
     d, e, f = ring[3, moment], ring[4, moment], ring[5, moment]
@@ -159,7 +156,7 @@ def _sum_down(ring: Any, moment: int, mean: Any) -> None:
         mean[x] = (a[x] + b[x] + c[x] + d[x] + e[x] + f[x] + g[x]) * scale
 
 
-@_compiled
+@compiled
 def _solve(base: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
     one, largest = np.float32(1), np.float32(LARGEST_STEP_PX)
     prior, samples = np.float32(1 / MATCHING_STD_PX**2), np.float32(SAMPLES)

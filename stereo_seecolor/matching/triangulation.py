@@ -1,15 +1,12 @@
 """From disparity to depth, range and the standard error of range, in one pass."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
 from calibration.geometry import RectifiedPair
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Map, Mask
-
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 
 
 def measure_rows(
@@ -27,7 +24,7 @@ def measure_rows(
     _measure(disparity, sure, std, filled, rays, shift_px, scale, nearest, farthest, depth_m, range_m, range_std_m)
 
 
-@_compiled
+@compiled
 def _measure(
     disparity: Map, sure: Map, std: Map, filled: Mask, rays: Map,
     shift_px: Any, scale: Any, nearest: Any, farthest: Any, depth_m: Map, range_m: Map, range_std_m: Map,

@@ -9,16 +9,14 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.compute.threads import cores
 from stereo_seecolor.synthetic.reef import BLOCK_CELLS, CELL_M, DETAIL_TEXEL_M, MAX_STEEPNESS, Reef
 
 Rays = NDArray[np.float32]
 """(H, W, S, 3) unit directions in the camera's axes, S samples a pixel."""
-
-compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(nogil=True, cache=True, error_model="numpy")
 
 
 def cast(reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays) -> NDArray[np.float32]:

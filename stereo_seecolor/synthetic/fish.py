@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Mask
-from stereo_seecolor.synthetic.casting import compiled, in_rows
+from stereo_seecolor.synthetic.casting import in_rows
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.records import Image, Mask, RangeMap, StereoFrame, Trajectory
-from stereo_seecolor.synthetic.casting import Rays, cast, compiled, in_rows, look_up
+from stereo_seecolor.synthetic.casting import Rays, cast, in_rows, look_up
 from stereo_seecolor.synthetic.fish import School
 from stereo_seecolor.synthetic.lighting import caustics, lamplight, sunlight
 from stereo_seecolor.synthetic.reef import Reef, build_reef

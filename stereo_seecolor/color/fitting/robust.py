@@ -12,12 +12,12 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.jerlov import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.order_statistics import SHARES, OrderStatistics, summarize
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
@@ -166,7 +166,7 @@ def _pinned(
     return mean, covariance - gain @ covariance[where]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _minimize(x, z, light, clipped, trust, mean, precision, noise):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Levenberg's damped Gauss-Newton steps: the parameters at the least cost, and the Gauss-Newton matrix there."""
     n = x.size
@@ -203,7 +203,7 @@ def _minimize(x, z, light, clipped, trust, mean, precision, noise):  # type: ign
     return x, normal
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _weigh(x, z, light, clipped, trust, noise, weights):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Into ``weights`` (3, G, P) the inverse variances of the quantiles under ``x``, less for outliers (Cauchy), times trust.
 
@@ -225,7 +225,7 @@ def _weigh(x, z, light, clipped, trust, noise, weights):  # type: ignore[no-unty
                 )
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _cost(x, z, light, mean, precision, weights, over, floor, normal, slope, derivatives):  # type: ignore[no-untyped-def]  # noqa: C901  # pragma: no cover
     """Half the sum of squares; into ``normal`` and ``slope`` the Gauss-Newton matrix and the gradient.
 
@@ -290,7 +290,7 @@ def _cost(x, z, light, mean, precision, weights, over, floor, normal, slope, der
     return cost
 
 
-@njit(cache=True, nogil=True, fastmath=True)
+@compiled(fastmath=True)
 def _solve(matrix, vector):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Solves a symmetric positive definite system by Cholesky's factors, in place."""
     n = vector.size

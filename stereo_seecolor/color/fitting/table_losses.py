@@ -10,8 +10,9 @@ and every loss of the paper is made of such sums. See docs/theory.md.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from stereo_seecolor.compute.compiled import compiled
 
 STEEPEST = 60.0
 """Optical depths beyond this count as this: exp(60) is finite, and far above any gain that a fit could want."""
@@ -43,7 +44,7 @@ class Direct(NamedTuple):
     deviation: float
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def sums_below(counts, light):  # type: ignore[no-untyped-def]
     """(L, V + 1, 3) sums of light**p over the bins before each, from counts (L, V)."""
     levels, values = counts.shape
@@ -62,7 +63,7 @@ def sums_below(counts, light):  # type: ignore[no-untyped-def]
     return below
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _first_at(light, threshold):  # type: ignore[no-untyped-def]
     """The first bin whose light is at least the threshold."""
     low, high = 0, light.size
@@ -75,19 +76,19 @@ def _first_at(light, threshold):  # type: ignore[no-untyped-def]
     return low
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def sigmoid(x):  # type: ignore[no-untyped-def]
     """1 / (1 + exp(-x)), without overflow."""
     return 1.0 / (1.0 + np.exp(-x)) if x > -700.0 else 0.0
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def softplus(x):  # type: ignore[no-untyped-def]
     """log(1 + exp(x)), without overflow."""
     return max(x, 0.0) + np.log1p(np.exp(-abs(x)))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def backscatter_loss(raw, channel, penalty, slopes):  # type: ignore[no-untyped-def]
     """Mean of max(D, 0) - k min(D, 0), D = I - B(z), of one channel; each level's part of its gradient is put in ``slopes`` (L, 4).
 
@@ -111,7 +112,7 @@ def backscatter_loss(raw, channel, penalty, slopes):  # type: ignore[no-untyped-
     return loss * channel.scale
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def direct_sums(channel, backscatter, floor, ceiling):  # type: ignore[no-untyped-def]
     """(L, 2) sums of D and D**2 over each level, D = min(max(I - B, floor), ceiling)."""
     sums = np.zeros((channel.z.size, 2))
@@ -127,7 +128,7 @@ def direct_sums(channel, backscatter, floor, ceiling):  # type: ignore[no-untype
     return sums
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def attenuation_loss(raw, channel, direct, slopes):  # type: ignore[no-untyped-def]
     """Saturation, intensity and variation of one channel of J = D / A(z), a third of each; gradient by level in ``slopes`` (L, 4).
 
@@ -164,7 +165,7 @@ def attenuation_loss(raw, channel, direct, slopes):  # type: ignore[no-untyped-d
     return loss
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _saturation(channel, direct, level, gain):  # type: ignore[no-untyped-def]
     """Sum of max(gain D - 1, 0)**2 over a level, and its slope by the gain."""
     b = direct.backscatter[level]

@@ -6,13 +6,13 @@ No loss of the paper couples two channels, so what looks like 24 parameters are 
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, rates, raw_rates, raw_shares, shares, water_of
 from stereo_seecolor.color.fitting.table_losses import Channel, Direct, attenuation_loss, backscatter_loss, direct_sums, sums_below
 from stereo_seecolor.color.table.encoding import decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
@@ -174,7 +174,7 @@ def _attenuation_guesses(channel: Channel, direct: Direct) -> list[NDArray[np.fl
     return [np.array(flat), np.array(steep), np.array(steeper)]
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _loss(which, raw, channel, direct, penalty, slopes, gradient):  # type: ignore[no-untyped-def]
     loss = backscatter_loss(raw, channel, penalty, slopes) if which == 0 else attenuation_loss(raw, channel, direct, slopes)
     gradient[:] = 0.0
@@ -184,7 +184,7 @@ def _loss(which, raw, channel, direct, penalty, slopes, gradient):  # type: igno
     return loss
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def curvature(which, raw, channel, direct, penalty, slopes, hessian):  # type: ignore[no-untyped-def]
     """The Hessian by central differences of the gradient, and the gradient's parts by level, at ``raw``."""
     forward, back = np.empty(4), np.empty(4)
@@ -199,7 +199,7 @@ def curvature(which, raw, channel, direct, penalty, slopes, hessian):  # type: i
     _loss(which, raw, channel, direct, penalty, slopes, forward)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def minimize(which, raw, channel, direct, penalty, most_steps):  # type: ignore[no-untyped-def]
     """BFGS with a weak Wolfe line search, which also holds on losses with kinks (Lewis and Overton 2013).
 
@@ -241,7 +241,7 @@ def minimize(which, raw, channel, direct, penalty, most_steps):  # type: ignore[
     return loss, x
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _times(matrix, vector):  # type: ignore[no-untyped-def]
     out = np.zeros(vector.size)
     for i in range(vector.size):
@@ -250,7 +250,7 @@ def _times(matrix, vector):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _update(inverse, step, change):  # type: ignore[no-untyped-def]
     """The BFGS update of the inverse Hessian, left out where the curvature is not positive."""
     curvature = np.sum(step * change)

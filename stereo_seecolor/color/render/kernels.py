@@ -7,7 +7,6 @@ import itertools
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import FINE, FINE_LEVELS, Gains
@@ -15,6 +14,7 @@ from stereo_seecolor.color.render.tone import Looks
 from stereo_seecolor.color.table.bins import LOW_BITS
 from stereo_seecolor.color.table.counting import BLOCK, LAST, U, divisions, place_of, span, spread
 from stereo_seecolor.color.table.encoding import NODES
+from stereo_seecolor.compute.compiled import compiled
 
 ROW = 3 * 256
 """Entries of a level in a ``color_table``."""
@@ -70,7 +70,7 @@ def _bounds(pixels: int) -> list[tuple[int, int]]:
     return list(itertools.pairwise(pixels * i // parts // 4 * 4 if i < parts else pixels for i in range(parts + 1)))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _rows(bits, rows, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Where in a ``color_table`` each pixel's fine level begins; 1 where its range is unknown."""
     shift, last = np.int32(_FINE_BITS), np.int32(LAST)
@@ -80,7 +80,7 @@ def _rows(bits, rows, unknown):  # type: ignore[no-untyped-def]  # pragma: no co
         unknown[i] = np.uint8(place > last)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
     image, bits, gain, offset, missing, capped, decoded, known, curve, shoulder, out, unknown, beyond
 ):
@@ -115,7 +115,7 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
     return clipped
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _look_up(image, rows, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     at = U(0)
     for i in range(rows.size):  # unsigned indices: numba then leaves out its tests for negative ones
@@ -126,7 +126,7 @@ def _look_up(image, rows, table, out):  # type: ignore[no-untyped-def]  # pragma
         at += U(3)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _look_up_words(image, rows, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     """``_look_up`` of bytes, four pixels at a time: the processor stores three words as fast as three bytes."""
     whole, at, word, green, blue = rows.size // 4 * 4, U(0), U(0), U(256), U(512)
@@ -141,14 +141,14 @@ def _look_up_words(image, rows, table, out):  # type: ignore[no-untyped-def]  # 
     _look_up(image[3 * whole :], rows[whole:], table, out[3 * whole :])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _word(image, at, table, first, second, third, fourth):  # type: ignore[no-untyped-def]  # pragma: no cover
     low = np.uint32(table[first + U(image[at])]) | np.uint32(table[second + U(image[at + U(1)])]) << np.uint32(8)
     high = np.uint32(table[third + U(image[at + U(2)])]) | np.uint32(table[fourth + U(image[at + U(3)])]) << np.uint32(8)
     return low | high << np.uint32(16)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _roll_off(codes, factors, shoulder, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     """8-bit codes as displayed; in two loops, of which the compiler does sixteen pixels at a time."""
     knee, span, bend, unit, zero = shoulder
@@ -159,14 +159,14 @@ def _roll_off(codes, factors, shoulder, out):  # type: ignore[no-untyped-def]  #
             out[3 * i + c] = np.int32(min(max(np.float32(codes[3 * i + c]) * factors[i] - zero, np.float32(0)), np.float32(255)))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _factor(code, knee, span, bend):  # type: ignore[no-untyped-def]  # pragma: no cover
     """What scales the codes of a pixel whose greatest is ``code``: 1 to the knee, and less above (``tone.looks``)."""
     over = max(code - knee, np.float32(0))
     return (min(code, knee) + over * (span + over * bend) / (span + over)) / code
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _compute(  # type: ignore[no-untyped-def]  # pragma: no cover
     image, rows, near, lost, gain, offset, missing, capped, decoded, known, curve, shoulder, out, beyond
 ):
@@ -194,7 +194,7 @@ def _compute(  # type: ignore[no-untyped-def]  # pragma: no cover
         out[at], out[at + U(1)], out[at + U(2)] = np.int32(lights[0, k]), np.int32(lights[1, k]), np.int32(lights[2, k])
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _chosen(image, levels, capped, near, full, places, beyond):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Into ``places`` the pixels to compute, and how many: those of 16 bits with a range, and of 8 bits those beyond a look-up.
 
@@ -218,7 +218,7 @@ def _chosen(image, levels, capped, near, full, places, beyond):  # type: ignore[
     return number
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _lights(red, green, blue, level, gain, offset, missing, decoded, known):  # type: ignore[no-untyped-def]  # pragma: no cover
     """A pixel's linear light; a channel that the camera clipped is at least as bright as those that it did not, or as the
     brightest if it clipped all."""
@@ -234,7 +234,7 @@ def _lights(red, green, blue, level, gain, offset, missing, decoded, known):  # 
     return r, g, b
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _unclipped(red, green, blue, level, gain, offset, missing, decoded):  # type: ignore[no-untyped-def]  # pragma: no cover
     """A pixel's linear light; what noise leaves out of a channel comes from those that are surer."""
     one = np.float32(1)
@@ -248,7 +248,7 @@ def _unclipped(red, green, blue, level, gain, offset, missing, decoded):  # type
     return r, g, b
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _encode(lights, curve):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Linear light (3, N) through the curve, in place: of 8 bits the nearest of its values, of 16 between two."""
     zero, half, last = np.float32(0), np.float32(0.5), np.float32(curve.size - (1 if curve.itemsize < 4 else 2))
@@ -269,7 +269,7 @@ def _encode(lights, curve):  # type: ignore[no-untyped-def]  # pragma: no cover
                 light[k] = curve[node] + (curve[node + U(1)] - curve[node]) * (place - np.float32(node))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _shoulder(codes, shoulder):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Codes (3, N) rolled off and as displayed, in place."""
     knee, span, bend, unit, zero = shoulder
@@ -281,7 +281,7 @@ def _shoulder(codes, shoulder):  # type: ignore[no-untyped-def]  # pragma: no co
         blue[k] = blue[k] * factor - zero
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@compiled
 def _linear(image, bits, gain, offset, missing, decoded, out):  # type: ignore[no-untyped-def]  # pragma: no cover
     for i in range(bits.size):
         level, at = U(place_of(bits[i]) >> np.int32(_FINE_BITS)), U(3 * i)
@@ -292,7 +292,7 @@ def _linear(image, bits, gain, offset, missing, decoded, out):  # type: ignore[n
         out[at], out[at + U(1)], out[at + U(2)] = r, g, b
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _first(true):  # type: ignore[no-untyped-def]  # pragma: no cover
     for i in range(true.size):
         if true[i]:
@@ -300,7 +300,7 @@ def _first(true):  # type: ignore[no-untyped-def]  # pragma: no cover
     return true.size
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _highest(values):  # type: ignore[no-untyped-def]  # pragma: no cover
     highest = values[0]
     for i in range(values.size):
@@ -308,7 +308,7 @@ def _highest(values):  # type: ignore[no-untyped-def]  # pragma: no cover
     return highest
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _full(image):  # type: ignore[no-untyped-def]  # pragma: no cover
     """How many pixels have a channel at full scale."""
     number, full = np.uint32(0), image.dtype.type((1 << 8 * image.itemsize) - 1)
@@ -317,7 +317,7 @@ def _full(image):  # type: ignore[no-untyped-def]  # pragma: no cover
     return number
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _tabulate(gain, offset, decoded, curve, low, high, table):  # type: ignore[no-untyped-def]  # pragma: no cover
     """The levels from ``low`` to before ``high`` of a ``color_table``."""
     one, last = np.float32(NODES), np.float32(curve.size - 1)

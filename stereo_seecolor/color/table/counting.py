@@ -8,10 +8,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.bins import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.compute.threads import core_pool, cores
 
 U = np.uint64
@@ -66,7 +66,7 @@ def spread(part: Callable[[int], None], parts: int) -> None:
         other.result()
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def place_of(bits):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Where a range is among the levels and inside its own; past the last where it is not known."""
     zero, infinity, first, last = ZERO, np.int32(_INFINITY), np.int32(_FIRST), np.int32(LAST)
@@ -74,13 +74,13 @@ def place_of(bits):  # type: ignore[no-untyped-def]  # pragma: no cover
     return min(max(bits - first, zero), last) if known else last + np.int32(1)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _places(bits, places):  # type: ignore[no-untyped-def]  # pragma: no cover
     for i in range(bits.size):  # 32-bit arithmetic and no branch: the compiler does eight at a time
         places[i] = np.uint32(place_of(bits[i]))
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def span(places, none):  # type: ignore[no-untyped-def]  # pragma: no cover
     """The nearest and the farthest of a block's places that are not ``none``; the nearest is beyond the farthest where all are."""
     nearest, farthest = none, np.uint32(0)
@@ -90,7 +90,7 @@ def span(places, none):  # type: ignore[no-untyped-def]  # pragma: no cover
     return int(nearest), int(farthest)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _count(image, bits, width, every, shift, cells):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Into ``cells``, flat (257, 3, values + GAP), pixels; red's above 40 bits, and below these the sum of places in a level.
 
@@ -121,7 +121,7 @@ def _count(image, bits, width, every, shift, cells):  # type: ignore[no-untyped-
     return low, high
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _cleared(cells, row_size, low, high, first, end):  # type: ignore[no-untyped-def]  # pragma: no cover
     """The levels with cleared cells, from ``low`` to before ``high``, grown to hold those from ``first`` to before ``end``."""
     low, high = (first, first) if low == high else (low, high)
@@ -130,7 +130,7 @@ def _cleared(cells, row_size, low, high, first, end):  # type: ignore[no-untyped
     return min(first, low), max(end, high)
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _add_up(cells, met, counts, place_sum):  # type: ignore[no-untyped-def]  # pragma: no cover
     for part in range(cells.shape[0]):
         for level in range(met[part, 0], met[part, 1]):

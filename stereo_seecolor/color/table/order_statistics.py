@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import InputEncoding, decode
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.compiled import compiled
 
 SHARES = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
 """Quantiles, from what is nearly in shadow to the brightest things, which are the likeliest to be white."""
@@ -56,7 +56,7 @@ def _groups(pixels: NDArray[np.int64]) -> NDArray[np.int64]:
     return group
 
 
-@njit(cache=True, nogil=True)
+@compiled
 def _quantiles(counts, group, number, shares):  # type: ignore[no-untyped-def]  # pragma: no cover
     channels, levels, bins = counts.shape
     out = np.zeros((channels, number, shares.size))

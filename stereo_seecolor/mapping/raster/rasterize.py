@@ -2,14 +2,15 @@
 
 from typing import Any
 
-import numba
 import numpy as np
+
+from stereo_seecolor.compute.compiled import compiled
 
 EDGE = 1e-3
 """How far outside a triangle, in shares of it, a cell may lie: the map's vertices lie on cells' centers, give or take float32."""
 
 
-@numba.njit(cache=True)
+@compiled
 def rasterize(points: Any, attributes: Any, triangles: Any, height: Any, values: Any) -> None:
     """Draw triangles into ``height`` (H, W) and ``values`` (H, W, C), both changed in place.
 

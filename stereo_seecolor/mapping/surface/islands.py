@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.surface.fusion import Surface
 
 MIN_ISLAND_M2 = 0.05
@@ -59,7 +59,7 @@ def keepers(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bool_
     return np.split(kept, np.cumsum(counts)[:-1]) if counts else []
 
 
-@numba.njit(cache=True)
+@compiled
 def _roots(count: int, triangles: Any) -> Any:
     """Union-find with path halving."""
     parent = np.arange(count)

@@ -2,8 +2,10 @@
 
 from typing import Any
 
-import numba
 import numpy as np
+from numba import prange
+
+from stereo_seecolor.compute.compiled import compiled
 
 BLOCK = 8
 """Voxels along the edge of a block."""
@@ -13,7 +15,7 @@ BITS = 21
 OFFSET = 1 << (BITS - 1)
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def integrate(
     keys: Any,  # (B, 3) int32 block coordinates
     tsdf: Any,  # (B, 8, 8, 8) float32 in units of the truncation, index z, y, x
@@ -37,7 +39,7 @@ def integrate(
     stereo grows with the square of the range; without regard to that, one near fish would outweigh all that see through it.
     """
     height, width = range_m.shape
-    for b in numba.prange(keys.shape[0]):
+    for b in prange(keys.shape[0]):
         corner = np.array([keys[b, 0] * BLOCK * voxel_m, keys[b, 1] * BLOCK * voxel_m, keys[b, 2] * BLOCK * voxel_m])
         if _out_of_sight(corner, camera, T_camera_world, width, height, voxel_m, truncation_m):
             continue
@@ -71,7 +73,7 @@ def integrate(
                 _mix(color[b, k, j, i], color_weight[b, k, j], i, rgb[row, column], doubtful[row, column], pixel_m / voxel_m)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
     return (
         T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3],
@@ -80,7 +82,7 @@ def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
     )
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _out_of_sight(corner: Any, camera: Any, T: Any, width: int, height: int, voxel_m: float, truncation_m: float) -> bool:
     """True for a block whose enclosing sphere lies behind the camera, beyond the farthest range, or beside the image."""
     half, radius = BLOCK / 2 * voxel_m, 0.87 * BLOCK * voxel_m
@@ -94,7 +96,7 @@ def _out_of_sight(corner: Any, camera: Any, T: Any, width: int, height: int, vox
     return bool(u < -margin or v < -margin or u > width + margin or v > height + margin)
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def _mix(color: Any, color_weight: Any, i: int, rgb: Any, doubtful: bool, coarseness: float) -> None:
     """Weight 1 / (1 + coarseness^2), of a pixel's size on the bottom in voxels: near and nadir views show more of a voxel.
 
@@ -108,7 +110,7 @@ def _mix(color: Any, color_weight: Any, i: int, rgb: Any, doubtful: bool, coarse
         color[c] += (rgb[c] - color[c]) * w / color_weight[i]
 
 
-@numba.njit(parallel=True, cache=True, nogil=True)
+@compiled(parallel=True)
 def colors_at(points_m: Any, sorted_keys: Any, order: Any, color: Any, color_weight: Any, voxel_m: float) -> Any:
     """(V, 3) float32 color of points, interpolated between the voxels around them that have one; NaN where none has.
 
@@ -116,7 +118,7 @@ def colors_at(points_m: Any, sorted_keys: Any, order: Any, color: Any, color_wei
     ``integrate``. A voxel that was only seen through has no color of its own, and must not darken its neighbors'.
     """
     result = np.full((len(points_m), 3), np.nan, np.float32)
-    for v in numba.prange(len(points_m)):
+    for v in prange(len(points_m)):
         total = 0.0
         mixed = np.zeros(3)
         low = np.floor(points_m[v] / voxel_m + 1e-3).astype(np.int64)
@@ -144,7 +146,7 @@ def colors_at(points_m: Any, sorted_keys: Any, order: Any, color: Any, color_wei
     return result
 
 
-@numba.njit(cache=True, nogil=True)
+@compiled
 def packed(x: Any, y: Any, z: Any) -> Any:
     """Coordinates of blocks, int64, as one number each."""
     return ((x + OFFSET) << (2 * BITS)) | ((y + OFFSET) << BITS) | (z + OFFSET)

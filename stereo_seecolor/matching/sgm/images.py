@@ -1,13 +1,12 @@
 """What is matched of an image: its gray values at full depth, smoothed against sensor noise, and their census."""
 
-from collections.abc import Callable
 from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Image
 
 Gray = NDArray[np.uint16]
@@ -23,8 +22,6 @@ _PATTERN = np.array(
     + [(0, 1), (0, -1), (1, 0), (-1, 0)]
 )
 """Every other pixel of a window of 7 x 7, and the four neighbors."""
-
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, error_model="numpy")
 
 
 def gray(image: Image) -> Gray:
@@ -72,7 +69,7 @@ def jump_costs(image: Gray, full: int, least: int) -> NDArray[np.uint8]:
     return costs
 
 
-@_compiled
+@compiled
 def _jump_costs(image: Gray, full: np.float32, least: np.float32, costs: NDArray[np.uint8]) -> None:
     height, width = image.shape
     scale = np.float32(1 / (256 * EDGE_LEVELS))
@@ -92,7 +89,7 @@ def _padded(image: Gray) -> Gray:
     return padded
 
 
-@_compiled
+@compiled
 def _blurred_luma(pixels: Any, full: Any, weights: tuple[Any, Any, Any], blurred: Gray) -> None:
     """pixels: (H, 3 W), red, green, blue in turn. weights: of the center, and of the first and second pixel on each side."""
     height, width = blurred.shape
@@ -106,21 +103,21 @@ def _blurred_luma(pixels: Any, full: Any, weights: tuple[Any, Any, Any], blurred
             _blur(here, above, below, ring[(y - 4) % 5], ring[y % 5], weights, np.float32(0.5), blurred[y - 2])
 
 
-@_compiled
+@compiled
 def _luma(pixels: Any, full: Any, luma: Any) -> None:
     red, green, blue = np.float32(77) * full, np.float32(150) * full, np.float32(29) * full
     for x in range(luma.size):
         luma[x] = red * np.float32(pixels[3 * x]) + green * np.float32(pixels[3 * x + 1]) + blue * np.float32(pixels[3 * x + 2])
 
 
-@_compiled
+@compiled
 def _blur(center: Any, a: Any, b: Any, c: Any, d: Any, weights: tuple[Any, Any, Any], rounding: Any, blurred: Any) -> None:
     own, near, outer = weights
     for x in range(blurred.size):
         blurred[x] = own * center[x] + near * (a[x] + b[x]) + outer * (c[x] + d[x]) + rounding
 
 
-@_compiled
+@compiled
 def _census(padded: Gray, pattern: NDArray[np.int64], bits: Census) -> None:
     height, width = bits.shape
     row = np.empty(width, np.uint32)

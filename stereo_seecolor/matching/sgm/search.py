@@ -1,14 +1,12 @@
 """Match two images over a band of disparities: census, semi-global matching in strips, and the checks on what it finds."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.matching.diagnostics import row_shift_px
 from stereo_seecolor.matching.sgm.band import WIDENING, Band
@@ -27,9 +25,6 @@ AMBIGUOUS = 0.05
 """Lead over the next best, as a share of P2, below which a pixel matches both."""
 TOO_NARROW_TILE, TOO_NARROW_STRIP = 0.5, 0.01
 """Share of a tile's pixels that end on the edge of its band, and share of such tiles, with which a strip is searched again."""
-
-
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +86,7 @@ def remove_speckles(disparity: Map, pixels: int) -> None:
     _without(disparity, every, speckle)
 
 
-@_compiled
+@compiled
 def _thinned(disparity: Map, every: int, fixed: NDArray[np.int16]) -> None:
     for y in range(fixed.shape[0]):
         for x in range(fixed.shape[1]):
@@ -99,7 +94,7 @@ def _thinned(disparity: Map, every: int, fixed: NDArray[np.int16]) -> None:
             fixed[y, x] = np.int16(d * np.float32(16)) if np.isfinite(d) else np.int16(NOTHING)
 
 
-@_compiled
+@compiled
 def _without(disparity: Map, every: int, speckle: NDArray[np.uint8]) -> None:
     for y in range(speckle.shape[0]):
         for x in range(speckle.shape[1]):

@@ -9,13 +9,12 @@ memory stays small, strips go to threads, and the result does not depend on how 
 Costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these pixel by pixel. Every cost is below 128.
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.matching.sgm.vectors import (
     BLOCK,
     FAR,
@@ -51,12 +50,8 @@ BEST, LEAST, SECOND, BELOW, ABOVE, CHOSEN = range(6)
 NEVER = -0x8000
 """Taken from the disparity of a claim; that of a pixel that nobody claimed."""
 
-_compiled: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False)
 
-_inlined: Callable[[Callable[..., Any]], Callable[..., Any]] = njit(cache=True, nogil=True, boundscheck=False, forceinline=True)
-
-
-@_compiled
+@compiled
 def match_rows(
     left: NDArray[np.uint32],
     right: NDArray[np.uint32],
@@ -125,7 +120,7 @@ def match_rows(
                     _judge(facts, claims, MARGIN + origin, scale, least_lead, disparity[y + row], rival[y + row], ended[y // TILE])
 
 
-@_compiled
+@compiled
 def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, rows: int) -> Any:
     """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,) lengths of these rows."""
     tiles = lowest.shape[1]
@@ -141,7 +136,7 @@ def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, 
     return bands, lengths
 
 
-@_compiled
+@compiled
 def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int) -> None:
     """The costs of some rows, ``most`` apart; beyond the rows' ends they are 0, with which a path has not begun."""
     rows, width = bits.shape
@@ -156,7 +151,7 @@ def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int)
                     cost[place + LANES * (width % TILE) : place + LANES * TILE] = 0
 
 
-@_compiled
+@compiled
 def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
     """The paths along a row of tiles, whose first row is y, right in sweep 0 and left in sweep 1, to ``along``."""
     tiles, jump_stride = band.shape[1], jump.shape[1]
@@ -189,7 +184,7 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y
             place, j = place + onward * LANES, j + onward
 
 
-@_compiled
+@compiled
 def _across(band: Any, cost: Any, row: int, jump: Any, y: int, paths: Any, before: int, now: int, P1: Any) -> None:
     """The paths across the rows take one step, from paths[before:] to paths[now:], both laid out as a row's costs."""
     for tile in range(band.shape[1]):
@@ -201,7 +196,7 @@ def _across(band: Any, cost: Any, row: int, jump: Any, y: int, paths: Any, befor
             )  # fmt: skip
 
 
-@_inlined
+@compiled(inline=True)
 def _advance(
     paths: Any, before: int, now: int, count: int,
     cost: Any, c: int, cost_stride: int, jump: Any, j: int, jump_stride: int, P1: Any,
@@ -220,7 +215,7 @@ def _advance(
         step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, jump, j, jump_stride, P1)
 
 
-@_compiled
+@compiled
 def _sum(sweep: int, paths: Any, now: int, along: Any, row: int, total: Any, place: int, length: int, sums: Any) -> None:
     """Sum a row's paths: those of sweep 0 to total, all four to sums."""
     for k in range(0, length, BLOCK):
@@ -230,7 +225,7 @@ def _sum(sweep: int, paths: Any, now: int, along: Any, row: int, total: Any, pla
             add_wide(paths, now + k, along, row + k, total, place + k, sums, MARGIN + k)
 
 
-@_compiled
+@compiled
 def _change_bands(paths: Any, before: int, now: int, band: Any, new: Any) -> None:
     """Carry a row of paths over to the bands of the next row of tiles."""
     for tile in range(band.shape[1]):
@@ -238,7 +233,7 @@ def _change_bands(paths: Any, before: int, now: int, band: Any, new: Any) -> Non
         _slide(paths, source, target, band[LOW, tile], band[COUNT, tile], new[LOW, tile], new[COUNT, tile])
 
 
-@_compiled
+@compiled
 def _slide(paths: Any, source: int, target: int, low: int, count: int, new_low: int, new_count: int) -> None:
     """Copy costs of TILE pixels over the band low.. to where the band new_low.. finds them; what only this one has is FAR."""
     for k in range(0, new_count, LANES):
@@ -251,7 +246,7 @@ def _slide(paths: Any, source: int, target: int, low: int, count: int, new_low: 
             slide(paths, lower, upper, first - block * LANES, target + k * TILE + pixel * LANES)
 
 
-@_compiled
+@compiled
 def _choose(sums: Any, band: Any, origin: int, facts: Any, claims: Any) -> None:
     """One row: each left pixel's best disparity and the sums around it; each right pixel's best among all that look at it."""
     width = facts.shape[1] - TILE
@@ -270,7 +265,7 @@ def _choose(sums: Any, band: Any, origin: int, facts: Any, claims: Any) -> None:
             claim(sums, place + k * TILE, np.int16(low + k), claims, MARGIN + origin - first + low + k)
 
 
-@_inlined
+@compiled(inline=True)
 def _winner(sums: Any, at: int, low: int, count: int, facts: Any, x: int) -> None:
     """What ``winners`` notes, for a pixel with more than LANES disparities."""
     least, best = 0xFFFF, 0
@@ -286,12 +281,12 @@ def _winner(sums: Any, at: int, low: int, count: int, facts: Any, x: int) -> Non
     facts[ABOVE, x] = sums[_place(at, best + 1)] if best < count - 1 else -1
 
 
-@_inlined
+@compiled(inline=True)
 def _place(at: int, k: int) -> int:
     return at + (k & -LANES) * TILE + (k & (LANES - 1))
 
 
-@_compiled
+@compiled
 def _judge(facts: Any, claims: Any, met: int, scale: Any, least_lead: Any, disparity: Any, rival: Any, ended: Any) -> None:
     """One row of disparities, with the parabola's fraction, where they pass the checks, and of leads over the rival."""
     width = disparity.size

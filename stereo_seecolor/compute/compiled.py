@@ -1,0 +1,73 @@
+"""The decorator of all functions that numba compiles to machine code.
+
+>>> @compiled
+... def total(values: NDArray[np.float32]) -> float: ...  # doctest: +SKIP
+
+numba is imported, and a function compiled, when a compiled function is first called. The machine code is kept on disk
+(``compute/kernel_cache.py``).
+"""
+
+import functools
+import threading
+from collections.abc import Callable
+from typing import Any, Generic, ParamSpec, TypeVar, overload
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+_building = threading.Lock()
+
+
+class Compiled(Generic[P, R]):
+    """A function that is compiled at its first call; other compiled functions may call it, too.
+
+    The GIL is released while it runs. Division by zero gives infinity or NaN, as in numpy.
+    """
+
+    def __init__(self, function: Callable[P, R], options: dict[str, Any]) -> None:
+        self._options = options
+        self._dispatcher: Any = None
+        self.py_func = function
+        functools.update_wrapper(self, function)
+
+    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        """Run the machine code for arguments of these types."""
+        result: R = (self._dispatcher or self.dispatcher)(*args, **kwargs)
+        return result
+
+    @property
+    def dispatcher(self) -> Any:
+        """numba's compiled function."""
+        with _building:
+            if self._dispatcher is None:
+                from stereo_seecolor.compute.kernel_cache import dispatcher
+
+                self._dispatcher = dispatcher(self.py_func, self._options)
+        return self._dispatcher
+
+    @property
+    def _numba_type_(self) -> Any:
+        """How numba sees this object where another compiled function names it."""
+        from numba import types
+
+        return types.Dispatcher(self.dispatcher)
+
+
+@overload
+def compiled(function: Callable[P, R], /) -> Compiled[P, R]: ...
+@overload
+def compiled(
+    *, parallel: bool = False, fastmath: bool = False, inline: bool = False
+) -> Callable[[Callable[P, R]], Compiled[P, R]]: ...
+def compiled(
+    function: Callable[..., Any] | None = None, /, *, parallel: bool = False, fastmath: bool = False, inline: bool = False
+) -> Any:
+    """Compile a function with numba: ``@compiled``, or ``@compiled(parallel=True)`` and so on.
+
+    parallel: ``numba.prange`` loops run on numba's own threads; never call such a function from two threads at once.
+    fastmath: floating-point sums may be reordered. inline: put the code into the callers, even where LLVM finds it too long.
+    """
+    options = {"parallel": parallel, "fastmath": fastmath, "forceinline": inline}
+    if function is None:
+        return lambda decorated: Compiled(decorated, options)
+    return Compiled(function, options)

@@ -1,0 +1,153 @@
+"""Where numba keeps machine code between runs, and how it knows that the code is current.
+
+numba's own cache looks at the file that holds a function. Constants and callees in other files are compiled in, too, so here a
+function's code is current if no source file is changed that its module imports, directly or through others. numba adds its own
+version, the processor and the argument types. Stale entries are overwritten. Where nothing can be written, code is not kept.
+"""
+
+import hashlib
+import os
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from numba import njit
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+
+ROOT = Path(__file__).resolve().parents[2]
+"""The folder that holds the package."""
+PACKAGES = ("stereo_seecolor", "calibration")
+INSTALLATIONS_KEPT = 8
+"""Folders in the user's cache folder, one an installation whose own folder cannot be written: some 10 MB each."""
+
+_IMPORT = re.compile(
+    rf"^\s*(?:from\s+((?:{'|'.join(PACKAGES)})[\w.]*)\s+import\s+(\([^)]*\)|.*)|import\s+((?:{'|'.join(PACKAGES)})[\w.]*))", re.M
+)
+
+
+def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """numba's compiled form of a function; its machine code is kept on disk if it is of this package and there is a place."""
+    found = njit(nogil=True, error_model="numpy", **options)(function)
+    if hasattr(found, "enable_caching") and _Locator.from_function(function, function.__code__.co_filename):
+        found._cache = _KernelCache(function)  # type: ignore[no-untyped-call]  # as enable_caching() does, with our locator
+    return found
+
+
+class _Locator:
+    """Where a function's machine code is kept, in the form that numba's cache asks for."""
+
+    def __init__(self, function: Callable[..., Any], file: Path, folder: Path) -> None:
+        self._py_file = str(file)
+        self._disambiguator = function.__module__
+        self._stamp = sources_digest(file)
+        self._folder = folder
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], py_file: str) -> "_Locator | None":
+        file = Path(py_file).resolve()
+        folder = _folder() if ROOT in file.parents and file.is_file() and function.__module__.startswith(PACKAGES) else None
+        return cls(function, file, folder) if folder else None
+
+    def ensure_cache_path(self) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        return self._stamp
+
+    def get_disambiguator(self) -> str:
+        return self._disambiguator
+
+
+class _KernelCacheImpl(CompileResultCacheImpl):
+    _locator_classes: list[type[object]] = [_Locator]  # noqa: RUF012  # as numba declares it
+
+
+class _KernelCache(FunctionCache):
+    """numba's cache; an entry that cannot be read or written costs a compilation, no more."""
+
+    _impl_class = _KernelCacheImpl
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception:  # a damaged file: unpickling it can raise anything
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        try:
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        except Exception:  # the disk is full, or the damaged file is the index
+            self.disable()  # type: ignore[no-untyped-call]
+
+
+@cache
+def sources_digest(file: Path) -> str:
+    """SHA-256 of a source file and of all files of the package that it imports, directly or through others."""
+    found, waiting = {file}, [file]
+    while waiting:
+        more = _imports(waiting.pop()) - found
+        found |= more
+        waiting += more
+    digest = hashlib.sha256()
+    for path in sorted(found):
+        digest.update(f"{path.relative_to(ROOT)}\n".encode() + hashlib.sha256(_text(path).encode()).digest())
+    return digest.hexdigest()
+
+
+@cache
+def _text(file: Path) -> str:
+    return file.read_text(encoding="utf-8")
+
+
+@cache
+def _imports(file: Path) -> set[Path]:
+    """The files of the package that a source file names in its import statements."""
+    found = set()
+    for package, names, module in _IMPORT.findall(_text(file)):
+        modules = [package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))] if package else [module]
+        for dotted in modules:
+            path = ROOT.joinpath(*dotted.split("."))
+            found |= {source for source in (path.with_suffix(".py"), path / "__init__.py") if source.is_file()}
+    return found
+
+
+@cache
+def _folder() -> Path | None:
+    """The folder for machine code: NUMBA_CACHE_DIR, beside the byte code, or the user's cache folder; None if there is none."""
+    installation = Path("stereo-seecolor") / hashlib.sha256(str(ROOT).encode()).hexdigest()[:16]
+    named, user = os.environ.get("NUMBA_CACHE_DIR"), _user_cache()
+    shared = [Path(folder).absolute() / installation for folder in (named, user) if folder]
+    places = [*shared[: bool(named)], ROOT / PACKAGES[0] / "__pycache__" / "compiled", *shared[bool(named) :]]
+    for place in places:
+        if _made(place):
+            if place in shared:
+                _remove_oldest(place.parent)
+            return place
+    return next((place for place in places if place.is_dir()), None)  # filled by someone who could write it
+
+
+def _made(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return False
+    return os.access(folder, os.R_OK | os.W_OK | os.X_OK)
+
+
+def _user_cache() -> Path | None:
+    named = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME")
+    usual = named or os.path.expanduser("~/Library/Caches" if sys.platform == "darwin" else "~/.cache")  # noqa: PTH111  # never raises
+    return Path(usual) if Path(usual).is_absolute() else None
+
+
+def _remove_oldest(folder: Path) -> None:
+    installations = sorted(folder.iterdir(), key=lambda path: path.stat().st_mtime)
+    for path in installations[:-INSTALLATIONS_KEPT]:
+        shutil.rmtree(path, ignore_errors=True)
