@@ -3,11 +3,14 @@
 >>> from stereo_seecolor import Pipeline, run  # doctest: +SKIP
 """
 
+import logging
 from typing import Any
 
 from stereo_seecolor.version import __version__
 
 __all__ = ["Pipeline", "__version__", "run"]
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # quiet until a program configures logging
 
 
 def __getattr__(name: str) -> Any:

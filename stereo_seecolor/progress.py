@@ -1,9 +1,18 @@
 """How a job goes about its work, and who listens to it; nothing here changes what comes out."""
 
+import logging
+import re
+import time
 from dataclasses import dataclass, field
 from typing import Protocol
 
 from stereo_seecolor.run_folder.frames_table import FrameRow
+
+LOG_EVERY_S = 60.0
+"""Seconds between two lines of the log on one stage: enough to see after a crash how far a run of hours had come."""
+
+log = logging.getLogger(__name__)
+_NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 class Listener(Protocol):
@@ -26,14 +35,49 @@ class Silence:
         """Say nothing."""
 
 
+class LoggingListener:
+    """Writes to the log what a listener hears, then passes it on: stages, failed pairs, each kind of warning once."""
+
+    def __init__(self, then: Listener | None = None) -> None:
+        self._then = then or Silence()
+        self._stage, self._done, self._failed, self._total = "", 0, 0, 0
+        self._began_s = self._said_s = 0.0
+        self._kinds: set[str] = set()
+
+    def begin(self, stage: str, total: int) -> None:
+        """Log that a stage begins."""
+        self._stage, self._done, self._failed, self._total = stage, 0, 0, total
+        self._began_s = self._said_s = time.monotonic()
+        log.info("%s: begins, %d in all", stage, total)
+        self._then.begin(stage, total)
+
+    def advance(self, row: FrameRow) -> None:
+        """Log what is wrong with a pair, and now and then how far the stage is."""
+        self._done += 1
+        if row.status == "failed":
+            self._failed += 1
+            log.error("%s: %s", self._stage, row.line)
+        for warning in row.warnings:
+            kind = _NUMBER.sub("", warning)
+            log.log(logging.DEBUG if kind in self._kinds else logging.WARNING, "%s: %s: %s", self._stage, row.name, warning)
+            self._kinds.add(kind)
+        now_s = time.monotonic()
+        if self._done == self._total or now_s - self._said_s >= LOG_EVERY_S:
+            self._said_s = now_s
+            seconds = now_s - self._began_s
+            log.info("%s: %d of %d, %d failed, %.1f s", self._stage, self._done, self._total, self._failed, seconds)
+        self._then.advance(row)
+
+
 @dataclass(frozen=True)
 class RunOptions:
     """How a job goes about it, not what it makes.
 
     workers: pairs under way at once. overwrite: begin anew in a used folder. strict: stop at the first bad pair.
+    listener: hears how far the job is; by default the log of this module does.
     """
 
     workers: int = 2
     overwrite: bool = False
     strict: bool = False
-    listener: Listener = field(default_factory=Silence)
+    listener: Listener = field(default_factory=LoggingListener)

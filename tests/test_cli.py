@@ -42,7 +42,7 @@ def read(path: Path) -> np.ndarray:
 def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
     code, printed, said = cli(*dive.command(out))
-    assert (code, said) == (0, "")
+    assert code == 0, said
     assert "3 pairs done, 0 failed" in printed
     assert str(out / "corrected") in printed
     names = {"0000", "0001", "0002"}
@@ -156,7 +156,7 @@ def test_what_was_damaged_since_is_made_again(make_dive, cli, tmp_path) -> None:
     state = out / ".state/corrected/0000.json"
     state.write_text(json.dumps({"key": json.loads(state.read_text())["key"], "facts": [1], "warnings": []}))
     code, _, said = cli(*dive.command(out))
-    assert (code, said) == (0, "")
+    assert code == 0, said
     assert contents(out) == before
 
 
@@ -396,8 +396,8 @@ def test_cuda_asked_for_and_absent(make_dive, cli, tmp_path) -> None:
     more = ["--set", "color.device=cuda", "--set", "color.solver=dense", "--set", "color.objective=paper"]
     code, _, said = cli(*make_dive(1).command(tmp_path / "out", *more))
     assert code == 1
-    assert "cuda" in said.lower()
-    assert said.count("\n") == 1
+    assert "cuda" in said.splitlines()[-1].lower()
+    assert said.count("stereo-seecolor: ") == 1
 
 
 def test_range_map_of_another_size(cli, tmp_path) -> None:

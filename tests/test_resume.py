@@ -122,7 +122,7 @@ def test_disk_full_is_one_line_and_resumable(make_dive, tmp_path) -> None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
-    words = [PROGRAM, *dive.command(out)]
+    words = [PROGRAM, *dive.command(out), "--progress", "none"]
     failed = subprocess.run(words, capture_output=True, text=True, preexec_fn=no_room)
     assert failed.returncode == 1
     assert "cannot be written: File too large" in failed.stderr

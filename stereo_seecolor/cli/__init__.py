@@ -1,5 +1,18 @@
 """The command line: the only place that prints, parses and exits."""
 
-from stereo_seecolor.cli.app import main
+import sys
+
+from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED, interrupts
 
 __all__ = ["main"]
+
+
+def main() -> None:
+    """Run the command line and exit with its code. All imports that take time come after Ctrl-C is taken care of."""
+    with interrupts():
+        try:
+            from stereo_seecolor.cli.app import run_command_line
+
+            sys.exit(run_command_line())
+        except KeyboardInterrupt:
+            sys.exit(EXIT_INTERRUPTED)

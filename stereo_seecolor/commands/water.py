@@ -1,7 +1,8 @@
-"""The water of a finished run measured from places that several of its frames see, for another pass with ``--water``."""
+"""Measure the water of a finished run from places that several of its frames see, for another run with ``--water``."""
 
 import csv
 import json
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,15 @@ from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 from stereo_seecolor.run_folder.water_file import read_waters, write_waters
 
 
-def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> tuple[Path, Water]:
+@dataclass(frozen=True, eq=False)
+class MeasuredWater:
+    """The water, and the file that ``--water`` of another run takes."""
+
+    path: Path
+    water: Water
+
+
+def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> MeasuredWater:
     """Write OUT/water_measured.json: attenuation and backscatter from places seen at two ranges, the white point as fitted before.
 
     out: a run with color.lock=survey. poses: a trajectory of the left camera in any known format.
@@ -43,7 +52,7 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> tu
     water = with_white_of(fit_sightings(sightings, scene.input_encoding), scene, sightings)
     path = out / "water_measured.json"
     write_waters(path, {"survey": water})
-    return path, water
+    return MeasuredWater(path, water)
 
 
 class _KeyFrames(Lazy[KeyFrame]):

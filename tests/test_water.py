@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.commands.jobs import run
+<<<<<<< HEAD:tests/test_measured_water.py
 from stereo_seecolor.commands.measured_water import measure_water
 from stereo_seecolor.config_file import load_config
+=======
+from stereo_seecolor.commands.water import measure_water
+from stereo_seecolor.config import load_config
+>>>>>>> 9478579 (Split the command line: a file a group of commands, results as dataclasses, one way to report):tests/test_water.py
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import evaluate_truth
 
@@ -20,7 +25,8 @@ def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
     """Attenuation within 10 % of truth from matched ranges, and colors no worse for it."""
     config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
     run(*SIDES, tmp_path / "first", config)
-    path, found = measure_water(tmp_path / "first", SAMPLES / "trajectory.tum")
+    measured = measure_water(tmp_path / "first", SAMPLES / "trajectory.tum")
+    path, found = measured.path, measured.water
     truth = json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"]
     z = 2.0
     np.testing.assert_allclose(

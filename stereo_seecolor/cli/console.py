@@ -1,0 +1,23 @@
+"""Text for a person: lines and tables without color, the same on a terminal and in a file."""
+
+import io
+from collections.abc import Iterable, Sequence
+
+
+def lines(texts: Iterable[str]) -> str:
+    """Texts as lines."""
+    return "".join(f"{text}\n" for text in texts)
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table without a frame, as wide as its content."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    drawn = Table(*columns, box=None, header_style="")
+    for row in rows:
+        drawn.add_row(*(Text(cell) for cell in row))
+    text = io.StringIO()
+    Console(file=text, soft_wrap=True, color_system=None).print(drawn)
+    return lines(line.rstrip() for line in text.getvalue().splitlines())

@@ -1,0 +1,73 @@
+"""What --json prints of each result (docs/json.md), and the exit code that says the same."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
+from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
+
+if TYPE_CHECKING:
+    from stereo_seecolor.commands.calibrate import CalibrationResult
+    from stereo_seecolor.commands.check import CheckResult
+    from stereo_seecolor.evaluation.charts import ChartReport
+    from stereo_seecolor.mapping.survey_map import MapSummary
+    from stereo_seecolor.run_folder.frames_table import RunSummary
+
+Content = dict[str, Any]
+
+
+def run_content(summary: "RunSummary", out: Path) -> Content:
+    """A run: totals, and each pair that failed."""
+    return {"out": out, **summary.totals(), "failed_pairs": [row for row in summary.rows if row.status != "ok"]}
+
+
+def run_exit_code(summary: "RunSummary") -> int:
+    """Interrupted, done, or finished with failures."""
+    if summary.stopped:
+        return EXIT_INTERRUPTED
+    return EXIT_DONE if summary.all_done else EXIT_SOME_FAILED
+
+
+def map_content(made: "MapSummary") -> Content:
+    """A map: frames, those that are not placed with the reason, warnings, files."""
+    return dict(vars(made))
+
+
+def map_exit_code(made: "MapSummary") -> int:
+    """Done, or frames are missing from the map."""
+    return EXIT_SOME_FAILED if made.unplaced else EXIT_DONE
+
+
+def charts_content(report: "ChartReport") -> Content:
+    """Methods on color targets: every row, and the mean of each method."""
+    return {**vars(report), "means": report.means()}
+
+
+def calibration_content(result: "CalibrationResult") -> Content:
+    """A new calibration: its files and its quality."""
+    report = result.report
+    return {
+        "calibration": result.calibration,
+        "coverage_picture": result.coverage,
+        "verdict": report.verdict,
+        "baseline_m": report.rig.baseline_m,
+        "baseline_std_m": report.lens.baseline_std_m,
+        "focal_std": report.focal_std,
+        "rms_left_px": report.rms_left_px,
+        "rms_right_px": report.rms_right_px,
+        "row_error_px": report.lens.row_error_px,
+        "coverage": report.coverage,
+        "views": report.views,
+    }
+
+
+def check_content(result: "CheckResult") -> Content:
+    """A calibration against a dive."""
+    rows = result.rows
+    return {
+        "rig": result.rig,
+        "suspicions": result.suspicions,
+        "rows": rows,
+        "acceptable": rows.acceptable,
+        "advice": rows.advice,
+    }

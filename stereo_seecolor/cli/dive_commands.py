@@ -1,0 +1,156 @@
+"""Commands over the pairs of a dive: run, correct, range, rectify."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NoReturn
+
+import typer
+
+from stereo_seecolor.cli.contents import map_content, map_exit_code, run_content, run_exit_code
+from stereo_seecolor.cli.options import (
+    DEFAULT_WORKERS,
+    AsJson,
+    Calib,
+    ConfigFile,
+    Left,
+    LogFile,
+    Out,
+    Overwrite,
+    PosesFile,
+    Progress,
+    Right,
+    Settings,
+    Strict,
+    Verbose,
+    WaterFile,
+    Workers,
+)
+from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.run_text import map_text, run_text
+
+if TYPE_CHECKING:
+    from stereo_seecolor.run_folder.frames_table import RunSummary
+
+
+def run(
+    left: Left,
+    right: Right,
+    calib: Calib,
+    out: Out = Path("out"),
+    fuse: Annotated[bool, typer.Option("--fuse", help="Fuse the frames into one map of the dive, OUT/map.")] = False,
+    poses: PosesFile = None,
+    water: WaterFile = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    workers: Workers = DEFAULT_WORKERS,
+    overwrite: Overwrite = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+    progress: Progress = "auto",
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
+    """The whole job: stereo pairs in; range maps, true-color images and colored clouds out."""
+    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.progress import RunOptions
+
+    if poses and not fuse:
+        raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
+    report = Report("run", as_json, progress, verbose, log_file)
+    with report.working() as listener:
+        loaded = load_config(config, settings or [])
+        if fuse:
+            jobs.check_fusion(poses, loaded)
+        summary = jobs.run(left, right, calib, out, loaded, RunOptions(workers, overwrite, strict, listener), water=water)
+    if not fuse or summary.stopped:
+        _end(report, summary, out)
+    report.say(run_text(summary, out))
+    with report.working() as listener:
+        made = jobs.fuse(out, poses, loaded, listener)
+    content = {**run_content(summary, out), "map": map_content(made)}
+    report.end(content, map_text(made), max(run_exit_code(summary), map_exit_code(made)))
+
+
+def correct(
+    images: Annotated[Path, typer.Option("--images", help="Folder of images.")],
+    ranges: Annotated[Path, typer.Option("--range", help="Folder of range maps: float32 TIFF in meters, or 16-bit PNG in mm.")],
+    out: Out = Path("out"),
+    water: WaterFile = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    workers: Workers = DEFAULT_WORKERS,
+    overwrite: Overwrite = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+    progress: Progress = "auto",
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
+    """Color correction alone, for images that already have range maps."""
+    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.progress import RunOptions
+
+    report = Report("correct", as_json, progress, verbose, log_file)
+    with report.working() as listener:
+        options = RunOptions(workers, overwrite, strict, listener)
+        summary = jobs.correct(images, ranges, out, load_config(config, settings or []), options, water=water)
+    _end(report, summary, out)
+
+
+def range_(
+    left: Left,
+    right: Right,
+    calib: Calib,
+    out: Out = Path("out"),
+    config: ConfigFile = None,
+    settings: Settings = None,
+    workers: Workers = DEFAULT_WORKERS,
+    overwrite: Overwrite = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+    progress: Progress = "auto",
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
+    """Range maps alone: stereo pairs in, meters along the ray out."""
+    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.progress import RunOptions
+
+    report = Report("range", as_json, progress, verbose, log_file)
+    with report.working() as listener:
+        options = RunOptions(workers, overwrite, strict, listener)
+        summary = jobs.run(left, right, calib, out, load_config(config, settings or []), options, ranges_only=True)
+    _end(report, summary, out)
+
+
+def rectify(
+    left: Left,
+    right: Right,
+    calib: Calib,
+    out: Out = Path("out"),
+    config: ConfigFile = None,
+    settings: Settings = None,
+    workers: Workers = DEFAULT_WORKERS,
+    overwrite: Overwrite = False,
+    strict: Strict = False,
+    as_json: AsJson = False,
+    progress: Progress = "auto",
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
+    """Rectified images alone, and the calibration that they have."""
+    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.progress import RunOptions
+
+    report = Report("rectify", as_json, progress, verbose, log_file)
+    with report.working() as listener:
+        options = RunOptions(workers, overwrite, strict, listener)
+        summary = jobs.rectify(left, right, calib, out, load_config(config, settings or []), options)
+    _end(report, summary, out)
+
+
+def _end(report: Report, summary: "RunSummary", out: Path) -> NoReturn:
+    report.end(run_content(summary, out), run_text(summary, out), run_exit_code(summary))

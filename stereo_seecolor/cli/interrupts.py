@@ -1,0 +1,51 @@
+"""Ctrl-C: the first ends a command in good order, the second at once; the exit code is 130 both times."""
+
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+EXIT_INTERRUPTED = 130
+SHOW_CURSOR = "\x1b[?25h"  # a progress bar hides it
+FIRST = "\nstereo-seecolor: stopping when the pairs under way are finished; Ctrl-C again stops at once\n"
+SECOND = "\nstereo-seecolor: stopped at once\n"
+
+
+@contextmanager
+def interrupts() -> Iterator[None]:
+    """Raise KeyboardInterrupt at the first Ctrl-C; end the process at the second.
+
+    Output files are whole even then, because each is written under another name first. Does nothing outside the main thread, and
+    where Ctrl-C is ignored: a shell script that runs a program in the background sets that.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
+        yield
+        return
+    interrupted = False
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        nonlocal interrupted
+        if interrupted:
+            _tell(SECOND + (SHOW_CURSOR if sys.stderr.isatty() else ""))
+            os._exit(EXIT_INTERRUPTED)
+        interrupted = True
+        _tell(FIRST)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        if not interrupted:  # else a second Ctrl-C may still come while the interpreter waits for threads
+            signal.signal(signal.SIGINT, before)
+
+
+def _tell(text: str) -> None:
+    """Write past the buffer of standard error, which the interrupted code may be writing to just now."""
+    with contextlib.suppress(OSError):
+        os.write(2, text.encode())

@@ -1,0 +1,34 @@
+"""Commands on the map of a dive: fuse, view."""
+
+from stereo_seecolor.cli.contents import map_content, map_exit_code
+from stereo_seecolor.cli.options import AsJson, ConfigFile, Finished, LogFile, PosesFile, Progress, Settings, Verbose
+from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.run_text import map_text
+
+
+def fuse(
+    out: Finished,
+    poses: PosesFile = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    as_json: AsJson = False,
+    progress: Progress = "auto",
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
+    """Fuse a finished run into one map of the dive, OUT/map."""
+    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.config_file import load_config
+
+    report = Report("fuse", as_json, progress, verbose, log_file)
+    with report.working() as listener:
+        made = jobs.fuse(out, poses, load_config(config, settings or []), listener)
+    report.end({"out": out, "map": map_content(made)}, map_text(made), map_exit_code(made))
+
+
+def view(out: Finished, as_json: AsJson = False) -> None:
+    """Open the map of a fused run in a window."""
+    from stereo_seecolor.commands.view import view as show
+
+    result = show(out)
+    Report("view", as_json).end({"out": result.out}, "")

@@ -1,0 +1,65 @@
+"""Options that several commands share, each declared once: its type, its name and its help text.
+
+Options without a panel come first in the help of a command: those that everybody needs. The panels hold the rest.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from stereo_seecolor.compute.threads import cores
+
+ProgressKind = Literal["auto", "bar", "lines", "json", "none"]
+DEFAULT_WORKERS = min(cores(), 8)
+
+COLOR, SETTINGS, EXECUTION, REPORTING = "Color and map", "Settings", "Execution", "Reporting"
+
+Left = Annotated[Path, typer.Option("--left", help="Folder of left images, or a video.")]
+Right = Annotated[
+    Path,
+    typer.Option("--right", help="Folder of right images, or a video; the left video again if it shows both."),
+]
+Calib = Annotated[str, typer.Option("--calib", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")]
+Out = Annotated[Path, typer.Option("--out", help="Output folder. Run again with the same folder to resume a stopped run.")]
+Finished = Annotated[Path, typer.Argument(help="Output folder of a finished run.")]
+WaterFile = Annotated[
+    Path | None,
+    typer.Option("--water", help="water.json of an earlier run, used instead of fitting the water.", rich_help_panel=COLOR),
+]
+PosesFile = Annotated[
+    Path | None, typer.Option("--poses", help="Trajectory of the dive: TUM, KITTI, COLMAP, or AUV tables.", rich_help_panel=COLOR)
+]
+ConfigFile = Annotated[
+    Path | None,
+    typer.Option("--config", help="YAML file of settings (docs/configuration.md).", rich_help_panel=SETTINGS),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="One setting, written section.key=value. May be repeated.", rich_help_panel=SETTINGS),
+]
+Workers = Annotated[
+    int, typer.Option("--workers", min=1, help="Number of pairs processed at the same time.", rich_help_panel=EXECUTION)
+]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite", help="Remove the results that an earlier run wrote into the output folder.", rich_help_panel=EXECUTION
+    ),
+]
+Strict = Annotated[bool, typer.Option("--strict", help="Stop at the first pair that fails.", rich_help_panel=EXECUTION)]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the result as one JSON object (docs/json.md).", rich_help_panel=REPORTING)
+]
+Progress = Annotated[
+    ProgressKind,
+    typer.Option(
+        "--progress",
+        help="Progress on standard error. auto: a bar on a terminal, elsewhere JSON lines with --json and plain lines without.",
+        rich_help_panel=REPORTING,
+    ),
+]
+Verbose = Annotated[
+    bool, typer.Option("--verbose", help="Write the log to standard error, debugging messages included.", rich_help_panel=REPORTING)
+]
+LogFile = Annotated[Path | None, typer.Option("--log-file", help="Append the log to this file.", rich_help_panel=REPORTING)]

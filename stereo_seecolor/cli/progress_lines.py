@@ -1,0 +1,55 @@
+"""Progress where there is no terminal: plain lines for a log, JSON lines for a program; both on standard error."""
+
+import time
+
+from stereo_seecolor.cli.json_output import json_line
+from stereo_seecolor.cli.streams import write_error
+from stereo_seecolor.run_folder.frames_table import FrameRow
+
+LINE_EVERY_S = 10.0
+"""Seconds between two lines of one stage: often enough to see that it is alive, 360 lines an hour at most."""
+
+
+class PlainLines:
+    """A line when a stage begins, now and then while it lasts, and when it ends; failed pairs at once."""
+
+    def __init__(self) -> None:
+        self._stage, self._done, self._total = "", 0, 0
+        self._began_s = self._said_s = 0.0
+
+    def begin(self, stage: str, total: int) -> None:
+        """A stage begins."""
+        self._stage, self._done, self._total = stage, 0, total
+        self._began_s = self._said_s = time.monotonic()
+        write_error(f"{stage}: 0 of {total}\n")
+
+    def advance(self, row: FrameRow) -> None:
+        """One more pair."""
+        self._done += 1
+        now_s = time.monotonic()
+        if row.status == "failed":
+            write_error(f"{row.line}\n")
+        if self._done == self._total or now_s - self._said_s >= LINE_EVERY_S:
+            self._said_s = now_s
+            write_error(f"{self._stage}: {self._done} of {self._total}, {now_s - self._began_s:.1f} s\n")
+
+
+class JsonLines:
+    """A JSON object a line for each begin of a stage and each finished pair (docs/json.md)."""
+
+    def __init__(self) -> None:
+        self._stage, self._done, self._total = "", 0, 0
+        self._began_s = time.monotonic()
+
+    def begin(self, stage: str, total: int) -> None:
+        """A stage begins."""
+        self._stage, self._done, self._total = stage, 0, total
+        self._began_s = time.monotonic()
+        write_error(json_line({"event": "begin", "stage": stage, "total": total}))
+
+    def advance(self, row: FrameRow) -> None:
+        """One more pair."""
+        self._done += 1
+        event = {"event": "advance", "stage": self._stage, "done": self._done, "total": self._total, "name": row.name}
+        outcome = {"status": row.status, "error": row.error, "warnings": row.warnings, "kept": row.kept}
+        write_error(json_line({**event, **outcome, "seconds": round(time.monotonic() - self._began_s, 3)}))

@@ -1,0 +1,83 @@
+"""How a command reports: progress and log while it works, its result at the end."""
+
+import logging
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import typer
+
+from stereo_seecolor.cli.errors import EXIT_DONE, is_known
+from stereo_seecolor.cli.json_output import json_line
+from stereo_seecolor.cli.logs import logging_to
+from stereo_seecolor.cli.streams import write_out
+
+if TYPE_CHECKING:
+    from stereo_seecolor.cli.options import ProgressKind
+    from stereo_seecolor.progress import Listener
+
+log = logging.getLogger("stereo_seecolor.cli")
+
+
+@dataclass(frozen=True)
+class Report:
+    """The options of the panel Reporting, for one command."""
+
+    command: str
+    as_json: bool = False
+    progress: "ProgressKind" = "auto"
+    verbose: bool = False
+    log_file: Path | None = None
+
+    @contextmanager
+    def working(self) -> "Iterator[Listener]":
+        """While the command works: the log is written, and the listener that this gives shows how far it is."""
+        from stereo_seecolor.progress import LoggingListener
+
+        with logging_to(self.log_file, self.verbose), self._shown() as listener:
+            log.info("command line: %s", " ".join(sys.argv))
+            try:
+                yield LoggingListener(listener)
+            except KeyboardInterrupt:
+                log.warning("%s: interrupted", self.command)
+                raise
+            except Exception as error:
+                log.error("%s failed: %s", self.command, error, exc_info=self.verbose or not is_known(error))
+                raise
+            log.info("%s ended", self.command)
+
+    def say(self, text: str) -> None:
+        """Print a part of the result at once; JSON is one object, printed at the end."""
+        if not self.as_json:
+            write_out(text)
+
+    def end(self, content: Mapping[str, Any], text: str, exit_code: int = EXIT_DONE) -> NoReturn:
+        """Print the result, as JSON if that was asked for, and end the command."""
+        write_out(json_line({"command": self.command, "exit_code": exit_code, **content}) if self.as_json else text)
+        raise typer.Exit(exit_code)
+
+    @contextmanager
+    def _shown(self) -> "Iterator[Listener]":
+        from stereo_seecolor.cli.progress_lines import JsonLines, PlainLines
+        from stereo_seecolor.progress import Silence
+
+        kind = self._kind()
+        if kind == "bar":
+            from stereo_seecolor.cli.progress_bar import bar
+
+            with bar() as listener:
+                yield listener
+        else:
+            yield JsonLines() if kind == "json" else PlainLines() if kind == "lines" else Silence()
+
+    def _kind(self) -> str:
+        if self.progress != "auto":
+            return self.progress
+        if self.verbose:
+            return "none"  # the log says it
+        if sys.stderr.isatty():
+            return "bar"
+        return "json" if self.as_json else "lines"

@@ -1,0 +1,53 @@
+"""What became of a run and of a fusion, as text for a person."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stereo_seecolor.cli.console import lines, table
+
+if TYPE_CHECKING:
+    from stereo_seecolor.mapping.survey_map import MapSummary
+    from stereo_seecolor.run_folder.frames_table import RunSummary
+
+MOST_NAMED = 20
+"""So many failed pairs are named on the terminal; frames.csv names all."""
+
+
+def run_text(summary: "RunSummary", out: Path) -> str:
+    """What became of a run: its failures, what went wrong how often, totals, and where the results are."""
+    from stereo_seecolor.run_folder.folder import WHAT_IS_WHERE
+
+    bad = [row.line for row in summary.rows if row.status != "ok"]
+    named = bad[:MOST_NAMED]
+    if len(bad) > MOST_NAMED:
+        named.append(f"and {len(bad) - MOST_NAMED} more, named in {out / 'frames.csv'}")
+    notes = [f"note: {note}" for note in summary.notes]
+    problems = [(what, str(often), first) for what, often, first in summary.problems()]
+    made = [f"  {out / name}: {what}" for name, what in WHAT_IS_WHERE.items() if (out / name).exists()]
+    return (
+        lines([*named, *notes])
+        + (table(("what went wrong", "times", "first in"), problems) if problems else "")
+        + lines([_totals(summary), *made])
+    )
+
+
+def _totals(summary: "RunSummary") -> str:
+    kept = f", {summary.kept} of them kept from an earlier run" if summary.kept else ""
+    slowest = next(iter(summary.stage_seconds().items()), None)
+    slow = f"; the slowest stage was {slowest[0]} ({slowest[1]:.1f} s of work)" if slowest else ""
+    return (
+        f"{'stopped early: ' if summary.stopped else ''}{summary.count('ok')} pairs done{kept}, {summary.count('failed')} failed, "
+        f"{summary.count('unpaired')} files without a partner, in {summary.wall_seconds:.1f} s{slow}"
+    )
+
+
+def map_text(made: "MapSummary") -> str:
+    """What became of a fusion: frames that are not in the map, warnings, totals, files."""
+    return lines(
+        [
+            *(f"not placed: {frame.name}: {frame.reason}" for frame in made.unplaced),
+            *(f"warning: {warning}" for warning in made.warnings),
+            f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s",
+            *(f"  {file}" for file in made.files),
+        ]
+    )

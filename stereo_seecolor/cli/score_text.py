@@ -1,0 +1,52 @@
+"""A run against truth, and methods on color targets, as text for a person."""
+
+from typing import TYPE_CHECKING
+
+from stereo_seecolor.cli.console import lines, table
+
+if TYPE_CHECKING:
+    from stereo_seecolor.evaluation.charts import ChartReport
+    from stereo_seecolor.evaluation.truth import TruthReport
+
+
+def truth_text(report: "TruthReport") -> str:
+    """A run against truth."""
+    ranges, color, raw = report.range, report.color, report.raw_color
+    measures = (
+        ("mean angle to the true color, degrees", "angle_deg", ".2f"),
+        ("the same after the best gain a channel", "angle_after_gains_deg", ".2f"),
+        ("CIEDE2000, median", "ciede2000", ".2f"),
+        ("red/blue far against near, true = 1", "range_consistency", ".3f"),
+        ("pixels clipped", "clipped_share", ".2%"),
+    )
+    return (
+        lines(
+            [
+                f"{len(report.frames)} frames against truth, means over frames; no result for {len(report.missing)} frames",
+                f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off by over 1 px "
+                f"{ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured {ranges.coverage:.1%} of the pixels that "
+                "both cameras see",
+            ]
+        )
+        + table(
+            ("color", "corrected", "raw image"),
+            [(what, format(getattr(color, name), style), format(getattr(raw, name), style)) for what, name, style in measures],
+        )
+        + lines(
+            [
+                f"over {color.pixels:.0f} pixels a frame: those with a measured range and a true color neither clipped nor "
+                "nearly black"
+            ]
+        )
+    )
+
+
+def charts_text(report: "ChartReport") -> str:
+    """Every method on every target, and the means."""
+    columns = ("frame", "target", "method", "range m", "psi", "psi linear", "CIEDE2000", "clipped")
+    rows = []
+    for row in (*report.rows, *report.means()):
+        numbers = [f"{value:.1f}" for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)]
+        rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_share:.1%}"))
+    without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
+    return table(columns, rows) + lines([*without, f"  {report.sheet}: every method on every frame, to look at"])

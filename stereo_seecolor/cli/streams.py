@@ -1,0 +1,48 @@
+"""Standard output and standard error: any text on any terminal, and known errors where they cannot be written."""
+
+import contextlib
+import io
+import os
+import sys
+from typing import TextIO
+
+from stereo_seecolor.errors import OutputError
+
+
+def prepare_streams() -> None:
+    """Let characters that a terminal cannot show be written as escapes; open the null device for a stream that is closed."""
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115 (lives as long as the process)
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def write_out(text: str) -> None:
+    """Write to standard output at once. Raises OutputError where that cannot be, BrokenPipeError where its reader has gone."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        discard(sys.stdout)
+        raise OutputError(
+            f"standard output cannot be written: {error.strerror or error}: make room, or send it somewhere else"
+        ) from error
+
+
+def write_error(text: str) -> None:
+    """Write to standard error at once; where that cannot be, nobody is left to be told."""
+    with contextlib.suppress(OSError, ValueError):
+        sys.stderr.write(text)
+        sys.stderr.flush()
+
+
+def discard(stream: TextIO) -> None:
+    """Send what is left in a stream's buffer nowhere, so that the interpreter does not fail on it when it exits."""
+    with contextlib.suppress(OSError, ValueError):
+        null = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(null, stream.fileno())
+        os.close(null)

@@ -1,0 +1,63 @@
+"""Calibrate a stereo rig from two folders of images of a target, or print the target."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import printing
+from calibration.calibrate import calibrate as fit_rig
+from calibration.formats import write_rig
+from calibration.report import CalibrationReport
+from calibration.rig import Medium
+from calibration.targets import parse_target
+from calibration.views import detect_views
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import pair_folders
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder.frames_table import FrameRow
+
+Pixels = NDArray[np.generic]
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """A calibration and its files. coverage: a picture of where in the images the corners were found."""
+
+    report: CalibrationReport
+    calibration: Path
+    coverage: Path
+
+
+def calibrate(
+    left: Path, right: Path, target: str, out: Path, medium: Medium = "water", options: RunOptions | None = None
+) -> CalibrationResult:
+    """Calibrate from two folders of images of ``target``; write ``out`` (native format) and ``<out>_coverage.png``.
+
+    target: chessboard:COLUMNSxROWS:SQUARE or charuco:DICTIONARY:COLUMNSxROWS:SQUARE:MARKER (docs/calibration.md).
+    Raises CalibrationError where the images do not show it; InputError for folders and images that cannot be read; OutputError.
+    """
+    options = options or RunOptions()
+    board = parse_target(target)
+    pairs = {pair.name: pair for pair in pair_folders(left, right, InputConfig()).pairs}
+
+    def read(name: str) -> tuple[Pixels, Pixels]:
+        return read_image(pairs[name].left), read_image(pairs[name].right)
+
+    options.listener.begin("target", len(pairs))
+    views = detect_views(list(pairs), read, board, options.workers, lambda name: options.listener.advance(FrameRow(name)))
+    rig, report = fit_rig(views, board, medium)
+    write_rig(rig, out)
+    coverage = out.with_name(f"{out.stem}_coverage.png")
+    write_atomic(coverage, encode_image(report.coverage_picture(), "png"))
+    return CalibrationResult(report, out, coverage)
+
+
+def print_target(target: str, out: Path, dpi: int = 300) -> Path:
+    """Draw the target into ``out``, .pdf or .png (``dpi`` is for .png). Raises CalibrationError."""
+    printing.print_target(parse_target(target), out, dpi)
+    return out

@@ -1,0 +1,86 @@
+"""Test a calibration against image pairs of a dive."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from calibration import Rectification, StereoRig
+from calibration.checks import RowCheck, check_rows, suspicions
+from calibration.formats import load_rig
+from calibration.port import FlatPort
+from calibration.port_error import port_error
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import pair_folders
+
+PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
+"""Ranges at which the error of a flat port is stated, in units of the range at which the port model is exact."""
+
+
+@dataclass(frozen=True)
+class RigFacts:
+    """A rig in the numbers that a person can compare with what they know of it.
+
+    focal_px, field_deg: of the rectified images, across. disparity_at_1_m_px: of a point at 1 m along the axis.
+    port: "flat", "dome" or "none". working_range_m: range at which a flat port's model is exact, else None.
+    port_error: (range in meters, relative range error that a flat port leaves there).
+    """
+
+    camera_model: str
+    image_size: tuple[int, int]
+    baseline_m: float
+    medium: str
+    focal_px: float
+    field_deg: float
+    disparity_at_1_m_px: float
+    port: str = "none"
+    working_range_m: float | None = None
+    port_error: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """A calibration against a dive. suspicions: what looks wrong in the calibration itself."""
+
+    rig: RigFacts
+    rows: RowCheck
+    suspicions: tuple[str, ...]
+
+
+def check(left: Path, right: Path, calib: str, most_pairs: int = 12) -> CheckResult:
+    """Test a calibration against ``most_pairs`` pairs spread evenly over a dive.
+
+    Raises CalibrationError, InputError.
+    """
+    pairs = pair_folders(left, right, InputConfig()).pairs
+    chosen = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most_pairs, len(pairs))).round().astype(int))]
+    height, width = read_image(chosen[0].left).shape[:2]
+    rig = load_rig(calib, (width, height))
+    rows = check_rows(rig, ((read_image(pair.left), read_image(pair.right)) for pair in chosen))
+    return CheckResult(rig_facts(rig), rows, suspicions(rig))
+
+
+def rig_facts(rig: StereoRig) -> RigFacts:
+    """What to state of a rig."""
+    pair = Rectification.from_rig(rig).pair
+    width = rig.left.image_size[0]
+    return RigFacts(
+        camera_model=rig.left.model,
+        image_size=rig.left.image_size,
+        baseline_m=rig.baseline_m,
+        medium=rig.medium,
+        focal_px=pair.focal_px,
+        field_deg=float(np.degrees(2 * np.arctan(width / 2 / pair.focal_px))),
+        disparity_at_1_m_px=pair.focal_px * pair.baseline_m,
+        port="none" if rig.port is None else "flat" if isinstance(rig.port, FlatPort) else "dome",
+        working_range_m=rig.port.working_range_m if isinstance(rig.port, FlatPort) else None,
+        port_error=_port_errors(rig),
+    )
+
+
+def _port_errors(rig: StereoRig) -> tuple[tuple[float, float], ...]:
+    if not isinstance(rig.port, FlatPort):
+        return ()
+    ranges_m = np.array(PORT_RANGES) * rig.port.working_range_m
+    return tuple(zip(ranges_m.tolist(), port_error(rig, ranges_m).range_error.tolist(), strict=True))

@@ -1,0 +1,26 @@
+"""Convert a calibration into another format."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from calibration.formats import WritableFormat, load_rig, parse_size, write_rig
+
+
+@dataclass(frozen=True)
+class ConvertedCalibration:
+    """What was written, and the rig's baseline in meters, by which a wrong unit is seen."""
+
+    source: str
+    out: str
+    format: WritableFormat
+    baseline_m: float
+
+
+def convert_calib(source: str, out: str | Path, to: WritableFormat = "native", size: str | None = None) -> ConvertedCalibration:
+    """Read ``source`` in any known format and write it as ``to``; the rays of all pixels stay the same.
+
+    size: WIDTHxHEIGHT, for a source that does not state it. Raises CalibrationError.
+    """
+    rig = load_rig(source, parse_size(size) if size else None)
+    write_rig(rig, out, to)
+    return ConvertedCalibration(source, str(out), to, rig.baseline_m)

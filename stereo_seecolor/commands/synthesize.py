@@ -1,0 +1,25 @@
+"""Render a dive over a reef with known truth."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from stereo_seecolor.progress import Listener, Silence
+from stereo_seecolor.run_folder.frames_table import FrameRow
+from stereo_seecolor.synthetic import dive
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+
+@dataclass(frozen=True)
+class SynthesizedDive:
+    """A dive on disk, in left/, right/, cam.yaml, trajectory.tum and truth/, and what it was made from."""
+
+    out: Path
+    spec: SurveySpec
+
+
+def synthesize(spec: SurveySpec, out: Path, listener: Listener | None = None) -> SynthesizedDive:
+    """Render the survey into ``out`` (docs/synthetic.md). Raises OutputError if the folder cannot be written."""
+    listener = listener or Silence()
+    listener.begin("render", spec.pairs)
+    dive.synthesize(spec, out, lambda finished, pairs: listener.advance(FrameRow(f"pair {finished}")))
+    return SynthesizedDive(out, spec)
