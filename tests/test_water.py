@@ -7,13 +7,8 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.commands.jobs import run
-<<<<<<< HEAD:tests/test_measured_water.py
-from stereo_seecolor.commands.measured_water import measure_water
-from stereo_seecolor.config_file import load_config
-=======
 from stereo_seecolor.commands.water import measure_water
-from stereo_seecolor.config import load_config
->>>>>>> 9478579 (Split the command line: a file a group of commands, results as dataclasses, one way to report):tests/test_water.py
+from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import evaluate_truth
 
