@@ -33,6 +33,10 @@ class InputConfig(_Stage):
     significant_bits: Literal[None, 10, 12, 14] = Field(
         default=None, description="Bits that a 16-bit file really uses (12 for a 12-bit sensor stored unshifted); scaled to full."
     )
+    exposures: FilePath | None = Field(
+        default=None,
+        description="CSV with exposure_s and gain of each image by its file's name; what it does not say is read from EXIF.",
+    )
     video_every: int = Field(default=1, ge=1, description="Of a video, take every nth frame.")
 
 

@@ -20,17 +20,55 @@ PerChannel = NDArray[np.float64]
 """(3,) float64 in the order R, G, B."""
 
 
+@dataclass(frozen=True)
+class Capture:
+    """What a camera recorded beside the pixels of an image; None = not recorded.
+
+    exposure_s: seconds. gain: factor, 1 = 0 dB or ISO 100. aperture: f-number. captured_s: seconds since 1970.
+    latitude_deg, longitude_deg: WGS84. exif: the EXIF block for the corrected image, upright and without a thumbnail, b"" = none.
+    """
+
+    exposure_s: float | None = None
+    gain: float | None = None
+    aperture: float | None = None
+    captured_s: float | None = None
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    exif: bytes = b""
+
+    @property
+    def relative_exposure(self) -> float | None:
+        """How bright a scene comes out, up to a constant of the camera: exposure_s gain / aperture^2.
+
+        What is not recorded is taken to be constant; None where neither exposure nor gain is.
+        """
+        if self.exposure_s is None and self.gain is None:
+            return None
+        return (self.exposure_s or 1.0) * (self.gain or 1.0) / (self.aperture or 1.0) ** 2
+
+
 @dataclass(frozen=True, eq=False)
 class StereoFrame:
     """One pair: as read, or rectified.
 
     name: what the outputs are called; left, right: Image; timestamp_s: seconds, or None where the name holds no time.
+    left_capture, right_capture: what the cameras recorded of each.
     """
 
     name: str
     left: Image
     right: Image
     timestamp_s: float | None = None
+    left_capture: Capture = Capture()
+    right_capture: Capture = Capture()
+
+
+def is_monochrome(image: Image) -> bool:
+    """True where red, green and blue are equal everywhere: the picture of a monochrome camera. A uniform image is not."""
+    sample = image[::16, ::16]  # enough to tell nearly every color image
+    if not (sample == sample[..., :1]).all() or not (image == image[..., :1]).all():
+        return False
+    return bool(image.min() != image.max())
 
 
 @dataclass(frozen=True, eq=False)

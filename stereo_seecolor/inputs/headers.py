@@ -11,6 +11,8 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 JPEG_SIGNATURE = b"\xff\xd8"
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257
+JPEG_APP1, JPEG_SCAN = 0xFFE1, 0xFFDA
+EXIF_PREFIX = b"Exif\x00\x00"
 JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
@@ -26,6 +28,41 @@ def image_size(content: bytes) -> tuple[int, int]:
     if content.startswith(TIFF_SIGNATURES):
         return _tiff_size(content)
     raise ValueError("is no PNG, TIFF or JPEG image")
+
+
+def exif_block(content: bytes) -> bytes:
+    """The EXIF of a PNG, JPEG or TIFF as it stands in the file: a TIFF structure of its own; b"" where there is none.
+
+    A TIFF is such a structure as a whole. Nothing is checked: see image_size.
+    """
+    if content.startswith(TIFF_SIGNATURES):
+        return content
+    if content.startswith(PNG_SIGNATURE):
+        return _png_exif(content)
+    return _jpeg_exif(content) if content.startswith(JPEG_SIGNATURE) else b""
+
+
+def _png_exif(content: bytes) -> bytes:
+    position = len(PNG_SIGNATURE)
+    while position + 12 <= len(content):
+        length, kind = struct.unpack_from(">I4s", content, position)
+        if kind == b"eXIf":
+            return content[position + 8 : position + 8 + length]
+        position += 12 + length
+    return b""
+
+
+def _jpeg_exif(content: bytes) -> bytes:
+    position = len(JPEG_SIGNATURE)
+    while position + 4 <= len(content):
+        marker, length = struct.unpack_from(">HH", content, position)
+        segment = content[position + 4 : position + 2 + length]
+        if marker == JPEG_APP1 and segment.startswith(EXIF_PREFIX):
+            return segment.removeprefix(EXIF_PREFIX)
+        if marker == JPEG_SCAN or length < 2:
+            break
+        position += 2 + length
+    return b""
 
 
 def _png_size(content: bytes) -> tuple[int, int]:

@@ -1,0 +1,108 @@
+"""What the camera recorded beside the pixels, in EXIF: exposure, time, position; and the block that a corrected image keeps."""
+
+import warnings
+from datetime import UTC, datetime
+from typing import Any
+
+import numpy as np
+from PIL import ExifTags, Image
+
+from stereo_seecolor.inputs.headers import EXIF_PREFIX, exif_block
+from stereo_seecolor.records import Capture
+
+KEPT_TAGS = (
+    ExifTags.Base.ImageDescription,
+    ExifTags.Base.Make,
+    ExifTags.Base.Model,
+    ExifTags.Base.DateTime,
+    ExifTags.Base.Artist,
+    ExifTags.Base.Copyright,
+)
+DROPPED_DETAILS = (
+    ExifTags.Base.MakerNote,
+    ExifTags.Base.ExifImageWidth,
+    ExifTags.Base.ExifImageHeight,
+    ExifTags.Base.ExifInteroperabilityOffset,
+)
+
+_UPRIGHT = 1
+_DATE = "%Y:%m:%d %H:%M:%S"
+_DATE_WITH_ZONE = f"{_DATE}%z"
+_Tags = dict[int, Any]
+
+
+def read_capture(content: bytes) -> Capture:
+    """The EXIF of a JPEG, PNG or TIFF. What is missing or damaged is None: metadata never fail a frame."""
+    block = exif_block(content)
+    if not block:
+        return Capture()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow warns of damaged tags
+            exif = Image.Exif()
+            exif.load(EXIF_PREFIX + block)
+            return _capture(exif)
+    except Exception:  # Pillow raises errors of many kinds for damaged blocks; the pixels are judged elsewhere
+        return Capture()
+
+
+def _capture(exif: Image.Exif) -> Capture:
+    details: _Tags = exif.get_ifd(ExifTags.IFD.Exif)
+    gps: _Tags = exif.get_ifd(ExifTags.IFD.GPSInfo)
+    iso = _positive(details.get(ExifTags.Base.ISOSpeedRatings))
+    return Capture(
+        exposure_s=_positive(details.get(ExifTags.Base.ExposureTime)),
+        gain=None if iso is None else iso / 100,
+        aperture=_positive(details.get(ExifTags.Base.FNumber)),
+        captured_s=_time(details),
+        latitude_deg=_degrees(gps.get(ExifTags.GPS.GPSLatitude), gps.get(ExifTags.GPS.GPSLatitudeRef), "S"),
+        longitude_deg=_degrees(gps.get(ExifTags.GPS.GPSLongitude), gps.get(ExifTags.GPS.GPSLongitudeRef), "W"),
+        exif=_kept(exif, details, gps),
+    )
+
+
+def _kept(exif: Image.Exif, details: _Tags, gps: _Tags) -> bytes:
+    """The block for the corrected image: upright, without thumbnail, image layout, and the maker's notes, whose offsets break."""
+    kept = Image.Exif()
+    kept.update({tag: exif[tag] for tag in KEPT_TAGS if tag in exif})
+    kept.get_ifd(ExifTags.IFD.Exif).update({tag: value for tag, value in details.items() if tag not in DROPPED_DETAILS})
+    kept.get_ifd(ExifTags.IFD.GPSInfo).update(gps)
+    if not (len(kept) or details or gps):
+        return b""
+    kept[ExifTags.Base.Orientation] = _UPRIGHT
+    return kept.tobytes().removeprefix(EXIF_PREFIX)
+
+
+def _time(tags: _Tags) -> float | None:
+    """Seconds since 1970; a camera that does not state its zone is taken to be at UTC."""
+    date = _text(tags.get(ExifTags.Base.DateTimeOriginal))
+    fraction = _text(tags.get(ExifTags.Base.SubsecTimeOriginal))
+    zone = _text(tags.get(ExifTags.Base.OffsetTimeOriginal))
+    try:
+        whole = datetime.strptime(date + zone, _DATE_WITH_ZONE) if zone else datetime.strptime(date, _DATE).replace(tzinfo=UTC)
+        return whole.timestamp() + (float(f"0.{fraction}") if fraction.isascii() and fraction.isdigit() else 0.0)
+    except (ValueError, OverflowError):
+        return None
+
+
+def _degrees(parts: Any, reference: Any, negative: str) -> float | None:
+    try:
+        degrees = float(np.dot([float(part) for part in parts], [1, 1 / 60, 1 / 3600]))
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    if not 0 <= degrees <= 180:
+        return None
+    return -degrees if _text(reference).upper() == negative else degrees
+
+
+def _positive(value: Any) -> float | None:
+    first = value[0] if isinstance(value, tuple) and value else value
+    try:
+        number = float(first)
+    except (TypeError, ValueError, ZeroDivisionError):
+        return None
+    return number if np.isfinite(number) and number > 0 else None
+
+
+def _text(value: Any) -> str:
+    return value.strip("\x00 ") if isinstance(value, str) else ""

@@ -1,0 +1,148 @@
+"""What cameras record beside the pixels: from EXIF and from tables."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.capture import read_capture
+from stereo_seecolor.inputs.exposure import ExposureTable
+from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.inputs.pairing import pair_folders
+from stereo_seecolor.records import Capture, is_monochrome
+
+RGB = np.random.default_rng(0).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+CAMERA = {0x829A: 0.004, 0x829D: 2.8, 0x8827: 400}
+TIME = {0x9003: "2021:03:04 05:06:07", 0x9291: "250", 0x9011: "+10:00"}
+GPS = {1: "S", 2: (23.0, 30.0, 36.0), 3: "E", 4: (152.0, 6.0, 0.0)}
+
+
+def encoded(kind: str, details: dict[int, Any], gps: dict[int, Any] | None = None, orientation: int = 1) -> bytes:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    exif[0x010F] = "Reef Cameras"
+    exif.get_ifd(0x8769).update(details)
+    exif.get_ifd(0x8825).update(gps or {})
+    if kind == "TIFF":  # a block of EXIF is a TIFF without a picture
+        return exif.tobytes().removeprefix(b"Exif\x00\x00")
+    file = io.BytesIO()
+    Image.fromarray(RGB).save(file, kind, exif=exif)
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("kind", ["JPEG", "PNG", "TIFF"])
+def test_exif_of_every_kind_of_file(kind: str) -> None:
+    found = read_capture(encoded(kind, CAMERA | TIME, GPS))
+    assert found.exposure_s == pytest.approx(0.004)
+    assert found.gain == 4
+    assert found.aperture == pytest.approx(2.8)
+    assert found.captured_s == 1614798367.25  # 2021-03-03T19:06:07.25Z
+    assert (found.latitude_deg, found.longitude_deg) == (pytest.approx(-23.51), pytest.approx(152.1))
+    assert found.relative_exposure == pytest.approx(0.004 * 4 / 2.8**2)
+
+
+def test_a_time_without_zone_is_utc_and_a_bad_one_is_none() -> None:
+    assert read_capture(encoded("JPEG", {0x9003: "2021:03:04 05:06:07"})).captured_s == 1614834367
+    assert read_capture(encoded("JPEG", {0x9003: "0000:00:00 00:00:00"})).captured_s is None
+
+
+@pytest.mark.parametrize("details", [{0x829A: 0.0}, {0x8827: 0}, {}])
+def test_what_is_not_recorded_is_none(details: dict[int, Any]) -> None:
+    found = read_capture(encoded("JPEG", details))
+    assert (found.exposure_s, found.gain, found.relative_exposure, found.latitude_deg) == (None, None, None, None)
+
+
+def test_no_exif_at_all() -> None:
+    file = io.BytesIO()
+    Image.fromarray(RGB).save(file, "PNG")
+    assert read_capture(file.getvalue()) == Capture()
+    assert read_capture(b"hello, reef") == Capture()
+    tiff = cv2.imencode(".tiff", RGB)[1].tobytes()
+    assert read_capture(tiff) == Capture()
+
+
+def test_the_kept_block_is_upright_and_holds_what_the_camera_wrote() -> None:
+    block = read_capture(encoded("JPEG", CAMERA | {0x927C: b"x" * 5000}, GPS, orientation=6)).exif
+    kept = Image.Exif()
+    kept.load(b"Exif\x00\x00" + block)
+    assert (kept[0x0112], kept[0x010F]) == (1, "Reef Cameras")
+    assert kept.get_ifd(0x8769)[0x8827] == 400
+    assert kept.get_ifd(0x8825)[1] == "S"
+    assert 0x927C not in kept.get_ifd(0x8769)
+    assert len(block) < 1000
+
+
+@settings(max_examples=200)
+@given(st.sampled_from(["JPEG", "PNG", "TIFF"]), st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), max_size=6))
+def test_damaged_exif_never_fails_a_frame(kind: str, changes: list[tuple[int, int]]) -> None:
+    content = bytearray(encoded(kind, CAMERA | TIME, GPS))
+    for place, value in changes:
+        content[place % len(content)] = value
+    found = read_capture(bytes(content))
+    assert found.relative_exposure is None or found.relative_exposure > 0
+
+
+def table(tmp_path: Path, text: str) -> ExposureTable:
+    (tmp_path / "exposures.csv").write_text(text)
+    return ExposureTable.read(tmp_path / "exposures.csv")
+
+
+@pytest.mark.parametrize(
+    ("text", "exposure_s", "gain"),
+    [
+        ("file,exposure_ms,gain_db\na.png,4,6.0206\n", 0.004, 2.0),
+        ("Name, exposure_us, iso\na, 4000, 200\n", 0.004, 2.0),
+        ("path,exposure_s\n/data/dive\\L\\a.png,0.004\n", 0.004, 7.0),
+        ("name,gain\nL/a,2\nR/a,3\na,4\n", 1.0, 2.0),
+        ("name,gain\nb,2\n", 1.0, 7.0),
+    ],
+)
+def test_tables_of_exposures(tmp_path: Path, text: str, exposure_s: float, gain: float) -> None:
+    found = table(tmp_path, text).applied(Capture(exposure_s=1.0, gain=7.0, aperture=4.0), Path("L/a.png"))
+    assert (found.exposure_s, found.gain, found.aperture) == (pytest.approx(exposure_s), pytest.approx(gain, rel=1e-4), 4.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("a,b\n1,2\n", "needs a header with a column of file names"),
+        ("name,height\n1,2\n", "needs a header"),
+        ("name,gain,iso\na,1,2\n", "has the columns gain and iso: leave one"),
+        ("name,gain\na,x\n", r"line 2: gain must be a number, got 'x'"),
+        ("name,gain\na\n", r"line 2: gain must be a number, got ''"),
+        ("name,exposure_s\na,1\nb,-1\n", r"line 3: exposure_s must be more than 0, got -1"),
+        ("name,gain_db\na,inf\n", r"gain_db is inf: no camera has that"),
+    ],
+)
+def test_tables_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        table(tmp_path, text)
+
+
+def test_frames_come_with_what_was_recorded(tmp_path: Path) -> None:
+    for side, gain in (("L", 100), ("R", 400)):
+        (tmp_path / side).mkdir()
+        (tmp_path / side / "1.jpg").write_bytes(encoded("JPEG", {0x8827: gain}))
+    (tmp_path / "log.csv").write_text("name,exposure_ms\nL/1,2\nR/1,8\n")
+    config = InputConfig(exposures=tmp_path / "log.csv")
+    (pair,) = pair_folders(tmp_path / "L", tmp_path / "R", config).pairs
+    frame = FrameReader(config).read(pair)
+    assert frame.left.shape == frame.right.shape == RGB.shape
+    assert [capture.relative_exposure for capture in (frame.left_capture, frame.right_capture)] == [0.002, 0.032]
+
+
+def test_monochrome_images_are_told_by_their_pixels() -> None:
+    gray = np.repeat(RGB[..., :1], 3, axis=2)
+    assert is_monochrome(gray)
+    assert not is_monochrome(RGB)
+    assert not is_monochrome(np.zeros_like(gray)), "a black frame may be any camera's"
+    gray[5, 7, 1] ^= 1
+    assert not is_monochrome(gray)
