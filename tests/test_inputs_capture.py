@@ -1,6 +1,7 @@
 """What cameras record beside the pixels: from EXIF and from tables."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,10 +10,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from PIL import Image
+from PIL import Image, ImageCms
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.encode import ImageFormat, encode_image
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.frames import FrameReader
@@ -125,6 +127,26 @@ def test_tables_of_exposures(tmp_path: Path, text: str, exposure_s: float, gain:
 def test_tables_that_cannot_be_used(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         table(tmp_path, text)
+
+
+@pytest.mark.parametrize("image_format", ["png", "png16", "jpg"])
+def test_corrected_images_carry_exif_and_the_profile(image_format: ImageFormat) -> None:
+    capture = read_capture(encoded("JPEG", CAMERA | TIME, GPS))
+    content = encode_image(RGB, image_format, capture.exif)
+    assert replace(read_capture(content), exif=b"") == replace(capture, exif=b"")
+    image = Image.open(io.BytesIO(content))
+    assert "sRGB" in ImageCms.getProfileDescription(ImageCms.ImageCmsProfile(io.BytesIO(image.info["icc_profile"])))
+    if image_format == "png":
+        np.testing.assert_array_equal(np.asarray(image), RGB)
+
+
+@pytest.mark.parametrize("image_format", ["png", "png16", "jpg", "tiff32"])
+@pytest.mark.parametrize("mono", [True, False])
+def test_a_monochrome_image_is_written_as_one_channel(image_format: ImageFormat, mono: bool) -> None:
+    rgb = np.repeat(RGB[..., :1], 3, axis=2) if mono else RGB
+    pixels = rgb.astype(np.float32) if image_format == "tiff32" else rgb
+    decoded = cv2.imdecode(np.frombuffer(encode_image(pixels, image_format), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert decoded.ndim == (2 if mono else 3)
 
 
 def test_frames_come_with_what_was_recorded(tmp_path: Path) -> None:

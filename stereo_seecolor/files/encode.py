@@ -1,12 +1,14 @@
 """Arrays to file contents. The settings were chosen by measurement: see docs/performance.md."""
 
+import struct
 from typing import Literal
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from PIL import ImageCms
 
-from stereo_seecolor.records import Map
+from stereo_seecolor.records import Map, is_monochrome
 
 ImageFormat = Literal["png", "png16", "tiff32", "jpg"]
 SUFFIX: dict[ImageFormat, str] = {"png": ".png", "png16": ".png", "tiff32": ".tiff", "jpg": ".jpg"}
@@ -19,21 +21,23 @@ JPEG_QUALITY = 95
 TIFF_UNCOMPRESSED = 1
 
 
-def encode_image(rgb: NDArray[np.generic], image_format: ImageFormat) -> bytes:
-    """(H, W, 3) RGB to a file's content.
+def encode_image(rgb: NDArray[np.generic], image_format: ImageFormat, exif: bytes = b"") -> bytes:
+    """(H, W, 3) RGB to a file's content; written as one channel where red, green and blue are equal everywhere.
 
     png keeps 8 or 16 bits; png16 scales 8 bits up to 16; jpg takes 8 bits (16 are scaled down); tiff32 takes float32.
+    exif: a Capture's block. It and the sRGB profile (of color images) are embedded, but in tiff32, which is linear.
     """
     if image_format == "png16" and rgb.dtype == np.uint8:
         rgb = rgb.astype(np.uint16) * 257
     if image_format == "jpg" and rgb.dtype == np.uint16:
         rgb = (rgb // 257).astype(np.uint8)
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+    mono = is_monochrome(rgb)
+    pixels = rgb[..., 0] if mono else cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
     if image_format == "tiff32":
-        return _encode(".tiff", bgr, [cv2.IMWRITE_TIFF_COMPRESSION, TIFF_UNCOMPRESSED])
-    if image_format == "jpg":
-        return _encode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-    return _encode(".png", bgr, PNG)
+        return _encode(".tiff", pixels, [cv2.IMWRITE_TIFF_COMPRESSION, TIFF_UNCOMPRESSED])
+    metadata = {cv2.IMAGE_METADATA_EXIF: exif, cv2.IMAGE_METADATA_ICCP: b"" if mono else SRGB_PROFILE}
+    suffix, parameters = (".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]) if image_format == "jpg" else (".png", PNG)
+    return _encode_with_metadata(suffix, pixels, {kind: block for kind, block in metadata.items() if block}, parameters)
 
 
 def encode_map(values: Map) -> bytes:
@@ -49,6 +53,22 @@ def encode_confidence(confidence: Map) -> bytes:
 def encode_mask(mask: NDArray[np.uint8]) -> bytes:
     """(H, W) uint8 codes to a PNG."""
     return _encode(".png", mask, PNG)
+
+
+def _srgb_profile() -> bytes:
+    """The ICC profile of sRGB, with a date of creation that never changes, so that equal images are equal files."""
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    return profile[:24] + struct.pack(">6H", 2000, 1, 1, 0, 0, 0) + profile[36:]
+
+
+SRGB_PROFILE = _srgb_profile()
+
+
+def _encode_with_metadata(suffix: str, pixels: NDArray[np.generic], metadata: dict[int, bytes], parameters: list[int]) -> bytes:
+    blocks = [np.frombuffer(block, np.uint8) for block in metadata.values()]
+    encoded: NDArray[np.uint8]
+    _, encoded = cv2.imencodeWithMetadata(suffix, pixels, list(metadata), blocks, parameters)
+    return encoded.tobytes()
 
 
 def _encode(suffix: str, pixels: NDArray[np.generic], parameters: list[int]) -> bytes:

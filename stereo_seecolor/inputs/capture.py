@@ -25,6 +25,9 @@ DROPPED_DETAILS = (
     ExifTags.Base.ExifInteroperabilityOffset,
 )
 
+PLAUSIBLE = (1e-9, 1e9)
+"""Exposures in seconds, ISO numbers and f-numbers beyond these are damage."""
+
 _UPRIGHT = 1
 _DATE = "%Y:%m:%d %H:%M:%S"
 _DATE_WITH_ZONE = f"{_DATE}%z"
@@ -101,7 +104,7 @@ def _positive(value: Any) -> float | None:
         number = float(first)
     except (TypeError, ValueError, ZeroDivisionError):
         return None
-    return number if np.isfinite(number) and number > 0 else None
+    return number if PLAUSIBLE[0] <= number <= PLAUSIBLE[1] else None
 
 
 def _text(value: Any) -> str:
