@@ -19,6 +19,8 @@ from pathlib import Path
 import cv2
 import pytest
 from golden_numbers import (
+    OWN_TRACK,
+    SAME_FILES,
     Numbers,
     color_run_numbers,
     differences,
@@ -52,8 +54,11 @@ RUNS: dict[str, dict[str, tuple[tuple[str, ...], Callable[[Path], Numbers]]]] = 
     },
 }
 """By the file of the numbers, then by a name in it: the command without --out, and what is kept of its folder."""
-TRACKS = {"map, own track": (), "map, given poses": ("--poses", str(REEF / "trajectory.tum"))}
-"""Maps of the sample dive's first run, in the same file."""
+MAPS = {
+    "map, own track": ((), OWN_TRACK),
+    "map, given poses": (("--poses", str(REEF / "trajectory.tum")), SAME_FILES),
+}
+"""Of the sample dive's first run, in the same file: what is typed after ``fuse OUT``, and the tolerances."""
 
 
 def command(*words: str) -> tuple[int, str]:
@@ -80,7 +85,7 @@ def run(file: str, name: str, out: Path) -> Numbers:
 
 def fuse(name: str, out: Path) -> Numbers:
     """Of a finished run in out; skips where Open3D cannot be loaded."""
-    code, said = command("fuse", str(out), *TRACKS[name])
+    code, said = command("fuse", str(out), *MAPS[name][0])
     if code == 1 and "the map needs Open3D" in said:
         pytest.skip(said.strip())
     assert code == 0, said
@@ -106,9 +111,9 @@ def test_the_sample_dive_with_settings(name: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", TRACKS)
+@pytest.mark.parametrize("name", MAPS)
 def test_the_map_of_the_sample_dive(name: str, dive: Path) -> None:
-    assert not differences(golden("sample_dive")[name], fuse(name, dive))
+    assert not differences(golden("sample_dive")[name], fuse(name, dive), MAPS[name][1])
 
 
 @pytest.mark.slow
@@ -143,6 +148,15 @@ def test_a_shift_of_one_block_is_noticed(dive: Path, tmp_path: Path) -> None:
     assert differences(range_numbers(dive, name), range_numbers(tmp_path / "out", name))
 
 
+def changes(file: str, measured: Numbers) -> list[str]:
+    """A line for each number that is not as stored in the file."""
+    if not (GOLDEN / f"{file}.json").exists():
+        return ["new"]
+    stored = golden(file)
+    tolerances = {name: MAPS[name][1] if name in MAPS else SAME_FILES for name in measured}
+    return [f"{name}: {line}" for name in measured for line in differences(stored.get(name, {}), measured[name], tolerances[name])]
+
+
 def renew(write: bool) -> None:
     """Print how the numbers of every run differ from those stored, beyond the tolerances; with write, store them all."""
     with tempfile.TemporaryDirectory() as folder:
@@ -152,11 +166,10 @@ def renew(write: bool) -> None:
                 continue
             measured = {name: run(file, name, Path(folder) / file / name) for name in runs}
             if file == "sample_dive":
-                measured |= {name: fuse(name, Path(folder) / file / "run") for name in TRACKS}
-            path = GOLDEN / f"{file}.json"
-            print(f"{file}:", *(differences(golden(file), measured) if path.exists() else ["new"]), sep="\n  ")
+                measured |= {name: fuse(name, Path(folder) / file / "run") for name in MAPS}
+            print(f"{file}:", *(changes(file, measured) or ["nothing differs"]), sep="\n  ")
             if write:
-                write_numbers(path, measured)
+                write_numbers(GOLDEN / f"{file}.json", measured)
 
 
 if __name__ == "__main__":
