@@ -21,7 +21,7 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import table_solver
 from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.config import ColorConfig, PaperAdamConfig
 from stereo_seecolor.records import Image, Map, Water
 
 STEP = 6
@@ -37,10 +37,10 @@ def frames(folder: Path | None) -> list[tuple[str, Image, Map]]:
     return found
 
 
-def attenuation_on(table: MomentTable, water: Water, config: ColorConfig) -> Water:
+def attenuation_on(table: MomentTable, water: Water) -> Water:
     """The water with its attenuation fitted anew to what its backscatter leaves."""
     columns = []
-    for c, channel in enumerate(table_solver.channels(table, config)):
+    for c, channel in enumerate(table_solver.channels(table, water.input_encoding)):
         veil = np.array([getattr(water, name)[c] for name in BACKSCATTER])
         columns.append(table_solver.fit_attenuation(channel, table_solver.direct_signal(channel, veil), None)[0])
     return replace(water, **dict(zip(ATTENUATION, np.transpose(columns), strict=True)))
@@ -49,10 +49,10 @@ def attenuation_on(table: MomentTable, water: Water, config: ColorConfig) -> Wat
 def compare(corrector: Corrector, name: str, image: Image, range_m: Map) -> bool:
     table = corrector.measure(image, range_m)
     dense, fast = corrector.fit_dense(image, range_m), corrector.fit(table)
-    on_dense = attenuation_on(table, dense, corrector.config)
-    b_dense, a_dense = table_solver.losses(table, dense, corrector.config)
-    b_fast, a_fast = table_solver.losses(table, fast, corrector.config)
-    a_same = table_solver.losses(table, on_dense, corrector.config)[1]
+    on_dense = attenuation_on(table, dense)
+    b_dense, a_dense = table_solver.losses(table, dense, corrector.config.paper.penalty)
+    b_fast, a_fast = table_solver.losses(table, fast, corrector.config.paper.penalty)
+    a_same = table_solver.losses(table, on_dense, corrector.config.paper.penalty)[1]
     lower = b_fast <= b_dense and a_same <= a_dense
     print(f"{name:12} {b_dense:10.5f} {b_fast:10.5f}   {a_dense:10.5f} {a_same:10.5f} {a_fast:10.5f}   {'yes' if lower else 'NO'}")
     return lower
@@ -60,7 +60,7 @@ def compare(corrector: Corrector, name: str, image: Image, range_m: Map) -> bool
 
 def speed(corrector: Corrector) -> None:
     image, range_m = frame(0)
-    short = Corrector(corrector.config.model_copy(update={"first_steps": 3}))
+    short = Corrector(corrector.config.model_copy(update={"paper_adam": PaperAdamConfig(first_steps=3)}))
     short.fit_dense(image, range_m)
     start = time.perf_counter()
     short.fit_dense(image, range_m)
@@ -79,7 +79,7 @@ def speed(corrector: Corrector) -> None:
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else None
     for encoding in ("srgb", "as-is"):
-        corrector = Corrector(ColorConfig(objective="paper", input_encoding=encoding, device="cpu"))
+        corrector = Corrector(ColorConfig(method="paper", input_encoding=encoding, device="cpu"))
         print(f"{encoding:12} backscatter: dense      table   attenuation: dense  table on its backscatter, table  lower")
         every = [compare(corrector, *one) for one in frames(folder)]
         print(f"table lower or equal on {sum(every)} of {len(every)}")

@@ -53,7 +53,7 @@ def by_config(**settings: object) -> Method:
     """Our corrector under some settings, as a user gets it."""
 
     def correct(case: Case) -> Result:
-        corrector = Corrector(ColorConfig(**settings))
+        corrector = Corrector(ColorConfig.model_validate(settings))
         done = corrector.apply(case.image, case.range_m, corrector.fit_frame(case.image, case.range_m))
         return np.where(done.unknown[..., None], np.nan, done.image / 255.0)
 
@@ -85,15 +85,15 @@ METHODS_COMPARED: dict[str, Method] = {
     **{f"{name}, linear light": in_linear_light(name) for name in ("gray world", "simple model", "sea-thru")},
     "darkest 1 % a bin, gray world log-linear": lambda case: bins_of_range(case.image / 255.0, case.range_m, 1.0, 1.0),
     "half of it, 8-norm log-linear": lambda case: bins_of_range(case.image / 255.0, case.range_m, 0.5, 8.0),
-    "the paper's objective": by_config(objective="paper"),
+    "the paper's objective": by_config(method="paper"),
     "stereo-seecolor": by_config(),
 }
 SWITCHES: dict[str, Method] = {
     "as shipped": by_config(),
     "input_encoding: as-is": by_config(input_encoding="as-is"),
-    "attenuation: constant": by_config(attenuation="constant"),
-    "white_point: none": by_config(white_point="none"),
-    "scene_colors: gray": by_config(scene_colors="gray"),
+    "attenuation: constant": by_config(robust={"attenuation": "constant"}),
+    "white_point: none": by_config(robust={"white_point": "none"}),
+    "scene_colors: gray": by_config(robust={"scene_colors": "gray"}),
 }
 
 
@@ -173,7 +173,7 @@ def card_table(data: Path, methods: dict[str, Method]) -> None:
             scores += [score_neutral(result[mask]) for mask in masks]
         angles = ", ".join(f"{s.psi_deg:.1f}" for s in scores)
         print(
-            f"| {name} | {angles} | {np.mean([s.psi_deg for s in scores]):.1f} | {max(s.clipped_share for s in scores):.0%} |",
+            f"| {name} | {angles} | {np.mean([s.psi_deg for s in scores]):.1f} | {max(s.clipped_fraction for s in scores):.0%} |",
             flush=True,
         )
 
@@ -187,7 +187,7 @@ def chart_table() -> None:
         (target,) = targets_of([], case.image, case.range_m)
         results = correct_by_all(case.image, case.range_m, RunConfig())
         scores.append({name: score_target(case.name, target, name, result, case.range_m) for name, result in results.items()})
-    for measure, method in itertools.product(("ciede2000", "psi_deg", "clipped_share"), scores[0]):
+    for measure, method in itertools.product(("ciede2000", "psi_deg", "clipped_fraction"), scores[0]):
         print(f"| {measure}: {method} | " + " | ".join(f"{getattr(of[method], measure):.3f}" for of in scores) + " |")
 
 

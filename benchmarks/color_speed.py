@@ -48,7 +48,7 @@ def timed(what: Callable[[], object], times: int) -> str:
 
 def report(corrector: Corrector) -> None:
     (image, range_m), following = frame(0), frame(1)
-    name = corrector.config.objective
+    name = corrector.config.method
     table, next_table = corrector.measure(image, range_m), corrector.measure(*following)
     water = corrector.fit(table)
 
@@ -74,8 +74,8 @@ def report(corrector: Corrector) -> None:
 
 def main() -> None:
     print(f"{SIZE[1]}x{SIZE[0]}, 8 bit, milliseconds    median    least  of CPU")
-    for objective in ("robust", "paper"):
-        report(Corrector(ColorConfig(objective=objective)))
+    for method in ("robust", "paper"):
+        report(Corrector(ColorConfig(method=method)))
 
 
 if __name__ == "__main__":

@@ -1,15 +1,25 @@
 """All settings: one small frozen model a stage, with the reason for each default in its description."""
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, Strict, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    Strict,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    field_validator,
+    model_validator,
+)
 
 FilePath = Annotated[Path, Strict(False)]
 """A path, also given as text."""
 
-Rgb = Annotated[tuple[float, float, float], Strict(False)]
-"""Three numbers, also given as a list."""
+Light = Annotated[float, Field(ge=1e-4, le=1e4)]
+Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
+"""Three positive numbers, also given as a list."""
 
 
 class _Stage(BaseModel):
@@ -66,18 +76,68 @@ class MatchingConfig(_Stage):
         return self
 
 
+class RobustConfig(_Stage):
+    """The default method: physics with a white point, fitted to quantiles of color over range."""
+
+    attenuation: Literal["varying", "constant"] = Field(
+        default="varying",
+        description="varying: attenuation may fall or rise with range, as wide bands and light from above do. "
+        "constant: one coefficient a channel.",
+    )
+    white_point: Literal["scene", "none"] | Rgb = Field(
+        default="scene",
+        description="The color of the light that arrives at the reef. scene: fitted with the water. none: white, as in the paper's "
+        "model. Or R, G, B as known, from a white card for example, in linear light, each from 0.0001 to 10000; only their ratios "
+        "count.",
+    )
+    scene_colors: Literal["natural", "gray"] = Field(
+        default="natural", description="What a reef's colors are on average: natural, warm as sand and rock are; or gray."
+    )
+    water_depth_m: float | None = Field(
+        default=None,
+        ge=0,
+        le=200,
+        description="How far below the surface the reef lies, meters, where known: the light that arrives then follows from the "
+        "water. At most 200, the depth that daylight reaches.",
+    )
+
+    @field_validator("white_point", mode="wrap")
+    @classmethod
+    def _one_line(cls, value: Any, handler: ValidatorFunctionWrapHandler) -> Any:
+        try:
+            return handler(value)
+        except ValidationError as error:
+            raise ValueError("must be scene, none, or [R, G, B], each from 0.0001 to 10000") from error
+
+
+class PaperConfig(_Stage):
+    """DeepSeeColor's losses and model, minimized over moment tables."""
+
+    penalty: float = Field(
+        default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."
+    )
+
+
+class PaperAdamConfig(PaperConfig):
+    """The same as the paper does it: both networks trained by Adam on every pixel."""
+
+    first_steps: int = Field(default=500, ge=1, description="Adam steps on a first frame.")
+    next_steps: int = Field(default=20, ge=1, description="Adam steps on a frame that starts from another's water.")
+    learning_rate: float = Field(default=0.03, gt=0, description="Adam's learning rate.")
+
+
 class ColorConfig(_Stage):
     """The water and how it is fitted: images and range maps -> corrected images."""
 
-    objective: Literal["paper", "robust"] = Field(
+    method: Literal["robust", "paper", "paper-adam"] = Field(
         default="robust",
-        description="paper: DeepSeeColor's losses and model. robust: physics with a white point, from order statistics over range.",
+        description="robust: physics with a white point, from quantiles of color over range. paper: DeepSeeColor's losses and "
+        "model, minimized over moment tables. paper-adam: the same by Adam on every pixel, as published; where frames share a "
+        "water, from their tables.",
     )
-    solver: Literal["table", "dense"] = Field(
-        default="table",
-        description="table: all fits are from moment tables. dense: the paper's losses by per-pixel Adam, whatever the objective; "
-        "where frames share a water, the same losses from their tables.",
-    )
+    robust: RobustConfig = RobustConfig()
+    paper: PaperConfig = PaperConfig()
+    paper_adam: PaperAdamConfig = PaperAdamConfig()
     lock: Literal["frame", "sliding", "survey"] = Field(
         default="frame",
         description="frame: each frame its own water. sliding: the water of the last frames. survey: one water for all frames.",
@@ -89,50 +149,24 @@ class ColorConfig(_Stage):
     )
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto",
-        description="cuda: tables, corrections and the dense solver run there. auto: the dense solver does, where there is one.",
+        description="cuda: tables, corrections and method paper-adam run there. auto: paper-adam does, where there is one.",
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
         description="srgb: decoded to linear light, corrected there, encoded again. linear: the values are linear light, and "
         "the output is encoded. as-is: the values are corrected as they are.",
     )
-    attenuation: Literal["varying", "constant"] = Field(
-        default="varying",
-        description="varying: attenuation may fall or rise with range, as wide bands and light from above do (objective robust). "
-        "constant: one coefficient a channel.",
-    )
-    white_point: Literal["scene", "none"] | Rgb = Field(
-        default="scene",
-        description="The color of the light that arrives at the reef. scene: found with the water. none: white, as in the paper's "
-        "model. Or R, G, B as known, from a white card say, in linear light (objective robust).",
-    )
-    scene_colors: Literal["natural", "gray"] = Field(
-        default="natural",
-        description="What a reef's colors are on average: natural, warm as sand and rock are; or gray (objective robust).",
-    )
-    water_depth_m: float | None = Field(
-        default=None,
-        ge=0,
-        description="How far below the surface the reef lies, meters, where known: the light that arrives then follows from the "
-        "water (objective robust).",
-    )
     lights: Literal["none", "learn"] = Field(
         default="none",
-        description="learn: the rig's own lamps, learned from the dive (at least 12 frames), are divided out first. For dives lit "
-        "by lamps alone; where the sun is about as strong it makes things worse.",
+        description="learn: the strobes' or lamps' own pattern, learned from the dive (at least 12 frames), is divided out first. "
+        "For dives lit by lamps alone; where the sun is about as strong it makes things worse.",
     )
-    penalty: float = Field(
-        default=1000.0, gt=1, description="k of the backscatter loss: what a negative direct signal costs against a positive one."
-    )
-    first_steps: int = Field(default=500, ge=1, description="Adam steps on a first frame (solver dense).")
-    next_steps: int = Field(default=20, ge=1, description="Adam steps on a frame that starts from another's water (solver dense).")
-    learning_rate: float = Field(default=0.03, gt=0, description="Adam's learning rate (solver dense).")
-    clipped_share: float = Field(
+    clipped_fraction: float = Field(
         default=0.0005,
         ge=0,
         lt=1,
-        description="Exposure is set so that at most this share of the pixels has a channel at full scale; a white card far away "
-        "may be but a thousandth of a frame, and must not clip.",
+        description="Exposure is set so that at most this fraction of the pixels has a channel at full scale; a white card far "
+        "away may be but a thousandth of a frame, and must not clip.",
     )
     highlights: Literal["roll-off", "clip"] = Field(
         default="roll-off",
@@ -141,12 +175,12 @@ class ColorConfig(_Stage):
         "input_encoding is as-is.",
     )
     input_noise: float = Field(
-        default=0.006, gt=0, lt=1, description="Noise of a pixel as a share of full scale, standard deviation: 1.5 of 255."
+        default=0.006, gt=0, lt=1, description="Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of 255."
     )
     output_noise: float = Field(
         default=0.06,
         gt=0,
-        description="A channel's gain stops where its noise would pass this share of full scale (linear light): a third of "
+        description="A channel's gain stops where its noise would pass this fraction of full scale (linear light): a third of "
         "mid-gray, the limit of detection. What is missing comes from the other channels, and is marked.",
     )
     unknown_pixels: Literal["black", "raw"] = Field(
@@ -213,3 +247,14 @@ class RunConfig(_Stage):
     color: ColorConfig = ColorConfig()
     mapping: MappingConfig = MappingConfig()
     output: OutputConfig = OutputConfig()
+
+
+RENAMED = {
+    "color.objective": "it is now color.method: objective=robust is method=robust, objective=paper is method=paper",
+    "color.solver": "it is now color.method: solver=dense is method=paper-adam, solver=table is method=robust or paper",
+    "color.clipped_share": "it is now color.clipped_fraction",
+    "color.penalty": "it is now color.paper.penalty, and color.paper_adam.penalty for method=paper-adam",
+    **{f"color.{key}": f"it is now color.robust.{key}" for key in RobustConfig.model_fields},
+    **{f"color.{key}": f"it is now color.paper_adam.{key}" for key in ("first_steps", "next_steps", "learning_rate")},
+}
+"""Keys of earlier versions, and what has taken their place."""

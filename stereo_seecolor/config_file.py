@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from stereo_seecolor.config import RunConfig
+from stereo_seecolor.config import RENAMED, RunConfig
 from stereo_seecolor.errors import ConfigError, InputError
 from stereo_seecolor.files.reading import read_bytes
 
@@ -172,6 +172,8 @@ def _holds(content: object, key: Sequence[str]) -> bool:
 
 
 def _suggestion(key: str) -> str:
+    if key in RENAMED:
+        return f"; {RENAMED[key]}"
     near = difflib.get_close_matches(key, [*known_keys(), *RunConfig.model_fields], n=1, cutoff=0.5)
     return f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known_keys())}"
 

@@ -211,7 +211,10 @@ class Survey:
                     correction = replace(correction, linear=linear)
             with clock("write"):
                 write_correction(self._folder, pair.name, correction, range_map, self._source.geometry, self._config.output)
-                facts = {"clipped_share": correction.clipped_share, "unrecoverable_share": float(correction.unrecoverable.mean())}
+                facts = {
+                    "clipped_fraction": correction.clipped_fraction,
+                    "unrecoverable_fraction": float(correction.unrecoverable.mean()),
+                }
                 finished = Finished(key, {"exposure": correction.exposure, **facts}, correction.warnings)
                 self._folder.finish("corrected", pair.name, finished)
         return Done(done.row.then(FrameRow(pair.name, kept=kept, warnings=finished.warnings, facts=dict(finished.facts))))

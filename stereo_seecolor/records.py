@@ -147,7 +147,7 @@ class Correction:
 
     image: J at the input's bit depth; where the range is unknown see ``unknown``.
     unknown: True where no range was known. unrecoverable: True where a channel's gain hit its noise-tied cap, or the camera had
-    clipped a channel. clipped_share: share of valid pixels with a channel at full scale. water: the water that was taken out.
+    clipped a channel. clipped_fraction: share of valid pixels with a channel at full scale. water: the water that was taken out.
     exposure, highlights: as a Water's.
     linear: (H, W, 3) float32 linear light, unclipped, where it was asked for.
     """
@@ -155,7 +155,7 @@ class Correction:
     image: Image
     unknown: Mask
     unrecoverable: Mask
-    clipped_share: float
+    clipped_fraction: float
     water: Water
     exposure: float = 1.0
     highlights: float = 1.0

@@ -126,7 +126,7 @@ def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -
     dive, out = make_dive(), tmp_path / "out"
     cli(*dive.command(out))
     ranges = {path: path.stat().st_mtime_ns for path in (out / "range").iterdir()}
-    cli(*dive.command(out, "--set", "color.clipped_share=0.1"))
+    cli(*dive.command(out, "--set", "color.clipped_fraction=0.1"))
     assert ranges == {path: path.stat().st_mtime_ns for path in ranges}, "ranges do not depend on color settings"
     cv2.imwrite(str(dive.root / "R" / "0001.png"), read(dive.root / "R" / "0002.png"))
     cli(*dive.command(out))
@@ -392,7 +392,7 @@ def test_cuda_asked_for_and_absent(make_dive, cli, tmp_path) -> None:
 
     if torch.cuda.is_available():
         pytest.skip("this machine has CUDA")
-    more = ["--set", "color.device=cuda", "--set", "color.solver=dense", "--set", "color.objective=paper"]
+    more = ["--set", "color.device=cuda", "--set", "color.method=paper-adam"]
     code, _, said = cli(*make_dive(1).command(tmp_path / "out", *more))
     assert code == 1
     assert "cuda" in said.splitlines()[-1].lower()

@@ -75,7 +75,7 @@ def test_between_the_levels_the_range_is_off_by_four_thousandths_at_most():
 def test_clear_water_at_exposure_one_changes_nothing(depth, encoding):
     config = ColorConfig(input_encoding=encoding)
     image, range_m = random_frame(7, depth)
-    found = Corrector(config).apply(image, range_m, clear_water(config), exposure=1.0)
+    found = Corrector(config).apply(image, range_m, clear_water(encoding), exposure=1.0)
     expected = image if encoding != "linear" else None
     if expected is None:
         full = 2**depth - 1
@@ -90,11 +90,11 @@ def test_exposure_lets_no_more_than_the_stated_share_clip_and_hardly_less(depth,
     rng = np.random.default_rng(3)
     image = (rng.gamma(2, 0.08, (150, 200, 3)).clip(0, 0.9) * (2**depth - 1)).astype(np.uint8 if depth == 8 else np.uint16)
     range_m = rng.uniform(1, 3, (150, 200)).astype(np.float32)
-    found = Corrector(ColorConfig(clipped_share=share, highlights="clip", output_noise=1e9)).apply(image, range_m, some_water())
+    found = Corrector(ColorConfig(clipped_fraction=share, highlights="clip", output_noise=1e9)).apply(image, range_m, some_water())
     full = 2**depth - 1
-    assert found.clipped_share == pytest.approx((found.image == full).any(axis=2).mean())
-    assert found.clipped_share <= share + 1e-9
-    assert found.clipped_share >= 0.3 * share
+    assert found.clipped_fraction == pytest.approx((found.image == full).any(axis=2).mean())
+    assert found.clipped_fraction <= share + 1e-9
+    assert found.clipped_fraction >= 0.3 * share
     assert found.image.max() > 0.9 * full
 
 
@@ -102,7 +102,7 @@ def test_gain_stops_where_noise_would_pass_the_stated_level_and_says_where():
     rng = np.random.default_rng(4)
     range_m = np.tile(np.linspace(0.5, 12, 400, dtype=np.float32), (50, 1))
     image = rng.integers(100, 140, (50, 400, 3)).astype(np.uint8)
-    water = replace(clear_water(ColorConfig()), w=np.array([1.0, 0.1, 0.1]))
+    water = replace(clear_water("srgb"), w=np.array([1.0, 0.1, 0.1]))
     found = Corrector(ColorConfig(output_noise=0.1)).apply(image, range_m, water, exposure=1.0)
     assert found.unrecoverable[:, -1].all()
     assert not found.unrecoverable[:, 0].any()
@@ -148,11 +148,11 @@ def broken_frames():
     yield "no red", image * np.array([0, 1, 1], np.uint8), range_m
 
 
-@pytest.mark.parametrize("objective", ["robust", "paper"])
+@pytest.mark.parametrize("method", ["robust", "paper"])
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize(("name", "image", "range_m"), [pytest.param(*frame, id=frame[0]) for frame in broken_frames()])
-def test_broken_frames_give_a_picture_or_a_warning(objective, depth, name, image, range_m):
-    corrector = Corrector(ColorConfig(objective=objective))
+def test_broken_frames_give_a_picture_or_a_warning(method, depth, name, image, range_m):
+    corrector = Corrector(ColorConfig(method=method))
     image = image if depth == 8 else image.astype(np.uint16) * 257
     water = corrector.fit_frame(image, range_m)
     again = corrector.fit_frame(image, range_m, start=water)

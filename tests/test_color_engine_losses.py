@@ -25,7 +25,7 @@ from stereo_seecolor.config import ColorConfig
 
 def random_water(rng):
     shares, rates = rng.uniform(0.01, 0.4, (4, 3)), rng.uniform(0.01, 1.5, (8, 3))
-    return water_of(np.stack([shares[0], rates[0], shares[1], rates[1], *rates[2:6]]), ColorConfig())
+    return water_of(np.stack([shares[0], rates[0], shares[1], rates[1], *rates[2:6]]), "srgb")
 
 
 def random_frame(rng, depth):
@@ -64,7 +64,7 @@ def test_table_losses_and_gradients_are_the_per_pixel_ones(seed, depth, encoding
     load(veil, water)
     load(dimming, water)
 
-    dense_b = per_pixel.backscatter_loss(light - veil(z), config.penalty)
+    dense_b = per_pixel.backscatter_loss(light - veil(z), config.paper.penalty)
     dense_b.backward()
     direct = per_pixel.clamp_direct(light - veil(z)).detach()
     dense_a = per_pixel.attenuation_loss(direct / dimming(z), direct)
@@ -72,9 +72,9 @@ def test_table_losses_and_gradients_are_the_per_pixel_ones(seed, depth, encoding
 
     raw_b, raw_a = raw_weights(veil, BACKSCATTER), raw_weights(dimming, ATTENUATION)
     table_b, table_a, slope_b, slope_a = 0.0, 0.0, [], []
-    for c, channel in enumerate(channels(measure(image, range_m), config)):
+    for c, channel in enumerate(channels(measure(image, range_m), config.input_encoding)):
         slopes = np.empty((channel.z.size, 4))
-        table_b += backscatter_loss(raw_b[:, c].copy(), channel, config.penalty, slopes)
+        table_b += backscatter_loss(raw_b[:, c].copy(), channel, config.paper.penalty, slopes)
         slope_b.append(slopes.sum(axis=0))
         four = np.array([getattr(water, name)[c] for name in BACKSCATTER])
         table_a += attenuation_loss(raw_a[:, c].copy(), channel, direct_signal(channel, four), slopes)
@@ -91,11 +91,11 @@ def test_all_the_ranges_of_a_level_as_one_cost_little(reef_like):
     light, z = as_tensors(image, range_m, "srgb")
     veil = BackscatterNet().double()
     load(veil, water)
-    dense = per_pixel.backscatter_loss(light - veil(z), config.penalty).item()
+    dense = per_pixel.backscatter_loss(light - veil(z), config.paper.penalty).item()
     raw = raw_weights(veil, BACKSCATTER)
     table = sum(
-        backscatter_loss(raw[:, c].copy(), channel, config.penalty, np.empty((channel.z.size, 4)))
-        for c, channel in enumerate(channels(measure(image, range_m), config))
+        backscatter_loss(raw[:, c].copy(), channel, config.paper.penalty, np.empty((channel.z.size, 4)))
+        for c, channel in enumerate(channels(measure(image, range_m), config.input_encoding))
     )
     assert table == pytest.approx(dense, rel=1e-3)
 
@@ -140,7 +140,7 @@ def backscatter_after_training(loss, steps=250):
     truth = 0.3 * (1 - torch.exp(-0.4 * z))
     light = truth + torch.from_numpy(rng.exponential(0.1, (1, 3, 1, 1000)))
     network = BackscatterNet().double()
-    load(network, water_of(np.full((8, 3), 0.1), ColorConfig()))
+    load(network, water_of(np.full((8, 3), 0.1), "srgb"))
     train(network, lambda: loss(light - network(z)), steps, 0.05)
     with torch.no_grad():
         return (network(z) - truth).abs().max().item(), network(z).max().item()
@@ -157,7 +157,7 @@ def test_printed_sign_of_the_backscatter_penalty_rewards_negative_direct_signals
 
 
 def test_printed_final_sigmoid_keeps_backscatter_above_a_half():
-    water = water_of(np.full((8, 3), 1e-3), ColorConfig())
+    water = water_of(np.full((8, 3), 1e-3), "srgb")
     network = BackscatterNet()
     load(network, water)
     z = torch.linspace(0.1, 10, 50)[None, None, None]

@@ -35,10 +35,10 @@ def same(a, b):
     return np.array_equal(a.w, b.w) and np.array_equal(a.gamma_inf, b.gamma_inf) and a.exposure == b.exposure
 
 
-@pytest.mark.parametrize("objective", ["robust", "paper"])
-def test_survey_lock_is_the_fit_to_all_pixels_together(objective):
+@pytest.mark.parametrize("method", ["robust", "paper"])
+def test_survey_lock_is_the_fit_to_all_pixels_together(method):
     frames = [reef(seed) for seed in range(4)]
-    corrector, waters = waters_of(frames, lock="survey", objective=objective)
+    corrector, waters = waters_of(frames, lock="survey", method=method)
     together = corrector.fit(measure(np.vstack([f[0] for f in frames]), np.vstack([f[1] for f in frames])))
     assert list(waters) == ["0", "1", "2", "3"]
     for water in waters.values():

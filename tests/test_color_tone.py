@@ -13,7 +13,7 @@ from stereo_seecolor.color.table.encoding import decode
 from stereo_seecolor.config import ColorConfig
 
 CONFIG = ColorConfig(output_noise=1e9)
-CLEAR = clear_water(CONFIG)
+CLEAR = clear_water("srgb")
 
 
 def encoded(light, depth=8):
@@ -68,7 +68,7 @@ def test_a_scene_that_is_dark_against_its_brightest_is_lifted_two_stops_at_most(
         clip, rolled = (Corrector(replace_config(highlights=how)).apply(image, range_m, CLEAR) for how in ("clip", "roll-off"))
         lifts.append(rolled.exposure / clip.exposure)
         assert rolled.highlights == pytest.approx(lifts[-1])
-        assert rolled.clipped_share <= clip.clipped_share
+        assert rolled.clipped_fraction <= clip.clipped_fraction
         if lifts[-1] == 1:
             assert np.array_equal(clip.image, rolled.image)
     assert lifts[0] == 1
@@ -83,7 +83,7 @@ def replace_config(**settings):
 def test_values_as_they_are_have_no_roll_off():
     image, range_m = scene(0.01)
     config = replace_config(input_encoding="as-is")
-    assert Corrector(config).apply(image, range_m, clear_water(config)).highlights == 1
+    assert Corrector(config).apply(image, range_m, clear_water("as-is")).highlights == 1
 
 
 @pytest.mark.parametrize("depth", [8, 16])

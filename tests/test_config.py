@@ -40,8 +40,22 @@ def test_dumped_configuration_loads_again() -> None:
         ("matching.min_range_m='1'", r"matching\.min_range_m: input should be a valid number \(got '1'\)"),
         ("matching.max_range_m=.inf", r"matching\.max_range_m: input should be a finite number \(got inf\)"),
         ("mapping.voxel_m=.nan", r"mapping\.voxel_m: input should be a finite number \(got nan\)"),
-        ("color.white_point=[1, 1, .inf]", r"^--set: color\.white_point: "),
-        ("color.white_point=[1, yes, 1]", r"^--set: color\.white_point: "),
+        ("color.robust.white_point=[1, 1, .inf]", r"^--set: color\.robust\.white_point: "),
+        (
+            "color.robust.white_point=[0, 1, 1]",
+            r"^--set: color\.robust\.white_point: must be scene, none, or \[R, G, B\], each",
+        ),
+        ("color.robust.white_point=[1, -1, 1]", r"^--set: color\.robust\.white_point: must be "),
+        ("color.robust.white_point=[1, .nan, 1]", r"^--set: color\.robust\.white_point: must be "),
+        ("color.robust.water_depth_m=5000", r"^--set: color\.robust\.water_depth_m: .*less than or equal to 200 \(got 5000\)"),
+        ("color.objective=paper", r"no setting 'color\.objective'; it is now color\.method: .*objective=paper is method=paper$"),
+        ("color.solver=dense", r"no setting 'color\.solver'; it is now color\.method: solver=dense is method=paper-adam"),
+        ("color={solver: dense}", r"no setting 'color\.solver'; it is now color\.method"),
+        ("color.white_point=none", r"it is now color\.robust\.white_point$"),
+        ("color.first_steps=3", r"it is now color\.paper_adam\.first_steps$"),
+        ("color.penalty=3", r"it is now color\.paper\.penalty"),
+        ("color.clipped_share=0.1", r"it is now color\.clipped_fraction$"),
+        ("color.robust.white_point=[1, yes, 1]", r"^--set: color\.robust\.white_point: "),
         ("input.video_every=1.5", r"input\.video_every: input should be a valid integer"),
         ("output.clouds=1", r"output\.clouds: input should be a valid boolean"),
         ("mapping.mount=5", r"mapping\.mount: "),
@@ -111,12 +125,12 @@ def test_numbers_as_people_write_them(text: str, number: float) -> None:
 
 
 def test_lists_and_paths_are_read() -> None:
-    config = load_config(None, ["color.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"])
-    assert (config.color.white_point, config.matching.model) == ((1, 0.9, 0.8), Path("net.onnx"))
+    config = load_config(None, ["color.robust.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"])
+    assert (config.color.robust.white_point, config.matching.model) == ((1, 0.9, 0.8), Path("net.onnx"))
 
 
 def test_the_configuration_of_a_run_is_taken_from_its_run_json(tmp_path: Path) -> None:
-    config = load_config(None, ["color.lock=survey", "color.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"])
+    config = load_config(None, ["color.lock=survey", "color.robust.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"])
     run = {"format": "stereo-seecolor/run", "inputs": {}, "config": config.model_dump(mode="json")}
     (tmp_path / "run.json").write_text(json.dumps(run))
     assert load_config(tmp_path / "run.json") == config

@@ -47,7 +47,7 @@ def test_true_colors_score_zero(chart_image: tuple[np.ndarray, np.ndarray]) -> N
     row = score_target("f", chart("c", corners, SIZE), "truth", image, flat_range())
     assert row.psi_deg < 0.6  # noise
     assert row.ciede2000 < 0.5
-    assert row.clipped_share == 0
+    assert row.clipped_fraction == 0
     assert row.range_m == 2.0
     darker = encode_srgb(0.5 * decode_srgb(image))
     assert score_target("f", chart("c", corners, SIZE), "darker", darker, flat_range()).ciede2000 < 0.6
@@ -112,7 +112,7 @@ def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(folders: tuple[Path
     assert report.without_target == ("b",)
     assert len(report.rows) == len(methods)
     assert means[OURS].psi_deg < 0.5 * means["raw"].psi_deg
-    assert means[OURS].clipped_share < 0.02
+    assert means[OURS].clipped_fraction < 0.02
     sheet = cv2.imread(str(tmp_path / "sheet.png"))
     assert sheet.shape[1] == 7 * 320
 
@@ -161,7 +161,7 @@ def test_white_cards_in_the_sea(real_data: Path) -> None:
     means = {row.method: row for row in report.means()}
     ours = means.pop(OURS)
     assert ours.psi_deg < 4
-    assert max(row.clipped_share for row in report.rows if row.method == OURS) <= 0.02
+    assert max(row.clipped_fraction for row in report.rows if row.method == OURS) <= 0.02
     assert all(ours.psi_deg < other.psi_deg for other in means.values())
     assert len(report.without_target) == 6
 

@@ -68,7 +68,7 @@ def test_psi_does_not_see_exposure_and_equals_the_papers_formula(exposure: float
 def test_a_blown_out_target_reads_zero_and_says_so():
     score = measures.score_neutral(np.ones((10, 3)))
     assert score.psi_deg == pytest.approx(0, abs=1e-9)
-    assert score.clipped_share == 1
+    assert score.clipped_fraction == 1
     assert score.pixels == 10
 
 

@@ -17,7 +17,7 @@ def truth_text(report: "TruthReport") -> str:
         ("the same after the best gain a channel", "angle_after_gains_deg", ".2f"),
         ("CIEDE2000, median", "ciede2000", ".2f"),
         ("red/blue far against near, true = 1", "range_consistency", ".3f"),
-        ("pixels clipped", "clipped_share", ".2%"),
+        ("pixels clipped", "clipped_fraction", ".2%"),
     )
     return (
         lines(
@@ -47,6 +47,6 @@ def charts_text(report: "ChartReport") -> str:
     rows = []
     for row in (*report.rows, *report.means()):
         numbers = [f"{value:.1f}" for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)]
-        rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_share:.1%}"))
+        rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}"))
     without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
     return table(columns, rows) + lines([*without, f"  {report.sheet}: every method on every frame, to look at"])

@@ -51,20 +51,21 @@ class Corrector:
             return self._without_pixels(start)
         from stereo_seecolor.color.fitting import robust, table_solver
 
-        doubt = doubts(table)
-        if self.config.objective == "robust" and self.config.solver == "table":
+        doubt, method = doubts(table), self.config.method
+        if method == "robust":
             water = robust.fit(table, self.config, start)
             return replace(water, warnings=water.warnings or doubt)
         if doubt and start is not None:
             return replace(start, warnings=(f"{doubt[0]}; another frame's is used",))
-        return replace(table_solver.fit(table, self.config, start), warnings=doubt)
+        paper = self.config.paper if method == "paper" else self.config.paper_adam
+        return replace(table_solver.fit(table, paper.penalty, self.config.input_encoding, start), warnings=doubt)
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
-        """The water of one frame, by the config's solver."""
+        """The water of one frame, by the config's method."""
         return self._fit_measured(self.measure(image, range_m), image, range_m, start)
 
     def _fit_measured(self, table: MomentTable, image: Image, range_m: Map, start: Water | None) -> Water:
-        if self.config.solver == "table" or not table.pixels.any():
+        if self.config.method != "paper-adam" or not table.pixels.any():
             return self.fit(table, start)
         return replace(self.fit_dense(image, range_m, start), warnings=doubts(table))
 
@@ -96,7 +97,7 @@ class Corrector:
         """The image in its true colors, at its own size and bit depth.
 
         table: what ``measure`` gave for this image, if at hand. exposure, highlights: the brightness, as another frame's correction
-        has it; None is the water's, or else this frame's own, by ``config.highlights`` and ``config.clipped_share``.
+        has it; None is the water's, or else this frame's own, by ``config.highlights`` and ``config.clipped_fraction``.
         Raises ColorError where image and range map do not belong together, or the water is of another encoding.
         """
         self._check(water)
@@ -121,4 +122,6 @@ class Corrector:
     def _without_pixels(self, start: Water | None) -> Water:
         if start is not None:
             return replace(start, warnings=("no pixel with a known range: another frame's water is used",))
-        return replace(clear_water(self.config), warnings=("no pixel with a known range: colors are left as they are",))
+        return replace(
+            clear_water(self.config.input_encoding), warnings=("no pixel with a known range: colors are left as they are",)
+        )

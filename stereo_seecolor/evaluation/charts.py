@@ -30,7 +30,7 @@ class ChartRow:
 
     range_m: median distance, NaN where unknown. psi_deg: mean angle to gray of its neutral patches as displayed, psi_linear_deg: in
     linear light, degrees. ciede2000: median over its patches after one exposure gain, against the chart's published colors, or for
-    something merely neutral against gray of the same brightness. clipped_share: of its pixels. pixels counted.
+    something merely neutral against gray of the same brightness. clipped_fraction: of its pixels. pixels counted.
     """
 
     frame: str
@@ -40,7 +40,7 @@ class ChartRow:
     psi_deg: float
     psi_linear_deg: float
     ciede2000: float
-    clipped_share: float
+    clipped_fraction: float
     pixels: int
 
 
@@ -101,7 +101,7 @@ def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, N
     """Method -> corrected image (H, W, 3) in [0, 1] as displayed, NaN where the method leaves a pixel out; ours last."""
     shares = image / float(np.iinfo(image.dtype).max)
     results = {name: np.minimum(method(shares, range_m.astype(np.float64)), 1.0) for name, method in METHODS.items()}
-    for name, color in (("paper", config.color.model_copy(update={"objective": "paper"})), (OURS, config.color)):
+    for name, color in (("paper", config.color.model_copy(update={"method": "paper"})), (OURS, config.color)):
         corrector = Corrector(color)
         done = corrector.apply(image, range_m, corrector.fit_frame(image, range_m))
         results[name] = np.where(done.unknown[..., None], np.nan, done.image / float(np.iinfo(image.dtype).max))
@@ -124,7 +124,7 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
         psi_deg=float(psi[0]),
         psi_linear_deg=float(psi[1]),
         ciede2000=_difference(colors, target.srgb),
-        clipped_share=float(clipped(whole[known]).mean()) if known.any() else float("nan"),
+        clipped_fraction=float(clipped(whole[known]).mean()) if known.any() else float("nan"),
         pixels=int(known.sum()),
     )
 
@@ -139,7 +139,7 @@ def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64]
 
 
 def _mean(method: str, rows: Sequence[ChartRow]) -> ChartRow:
-    keys = ("range_m", "psi_deg", "psi_linear_deg", "ciede2000", "clipped_share")
+    keys = ("range_m", "psi_deg", "psi_linear_deg", "ciede2000", "clipped_fraction")
     number = {key: float(np.mean([getattr(row, key) for row in rows])) for key in keys}
     return ChartRow("all", f"mean of {len(rows)}", method, pixels=sum(row.pixels for row in rows), **number)
 

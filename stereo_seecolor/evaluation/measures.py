@@ -23,10 +23,10 @@ _WHITE = _XYZ_FROM_LINEAR.sum(axis=1)
 
 @dataclass(frozen=True)
 class NeutralScore:
-    """A neutral target: psi_deg in degrees; clipped_share of its pixels in [0, 1]; pixels counted."""
+    """A neutral target: psi_deg in degrees; clipped_fraction of its pixels in [0, 1]; pixels counted."""
 
     psi_deg: float
-    clipped_share: float
+    clipped_fraction: float
     pixels: int
 
 
@@ -38,7 +38,7 @@ class TruthScore:
     angle_after_gains_deg: float
     ciede2000: float
     range_consistency: float
-    clipped_share: float
+    clipped_fraction: float
     pixels: int
 
 
@@ -91,7 +91,7 @@ def score_truth(
         angle_after_gains_deg=float(np.nanmean(angle_deg(known * channel_gains(known, true), true))),
         ciede2000=float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(decode(true))))),
         range_consistency=consistency,
-        clipped_share=float(clipped(known).mean()),
+        clipped_fraction=float(clipped(known).mean()),
         pixels=int(lit.sum()),
     )
 

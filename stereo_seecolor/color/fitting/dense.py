@@ -23,22 +23,25 @@ def fit(pixels: NDArray[Any], range_m: NDArray[np.float32], config: ColorConfig,
     Raises DeviceError where CUDA is asked for and absent.
     """
     device = find_device(config.device)
-    steps = config.first_steps if start is None else config.next_steps
+    adam, encoding = config.paper_adam, config.input_encoding
+    steps = adam.first_steps if start is None else adam.next_steps
     depth = 8 if pixels.dtype == np.uint8 else 16
-    light = torch.from_numpy(decoded_values(depth, config.input_encoding)[pixels.T]).to(device)[None, :, None]  # (1, 3, 1, N)
+    light = torch.from_numpy(decoded_values(depth, encoding)[pixels.T]).to(device)[None, :, None]  # (1, 3, 1, N)
     z = torch.from_numpy(np.ascontiguousarray(range_m)).to(device)[None, None, None]  # (1, 1, 1, N)
-    start = start or cold_water(config)
+    start = start or cold_water(encoding)
 
     backscatter = BackscatterNet().to(device)
     load(backscatter, start)
-    train(backscatter, lambda: backscatter_loss(light - backscatter(z), config.penalty), steps, config.learning_rate)
+    train(backscatter, lambda: backscatter_loss(light - backscatter(z), adam.penalty), steps, adam.learning_rate)
     with torch.no_grad():
         direct = clamp_direct(light - backscatter(z))
 
     attenuation = AttenuationNet().to(device)
     load(attenuation, start)
-    train(attenuation, lambda: attenuation_loss(direct / attenuation(z), direct), steps, config.learning_rate)
-    return water_of(np.stack([_value(backscatter, n) for n in BACKSCATTER] + [_value(attenuation, n) for n in ATTENUATION]), config)
+    train(attenuation, lambda: attenuation_loss(direct / attenuation(z), direct), steps, adam.learning_rate)
+    return water_of(
+        np.stack([_value(backscatter, n) for n in BACKSCATTER] + [_value(attenuation, n) for n in ATTENUATION]), encoding
+    )
 
 
 def train(network: nn.Module, loss: Callable[[], Tensor], steps: int, learning_rate: float) -> None:

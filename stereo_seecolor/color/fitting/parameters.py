@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.records import Water
 
 BACKSCATTER = ("gamma_inf", "beta", "eta", "alpha")
@@ -34,20 +34,20 @@ def rates(raw: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.logaddexp(0, raw))
 
 
-def water_of(found: NDArray[np.float64], config: ColorConfig) -> Water:
+def water_of(found: NDArray[np.float64], encoding: InputEncoding) -> Water:
     """A Water from its (8, 3) parameters in the order of BACKSCATTER and ATTENUATION."""
     gamma_inf, beta, eta, alpha, w, v, y, x = np.array(found)
-    return Water(gamma_inf, beta, eta, alpha, w=w, v=v, y=y, x=x, input_encoding=config.input_encoding)
+    return Water(gamma_inf, beta, eta, alpha, w=w, v=v, y=y, x=x, input_encoding=encoding)
 
 
-def cold_water(config: ColorConfig) -> Water:
+def cold_water(encoding: InputEncoding) -> Water:
     """Where a fit begins that knows nothing: a thin veil, and attenuation of 0.2 at every range."""
     every = np.ones(3)
     return water_of(
-        np.stack([0.1 * every, 0.2 * every, 0.02 * every, every, 0.1 * every, 0.1 * every, 0.1 * every, 0.1 * every]), config
+        np.stack([0.1 * every, 0.2 * every, 0.02 * every, every, 0.1 * every, 0.1 * every, 0.1 * every, 0.1 * every]), encoding
     )
 
 
-def clear_water(config: ColorConfig) -> Water:
+def clear_water(encoding: InputEncoding) -> Water:
     """Water that changes nothing."""
-    return water_of(np.zeros((8, 3)), config)
+    return water_of(np.zeros((8, 3)), encoding)

@@ -137,7 +137,7 @@ def _prior(groups: int, config: ColorConfig) -> tuple[Vector, NDArray[np.float64
     mean, precision = np.zeros(size), np.zeros((size, size))
     mean[:WATER], covariance = _water_prior(config)
     precision[:WATER, :WATER] = np.linalg.inv(covariance)
-    warm = NATURAL if config.scene_colors == "natural" else 0 * NATURAL
+    warm = NATURAL if config.robust.scene_colors == "natural" else 0 * NATURAL
     mean[content] = (REFLECTANCE + warm[:, None] * NATURAL_SHARE).ravel()
     covariance = np.kron(np.eye(3), np.diag(CAST**2)) + TOGETHER**2 * np.kron(np.ones((3, 3)), np.eye(number))
     precision[content, content] = np.linalg.inv(covariance)
@@ -147,11 +147,12 @@ def _prior(groups: int, config: ColorConfig) -> tuple[Vector, NDArray[np.float64
 
 def _water_prior(config: ColorConfig) -> tuple[Vector, NDArray[np.float64]]:
     """What is known of the fifteen numbers, and what the config pins of them."""
-    mean, covariance = (part.copy() for part in water_prior(config.water_depth_m))
-    if config.attenuation == "constant":
+    settings = config.robust
+    mean, covariance = (part.copy() for part in water_prior(settings.water_depth_m))
+    if settings.attenuation == "constant":
         mean, covariance = _pinned(mean, covariance, slice(3, 6), np.zeros(3), level=0.0)
-    if config.white_point != "scene":
-        white = np.zeros(3) if config.white_point == "none" else np.log(config.white_point)
+    if settings.white_point != "scene":
+        white = np.zeros(3) if settings.white_point == "none" else np.log(settings.white_point)
         mean, covariance = _pinned(mean, covariance, slice(12, WATER), white - white.mean(), level=4.0)
     return mean, covariance
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, rates, raw_rates, raw_shares, shares, water_of
 from stereo_seecolor.color.fitting.table_losses import Channel, Direct, attenuation_loss, backscatter_loss, direct_sums, sums_below
-from stereo_seecolor.color.table.encoding import decoded_bins
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
 Four = NDArray[np.float64]
@@ -37,14 +36,14 @@ LONGEST_STEP = 2.0
 """No raw weight moves farther at once: beyond, a sigmoid or softplus is flat and a weight may not come back."""
 
 
-def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
+def fit(table: MomentTable, penalty: float, encoding: InputEncoding, start: Water | None = None) -> Water:
     """The water that minimizes the paper's losses over the table's pixels, of which there must be some; with standard errors."""
     found, errors = np.empty((8, 3)), np.empty((8, 3))
-    for c, channel in enumerate(channels(table, config)):
+    for c, channel in enumerate(channels(table, encoding)):
         veil, dimming = (None, None) if start is None else (_parameters(start, BACKSCATTER, c), _parameters(start, ATTENUATION, c))
-        found[:4, c], errors[:4, c] = fit_backscatter(channel, config.penalty, veil)
+        found[:4, c], errors[:4, c] = fit_backscatter(channel, penalty, veil)
         found[4:, c], errors[4:, c] = fit_attenuation(channel, direct_signal(channel, found[:4, c]), dimming)
-    return replace(water_of(found, config), standard_errors=dict(zip(BACKSCATTER + ATTENUATION, errors, strict=True)))
+    return replace(water_of(found, encoding), standard_errors=dict(zip(BACKSCATTER + ATTENUATION, errors, strict=True)))
 
 
 def fit_backscatter(channel: Channel, penalty: float, start: Four | None) -> tuple[Four, Four]:
@@ -63,21 +62,21 @@ def fit_attenuation(channel: Channel, direct: Direct, start: Four | None) -> tup
     return rates(raw), shares(raw) * _standard_errors(1, raw, channel, direct, 0.0)
 
 
-def losses(table: MomentTable, water: Water, config: ColorConfig) -> tuple[float, float]:
+def losses(table: MomentTable, water: Water, penalty: float) -> tuple[float, float]:
     """The paper's backscatter and attenuation losses of a water over the table's pixels, of which there must be some."""
     backscatter, attenuation = 0.0, 0.0
-    for c, channel in enumerate(channels(table, config)):
+    for c, channel in enumerate(channels(table, water.input_encoding)):
         four, slopes = _parameters(water, BACKSCATTER, c), np.empty((channel.z.size, 4))
-        backscatter += backscatter_loss(_raw_backscatter(four), channel, config.penalty, slopes)
+        backscatter += backscatter_loss(_raw_backscatter(four), channel, penalty, slopes)
         direct = direct_signal(channel, four)
         attenuation += attenuation_loss(raw_rates(_parameters(water, ATTENUATION, c)), channel, direct, slopes)
     return backscatter, attenuation
 
 
-def channels(table: MomentTable, config: ColorConfig) -> list[Channel]:
+def channels(table: MomentTable, encoding: InputEncoding) -> list[Channel]:
     """The table's three channels, in linear light, with their running sums."""
     occupied = np.flatnonzero(table.pixels)
-    light = decoded_bins(table.bit_depth, config.input_encoding)
+    light = decoded_bins(table.bit_depth, encoding)
     scale = 1.0 / (3.0 * table.pixels.sum())
     z = table.range_m[occupied]
     return [Channel(z, light, sums_below(table.counts[c, occupied], light), scale) for c in range(3)]

@@ -29,7 +29,7 @@ def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorC
         image=corrected,
         unknown=unknown,
         unrecoverable=beyond.reshape(shape),
-        clipped_share=clipped,
+        clipped_fraction=clipped,
         water=water,
         exposure=tone.exposure,
         highlights=tone.highlights,

@@ -19,12 +19,12 @@ _MANTISSA_BITS = 16
 
 
 def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
-    """The tone at which at most ``config.clipped_share`` of the pixels have a channel at full scale; 1 for a black image."""
+    """The tone at which at most ``config.clipped_fraction`` of the pixels have a channel at full scale; 1 for a black image."""
     occupied = np.flatnonzero(table.pixels)
     gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
     shown = gain[..., None] * decoded_bins(table.bit_depth, config.input_encoding) - offset[..., None]
     pixels = int(table.pixels.sum())
-    few_and_half = np.array([int(config.clipped_share * pixels), 3 * pixels // 2])
+    few_and_half = np.array([int(config.clipped_fraction * pixels), 3 * pixels // 2])
     brightest, median = (float(value) for value in exceeded(table.counts[:, occupied], shown, few_and_half))
     if brightest <= 0:
         return Tone(1.0)
