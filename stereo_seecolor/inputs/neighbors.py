@@ -1,0 +1,57 @@
+"""Do a pair's two images show the same scene, and if not, does the left one fit the right one of a neighbor?"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration import Rectification
+from calibration.matches import find_matches
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import Image
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Feature matches that agree with the rectification, and how many of them make two images a pair."""
+
+    row_px: float = 3.0  # a rig that has drifted is off by a pixel or two (0.6 px on a real dive)
+    reach: int = 2  # neighbors looked at on either side: numbering is off by one where a frame was dropped, seldom by more
+    points: int = 40  # by chance none are found on the sample dive, whose pairs have 1,700 and more
+    ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
+
+
+_LIMITS = _Limits()
+
+
+def agreeing_points(rectification: Rectification, left: Image, right: Image) -> int:
+    """How many points of the raw left image are found in the raw right one on the same row, and not behind the cameras."""
+    found = find_matches(rectification, left, right)
+    disparity_px, row_px = (found.left - found.right).T if len(found.left) else np.zeros((2, 0))
+    infinity_px = rectification.matching_pair.cx_left_px - rectification.matching_pair.cx_right_px
+    return int(np.count_nonzero((np.abs(row_px) < _LIMITS.row_px) & (disparity_px > infinity_px - 1)))
+
+
+def neighbor_that_fits(pair: Pair, pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> Pair | None:
+    """The pair of ``pairs``, in dive order, whose right image shows what the left image of ``pair`` shows.
+
+    None where it is the pair's own, or where no right image among the next neighbors fits.
+    Raises InputError if an image of ``pair`` cannot be read.
+    """
+    left = read_image(pair.left, config)
+    own = agreeing_points(rectification, left, read_image(pair.right, config))
+    place = pairs.index(pair)
+    others = [*pairs[max(0, place - _LIMITS.reach) : place], *pairs[place + 1 : place + 1 + _LIMITS.reach]]
+    found = [(_points_or_none(rectification, left, other, config), other) for other in others]
+    points, best = max(found, key=lambda item: item[0], default=(0, pair))
+    return best if points >= max(_LIMITS.points, _LIMITS.ratio * own) else None
+
+
+def _points_or_none(rectification: Rectification, left: Image, other: Pair, config: InputConfig) -> int:
+    try:
+        return agreeing_points(rectification, left, read_image(other.right, config))
+    except InputError:
+        return 0

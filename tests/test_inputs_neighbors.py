@@ -1,0 +1,52 @@
+"""Pairs whose numbers are off: found, and the neighbor that fits named."""
+
+from pathlib import Path
+
+import pytest
+
+from calibration import Rectification
+from calibration.formats import load_rig
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.neighbors import agreeing_points, neighbor_that_fits
+from stereo_seecolor.inputs.pairing import pair_folders
+
+SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
+
+
+def renumber(folder: Path, by: int) -> None:
+    for path in list(folder.iterdir()):
+        path.rename(folder / f"{int(path.stem) + by + 20:04d}.png")
+
+
+@pytest.mark.parametrize(("by", "fits"), [(0, None), (1, 1), (-1, -1), (2, 2), (3, None)])
+def test_the_neighbor_that_fits_is_named(make_dive, by: int, fits: int | None) -> None:
+    dive = make_dive(6)
+    renumber(dive.root / "L", 0)
+    renumber(dive.root / "R", by)
+    rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
+    pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
+    middle = next(pair for pair in pairs if pair.name == "0023")
+    found = neighbor_that_fits(middle, pairs, rectification, InputConfig())
+    if fits is None:
+        assert found is None
+    else:
+        assert found is not None
+        assert int(found.name) == int(middle.name) + fits
+
+
+def test_true_pairs_agree_a_hundred_times_better_than_false_ones() -> None:
+    pairs = pair_folders(SAMPLES / "left", SAMPLES / "right", InputConfig()).pairs
+    rectification = Rectification.from_rig(load_rig(SAMPLES / "cam.yaml"))
+    left = read_image(pairs[0].left)
+    true, false = (agreeing_points(rectification, left, read_image(pair.right)) for pair in pairs[:2])
+    assert true > 500
+    assert false < 5
+
+
+def test_a_damaged_neighbor_is_passed_over(make_dive) -> None:
+    dive = make_dive(3)
+    (dive.root / "R" / "0001.png").write_bytes(b"damaged")
+    rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
+    pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
+    assert neighbor_that_fits(pairs[0], pairs, rectification, InputConfig()) is None
