@@ -18,9 +18,10 @@ from stereo_seecolor.color.photometry.lights import LightField, even_light, lear
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock, in_order
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.errors import DeviceError, MatchingError, OutputError, SeeColorError
+from stereo_seecolor.errors import DeviceError, OutputError, SeeColorError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.matching.pair_check import PairCheck
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameResult, Image, RangeMap, StereoFrame, Water
 from stereo_seecolor.run_folder.folder import Finished, RunFolder, content_key
@@ -31,9 +32,6 @@ from stereo_seecolor.run_folder.water_file import water_content
 LIGHT_FRAMES = 60
 """So many frames, spread over the dive, teach the rig's lights; more would teach little more."""
 
-SUSPICIOUS_COVERAGE = 0.35
-"""With fewer pixels matched than this, it is worth looking whether left and right are swapped."""
-
 
 class Pipeline:
     """One pair through all stages, in memory. Built once for a rig; every method may be called from many threads."""
@@ -42,6 +40,7 @@ class Pipeline:
         self.config = config or RunConfig()
         self.rectification = Rectification.from_rig(rig)
         self.matcher = Matcher(self.rectification.pair, self.config.matching, self.rectification.seen_left())
+        self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
         self.corrector = Corrector(self.config.color)
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
@@ -53,18 +52,6 @@ class Pipeline:
         """The range map of a rectified pair."""
         return self.matcher.match(frame)
 
-    def check_sides(self, raw: StereoFrame, range_map: RangeMap) -> None:
-        """Raise MatchingError if so little of a pair was matched that it looks swapped, and the other way round gives far more."""
-        coverage = np.isfinite(range_map.measured_m).mean()
-        if coverage > SUSPICIOUS_COVERAGE:
-            return
-        other = self.match(self.rectify(StereoFrame(raw.name, raw.right, raw.left)))
-        if (swapped := np.isfinite(other.measured_m).mean()) > 3 * coverage + 0.1:
-            raise MatchingError(
-                f"{raw.name}: left and right look swapped: {coverage:.0%} of the pixels match as given and {swapped:.0%} the "
-                "other way round: exchange --left and --right"
-            )
-
     def process(self, frame: StereoFrame, water: Water | None = None) -> FrameResult:
         """A pair as the cameras gave it through all stages; ``water`` is fitted to this one frame if not given."""
         clock = Clock()
@@ -72,7 +59,7 @@ class Pipeline:
             rectified = self.rectify(frame)
         with clock("match"):
             range_map = self.match(rectified)
-            self.check_sides(frame, range_map)
+            self.check_pair(frame, range_map)
         with clock("color"):
             water = water or self.corrector.fit_frame(rectified.left, range_map.measured_m)
             correction = self.corrector.apply(rectified.left, range_map.range_m, water)

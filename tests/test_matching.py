@@ -130,8 +130,17 @@ def test_what_the_left_camera_did_not_see_is_unknown() -> None:
 
 
 def test_ranges_outside_the_limits_are_unknown() -> None:
-    found = match(scene(), MatchingConfig(min_range_m=0.8, max_range_m=2.0))
-    assert np.nanmax(found.depth_m) <= 2.0
+    found = match(scene(), MatchingConfig(min_range_m=1.75, max_range_m=2.0))
+    assert np.nanmin(found.range_m) >= 1.75 and np.nanmax(found.range_m) <= 2.0
+    assert np.nanmin(found.depth_m) < 1.75  # off the axis, a point is nearer in depth than in range
+
+
+def test_the_nearest_range_is_found_in_the_corners_too() -> None:
+    flat = render(altitude_m=1.0, relief_m=0.0)
+    corner = np.s_[-40:-8, -40:-8]
+    range_m = (flat.depth_m * flat.pair.ray_length)[corner]
+    found = match(flat, MatchingConfig(min_range_m=float(range_m.min()) - 0.01))
+    assert np.isfinite(found.range_m[corner]).mean() > 0.8
 
 
 def test_filling_is_marked_and_leaves_the_measured_alone() -> None:

@@ -77,7 +77,7 @@ class StereoSource:
             frame = self._pipeline.rectify(raw)
         with clock("match"):
             range_map = self._pipeline.match(frame)
-            self._pipeline.check_sides(raw, range_map)
+            self._pipeline.check_pair(raw, range_map)
         with clock("write"):
             write_range(self._folder, pair.name, range_map, self._pipeline.config.output)
             self._folder.finish("range", pair.name, Finished(key, warnings=range_map.warnings))

@@ -44,7 +44,8 @@ class Matcher:
         self._seen_left = seen_left
         self._network = Network(config.model) if config.engine == "onnx" else None
         width, height = pair.image_size
-        limits = pair.disparity_from_depth(np.array([config.max_range_m, config.min_range_m], dtype=np.float32))
+        nearest_m = config.min_range_m / float(pair.ray_length.max())  # depth, in the corner farthest from the axis
+        limits = pair.disparity_from_depth(np.array([config.max_range_m, nearest_m], dtype=np.float32))
         self._lowest = int(np.floor(limits[0]))
         self._highest = max(self._lowest + 1, min(int(np.ceil(limits[1])), width - 1))
         self._scale = 4 if width * height > LARGE_IMAGE_PX else 2

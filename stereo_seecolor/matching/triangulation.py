@@ -15,7 +15,7 @@ def measure_rows(
 ) -> None:  # fmt: skip
     """Fill depth_m, range_m and range_std_m for rows from ``first`` on of the left image.
 
-    disparity, sure, std, filled: those rows; they too become unknown where the depth lies outside the limits, and what was not
+    disparity, sure, std, filled: those rows; they too become unknown where the range lies outside the limits, and what was not
     measured has no confidence and no standard error. std: of disparity, pixels.
     """
     rays = pair.ray_length[first : first + disparity.shape[0]]
@@ -36,8 +36,9 @@ def _measure(
         for x in range(d.size):
             shifted = d[x] - shift_px
             depth = scale / shifted
-            known = (shifted > none) & (depth >= nearest) & (depth <= farthest)
-            depth = depth if known else unknown
+            distance = depth * ray[x]
+            known = (shifted > none) & (distance >= nearest) & (distance <= farthest)
+            depth, distance = (depth, distance) if known else (unknown, unknown)
             measured = known & (not f[x])
             error = s[x] if measured else unknown
             d[x] = d[x] if known else unknown
@@ -45,5 +46,5 @@ def _measure(
             c[x] = c[x] if measured else none
             s[x] = error
             depth_row[x] = depth
-            range_row[x] = depth * ray[x]
-            error_row[x] = depth * ray[x] * depth * error * per_px
+            range_row[x] = distance
+            error_row[x] = distance * depth * error * per_px

@@ -1,0 +1,74 @@
+"""Whether the two images of a pair show the same thing, judged by how much of them matched."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stereo_seecolor.errors import MatchingError
+from stereo_seecolor.records import RangeMap, StereoFrame
+
+
+@dataclass(frozen=True)
+class PairCheckConstants:
+    """least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach 0.01 to 0.02 (drawn reef).
+
+    swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs reach 0.6 and more.
+    swap_tries: so many pairs of a dive are matched the other way round, since that costs as much as matching itself.
+    """
+
+    least_coverage: float = 0.05
+    swap_coverage: float = 0.35
+    swap_tries: int = 3
+
+
+CONSTANTS = PairCheckConstants()
+
+
+def coverage(range_map: RangeMap) -> float:
+    """Fraction of the pixels of the left image that have a measured range."""
+    return float(np.isfinite(range_map.measured_m).mean())
+
+
+class PairCheck:
+    """The check of all pairs of a dive; safe to call from many threads.
+
+    match: the range map of a pair as the cameras gave it. The same function tells whether another pairing would fit:
+    ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
+    """
+
+    def __init__(self, match: Callable[[StereoFrame], RangeMap]) -> None:
+        self._match = match
+        self._tries_left = CONSTANTS.swap_tries
+        self._swapped_pair: str | None = None
+        self._lock = threading.Lock()
+
+    def __call__(self, raw: StereoFrame, range_map: RangeMap) -> None:
+        """Raise MatchingError if the sides look swapped, or if so little matched that these are not images of one scene."""
+        matched = coverage(range_map)
+        if matched >= CONSTANTS.swap_coverage:
+            return
+        if matched == 0 and range_map.warnings:
+            raise MatchingError(f"{raw.name}: {'; '.join(range_map.warnings)}")
+        self._check_swapped(raw, matched)
+        if matched < CONSTANTS.least_coverage:
+            raise MatchingError(
+                f"{raw.name}: only {matched:.1%} of the pixels match: the two images do not show the same thing (are they of one "
+                "pair?), or all of it lies outside matching.min_range_m to matching.max_range_m"
+            )
+
+    def _check_swapped(self, raw: StereoFrame, matched: float) -> None:
+        with self._lock:
+            if self._swapped_pair is None and self._tries_left:
+                self._tries_left -= 1
+                other = coverage(self._match(StereoFrame(raw.name, raw.right, raw.left)))
+                if other > 3 * matched + 0.1:
+                    self._swapped_pair = raw.name
+                    numbers = f"{matched:.0%} of the pixels match as given and {other:.0%} the other way round"
+                    raise MatchingError(f"{raw.name}: left and right look swapped: {numbers}: exchange --left and --right")
+        if self._swapped_pair is not None:
+            raise MatchingError(
+                f"{raw.name}: left and right look swapped: {matched:.0%} of the pixels match as given, and {self._swapped_pair} "
+                "matched better the other way round: exchange --left and --right"
+            )

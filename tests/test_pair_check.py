@@ -1,0 +1,74 @@
+import numpy as np
+import pytest
+
+from stereo_seecolor.errors import MatchingError
+from stereo_seecolor.matching.pair_check import CONSTANTS, PairCheck, coverage
+from stereo_seecolor.records import RangeMap, StereoFrame
+
+PIXELS = 1000
+
+
+def matched(fraction: float, *warnings: str) -> RangeMap:
+    """A range map of which that fraction is known."""
+    range_m = np.full((10, PIXELS // 10), np.nan, np.float32)
+    range_m.flat[: round(fraction * PIXELS)] = 1.0
+    return RangeMap(*[range_m] * 5, np.zeros(range_m.shape, np.bool_), warnings)
+
+
+def pair(name: str) -> StereoFrame:
+    return StereoFrame(name, np.zeros((10, 100, 3), np.uint8), np.ones((10, 100, 3), np.uint8))
+
+
+class Swapped:
+    """Matches pairs the other way round, and counts them."""
+
+    def __init__(self, fraction: float) -> None:
+        self.fraction, self.names = fraction, []
+
+    def __call__(self, raw: StereoFrame) -> RangeMap:
+        assert raw.left.all() and not raw.right.any()
+        self.names.append(raw.name)
+        return matched(self.fraction)
+
+
+def test_coverage_counts_known_ranges() -> None:
+    assert coverage(matched(0.25)) == 0.25
+
+
+def test_a_pair_that_matches_well_passes_without_more_matching() -> None:
+    swapped = Swapped(0.9)
+    PairCheck(swapped)(pair("a"), matched(0.4))
+    assert swapped.names == []
+
+
+def test_a_pair_of_which_little_matches_passes() -> None:
+    PairCheck(Swapped(0.05))(pair("a"), matched(0.2))
+
+
+def test_images_of_different_scenes_fail() -> None:
+    with pytest.raises(MatchingError, match=r"^a: only 2\.0% of the pixels match: the two images do not show the same thing"):
+        PairCheck(Swapped(0.02))(pair("a"), matched(0.02))
+
+
+def test_an_image_that_cannot_be_matched_fails_with_the_reason() -> None:
+    swapped = Swapped(0.9)
+    with pytest.raises(MatchingError, match=r"^a: the left image is black$"):
+        PairCheck(swapped)(pair("a"), matched(0, "the left image is black"))
+    assert swapped.names == []
+
+
+def test_swapped_sides_are_named_for_every_pair_after_one_trial() -> None:
+    swapped = Swapped(0.8)
+    check = PairCheck(swapped)
+    for name in "abcd":
+        with pytest.raises(MatchingError, match=f"^{name}: left and right look swapped: 10% .*: exchange --left and --right$"):
+            check(pair(name), matched(0.1))
+    assert swapped.names == ["a"]
+
+
+def test_a_dive_of_poor_pairs_is_not_matched_twice() -> None:
+    swapped = Swapped(0.1)
+    check = PairCheck(swapped)
+    for number in range(20):
+        check(pair(str(number)), matched(0.2))
+    assert len(swapped.names) == CONSTANTS.swap_tries
