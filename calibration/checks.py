@@ -1,7 +1,7 @@
 """A calibration held against images of a dive: what is wrong, with its evidence in numbers."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
 from calibration.matches import Matches, find_matches
-from calibration.plan import plan_rectification
+from calibration.plan import plan_rectification, raw_points, rectified_points
 from calibration.rectification import Rectification
 from calibration.rig import StereoRig
 from calibration.suspicions import suspicions
 
 Array = NDArray[np.float64]
-__all__ = ["RowCheck", "check_rows", "judge_matches", "suspicions"]
+__all__ = ["RowCheck", "judge_matches", "settle_reading", "suspicions", "vertical_disparity"]
 ACCEPTABLE_ROW_ERROR_PX = 0.25
 MIN_MATCHES = 50
 INDICES = np.arange(1.0, 1.4401, 0.02)
@@ -96,7 +96,34 @@ class RowCheck:
         return f"rows differ by {self.row_error_px:.2f} px, as after {cause}: a camera has moved since; calibrate again"
 
 
-def check_rows(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic], NDArray[np.generic]]]) -> RowCheck:
+def settle_reading(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic], NDArray[np.generic]]]) -> StereoRig:
+    """The one of a rig's alternatives whose rows agree best on raw image pairs, and as a doubt how it was chosen.
+
+    The rig itself where it has no alternatives. Raises CalibrationError if no reading finds enough points in both images.
+    """
+    if not rig.alternatives:
+        return rig
+    rectification = Rectification.from_rig(rig)
+    found = [find_matches(rectification, left, right) for left, right in pairs]
+    raw = [raw_points(rig, matches.left, matches.right) for matches in found]
+    readings, errors_px = (rig, *rig.alternatives), []
+    failure = CalibrationError("no reading of the calibration fits the images")
+    for reading in readings:
+        try:
+            seen = [Matches(*rectified_points(reading, left, right)) for left, right in raw]
+            errors_px.append(judge_matches(reading, seen).row_error_px)
+        except CalibrationError as error:
+            errors_px.append(np.inf)
+            failure = error
+    best = int(np.argmin(errors_px))
+    if not np.isfinite(errors_px[best]):
+        raise failure
+    others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
+    doubt = f"{readings[best].reading}: images decide: rows differ by {errors_px[best]:.2f} px, and by {others} px otherwise"
+    return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))
+
+
+def vertical_disparity(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic], NDArray[np.generic]]]) -> RowCheck:
     """Measure on raw image pairs, (H, W) or (H, W, C), whether the calibration fits them.
 
     Raises CalibrationError if the images are of another size, or too few points are found in both.
@@ -106,7 +133,7 @@ def check_rows(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic], NDArra
 
 
 def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
-    """As check_rows, from matches in the rectified images of each pair."""
+    """As vertical_disparity, from matches in the rectified images of each pair."""
     plan = plan_rectification(rig)
     pair, R_left, R_right = plan.matching_pair, plan.R_left_matching, plan.R_right_matching
     left, right = (np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in found)]) for side in ("left", "right"))

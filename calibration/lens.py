@@ -8,8 +8,9 @@ import numpy as np
 
 from calibration.bundle import Array, Bundle, Lens, Observation, camera_matrix, rms, solve
 from calibration.errors import CalibrationError
-from calibration.rig import Camera, CameraModel, inverse_transform
+from calibration.rig import Camera, CameraModel
 from calibration.targets import Target
+from calibration.transforms import inverse_transform, rigid
 from calibration.views import View, observations_of
 
 FISHEYE_TRIAL_ITERATIONS = 10
@@ -64,14 +65,6 @@ def target_pose(camera: Camera, observation: Observation) -> Array:
 def to_camera(model: CameraModel, intrinsics: Array, image_size: Size) -> Camera:
     """A Camera of bundle intrinsics."""
     return Camera(camera_matrix(intrinsics), intrinsics[4:].copy(), image_size, model)
-
-
-def rigid(R: Array, t: Array) -> Array:
-    """(4, 4) of a rotation and a translation."""
-    T = np.eye(4)
-    T[:3, :3] = R
-    T[:3, 3] = np.ravel(t)
-    return T
 
 
 def _fit_fisheye(lens: Lens, focal_px: float, observations: list[Observation], image_size: Size) -> Bundle:

@@ -86,6 +86,21 @@ def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, 
     return rectified[0], rectified[1]
 
 
+def raw_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
+    """The inverse of rectified_points: where pixels (n, 2) of the images that are matched lie in the raw left and right images."""
+    plan = plan_rectification(rig)
+    pair, raw = plan.matching_pair, []
+    left_camera, right_camera, _ = cameras_in_water(rig)
+    sides = (
+        (left_camera, plan.R_left_matching, left, pair.cx_left_px),
+        (right_camera, plan.R_right_matching, right, pair.cx_right_px),
+    )
+    for camera, R, pixels, cx_px in sides:
+        slopes = (pixels - [cx_px, pair.cy_px]) / pair.focal_px
+        raw.append(camera.project(np.column_stack([slopes, np.ones(len(slopes))]) @ R))
+    return raw[0], raw[1]
+
+
 def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:
     """Rotations (3, 3) from each camera's axes to upright rectified axes, and the quarter turn (0..3) that the baseline lies at.
 

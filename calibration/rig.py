@@ -1,6 +1,7 @@
 """The camera pair in clear terms: what each camera is, and where the right one stands."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -102,6 +103,8 @@ class StereoRig:
     medium: where the calibration was made; air calibrations of cameras behind a flat port are wrong under water.
     rms_px: reprojection error of the calibration, None where the file does not say.
     port: the window of a rig calibrated in air; Rectification takes a flat one into account. None for all in-water calibrations.
+    doubts: what had to be guessed when the file was read, one line each. alternatives: the rig by other readings of a file whose
+    format leaves a convention open; reading: the convention of this one. ``readings.settle_reading`` decides by images.
 
     The right camera may stand anywhere beside the left one (to the right, below, above, diagonally), turned by any angle.
 
@@ -114,6 +117,9 @@ class StereoRig:
     medium: Medium = "water"
     rms_px: float | None = None
     port: Port | None = None
+    doubts: tuple[str, ...] = ()
+    reading: str = ""
+    alternatives: "tuple[StereoRig, ...]" = ()
 
     def __post_init__(self) -> None:
         T = self.T_right_left
@@ -128,6 +134,10 @@ class StereoRig:
                 "remove the port, or say medium: air"
             )
         _check_baseline(T[:3, 3], self.R)
+
+    def with_alternatives(self, others: "Sequence[StereoRig]") -> "StereoRig":
+        """This rig, with the same file's other readings."""
+        return replace(self, alternatives=tuple(others))
 
     @property
     def R(self) -> NDArray[np.float64]:
@@ -159,14 +169,6 @@ class StereoRig:
             and self.T_right_left[0, 3] < 0
             and np.allclose(self.T_right_left[1:3, 3], 0.0, atol=1e-9)
         )
-
-
-def inverse_transform(T: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of a rigid transform (4, 4)."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = T[:3, :3].T
-    inverse[:3, 3] = -T[:3, :3].T @ T[:3, 3]
-    return inverse
 
 
 def _check_rotation(R: NDArray[np.float64]) -> None:

@@ -10,7 +10,10 @@ MIN_KEPT_SHARE = {"pinhole": 0.4, "fisheye": 0.1}
 
 def suspicions(rig: StereoRig) -> tuple[str, ...]:
     """What looks wrong in a rig that can be used all the same, one line each; empty for a rig beyond suspicion."""
-    found = [text for side, camera in (("left", rig.left), ("right", rig.right)) for text in _camera_suspicions(side, camera)]
+    found = list(rig.doubts)
+    if rig.alternatives:
+        found.append(f"{rig.reading}: the file can be read in {len(rig.alternatives) + 1} ways, and images of the dive must decide")
+    found += [text for side, camera in (("left", rig.left), ("right", rig.right)) for text in _camera_suspicions(side, camera)]
     focal_ratio = rig.left.K[0, 0] / rig.right.K[0, 0]
     if not 0.8 < focal_ratio < 1.25:
         found.append(f"the focal lengths differ: {rig.left.K[0, 0]:.0f} px left and {rig.right.K[0, 0]:.0f} px right")

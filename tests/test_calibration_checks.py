@@ -10,7 +10,7 @@ from calibration_boards import fisheye_rig, pinhole_rig
 from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
-from calibration.checks import check_rows, judge_matches, suspicions
+from calibration.checks import judge_matches, suspicions, vertical_disparity
 from calibration.matches import Matches, find_matches
 from calibration.plan import rectified_points
 from calibration.refraction import CameraInWater, cameras_in_water
@@ -90,13 +90,13 @@ def test_too_few_points_say_so() -> None:
 def test_images_of_another_size_are_refused() -> None:
     small = np.zeros((480, 640), np.uint8)
     with pytest.raises(CalibrationError, match="640x480 px but the calibration is for 1280x960"):
-        check_rows(pinhole_rig(), [(small, small)])
+        vertical_disparity(pinhole_rig(), [(small, small)])
 
 
 def test_flat_pictures_hold_no_matches() -> None:
     gray = np.full((960, 1280, 3), 90, np.uint16)
     with pytest.raises(CalibrationError, match="only 0 points"):
-        check_rows(pinhole_rig(), [(gray, gray)])
+        vertical_disparity(pinhole_rig(), [(gray, gray)])
 
 
 def _changed(**camera: object) -> StereoRig:
@@ -158,7 +158,7 @@ def test_rectified_real_pair_is_acceptable_and_a_shift_is_measured(name: str, re
     T = np.eye(4)
     T[0, 3] = -0.1
     rig = StereoRig(camera, camera, T)
-    assert check_rows(rig, [(left, right)]).acceptable
+    assert vertical_disparity(rig, [(left, right)]).acceptable
     moved = cv2.warpAffine(right, np.array([[1, 0, 0], [0, 1, 1.5]]), (width, height))
-    assert check_rows(rig, [(left, moved)]).offset_px == pytest.approx(1.5, abs=0.15)
+    assert vertical_disparity(rig, [(left, moved)]).offset_px == pytest.approx(1.5, abs=0.15)
     assert len(find_matches(Rectification.from_rig(rig), left, right).left) > 200

@@ -1,4 +1,4 @@
-"""A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML, JSON, or ``key=value`` lines.
+"""A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML, JSON, ``key=value``, or binary.
 
 Bounded on purpose: a calibration is a few kilobytes, so larger files, deep nesting and alias bombs are refused before they
 cost time, and only plain data is ever built (no tags that run code, no XML entities).
@@ -15,6 +15,7 @@ from xml.etree import ElementTree
 import yaml
 
 from calibration.errors import CalibrationError
+from calibration.formats.binary import is_binary, load_binary
 from calibration.formats.section import Section
 
 MAX_BYTES = 256 * 1024
@@ -29,6 +30,8 @@ def load_document(path: Path) -> Section:
 
     Raises CalibrationError if the file is not there, not text, too large, or in no notation known here.
     """
+    if _is_binary(path):
+        return load_binary(path)
     text = _read_text(path)
     try:
         content = _parse(text)
@@ -40,6 +43,13 @@ def load_document(path: Path) -> Section:
     except (yaml.YAMLError, ValueError, ElementTree.ParseError) as error:
         raise CalibrationError(f"{path}: cannot be parsed: {_one_line(error)}") from error
     return Section(str(path), content)
+
+
+def _is_binary(path: Path) -> bool:
+    try:
+        return path.is_file() and is_binary(path)
+    except OSError:
+        return False
 
 
 def _read_text(path: Path) -> str:

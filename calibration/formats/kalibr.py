@@ -9,7 +9,8 @@ import yaml
 from calibration.errors import CalibrationError
 from calibration.formats.ros import make_camera
 from calibration.formats.section import Section, naming
-from calibration.rig import Camera, CameraModel, StereoRig, inverse_transform
+from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse_transform
 
 DISTORTION_MODELS: dict[str, CameraModel] = {"radtan": "pinhole", "equidistant": "fisheye", "none": "pinhole"}
 

@@ -1,8 +1,10 @@
-"""OpenCV FileStorage as its stereo_calib sample writes it, in YAML, XML or JSON: M1 D1 M2 D2 and R T, in one file or two.
+"""OpenCV's names for a rig, M1 D1 M2 D2 and R T, in YAML, XML, JSON or .npz, in one file or several; R a matrix or a vector.
 
-The sample stores no image size; files written here do, and name the camera model.
+ZED's custom calibration (K_LEFT, D_LEFT, Size, T in mm) and VIAME's .npz (cameraMatrixL, distCoeffsL, mm or meters) belong here.
+OpenCV's stereo_calib sample stores no image size; files written here do, and name the camera model.
 """
 
+from itertools import product
 from pathlib import Path
 
 import cv2
@@ -10,18 +12,33 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.ros import make_camera, rig_from_projections
-from calibration.formats.section import Section
+from calibration.formats.section import Section, naming
+from calibration.formats.units import to_meters
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import rigid
 
-K_NAMES = ("K{}", "M{}", "cameraMatrix{}", "camera_matrix_{}", "camera_matrix{}", "CM{}", "mtx{}")
-D_NAMES = ("D{}", "distCoeffs{}", "dist_coeffs_{}", "dist_coeffs{}", "distortion{}", "distCoefs{}", "dist{}")
+K_NAMES = ("K", "M", "cameraMatrix", "camera_matrix", "camera_matrix_coefficients", "intrinsic_matrix", "CM", "mtx")
+D_NAMES = (
+    "D", "distCoeffs", "dist_coeffs", "distortion_coefficients", "distortion", "distCoefs", "dist", "d",
+)  # fmt: skip
+SIDES = (("1", "2"), ("L", "R"), ("LEFT", "RIGHT"), ("Left", "Right"), ("left", "right"), ("l", "r"))
+SPELLINGS = ("{name}{side}", "{name}_{side}", "{side}_{name}", "{side}{name}")
 FISHEYE_NAMES = ("fisheye", "equidistant", "kannala_brandt", "KannalaBrandt8")
 Size = tuple[int, int]
 
 
 def has_intrinsics(document: Section) -> bool:
     """True if the file holds both camera matrices."""
-    return all(any(document.has(name.format(side)) for name in K_NAMES) for side in (1, 2))
+    return keys_of(document, K_NAMES) is not None
+
+
+def keys_of(document: Section, names: tuple[str, ...]) -> tuple[str, str] | None:
+    """The keys, left and right, that the file spells one of these names with: K1 and K2, cameraMatrixL and cameraMatrixR ..."""
+    for (left, right), spelling, name in product(SIDES, SPELLINGS, names):
+        keys = spelling.format(name=name, side=left), spelling.format(name=name, side=right)
+        if document.has(*keys):
+            return keys
+    return None
 
 
 def has_extrinsics(document: Section) -> bool:
@@ -51,28 +68,36 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             f"{document.where}: stores no image size (OpenCV's format has none): give the size of the images, "
             "or add the keys image_width and image_height"
         )
-    left, right = (_parse_camera(document, side, size) for side in (1, 2))
+    left, right = _parse_cameras(document, size)
     if not document.has("R", "T"):
         rotations = [document.matrix(key, 3, 3) for key in ("R1", "R2")]
         return rig_from_projections(left, right, rotations, [document.matrix(key, 3, 4) for key in ("P1", "P2")])
-    T = np.eye(4)
     R = document.numbers("R", 9, 3)
-    T[:3, :3] = R.reshape(3, 3) if R.size == 9 else cv2.Rodrigues(R)[0]
-    T[:3, 3] = document.numbers("T", 3)
-    return StereoRig(left, right, T)
+    T = document.numbers("T", 3)
+    doubts: tuple[str, ...] = ()
+    if not has_numbered_sides(document):
+        T, doubts = to_meters(T, "millimeters" if document.has("K_LEFT") else None)
+    with naming(document.where):
+        return StereoRig(left, right, rigid(R.reshape(3, 3) if R.size == 9 else cv2.Rodrigues(R)[0], T), doubts=doubts)
+
+
+def has_numbered_sides(document: Section) -> bool:
+    """True for OpenCV's own spelling (K1, M2): meters then. VIAME's and ZED's name their sides, and write millimeters or meters."""
+    keys = keys_of(document, K_NAMES)
+    return keys is not None and "1" in keys[0]
 
 
 def write(rig: StereoRig, path: Path) -> None:
     """Write one FileStorage, in the notation of the path's extension: .yml, .yaml, .xml or .json."""
     if path.suffix not in (".yml", ".yaml", ".xml", ".json"):
-        raise CalibrationError(f"{path}: OpenCV writes .yml, .xml or .json, and takes the notation from the extension")
+        raise CalibrationError("OpenCV writes .yml, .xml or .json, and takes the notation from the extension")
     if rig.left.image_size != rig.right.image_size or rig.left.model != rig.right.model:
         raise CalibrationError(
             "OpenCV's file has one image size and one model for both cameras, and this rig has two: write native"
         )
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     if not storage.isOpened():
-        raise CalibrationError(f"{path}: cannot be written")
+        raise CalibrationError("the calibration cannot be written as OpenCV's FileStorage")
     width, height = rig.left.image_size
     for key, value in (("image_width", width), ("image_height", height), ("camera_model", rig.left.model)):
         storage.write(key, value)
@@ -88,17 +113,29 @@ def _stored_size(document: Section) -> Size | None:
     for width, height in (("image_width", "image_height"), ("imageWidth", "imageHeight"), ("width", "height")):
         if document.has(width, height):
             return document.image_size(width, height)
-    for key in ("image_size", "imageSize", "image_Size", "size"):
+    for key in ("image_size", "imageSize", "image_Size", "size", "Size"):
         if document.has(key):
             return document.image_size(key)
     return None
 
 
-def _parse_camera(document: Section, side: int, size: Size) -> Camera:
-    K = document.matrix(document.first(*(name.format(side) for name in K_NAMES)), 3, 3)
-    key = document.first(*(name.format(side) for name in D_NAMES))
-    distortion = document.numbers(key)
-    return make_camera(f"{document.where}: {key}", K, distortion, size, _model(document, key, distortion.size))
+def _parse_cameras(document: Section, size: Size) -> tuple[Camera, Camera]:
+    K_keys, D_keys = keys_of(document, K_NAMES), keys_of(document, D_NAMES)
+    fisheye = document.has("D_LEFT_FE", "D_RIGHT_FE")  # ZED's word for it
+    if fisheye:
+        D_keys = ("D_LEFT_FE", "D_RIGHT_FE")
+    if K_keys is None or D_keys is None:
+        raise CalibrationError(
+            f"{document.where}: no 'D1' and 'D2' (nor distCoeffs1 ...): the file is incomplete or of another kind"
+        )
+    left, right = (_parse_camera(document, K_key, D_key, size, fisheye) for K_key, D_key in zip(K_keys, D_keys, strict=True))
+    return left, right
+
+
+def _parse_camera(document: Section, K_key: str, D_key: str, size: Size, fisheye: bool) -> Camera:
+    distortion = document.numbers(D_key)
+    model = "fisheye" if fisheye else _model(document, D_key, distortion.size)
+    return make_camera(f"{document.where}: {D_key}", document.matrix(K_key, 3, 3), distortion, size, model)
 
 
 def _model(document: Section, key: str, coefficients: int) -> CameraModel:

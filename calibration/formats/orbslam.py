@@ -5,7 +5,8 @@ import numpy as np
 from calibration.errors import CalibrationError
 from calibration.formats.ros import make_camera, rig_from_projections
 from calibration.formats.section import Section
-from calibration.rig import Camera, StereoRig, inverse_transform
+from calibration.rig import Camera, StereoRig
+from calibration.transforms import inverse_transform
 
 Size = tuple[int, int]
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.files import write_atomic
 from calibration.formats.section import Section, naming
 from calibration.plan import upright_rotations
 from calibration.rig import Camera, CameraModel, StereoRig
@@ -104,7 +105,8 @@ def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:
     ):
         cx_px = camera.K[0, 2] if rig.is_rectified else K_new[0, 2]
         P = np.array([[focal_px, 0, cx_px, term_x], [0, focal_px, K_new[1, 2], term_y], [0, 0, 1, 0]])
-        path.write_text(_camera_text(camera, R, P, side), encoding="utf-8")
+        with write_atomic(path) as temporary:
+            temporary.write_text(_camera_text(camera, R, P, side), encoding="utf-8")
 
 
 def _rotation(section: Section) -> NDArray[np.float64]:

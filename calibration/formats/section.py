@@ -77,10 +77,11 @@ class Section:
             if "data" not in value:
                 raise CalibrationError(f"{self.where}: {key}: a matrix without 'data'")
             value = value["data"]
+        if isinstance(value, np.ndarray) and counts and value.size not in counts:
+            raise CalibrationError(f"{self.where}: {key}: expected {_any_of(counts)} numbers, got an array of shape {value.shape}")
         numbers = np.array([self._finite(key, item) for item in _flat(value)], dtype=np.float64)
         if counts and numbers.size not in counts:
-            expected = " or ".join(str(count) for count in counts)
-            raise CalibrationError(f"{self.where}: {key}: expected {expected} numbers, got {numbers.size}")
+            raise CalibrationError(f"{self.where}: {key}: expected {_any_of(counts)} numbers, got {numbers.size}")
         return numbers
 
     def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
@@ -100,7 +101,13 @@ class Section:
         return number
 
 
+def _any_of(counts: tuple[int, ...]) -> str:
+    return " or ".join(str(count) for count in counts)
+
+
 def _flat(value: Any) -> Iterator[Any]:
+    if isinstance(value, np.ndarray):
+        value = value.ravel().tolist()
     if isinstance(value, list):
         for item in value:
             yield from _flat(item)
@@ -109,6 +116,8 @@ def _flat(value: Any) -> Iterator[Any]:
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
     if isinstance(value, (Mapping, list)):
         return f"a {'mapping' if isinstance(value, Mapping) else 'list'} of {len(value)}"
     return repr(value)[:60]

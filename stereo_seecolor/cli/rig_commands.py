@@ -40,7 +40,7 @@ Dpi = Annotated[int, typer.Option("--dpi", min=10, help="Resolution of a .png ta
 Pairs = Annotated[int, typer.Option("--pairs", min=1, help="How many pairs to test, spread evenly over the dive.")]
 Source = Annotated[str, typer.Argument(help="Any calibration of docs/calibration.md: a file, a folder, or left.yaml,right.yaml.")]
 Converted = Annotated[str, typer.Argument(help="File to write; for ros a folder, or left.yaml,right.yaml.")]
-Format = Annotated[Literal["native", "ros", "kalibr", "opencv"], typer.Option("--to", help="Format to write.")]
+Format = Annotated[Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"], typer.Option("--to", help="Format to write.")]
 Size = Annotated[str | None, typer.Option("--size", help="WIDTHxHEIGHT, for a source that does not state it (OpenCV).")]
 
 

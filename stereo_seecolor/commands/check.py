@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import Rectification, StereoRig
-from calibration.checks import RowCheck, check_rows, suspicions
+from calibration.checks import RowCheck, settle_reading, suspicions, vertical_disparity
 from calibration.formats import load_rig
 from calibration.port import FlatPort
 from calibration.port_error import port_error
@@ -14,6 +14,8 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders
 
+FIRST_PAIRS = 3
+"""Pairs that decide between the readings of a file that leaves a convention open: hundreds of matches each, readings pixels apart."""
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
 """Ranges at which the error of a flat port is stated, in units of the range at which the port model is exact."""
 
@@ -57,7 +59,8 @@ def check(left: Path, right: Path, calib: str, most_pairs: int = 12) -> CheckRes
     chosen = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most_pairs, len(pairs))).round().astype(int))]
     height, width = read_image(chosen[0].left).shape[:2]
     rig = load_rig(calib, (width, height))
-    rows = check_rows(rig, ((read_image(pair.left), read_image(pair.right)) for pair in chosen))
+    rig = settle_reading(rig, ((read_image(pair.left), read_image(pair.right)) for pair in chosen[:FIRST_PAIRS]))
+    rows = vertical_disparity(rig, ((read_image(pair.left), read_image(pair.right)) for pair in chosen))
     return CheckResult(rig_facts(rig), rows, suspicions(rig))
 
 

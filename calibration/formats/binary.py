@@ -1,0 +1,65 @@
+"""Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz, SeaGIS's .cam.
+
+Numbers are read and nothing else: no pickle, no code, nothing larger than a calibration can be.
+"""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from calibration.errors import CalibrationError
+from calibration.formats import mat73, npz, seagis
+from calibration.formats.mat5 import HEADER_BYTES, Mat5Reader, Opaque, byte_order
+from calibration.formats.mcos import ObjectTable, subsystem_cells
+from calibration.formats.section import Section
+
+MAX_BYTES = 8 * 2**20  # MATLAB keeps every reprojection error: 0.1 MB for 50 views of 100 corners
+
+
+def is_binary(path: Path) -> bool:
+    """True if the file begins as one of these formats do. OSError if it cannot be read."""
+    with path.open("rb") as file:
+        return _reader(file.read(HEADER_BYTES)) is not None
+
+
+def load_binary(path: Path) -> Section:
+    """Read ``path`` into a Section, its values still unchecked.
+
+    Raises CalibrationError if the file is too large, damaged, or needs a package that is not installed.
+    """
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise CalibrationError(f"is larger than {MAX_BYTES >> 20} MB, which no calibration is: is it the right file?")
+        raw = path.read_bytes()
+        read = _reader(raw[:HEADER_BYTES])
+        assert read is not None
+        return Section(str(path), read(raw))
+    except OSError as error:
+        raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except CalibrationError as error:
+        raise CalibrationError(f"{path}: {error}") from error
+
+
+def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
+    if start.startswith(b"MATLAB 7.3"):
+        return mat73.read
+    if start.startswith(b"MATLAB "):
+        return _read_mat5
+    if start.startswith(b"PK\x03\x04"):
+        return npz.read
+    if start.startswith((b"CAM", b"CBL")) and len(start) > 3 and start[3] < 32:
+        return seagis.read
+    return None
+
+
+def _read_mat5(raw: bytes) -> dict[str, Any]:
+    if len(raw) < HEADER_BYTES:
+        raise CalibrationError("is cut off: it is shorter than the header of a MAT-file")
+    variables = dict(Mat5Reader(raw, byte_order(raw[126:128])).variables(HEADER_BYTES))
+    subsystem = variables.pop("", None)
+    if any(isinstance(value, Opaque) for value in variables.values()):
+        if subsystem is None or not hasattr(subsystem, "tobytes"):
+            raise CalibrationError("is cut off or damaged: the part that should hold its objects is missing")
+        objects = ObjectTable.of(subsystem_cells(subsystem.tobytes()))
+        variables = {name: objects.resolve(value) for name, value in variables.items()}
+    return variables

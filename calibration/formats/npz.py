@@ -1,0 +1,49 @@
+"""NumPy's .npz: named arrays of numbers. Arrays of Python objects (pickles, which can run code) are never read."""
+
+import io
+import math
+import warnings
+import zipfile
+import zlib
+from typing import Any
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+
+MAX_ARRAYS = 100
+MAX_ARRAY_BYTES = 2**20
+DAMAGED = (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError, RuntimeError, OverflowError, SyntaxError)
+
+
+def read(raw: bytes) -> dict[str, Any]:
+    """Name -> array. Raises CalibrationError for what is damaged, too large, or no array of numbers."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
+            if len(members) > MAX_ARRAYS:
+                raise CalibrationError(f"holds {len(members)} arrays, which no calibration does")
+            return {info.filename.removesuffix(".npy"): _array(archive, info) for info in members}
+    except CalibrationError:
+        raise
+    except DAMAGED as error:
+        raise CalibrationError(f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}") from error
+
+
+def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
+    with archive.open(info) as file:
+        content = file.read(MAX_ARRAY_BYTES + 1)
+    if len(content) > MAX_ARRAY_BYTES:
+        raise CalibrationError(f"{info.filename}: holds more than {MAX_ARRAY_BYTES >> 20} MB, which no calibration does")
+    stream = io.BytesIO(content)
+    version = np.lib.format.read_magic(stream)
+    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # files written by Python 2, as VIAME's are, say "3L" for 3
+        shape, fortran, dtype = header(stream)
+    if dtype.hasobject:
+        raise CalibrationError(f"{info.filename}: holds Python objects instead of numbers, which could run code: save plain arrays")
+    data = content[stream.tell() :]
+    if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(data):
+        raise CalibrationError(f"{info.filename}: is damaged: {len(data)} bytes for an array of shape {shape}")
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")

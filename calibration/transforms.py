@@ -1,0 +1,19 @@
+"""Rigid transforms as (4, 4) matrices: p_target = T_target_source @ p_source."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def rigid(R: Array, translation: Array) -> Array:
+    """(4, 4) of a rotation (3, 3) and a translation of three numbers."""
+    T = np.eye(4)
+    T[:3, :3] = R
+    T[:3, 3] = np.ravel(translation)
+    return T
+
+
+def inverse_transform(T: Array) -> Array:
+    """The inverse of a rigid transform (4, 4)."""
+    return rigid(T[:3, :3].T, -T[:3, :3].T @ T[:3, 3])

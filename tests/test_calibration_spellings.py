@@ -1,0 +1,115 @@
+"""OpenCV's matrices by the names that tools give them, in one file or in several; VIAME's JSON; settling an open convention."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from calibration_binaries import SIZE, small_rig, stereo_objects, write_mat5
+from calibration_boards import rendered
+from test_calibration_formats import seen
+
+from calibration import CalibrationError, Rectification, StereoRig
+from calibration.checks import settle_reading
+from calibration.formats import load_rig, write_rig
+
+RIG = small_rig()
+
+
+def storage(path: Path, **values: object) -> None:
+    """An OpenCV FileStorage."""
+    writer = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for key, value in values.items():
+        writer.write(key, np.asarray(value) if not isinstance(value, (int, float, str)) else value)
+    writer.release()
+
+
+def assert_same(found: StereoRig) -> None:
+    np.testing.assert_allclose(seen(found), seen(RIG), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found.T_right_left, RIG.T_right_left, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("K", "D"),
+    [
+        (("K1", "K2"), ("D1", "D2")),
+        (("M1", "M2"), ("D1", "D2")),
+        (("cameraMatrixL", "cameraMatrixR"), ("distCoeffsL", "distCoeffsR")),
+        (("camera_matrix_left", "camera_matrix_right"), ("dist_coeffs_left", "dist_coeffs_right")),
+        (("left_camera_matrix", "right_camera_matrix"), ("left_distortion_coefficients", "right_distortion_coefficients")),
+        (("K_l", "K_r"), ("D_l", "D_r")),
+    ],
+)
+@pytest.mark.parametrize("vector", [False, True])
+def test_spellings(K: tuple[str, str], D: tuple[str, str], vector: bool, tmp_path: Path) -> None:
+    R = cv2.Rodrigues(RIG.R)[0] if vector else RIG.R
+    matrices = {K[0]: RIG.left.K, K[1]: RIG.right.K, D[0]: RIG.left.distortion[None], D[1]: RIG.right.distortion[None]}
+    storage(tmp_path / "stereo.yml", **matrices, R=R, T=RIG.T_right_left[:3, 3:])
+    assert_same(load_rig(tmp_path / "stereo.yml", SIZE))
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_zed_custom_calibration(fisheye: bool, tmp_path: Path) -> None:
+    words = ("D_LEFT_FE", "D_RIGHT_FE") if fisheye else ("D_LEFT", "D_RIGHT")
+    distortion = {word: camera.distortion[: 4 if fisheye else 5] for word, camera in zip(words, (RIG.left, RIG.right), strict=True)}
+    pose = {"R": cv2.Rodrigues(RIG.R)[0], "T": RIG.T_right_left[:3, 3:] * 1000}
+    storage(tmp_path / "zed_calibration_1.yml", K_LEFT=RIG.left.K, K_RIGHT=RIG.right.K, **distortion, **pose)
+    text = (tmp_path / "zed_calibration_1.yml").read_text().replace("---\n", "---\nSize: [ 640, 480 ]\n")
+    (tmp_path / "zed_calibration_1.yml").write_text(text)
+    found = load_rig(tmp_path / "zed_calibration_1.yml")
+    assert found.left.model == ("fisheye" if fisheye else "pinhole")
+    assert found.doubts == ()
+    np.testing.assert_allclose(found.T_right_left, RIG.T_right_left, atol=1e-9)
+
+
+def test_a_matrix_a_file(tmp_path: Path) -> None:
+    parts = {"M1": RIG.left.K, "D1": RIG.left.distortion[None], "M2": RIG.right.K, "D2": RIG.right.distortion[None]}
+    for name, matrix in (parts | {"R": RIG.R, "T": RIG.T_right_left[:3, 3:]}).items():
+        storage(tmp_path / f"{name}.xml", **{"matrix" if name == "R" else name: matrix})
+    assert_same(load_rig(tmp_path, SIZE))
+
+
+def test_a_camera_a_file_and_extrinsics(tmp_path: Path) -> None:
+    for side, camera in (("left", RIG.left), ("right", RIG.right)):
+        storage(tmp_path / f"intrinsics_{side}.xml", camera_matrix=camera.K, distortion_coefficients=camera.distortion[None])
+    storage(tmp_path / "extrinsics.xml", R=RIG.R, T=RIG.T_right_left[:3, 3:])
+    assert_same(load_rig(tmp_path, SIZE))
+
+
+def test_parts_that_make_no_rig_are_named(tmp_path: Path) -> None:
+    storage(tmp_path / "M1.xml", M1=RIG.left.K)
+    with pytest.raises(CalibrationError, match=r"found M1.xml \(no calibration\)"):
+        load_rig(tmp_path, SIZE)
+
+
+@pytest.mark.parametrize(("scale", "more"), [(1000, {"square_size_mm": 80}), (1000, {}), (1, {})])
+def test_viame_json(scale: float, more: dict[str, float], tmp_path: Path) -> None:
+    write_rig(replace(RIG, rms_px=0.4), tmp_path / "rig.json", "viame")
+    content = json.loads((tmp_path / "rig.json").read_text()) | more
+    content["T"] = (RIG.T_right_left[:3, 3] * scale).tolist()
+    (tmp_path / "rig.json").write_text(json.dumps(content))
+    found = load_rig(tmp_path / "rig.json")
+    assert_same(found)
+    assert found.rms_px == 0.4
+    assert bool(found.doubts) == (not more)
+
+
+@pytest.mark.parametrize("transposed", [True, False])
+def test_images_settle_the_convention_of_matlab(transposed: bool, tmp_path: Path) -> None:
+    rig = load_rig(write_mat5(tmp_path / "calib.mat", stereo_objects(RIG, transposed=transposed)))
+    sand = cv2.GaussianBlur(np.random.default_rng(0).integers(0, 256, (500, 700), dtype=np.uint8), (0, 0), 1.5)
+    sand = cv2.normalize(sand, None, 0, 255, cv2.NORM_MINMAX)
+    pose = np.eye(4)
+    pose[2, 3] = 0.9
+    corner = np.array([-0.5, -0.36])
+    images = [
+        rendered(camera, extrinsic @ pose, sand, 700, corner)
+        for camera, extrinsic in ((RIG.left, np.eye(4)), (RIG.right, RIG.T_right_left))
+    ]
+    settled = settle_reading(rig, [(images[0], images[1])])
+    np.testing.assert_allclose(settled.R, RIG.R, atol=1e-9)
+    assert settled.alternatives == ()
+    assert "images decide" in settled.doubts[-1]
+    assert Rectification.from_rig(settled).pair.baseline_m == pytest.approx(RIG.baseline_m)
