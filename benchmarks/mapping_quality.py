@@ -25,10 +25,11 @@ from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
 from stereo_seecolor.evaluation.cloud import REACH_M, surface_points
 from stereo_seecolor.evaluation.measures import angle_deg
 from stereo_seecolor.evaluation.nearest import nearest_distance_m
-from stereo_seecolor.evaluation.trajectory import align, trajectory_error
+from stereo_seecolor.evaluation.trajectory import trajectory_error
+from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.geometry import rigid_alignment
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.mapping.raster.georeference import _ply_vertices
 from stereo_seecolor.mapping.raster.reef_metrics import measure
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.matching.matcher import Matcher
@@ -110,11 +111,11 @@ def score(survey: Survey, out: Path) -> Rows:
     track = read_trajectory(out / "trajectory.tum")
     chosen = [int(np.argmin(np.abs(survey.trajectory.timestamps_s - t))) for t in track.timestamps_s]
     truth = survey.trajectory.T_world_camera[chosen]
-    T = align(track.T_world_camera[:, :3, 3], truth[:, :3, 3])
+    T = rigid_alignment(track.T_world_camera[:, :3, 3], truth[:, :3, 3])
     error = trajectory_error(track.T_world_camera[:, :3, 3], truth[:, :3, 3])
     rows: Rows = {"frames placed": f"{len(chosen)} of {len(survey)}"}
     rows["track: RMS error, share of the path"] = f"{1000 * error.rms_m:.1f} mm, {100 * error.share:.3f} % of {error.path_m:.0f} m"
-    vertices = _ply_vertices(out / "cloud.ply")
+    vertices = read_vertices(out / "cloud.ply")
     cloud = np.asarray(vertices["position"], np.float64) @ T[:3, :3].T + T[:3, 3]
     rows |= cloud_rows(survey, cloud) | length_rows(survey, track, chosen, truth) | terrain_rows(survey, out, T)
     return rows | color_rows(survey, cloud, np.asarray(vertices["color"]))

@@ -206,8 +206,13 @@ class MountConfig(_Stage):
 class MappingConfig(_Stage):
     """Odometry, fusion and the map products."""
 
-    voxel_m: float = Field(default=0.01, gt=0, description="Edge of a fusion voxel, meters.")
-    tile_m: float = Field(default=6.0, gt=0, description="Edge of a tile of the map, meters; memory grows with its square.")
+    voxel_m: float = Field(default=0.01, gt=0, allow_inf_nan=False, description="Edge of a fusion voxel, meters.")
+    tile_m: float | None = Field(
+        default=None,
+        gt=0,
+        allow_inf_nan=False,
+        description="Edge of a tile of the map, meters; memory grows with its square. Not set: 600 voxels.",
+    )
     mount: MountConfig = MountConfig()
     max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
     max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")
@@ -215,7 +220,7 @@ class MappingConfig(_Stage):
         default=True, description="Own odometry: recognize places seen before (needs the slam extra, GTSAM)."
     )
     poses: Literal["given", "prior"] = Field(
-        default="given", description="A trajectory's poses are the map's; or prior: own odometry, held to them by the errors below."
+        default="given", description="A trajectory's poses are the map's; or prior: own odometry, fitted to them by the errors below."
     )
     poses_of: Literal["format", "raw", "rectified"] = Field(
         default="format",
@@ -224,9 +229,44 @@ class MappingConfig(_Stage):
     prior_position_std_m: float = Field(default=0.5, gt=0, description="Standard error of a prior's position, east and north.")
     prior_depth_std_m: float = Field(default=0.05, gt=0, description="Standard error of a prior's depth: its pressure sensor's.")
     prior_attitude_std_deg: float = Field(default=1.0, gt=0, description="Standard error of a prior's roll, pitch and heading.")
-    mosaic_m: float = Field(default=0.005, gt=0, description="Pixel of the orthomosaic, meters.")
-    dem_m: float = Field(default=0.01, gt=0, description="Pixel of the terrain model, meters.")
-    metrics_m: float = Field(default=1.0, gt=0, description="Edge of a square of the structural metrics, meters.")
+    mosaic_m: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="Pixel of the orthomosaic, meters. Not set: half a voxel."
+    )
+    dem_m: float | None = Field(
+        default=None, gt=0, allow_inf_nan=False, description="Pixel of the terrain model, meters. Not set: a voxel."
+    )
+    metrics_m: float | None = Field(
+        default=None,
+        gt=0,
+        allow_inf_nan=False,
+        description="Edge of a square of the structural metrics, meters. Not set: 100 pixels of the terrain model.",
+    )
+
+    @property
+    def tile_edge_m(self) -> float:
+        """tile_m, or what follows from the voxels: 6 m at 1 cm."""
+        return self.tile_m or 600 * self.voxel_m
+
+    @property
+    def terrain_cell_m(self) -> float:
+        """dem_m, or what follows from the voxels: finer cells only interpolate between them."""
+        return self.dem_m or self.voxel_m
+
+    @property
+    def mosaic_cell_m(self) -> float:
+        """mosaic_m, or what follows from the voxels: images are about twice as fine as the voxels that suit them."""
+        return self.mosaic_m or self.voxel_m / 2
+
+    @property
+    def square_m(self) -> float:
+        """metrics_m, or what follows from the terrain's cells: 1 m at 1 cm."""
+        return self.metrics_m or 100 * self.terrain_cell_m
+
+    @model_validator(mode="after")
+    def _tile_holds_blocks(self) -> Self:
+        if self.tile_m is not None and self.tile_m < 16 * self.voxel_m:
+            raise ValueError(f"tile_m={self.tile_m:g} is less than 16 voxels: set it to at least {16 * self.voxel_m:g}, or leave it out")
+        return self
 
 
 class OutputConfig(_Stage):

@@ -1,13 +1,22 @@
-"""Rigid transforms: invert, interpolate, level."""
+"""Rigid transforms: invert, interpolate, turn, as (..., 4, 4) matrices; rotations by scipy."""
+
+from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
-Poses = NDArray[np.float64]
-"""(N, 4, 4) float64 rigid transforms."""
+Array = NDArray[np.float64]
 
 
-def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
+def pose(R: ArrayLike, position_m: ArrayLike) -> Array:
+    """(4, 4) of a rotation (3, 3) and a position (3,)."""
+    T = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, position_m
+    return T
+
+
+def inverse(T: Array) -> Array:
     """The inverse of rigid transforms, (..., 4, 4)."""
     result = np.zeros_like(T)
     R = np.swapaxes(T[..., :3, :3], -1, -2)
@@ -17,41 +26,56 @@ def inverse(T: NDArray[np.float64]) -> NDArray[np.float64]:
     return result
 
 
-def rotation_vector(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) axis times angle of a rotation (3, 3)."""
-    cosine = np.clip((np.trace(R) - 1) / 2, -1, 1)
-    angle = float(np.arccos(cosine))
-    axis = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    if angle < 1e-8:
-        return np.asarray(axis / 2)
-    if np.pi - angle < 1e-6:  # the antisymmetric part vanishes: take the axis from R + I = 2 a a^T
-        column = (R + np.eye(3))[:, np.argmax(np.diag(R))]
-        return np.asarray(angle * column / np.linalg.norm(column))
-    return np.asarray(axis * angle / (2 * np.sin(angle)))
+def transformed(T: Array, points: NDArray[np.floating]) -> Array:
+    """Points (..., 3) through a rigid transform (4, 4)."""
+    return np.asarray(points @ T[:3, :3].T + T[:3, 3], np.float64)
 
 
-def rotation_from_vector(vector: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, 3) rotation by Rodrigues' formula."""
-    angle = float(np.linalg.norm(vector))
-    x, y, z = vector / max(angle, 1e-300)
-    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.asarray(np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross)
+def rotation_vector(R: Array) -> Array:
+    """(..., 3) axis times angle of rotations (..., 3, 3)."""
+    return cast(Array, Rotation.from_matrix(R).as_rotvec())
 
 
-def interpolate(before: NDArray[np.float64], after: NDArray[np.float64], share: float) -> NDArray[np.float64]:
-    """The pose at ``share`` of the way: straight line, constant turn."""
+def rotation_from_vector(vector: ArrayLike) -> Array:
+    """(..., 3, 3) rotations of axis times angle (..., 3)."""
+    return cast(Array, Rotation.from_rotvec(vector).as_matrix())
+
+
+def quaternion(R: Array) -> Array:
+    """(..., 4) as x, y, z, w with w >= 0, of rotations (..., 3, 3)."""
+    return cast(Array, Rotation.from_matrix(R).as_quat(canonical=True))
+
+
+def interpolate(before: Array, after: Array, fraction: float) -> Array:
+    """The pose at ``fraction`` of the way: straight line, constant turn."""
     T = before.copy()
     turn = rotation_vector(before[:3, :3].T @ after[:3, :3])
-    T[:3, :3] = before[:3, :3] @ rotation_from_vector(share * turn)
-    T[:3, 3] = (1 - share) * before[:3, 3] + share * after[:3, 3]
+    T[:3, :3] = before[:3, :3] @ rotation_from_vector(fraction * turn)
+    T[:3, 3] = (1 - fraction) * before[:3, 3] + fraction * after[:3, 3]
     return T
 
 
-def rotation_to_z(direction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The smallest rotation (3, 3) that turns ``direction`` onto +z."""
+def rotation_to_z(direction: Array) -> Array:
+    """The smallest rotation (3, 3) that turns ``direction`` (3,) onto +z."""
     unit = direction / np.linalg.norm(direction)
     axis = np.cross(unit, [0.0, 0.0, 1.0])
     sine, cosine = float(np.linalg.norm(axis)), float(unit[2])
     if sine < 1e-12:
         return np.eye(3) if cosine > 0 else np.diag([1.0, -1.0, -1.0])
     return rotation_from_vector(axis / sine * np.arctan2(sine, cosine))
+
+
+def rigid_alignment(points: Array, targets: Array) -> Array:
+    """(4, 4) rigid transform, without scale, that brings points (N, 3) nearest to their targets (N, 3).
+
+    Umeyama 1991, Least-squares estimation of transformation parameters, IEEE PAMI 13(4), eqs. 40 to 43 with c = 1.
+    """
+    center, target = points.mean(axis=0), targets.mean(axis=0)
+    R = nearest_rotation((targets - target).T @ (points - center))
+    return pose(R, target - R @ center)
+
+
+def nearest_rotation(M: Array) -> Array:
+    """The rotation (3, 3) nearest to any matrix (3, 3), by its singular value decomposition."""
+    U, _, Vt = np.linalg.svd(M)
+    return np.asarray(U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt)

@@ -11,7 +11,7 @@ import pytest
 from calibration import Camera, StereoRig
 from calibration.formats import native
 from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.mapping.surface.fusion import check_available
+from stereo_seecolor.mapping.surface.extraction import check_available
 
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

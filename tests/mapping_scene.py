@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
-from stereo_seecolor.mapping.surface.join import VERTEX
+from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.synthetic import survey
 from stereo_seecolor.synthetic.casting import cast, look_up

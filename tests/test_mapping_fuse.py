@@ -22,19 +22,20 @@ from stereo_seecolor.commands import jobs
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.errors import DeviceError, FrameError, InputError, MappingError, OutputError
 from stereo_seecolor.geometry import inverse, rotation_from_vector
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
 from stereo_seecolor.mapping import survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.recovered import Salvage
-from stereo_seecolor.mapping.surface import fusion
+from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
+from stereo_seecolor.mapping.surface import extraction
 from stereo_seecolor.mapping.track import odometry
-from stereo_seecolor.mapping.track.tum_file import write_tum
+from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.folder import held
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 try:
-    fusion.check_available()
+    extraction.check_available()
 except DeviceError as error:
     pytest.skip(str(error), allow_module_level=True)
 
@@ -119,9 +120,7 @@ def fuse(out: Path, poses: Path | None = None) -> survey_map.MapSummary:
 def small_run(tmp_path: Path) -> Path:
     out = tmp_path / "out"
     write_run(out, [flat_frame(i) for i in range(4)], PAIR)
-    write_tum(
-        out.with_name("track.tum"), FrameIndex.build([flat_frame(i) for i in range(4)], PAIR), track(4).T_world_camera, range(4)
-    )
+    write_tum(out.with_name("track.tum"), track(4))
     return out
 
 
@@ -182,9 +181,9 @@ def test_a_frame_may_vanish_at_any_moment(tmp_path: Path, reads: int) -> None:
 
 def test_a_frame_may_vanish_while_its_own_track_is_followed() -> None:
     reef = ReefFrames(SurveySpec(pairs=5, lines=1, image_size=(256, 208), seed=3), noise_px=0.1)
-    frames = Salvage(Vanishing(list(reef), 2, 1))  # type: ignore[call-overload]
-    placement = odometry.estimate(frames, reef.pair, MappingConfig(loop_closure=False), FrameIndex.build(frames, reef.pair))
-    assert placement.pieces.tolist() == [0, 0, -1, 0, 0]
+    frames = RecoveredFrames(Vanishing(list(reef), 2, 1))  # type: ignore[call-overload]
+    placement = odometry.solve(odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))), loops=False)
+    assert placement.components.tolist() == [0, 0, -1, 0, 0]
     assert placement.unplaced[0].reason == "the disk is gone"
 
 

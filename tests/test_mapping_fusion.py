@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, OutputError
+from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.mapping import survey_map
-from stereo_seecolor.mapping.surface import fusion
-from stereo_seecolor.mapping.surface.join import VERTEX
+from stereo_seecolor.mapping.surface import extraction
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 try:
-    fusion.check_available()
+    extraction.check_available()
 except DeviceError as error:
     pytest.skip(str(error), allow_module_level=True)
 
@@ -196,7 +196,7 @@ def test_a_jump_makes_two_maps(tmp_path: Path) -> None:
     trajectory = track(7)
     trajectory.T_world_camera[4:, 1, 3] += 50
     summary = build_map([flat_frame(i) for i in range(7)], PAIR, tmp_path, CONFIG, trajectory)
-    assert summary.pieces == (4, 3)
+    assert summary.components == (4, 3)
     assert "jumps 50.0 m between f3 and f4" in summary.warnings[0]
     assert read_cloud(tmp_path / "cloud.ply")["position"][:, 1].max() < 1
     assert read_cloud(tmp_path / "piece_1" / "cloud.ply")["position"][:, 1].min() > 49

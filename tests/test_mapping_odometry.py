@@ -1,6 +1,7 @@
 """Poses from the pictures alone: near the truth, broken rather than wrong."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import cv2
 import numpy as np
@@ -12,10 +13,10 @@ from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.evaluation.trajectory import trajectory_error
 from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.features import detect
-from stereo_seecolor.mapping.track.placement import Placement
-from stereo_seecolor.mapping.track.relative_pose import Edge, relate
+from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -32,8 +33,11 @@ def frames(reef: ReefFrames) -> list[SurveyFrame]:
     return [reef[i] for i in range(len(reef))]
 
 
-def estimate(frames: list[SurveyFrame], reef: ReefFrames, config: MappingConfig) -> Placement:
-    return odometry.estimate(frames, reef.pair, config, FrameIndex.build(frames, reef.pair))
+def estimate(
+    frames: list[SurveyFrame], reef: ReefFrames, config: MappingConfig, priors: Sequence[pose_graph.Prior] = ()
+) -> Placement:
+    survey = Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))
+    return odometry.solve(odometry.follow(survey), config.loop_closure, priors)
 
 
 def blank(frame: SurveyFrame) -> SurveyFrame:
@@ -41,17 +45,17 @@ def blank(frame: SurveyFrame) -> SurveyFrame:
 
 
 def test_two_frames_give_their_relative_pose(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
-    edge = relate(0, detect(frames[0], reef.pair), 1, detect(frames[1], reef.pair), reef.pair)
+    edge = relative_pose(detect(frames[0], reef.pair), detect(frames[1], reef.pair), reef.pair)
     assert edge is not None
     T = reef.trajectory.T_world_camera
     truth = inverse(T[0]) @ T[1]
-    assert np.linalg.norm(edge.T_i_j[:3, 3] - truth[:3, 3]) < 0.01
+    assert np.linalg.norm(edge.T_a_b[:3, 3] - truth[:3, 3]) < 0.01
     assert np.sqrt(np.trace(edge.covariance[3:, 3:])) < 0.05
 
 
 def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     placement = estimate(frames, reef, ALONE)
-    assert placement.pieces.tolist() == [0] * 12
+    assert placement.components.tolist() == [0] * 12
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
     assert error.share < 0.005
 
@@ -59,7 +63,7 @@ def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[Sur
 def test_frames_out_of_order_are_followed_by_their_times(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     shuffle = [3, 0, 5, 1, 4, 2]
     placement = estimate([frames[i] for i in shuffle], reef, ALONE)
-    assert placement.pieces.tolist() == [0] * 6
+    assert placement.components.tolist() == [0] * 6
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3])
     assert error.share < 0.005
 
@@ -73,7 +77,7 @@ def test_loops_bring_it_to_a_fifth_of_a_percent(reef: ReefFrames, frames: list[S
 def test_a_frame_that_shows_nothing_is_named_and_the_rest_goes_on(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     placement = estimate([*frames[:3], blank(frames[3]), *frames[4:]], reef, ALONE)
     assert [u.name for u in placement.unplaced] == [frames[3].name]
-    assert placement.pieces.tolist() == [0, 0, 0, -1] + [0] * 8
+    assert placement.components.tolist() == [0, 0, 0, -1] + [0] * 8
 
 
 def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
@@ -84,7 +88,7 @@ def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[Sur
         color = np.where(hole[..., None], np.uint8(0), frame.color)
         holed.append(dataclasses.replace(frame, color=color, range_m=np.where(hole, np.float32(np.nan), frame.range_m)))
     placement = estimate(holed, reef, ALONE)
-    assert placement.pieces.tolist() == [0] * 6
+    assert placement.components.tolist() == [0] * 6
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:6, :3, 3])
     assert error.rms_m < 0.03
 
@@ -92,14 +96,14 @@ def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[Sur
 def test_a_long_blank_stretch_breaks_the_map_in_two(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked[:10], reef, ALONE)
-    assert placement.pieces.tolist() == [0, 0, 0, 0, 0, -1, -1, -1, 1, 1]
-    assert "broken into 2 pieces of 5, 2 frames" in placement.warnings[-1]
+    assert placement.components.tolist() == [0, 0, 0, 0, 0, -1, -1, -1, 1, 1]
+    assert "broken into 2 components of 5, 2 frames" in placement.warnings[-1]
 
 
 def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked, reef, MappingConfig())
-    placed = placement.pieces == 0
+    placed = placement.components == 0
     assert placed.sum() == 9
     error = trajectory_error(placement.T_world_camera[placed, :3, 3], reef.trajectory.T_world_camera[placed, :3, 3])
     assert error.rms_m < 0.05
@@ -109,7 +113,7 @@ def test_frames_of_another_reef_are_never_joined(reef: ReefFrames, frames: list[
     other = ReefFrames(SurveySpec(pairs=4, lines=1, image_size=(256, 208), seed=99), noise_px=0.1)
     strangers = [dataclasses.replace(f, name=f"x{i}", timestamp_s=f.timestamp_s + 1e4) for i, f in enumerate(other)]  # type: ignore[operator]
     placement = estimate(frames[:6] + strangers, reef, MappingConfig())
-    assert placement.pieces.tolist() == [0] * 6 + [1] * 4
+    assert placement.components.tolist() == [0] * 6 + [1] * 4
 
 
 def test_nothing_but_blank_frames_is_an_error(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
@@ -125,8 +129,7 @@ def test_noisy_navigation_as_a_prior_gives_place_and_pictures_give_shape(reef: R
         noisy = T.copy()
         noisy[:3, 3] += rng.normal(0, 0.3, 3) * [1, 1, 0.1]
         priors.append(pose_graph.Prior(i, noisy, np.array([0.3, 0.3, 0.03]), 0.02))
-    index = FrameIndex.build(frames[:6], reef.pair)
-    T = odometry.estimate(frames[:6], reef.pair, ALONE, index, priors).T_world_camera
+    T = estimate(frames[:6], reef, ALONE, priors).T_world_camera
     assert trajectory_error(T[:, :3, 3], truth[:, :3, 3]).rms_m < 0.02
     assert np.abs(T[:, :2, 3] - truth[:, :2, 3]).max() < 0.4
     assert np.abs(T[:, 2, 3] - truth[:, 2, 3]).max() < 0.05
@@ -145,7 +148,7 @@ def edge(T: np.ndarray, i: int, j: int, off: np.ndarray | None = None) -> Edge:
     relation = inverse(T[i]) @ T[j]
     if off is not None:
         relation[:3, 3] += off
-    return Edge(i, j, relation, np.diag([1e-4] * 3 + [1e-4] * 3), 100)
+    return Edge(i, j, relation, np.diag([1e-4] * 3 + [1e-4] * 3), 100, loop=abs(j - i) > 3)
 
 
 def test_the_pose_graph_spreads_drift_and_rejects_a_false_loop() -> None:
@@ -167,7 +170,7 @@ def test_priors_hold_the_map_to_navigation() -> None:
     chain = [edge(T, i, i + 1, np.array([0, 0, 0.02])) for i in range(11)]
     priors = [pose_graph.Prior(i, T[i], np.array([0.5, 0.5, 0.01]), 0.01) for i in range(12)]
     start = inverse(T[0]) @ T
-    solved, _ = pose_graph.solve(odometry._moved_to(priors, start, list(range(12))), range(12), chain, priors)
+    solved, _ = pose_graph.solve(odometry.moved_to(priors, start, list(range(12))), range(12), chain, priors)
     assert np.abs(solved[:, 2, 3] + 8).max() < 0.03
     assert np.abs(solved[:, :2, 3] - T[:, :2, 3]).max() < 0.3
 

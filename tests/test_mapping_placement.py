@@ -10,7 +10,8 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.geometry import interpolate, inverse, rotation_from_vector, rotation_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.track.placement import place, upright
+from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.mapping.track.upright import upright
 from stereo_seecolor.records import Trajectory
 
 CONFIG = MappingConfig()
@@ -42,7 +43,7 @@ def by_time(T: NDArray[np.float64], times: NDArray[np.float64] | None = None) ->
 def test_names_match_without_folder_and_suffix() -> None:
     placement = place(index(), by_name(line()), CONFIG)
     np.testing.assert_array_equal(placement.T_world_camera, line())
-    assert placement.pieces.tolist() == [0] * 10
+    assert placement.components.tolist() == [0] * 10
     assert not placement.unplaced
 
 
@@ -64,7 +65,7 @@ def test_frames_out_of_order_are_no_jumps() -> None:
     ordered = index(40)
     shuffled = FrameIndex(tuple(ordered.names[i] for i in shuffle), ordered.timestamps_s[shuffle], ordered.points_m)
     placement = place(shuffled, by_name(line(40, step_m=2.5)), CONFIG)  # neighbors in the list lie up to 100 m apart
-    assert placement.pieces.tolist() == [0] * 40
+    assert placement.components.tolist() == [0] * 40
     assert not placement.unplaced
     assert not placement.warnings
 
@@ -74,14 +75,14 @@ def test_a_gap_leaves_its_frames_out_and_names_them() -> None:
     placement = place(index(), by_time(line()[keep], np.array(keep, dtype=float)), CONFIG)
     assert [u.name for u in placement.unplaced] == ["f02", "f03", "f04", "f05", "f06", "f07"]
     assert "no pose within 5 s" in placement.unplaced[0].reason
-    assert placement.pieces.tolist() == [0, 0, -1, -1, -1, -1, -1, -1, 0, 0]
+    assert placement.components.tolist() == [0, 0, -1, -1, -1, -1, -1, -1, 0, 0]
 
 
 def test_a_jump_that_stays_breaks_the_map() -> None:
     T = line()
     T[6:, 1, 3] += 50
     placement = place(index(), by_name(T), CONFIG)
-    assert placement.pieces.tolist() == [0] * 6 + [1] * 4
+    assert placement.components.tolist() == [0] * 6 + [1] * 4
     assert "jumps 50.0 m between f05 and f06" in placement.warnings[0]
 
 
@@ -89,7 +90,7 @@ def test_a_pose_that_jumps_away_and_back_is_left_out() -> None:
     T = line()
     T[4, 1, 3] += 50
     placement = place(index(), by_name(T), CONFIG)
-    assert placement.pieces.tolist() == [0, 0, 0, 0, -1, 0, 0, 0, 0, 0]
+    assert placement.components.tolist() == [0, 0, 0, 0, -1, 0, 0, 0, 0, 0]
     assert placement.unplaced[0].name == "f04"
     assert "jumps 50.0 m away and back" in placement.unplaced[0].reason
 
@@ -139,7 +140,7 @@ def test_a_map_upside_down_is_refused() -> None:
         upright(placement, index(), "z")
 
 
-def test_a_world_that_does_not_know_up_is_levelled() -> None:
+def test_a_world_that_does_not_know_up_is_leveled() -> None:
     tilt = np.eye(4)
     tilt[:3, :3] = rotation_from_vector(np.array([2.0, 0.7, -0.3]))
     placement = upright(place(index(), by_name(tilt @ line()), CONFIG), index(), "unknown")

@@ -17,7 +17,7 @@ from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.preview import render_preview
 from stereo_seecolor.mapping.raster.reef_metrics import measure, measure_squares, site_of
 from stereo_seecolor.mapping.raster.terrain import render_terrain
-from stereo_seecolor.mapping.surface.fusion import Surface
+from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.viewer import view
 from stereo_seecolor.records import GeoOrigin, Trajectory

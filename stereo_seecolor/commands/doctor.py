@@ -7,7 +7,7 @@ import sys
 from dataclasses import dataclass
 
 from stereo_seecolor.compute.threads import cores
-from stereo_seecolor.mapping.surface.fusion import LIBRARIES
+from stereo_seecolor.mapping.surface.extraction import LIBRARIES
 
 EXTRAS = {"rasterio": "geo", "laspy": "geo", "pyproj": "geo", "onnxruntime": "onnx"}
 

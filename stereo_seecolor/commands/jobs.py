@@ -1,5 +1,6 @@
 """What the commands do: each the same stages, entered at another point."""
 
+import shutil
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
@@ -97,12 +98,12 @@ def rectify(
 def check_fusion(poses: Path | None, config: RunConfig) -> None:
     """Look at all that fusion needs before the first frame: the library, and the trajectory.
 
-    Raises DeviceError if Open3D cannot be loaded, with the command that mends it; InputError for a bad trajectory.
+    Raises DeviceError if a library is missing, with the command that installs it; InputError for a bad trajectory.
     """
     from stereo_seecolor.inputs.trajectories import read_trajectory
-    from stereo_seecolor.mapping.surface.fusion import check_available
+    from stereo_seecolor.mapping.survey_map import check
 
-    check_available()
+    check(config.mapping, poses is not None)
     if poses:
         read_trajectory(poses, config.mapping.mount)
 
@@ -115,7 +116,7 @@ def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, 
     also where another run or fusion writes into ``out`` now. A frame that is gone or damaged is named, and the rest fused.
     """
     from stereo_seecolor.inputs.trajectories import rectified_trajectory
-    from stereo_seecolor.mapping.survey_map import build_map
+    from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
     config = config or RunConfig()
     check_fusion(poses, config)
@@ -123,16 +124,23 @@ def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, 
     with held(out):
         frames = SurveyFrames(out)
         trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
-        return build_map(frames, frames.pair, out / "map", config.mapping, trajectory, _stages_of(listener or Silence()))
+        building, tiles = out / STATE / "map", out / STATE / "tiles"
+        shutil.rmtree(building, ignore_errors=True)
+        workspace = Workspace(tiles, _stages_of(listener or Silence()))
+        summary = build_map(frames, frames.pair, building, config.mapping, trajectory, workspace)
+        shutil.rmtree(out / "map", ignore_errors=True)
+        building.rename(out / "map")
+        return summary.moved(building, out / "map")
 
 
 def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
     """A listener to passes over pairs, listening to the stages of a map."""
-    begun: set[str] = set()
+    current = ""
 
     def progress(what: str, done: int, total: int) -> None:
-        if what not in begun:
-            begun.add(what)
+        nonlocal current
+        if what != current:
+            current = what
             listener.begin(what, total)
         listener.advance(FrameRow(f"{done}"))
 

@@ -1,4 +1,6 @@
-"""A pair's colored points, from its range map straight to the content of a PLY file."""
+"""Binary little-endian PLY: a pair's colored points straight from its range map, and the clouds and meshes of a map."""
+
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,25 +8,50 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Image, Map
 
-VERTEX = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
+POINT = np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)])
+"""A point of a pair's cloud."""
+VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
+"""A vertex of a map."""
+FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
+"""A triangle of a map."""
+
+_PROPERTIES = {
+    **{"xyz": ("float x", "float y", "float z"), "position": ("float x", "float y", "float z")},
+    **{"normal": ("float nx", "float ny", "float nz")},
+    **dict.fromkeys(("rgb", "color"), ("uchar red", "uchar green", "uchar blue")),
+}
+
+
+def header(comment: str, vertex: np.dtype[np.void], points: int, triangles: int = 0) -> bytes:
+    """The header before ``points`` records of type ``vertex`` (POINT or VERTEX) and ``triangles`` records of type FACE."""
+    lines = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comment.splitlines())]
+    lines.append(f"element vertex {points}")
+    lines += [f"property {p}" for name in vertex.names or () for p in _PROPERTIES[name]]
+    if triangles:
+        lines += [f"element face {triangles}", "property list uchar int vertex_indices"]
+    return ("\n".join([*lines, "end_header"]) + "\n").encode("ascii")
+
+
+def read_vertices(path: Path) -> NDArray[np.void]:
+    """The vertices of a map's cloud or mesh, as VERTEX, read from disk where they are used."""
+    with path.open("rb") as file:
+        head = b""
+        while not head.endswith(b"end_header\n"):
+            head += file.readline()
+    count = int(head.split(b"element vertex ")[1].split()[0])
+    return np.memmap(path, VERTEX, "r", len(head), (count,)) if count else np.zeros(0, VERTEX)
 
 
 def encode_cloud(range_m: Map, rays: NDArray[np.float32], rgb: Image) -> memoryview:
-    """A binary little-endian PLY of the pixels with a known range: float32 x y z in meters, uchar red green blue.
+    """The pixels with a known range: float32 x y z in meters, uchar red green blue.
 
     range_m: (H, W), unknown where not finite. rays: (H, W, 3) unit vectors. rgb: (H, W, 3), of 16 bits the upper 8 are kept.
     """
     points = int(np.count_nonzero(np.isfinite(range_m)))
-    header = (
-        "ply\nformat binary_little_endian 1.0\n"
-        "comment stereo-seecolor, meters, left rectified camera: x right, y down, z forward\n"
-        f"element vertex {points}\n"
-        "property float x\nproperty float y\nproperty float z\n"
-        "property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n"
-    ).encode("ascii")
-    content = np.empty(len(header) + points * VERTEX.itemsize, np.uint8)
-    content[: len(header)] = np.frombuffer(header, np.uint8)
-    vertices = content[len(header) :].view(VERTEX)
+    head = header("stereo-seecolor, meters, left rectified camera: x right, y down, z forward", POINT, points)
+    content = np.empty(len(head) + points * POINT.itemsize, np.uint8)
+    content[: len(head)] = np.frombuffer(head, np.uint8)
+    vertices = content[len(head) :].view(POINT)
     _fill(range_m, rays, rgb, np.uint8(8 * (rgb.dtype.itemsize - 1)), vertices["xyz"], vertices["rgb"])
     return content.data
 

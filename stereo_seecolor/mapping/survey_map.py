@@ -1,169 +1,207 @@
 """START HERE: a survey's finished frames into the map of a reef."""
 
+import json
 import shutil
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from stereo_seecolor.compute.threads import in_order
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.files.map_files import whole
-from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
-from stereo_seecolor.mapping.raster.products import Piece, write_products
-from stereo_seecolor.mapping.recovered import Frames, Salvage, Unplaced
-from stereo_seecolor.mapping.surface import islands
-from stereo_seecolor.mapping.surface.fusion import Surface, check_available, fuse_tile
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.mapping.component import Component
+from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
+from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
+from stereo_seecolor.mapping.raster.georeference import Georeference
+from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
+from stereo_seecolor.mapping.recovered_frames import RecoveredFrames, Unplaced
+from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.surface import extraction, islands
+from stereo_seecolor.mapping.surface.fusion import fuse_tile
 from stereo_seecolor.mapping.surface.join import write_map
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, cut
-from stereo_seecolor.mapping.track import pose_graph
-from stereo_seecolor.mapping.track.odometry import estimate, priors_from
-from stereo_seecolor.mapping.track.placement import Placement, place, upright
-from stereo_seecolor.mapping.track.tum_file import write_tum
-from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
+from stereo_seecolor.mapping.track import odometry, pose_graph
+from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.mapping.track.upright import upright
+from stereo_seecolor.records import SurveyFrame, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
 class MapSummary:
     """What became of a survey.
 
-    frames, placed: how many there were, and how many found their place. pieces: frames in each piece, the main one first.
+    frames, placed: how many there were, and how many found their place. components: frames in each, the main one first.
     unplaced: the others, each with the reason, and those whose files were lost on the way. files: all that was written.
     points: of the main cloud.
     """
 
     frames: int
     placed: int
-    pieces: tuple[int, ...]
+    components: tuple[int, ...]
     unplaced: tuple[Unplaced, ...]
     files: tuple[Path, ...]
     points: int
     seconds: float
     warnings: tuple[str, ...]
 
+    def moved(self, old: Path, new: Path) -> "MapSummary":
+        """The summary of a map that was built in one folder and moved to another."""
+        return replace(self, files=tuple(new / path.relative_to(old) for path in self.files))
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """Where finished tiles are kept, so that a map that was stopped goes on from them, and who is told of the progress.
+
+    tiles: a folder that outlives the map's, whose tiles are used if they were made from the same; None: in the map's folder.
+    """
+
+    tiles: Path | None = None
+    progress: Progress = silent
+
+
+def check(config: MappingConfig, with_poses: bool) -> None:
+    """Look at all that a map needs before the first frame.
+
+    Raises DeviceError, with the command that installs it, where a library is missing.
+    """
+    extraction.check_available()
+    if with_poses and config.poses == "prior":
+        pose_graph.check_available()
+
 
 def build_map(
     frames: Sequence[SurveyFrame],
-    pair: RectifiedPair,
+    geometry: RectifiedPair,
     out_dir: Path,
     config: MappingConfig,
     trajectory: Trajectory | None = None,
-    progress: Progress = silent,
+    workspace: Workspace | None = None,
 ) -> MapSummary:
-    """Place the frames, fuse them and write all map products into ``out_dir``.
+    """Place the frames, fuse them and write all map products into ``out_dir``, which is empty or does not exist.
 
     frames: read lazily, several times, one at a time; one that raises FrameError is named and left out.
     trajectory: poses from a file; None: own stereo odometry.
-    Piece 0, the one with most frames, is written to out_dir itself, others to out_dir/piece_<n>.
+    Component 0, the one with most frames, is written to out_dir itself, others to out_dir/piece_<n>.
 
-    Raises DeviceError before the first frame if Open3D is missing, or GTSAM for a trajectory taken as a prior; MappingError if
-    nothing can be read or placed; OutputError if the disk is full: finished tiles are kept, and the next run goes on from them.
+    Raises DeviceError before the first frame, see ``check``; MappingError if nothing can be read or placed, or if the settings
+    would take more memory or disk than there is; OutputError if the disk is full: finished tiles are kept.
     """
-    check_available()
-    if trajectory is not None and config.poses == "prior":
-        pose_graph.check_available()
+    check(config, trajectory is not None)
+    workspace = workspace or Workspace()
     started = time.perf_counter()
-    found = Salvage(frames)
-    index = FrameIndex.build(found, pair, BLOCK * config.voxel_m / 2, progress)
+    found = RecoveredFrames(frames)
+    check_voxel(found, geometry, config.voxel_m)
+    index = FrameIndex.build(found, geometry, Sampling(BLOCK * config.voxel_m / 2), workspace.progress)
     if len(index.lost) == len(frames):
         raise MappingError(f"none of the {len(frames)} frames can be read: {next(iter(index.lost.values()), 'there are none')}")
-    placement = _place(found, pair, config, index, trajectory, progress)
-    sizes = np.bincount(placement.pieces[placement.pieces >= 0])
-    origin = trajectory.origin if trajectory else None
-    files: list[Path] = []
-    points = 0
-    for number in range(len(sizes)):
-        folder = out_dir if number == 0 else out_dir / f"piece_{number}"
-        written, count = _build_piece(found, pair, folder, config, index, placement, number, origin, progress)
-        files += written
-        points = points or count
-    _remove_pieces_of_earlier_maps(out_dir, len(sizes))
-    lost_on_the_way = [frame for i, frame in found.lost.items() if placement.pieces[i] >= 0]
+    survey = Survey(found, geometry, index, workspace.progress)
+    placement = _place(survey, config, trajectory)
+    builder = _Builder(survey, placement, config, trajectory, workspace.tiles or out_dir / ".tiles")
+    built = [builder.build(number, out_dir / f"piece_{number}" if number else out_dir) for number in range(len(placement.sizes))]
+    shutil.rmtree(builder.tiles, ignore_errors=True)
+    lost_on_the_way = [frame for i, frame in found.lost.items() if placement.components[i] >= 0]
     return MapSummary(
         frames=len(index.names),
-        placed=int(sizes.sum()) - len(lost_on_the_way),
-        pieces=tuple(sizes.tolist()),
+        placed=sum(placement.sizes) - len(lost_on_the_way),
+        components=placement.sizes,
         unplaced=(*placement.unplaced, *lost_on_the_way),
-        files=tuple(files),
-        points=points,
+        files=tuple(path for files, _ in built for path in files),
+        points=next((points for _, points in built if points), 0),
         seconds=time.perf_counter() - started,
         warnings=placement.warnings,
     )
 
 
-def _remove_pieces_of_earlier_maps(out_dir: Path, count: int) -> None:
-    for folder in out_dir.glob("piece_*"):
-        if folder.name.removeprefix("piece_").isdigit() and int(folder.name.removeprefix("piece_")) >= count:
-            shutil.rmtree(folder, ignore_errors=True)
-
-
-def _place(
-    frames: Frames,
-    pair: RectifiedPair,
-    config: MappingConfig,
-    index: FrameIndex,
-    trajectory: Trajectory | None,
-    progress: Progress,
-) -> Placement:
-    """By the trajectory, by our own odometry, or by our own odometry held to the trajectory."""
+def _place(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placement:
+    """By the trajectory, by our own odometry, or by our own odometry fitted to the trajectory."""
+    index = survey.index
     if trajectory is None:
-        return upright(estimate(frames, pair, config, index, (), progress), index, "unknown")
+        return upright(odometry.solve(odometry.follow(survey), config.loop_closure), index, "unknown")
     given = upright(place(index, trajectory, config), index, trajectory.up)
     if config.poses == "given":
         return given
-    return estimate(frames, pair, config, index, priors_from(given, config), progress)
+    return odometry.solve(odometry.follow(survey), config.loop_closure, pose_graph.priors_from(given, config))
 
 
-def _build_piece(
-    frames: Frames,
-    pair: RectifiedPair,
-    folder: Path,
-    config: MappingConfig,
-    index: FrameIndex,
-    placement: Placement,
-    number: int,
-    origin: GeoOrigin | None,
-    progress: Progress,
-) -> tuple[list[Path], int]:
-    chosen = np.flatnonzero(placement.pieces == number)
-    trajectory, cloud, mesh = folder / "trajectory.tum", folder / "cloud.ply", folder / "mesh.ply"
-    with whole(trajectory) as path:
-        write_tum(path, index, placement.T_world_camera, chosen)
-    tiling = cut(index, placement.T_world_camera, chosen, config.voxel_m, config.tile_m)
-    store = TileStore(folder / ".tiles", tiling, placement.T_world_camera[chosen], index.checksums[chosen])
-    for done, tile in enumerate(tiling.tiles):
-        if not store.has(tile):
-            store.save(tile, fuse_tile(tile, tiling, _read(frames, tile, placement.T_world_camera), pair))
-        progress("fusing tiles", done + 1, len(tiling.tiles))
-    kept = islands.keepers((store.load(tile) for tile in tiling.tiles), tiling.tile_m)
-    for tile, parts in zip(tiling.tiles, kept, strict=True):
-        if not parts.all():
-            store.save(tile, islands.only(store.load(tile), parts))
+@dataclass(frozen=True, eq=False)
+class _Builder:
+    """Makes the maps of a survey's components. tiles: where finished tiles are kept."""
 
-    def surfaces() -> Iterator[Surface]:
-        return (store.load(tile) for tile in tiling.tiles)
+    survey: Survey
+    placement: Placement
+    config: MappingConfig
+    trajectory: Trajectory | None
+    tiles: Path
 
-    points, _ = write_map(surfaces(), tiling.tile_m, cloud, mesh)
-    piece = Piece(folder, surfaces, index, placement.T_world_camera, chosen, origin)
-    products = write_products(piece, frames, pair, config, folder / ".tiles", progress)
-    store.clear()
-    return [trajectory, cloud, mesh, *products], points
+    def build(self, number: int, folder: Path) -> tuple[list[Path], int]:
+        """Write the map of a component; its files, and the points of its cloud."""
+        component = Component.of(self.survey, self.placement, number)
+        check_extent(component, self.config.voxel_m)
+        tiling = cut(component, self.config.voxel_m, self.config.tile_edge_m)
+        check_tiling(tiling, self.config)
+        place = Georeference(component.offset_m, self.trajectory.origin if self.trajectory else None)
+        files = [_write_track(folder / "trajectory.tum", component), _write_description(folder / "map.json", place, self.config)]
+        store = TileStore(self.tiles / f"{number}", tiling, component)
+        for done, tile in enumerate(tiling.tiles):
+            if not store.has(tile):
+                store.save(tile, fuse_tile(tile, tiling, _read(component, tile), self.survey.geometry))
+            self.survey.progress(f"fusing tiles{component.label}", done + 1, len(tiling.tiles))
+        for tile, kept in zip(tiling.tiles, islands.kept_parts(store.surfaces(), tiling.tile_m), strict=True):
+            if not kept.all():
+                surface = store.load(tile)
+                store.save(tile, surface.only(kept[surface.parts]))
+        cloud, mesh, points = write_map(store.surfaces(), tiling.tile_m, folder, _comment(place))
+        files += [cloud, mesh, write_preview(folder, store.surfaces)]
+        scratch = folder / ".scratch"
+        rasters = Rasters.render(component, store.surfaces, self.config, scratch)
+        files += write_rasters(folder, rasters, place) if rasters else ()
+        shutil.rmtree(scratch, ignore_errors=True)
+        return files, points
 
 
-def _read(frames: Frames, tile: Tile, T_world_camera: NDArray[np.float64]) -> Iterator[tuple[SurveyFrame, NDArray[np.float64]]]:
-    """The tile's frames that can be read, the next one being read while one is fused."""
-    with ThreadPoolExecutor(max_workers=1) as reader:
-        upcoming = reader.submit(frames.__getitem__, tile.frames[0])
-        for i, following in zip(tile.frames, (*tile.frames[1:], None), strict=True):
-            frame = upcoming.result()
-            if following is not None:
-                upcoming = reader.submit(frames.__getitem__, following)
-            if isinstance(frame, SurveyFrame):
-                yield frame, T_world_camera[i]
+def _read(component: Component, tile: Tile) -> Iterator[tuple[SurveyFrame, NDArray[np.float64]]]:
+    """The tile's frames that can be read, the next ones being read while one is fused."""
+    return (placed for placed in in_order(component.read, tile.frames, 1) if placed is not None)
+
+
+def _write_track(path: Path, component: Component) -> Path:
+    """The component's poses in the world."""
+    index, chosen = component.survey.index, component.frames
+    T = component.T_local_camera[chosen].copy()
+    T[:, :3, 3] += component.offset_m
+    times = np.where(np.isfinite(index.timestamps_s[chosen]), index.timestamps_s[chosen], chosen)
+    write_tum(path, Trajectory(tuple(index.names[i] for i in chosen), times, T))
+    return path
+
+
+def _write_description(path: Path, place: Georeference, config: MappingConfig) -> Path:
+    """Where the map's local coordinates lie, and how large its voxels and cells are."""
+    content = {
+        "format": "stereo-seecolor/map",
+        "offset_m": place.offset_m.tolist(),
+        "origin": {"latitude_deg": place.origin.latitude_deg, "longitude_deg": place.origin.longitude_deg} if place.origin else None,
+        "voxel_m": config.voxel_m,
+        "dem_m": config.terrain_cell_m,
+        "mosaic_m": config.mosaic_cell_m,
+        "metrics_m": config.square_m,
+    }
+    write_atomic(path, (json.dumps(content, indent=2) + "\n").encode())
+    return path
+
+
+def _comment(place: Georeference) -> str:
+    """For the headers of the PLY files."""
+    lines = ["stereo-seecolor, meters: x east, y north, z up"]
+    if place.offset_m.any():
+        lines.append("offset " + " ".join(f"{value:.3f}" for value in place.offset_m) + ": add it to get world coordinates")
+    return "\n".join(lines)

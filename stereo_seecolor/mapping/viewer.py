@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.mapping.surface.fusion import check_available
+from stereo_seecolor.mapping.surface.extraction import check_available
 
 
 def view(out: Path) -> None:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from calibration.formats import native
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.records import Trajectory, Water
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.records import Water
 from stereo_seecolor.synthetic.reef import CELL_M, Reef
 from stereo_seecolor.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.synthetic.survey import SurveySpec
@@ -35,7 +36,7 @@ def synthesize(spec: SurveySpec, out: Path, done: Callable[[int, int], None] = l
         for folder in _FOLDERS:
             (out / folder).mkdir(parents=True, exist_ok=True)
         native.write(scene.rig, out / "cam.yaml")
-        _write_tum(out / "trajectory.tum", scene.trajectory)
+        write_tum(out / "trajectory.tum", replace(scene.trajectory, names=("",) * spec.pairs))
         _write_json(out / "truth/water.json", _water_content(scene))
         _write_surface(out / "truth/surface.npz", scene.reef)
         for index in range(spec.pairs):
@@ -78,29 +79,6 @@ def _write_image(path: Path, rgb: NDArray[Any]) -> None:
 def _write(path: Path, pixels: NDArray[Any], parameters: list[int]) -> None:
     _, content = cv2.imencode(path.suffix, pixels, parameters)
     path.write_bytes(content.tobytes())
-
-
-def _write_tum(path: Path, trajectory: Trajectory) -> None:
-    lines = ["# timestamp tx ty tz qx qy qz qw: the rectified left camera in the world (east, north, up), meters"]
-    for time_s, T in zip(trajectory.timestamps_s, trajectory.T_world_camera, strict=True):
-        numbers = [*T[:3, 3], *_quaternion(T[:3, :3])]
-        lines.append(f"{time_s:.6f} " + " ".join(f"{number:.9f}" for number in numbers))
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
-def _quaternion(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    """x, y, z, w of a rotation: the eigenvector of Bar-Itzhack's matrix (J. Guidance 23, 2000), good for any rotation."""
-    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R
-    K = np.array(
-        [
-            [xx - yy - zz, yx + xy, zx + xz, zy - yz],
-            [yx + xy, yy - xx - zz, zy + yz, xz - zx],
-            [zx + xz, zy + yz, zz - xx - yy, yx - xy],
-            [zy - yz, xz - zx, yx - xy, xx + yy + zz],
-        ]
-    )
-    quaternion: NDArray[np.float64] = np.linalg.eigh(K)[1][:, 3]
-    return quaternion if quaternion[3] >= 0 else -quaternion
 
 
 def _water_content(scene: Scene) -> dict[str, Any]:

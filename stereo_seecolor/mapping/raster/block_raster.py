@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.map_files import whole
+from stereo_seecolor.files.atomic import output_errors
 from stereo_seecolor.mapping.raster.grid import Grid
 
 BLOCK_PX = 512
+"""1 MB of heights: few files, and little that is empty along a track."""
 
 
 class BlockRaster:
@@ -37,8 +38,9 @@ class BlockRaster:
             else:
                 content = np.full((self.bands, BLOCK_PX, BLOCK_PX), self.fill, self.dtype)
             content[:, there[0], there[1]] = values[:, here[0], here[1]]
-            with whole(self._path(block)) as path, path.open("wb") as file:
-                np.save(file, content)
+            with output_errors(self._path(block)):
+                self._folder.mkdir(parents=True, exist_ok=True)
+                np.save(self._path(block), content)
             self._blocks.add(block)
 
     def windows(self) -> Iterator[tuple[slice, slice]]:

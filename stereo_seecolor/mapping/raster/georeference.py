@@ -1,17 +1,26 @@
 """Where the map lies on Earth, in the words of geographic programs; needs the ``geo`` extra."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.files.map_files import whole
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.records import GeoOrigin
 
 CHUNK = 1_000_000
-HINT = "pip install 'stereo-seecolor[geo]'"
+"""Points at a time: 27 MB."""
+
+
+@dataclass(frozen=True, eq=False)
+class Georeference:
+    """Where a map's local coordinates lie: offset_m (3,) in the world, and the world's origin on Earth, where it is known."""
+
+    offset_m: NDArray[np.float64]
+    origin: GeoOrigin | None
 
 
 def available() -> bool:
@@ -25,12 +34,6 @@ def available() -> bool:
     return True
 
 
-def check_available() -> None:
-    """Raise DeviceError, with the command that mends it, where the geo extra is missing."""
-    if not available():
-        raise DeviceError(f"GeoTIFF and LAZ need rasterio, pyproj and laspy: {HINT}")
-
-
 def local_crs_wkt(origin: GeoOrigin) -> str:
     """Transverse Mercator around the map's origin at scale 1: the map's own meters, north up; any GIS projects it on.
 
@@ -42,23 +45,24 @@ def local_crs_wkt(origin: GeoOrigin) -> str:
     return str(pyproj.CRS.from_proj4(f"{projection} +units=m +no_defs +type=crs").to_wkt())
 
 
-def write_geotiff(path: Path, raster: BlockRaster, origin: GeoOrigin | None, descriptions: tuple[str, ...] = ()) -> None:
+def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()) -> None:
     """Write float32 with NaN as nodata, or uint8 RGBA with alpha; tiled, compressed, sparse, with overviews.
 
-    Without an origin the coordinates are local meters and no CRS is given.
+    Coordinates are the world's; without an origin on Earth they are its meters, and no CRS is given.
     """
     import rasterio
     from rasterio.enums import ColorInterp, Resampling
 
     grid, floating = raster.grid, raster.dtype == np.float32
+    west_m, north_m = grid.west_m + float(place.offset_m[0]), grid.north_m + float(place.offset_m[1])
     profile = {
         "driver": "GTiff", "dtype": raster.dtype, "count": raster.bands, "height": grid.shape[0], "width": grid.shape[1],
         "tiled": True, "blockxsize": 256, "blockysize": 256, "compress": "deflate", "predictor": 3 if floating else 2,
-        "bigtiff": "if_safer", "sparse_ok": True, "crs": local_crs_wkt(origin) if origin else None,
-        "transform": rasterio.Affine(grid.cell_m, 0, grid.west_m, 0, -grid.cell_m, grid.north_m),
+        "bigtiff": "if_safer", "sparse_ok": True, "crs": local_crs_wkt(place.origin) if place.origin else None,
+        "transform": rasterio.Affine(grid.cell_m, 0, west_m, 0, -grid.cell_m, north_m),
         "nodata": np.nan if floating else None,
     }  # fmt: skip
-    with whole(path) as temporary:
+    with atomic_path(path) as temporary:
         with rasterio.open(temporary, "w", **profile) as file:
             for rows, columns in raster.windows():
                 file.write(raster.read(rows, columns), window=((rows.start, rows.stop), (columns.start, columns.stop)))
@@ -72,40 +76,31 @@ def write_geotiff(path: Path, raster: BlockRaster, origin: GeoOrigin | None, des
                 file.build_overviews(factors, Resampling.average)
 
 
-def write_laz(path: Path, cloud: Path, origin: GeoOrigin) -> None:
+def write_laz(path: Path, cloud: Path, place: Georeference) -> None:
     """The cloud as LAZ in the UTM zone of the origin, millimeters, its offset near the map; read from cloud.ply in pieces."""
     import laspy
     import pyproj
 
+    origin = place.origin
+    assert origin is not None, "a cloud without a place on Earth has no UTM zone"
     zone = int((origin.longitude_deg + 180) // 6) % 60 + 1
     utm = pyproj.CRS.from_epsg((32600 if origin.latitude_deg >= 0 else 32700) + zone)
     transform = pyproj.Transformer.from_crs(local_crs_wkt(origin), utm, always_xy=True).transform
     header = laspy.LasHeader(point_format=7, version="1.4")
     header.scales = np.full(3, 0.001)
-    header.offsets = np.array([*np.floor(transform(0.0, 0.0)), 0.0])
+    header.offsets = np.array([*np.floor(transform(*place.offset_m[:2])), 0.0])
     header.add_crs(utm)
-    vertices = _ply_vertices(cloud)
+    vertices = read_vertices(cloud)
     with (
-        whole(path) as temporary,
+        atomic_path(path) as temporary,
         temporary.open("wb") as target,
         laspy.open(target, mode="w", header=header, do_compress=True) as file,
     ):
         for start in range(0, len(vertices), CHUNK):
             part = vertices[start : start + CHUNK]
             points = laspy.ScaleAwarePointRecord.zeros(len(part), header=header)
-            position = np.asarray(part["position"], np.float64)
+            position = np.asarray(part["position"], np.float64) + place.offset_m
             points.x, points.y = transform(position[:, 0], position[:, 1])
             points.z = position[:, 2]
             points.red, points.green, points.blue = (part["color"][:, c].astype(np.uint16) * 257 for c in range(3))
             file.write_points(points)
-
-
-def _ply_vertices(path: Path) -> NDArray[np.void]:
-    from stereo_seecolor.mapping.surface.join import VERTEX
-
-    with path.open("rb") as file:
-        header = b""
-        while not header.endswith(b"end_header\n"):
-            header += file.readline()
-    count = int(header.split(b"element vertex ")[1].split()[0])
-    return np.memmap(path, VERTEX, "r", len(header), (count,)) if count else np.zeros(0, VERTEX)

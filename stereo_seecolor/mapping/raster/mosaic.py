@@ -1,6 +1,7 @@
 """The orthomosaic: each cell of the terrain painted from its best view, seams where neighboring views agree."""
 
 from collections import OrderedDict
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -9,47 +10,48 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.geometry import inverse
-from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
+from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.recovered import Frames, Unplaced
+from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
 from stereo_seecolor.records import SurveyFrame
 
-MAX_VIEWS = 12
-CACHED_FRAMES = 16
-SMOOTH_PX = 21
-FEATHER_PX = 2.0
-DISAGREEMENT = 4.0
-"""What a color one tenth of full scale away from the median of all views costs, in tangents of the angle from the vertical."""
-HIDDEN_M = 0.05
-DOUBTFUL_COST = 1.0
-
 Float = NDArray[np.float32]
+Array = NDArray[np.float64]
 
 
-def render_mosaic(
-    frames: Frames,
-    pair: RectifiedPair,
-    index: FrameIndex,
-    T_world_camera: NDArray[np.float64],
-    chosen: NDArray[np.int64],
-    terrain: BlockRaster,
-    grid: Grid,
-    folder: Path,
-    progress: Progress = silent,
-) -> BlockRaster:
+@dataclass(frozen=True)
+class MosaicSettings:
+    """How views are chosen."""
+
+    views_a_meter: int = 12  # frames that a block is painted from, for each meter of its edge: more never win
+    cached_frames: int = 16  # read frames that are kept, some 10 MB each: neighboring blocks share them
+    smooth_px: int = 21  # costs are averaged over it, cells: seams run in straight stretches (Rhemann et al. 2011)
+    feather_px: float = 2.0  # standard deviation of the blend across a seam, cells
+    disagreement: float = 4.0  # cost of a color a tenth of full scale off the median of all views, in tangents of the angle
+    hidden_m: float = 0.05  # a view whose range is off by more than this,
+    hidden_fraction: float = 0.02  # and this fraction of it, shows something else: it stands before the cell, or moved
+    doubtful_cost: float = 1.0  # of a clipped or unrecoverable color: as of a view at 45 degrees
+
+
+SETTINGS = MosaicSettings()
+
+
+def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder: Path) -> BlockRaster:
     """RGBA (4, H, W) on ``grid``, alpha 0 where no view reaches."""
+    survey = component.survey
     mosaic = BlockRaster(folder, grid, 4, np.uint8, 0)
-    boxes = {int(i): _box(index.points_m[i], T_world_camera[i]) for i in chosen if len(index.points_m[i])}
-    cache = _Cache(frames)
+    boxes = {int(i): _box(component.points_m(int(i))) for i in component.frames if len(survey.index.points_m[i])}
+    cache = _Cache(survey.frames)
     windows = _windows(terrain, grid)
     for done, (rows, columns) in enumerate(windows):
         points = _points(terrain, grid, rows, columns)
         if np.isfinite(points[..., 2]).any():
-            reaching = _reaching(points, boxes, T_world_camera)
-            mosaic.write(rows, columns, _paint(points, reaching, cache, pair, T_world_camera))
-        progress("painting the mosaic", done + 1, len(windows))
+            reaching = _reaching(points, boxes, component.T_local_camera)
+            views = [(frame, component.T_local_camera[i]) for i, frame in zip(reaching, cache.read(reaching), strict=True)]
+            mosaic.write(rows, columns, _paint(points, views, survey.geometry))
+        survey.progress(f"painting the mosaic{component.label}", done + 1, len(windows))
     return mosaic
 
 
@@ -67,14 +69,13 @@ class _Cache:
         for i in wanted:
             self._held.move_to_end(i)
         found = [self._held[i] for i in wanted]
-        while len(self._held) > CACHED_FRAMES:
+        while len(self._held) > SETTINGS.cached_frames:
             self._held.popitem(last=False)
         return found
 
 
-def _box(points_m: NDArray[np.float32], T: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    world = points_m @ T[:2, :3].T + T[:2, 3]
-    return world.min(axis=0), world.max(axis=0)
+def _box(points_m: Array) -> tuple[Array, Array]:
+    return points_m[:, :2].min(axis=0), points_m[:, :2].max(axis=0)
 
 
 def _windows(terrain: BlockRaster, grid: Grid) -> list[tuple[slice, slice]]:
@@ -95,7 +96,7 @@ def _windows(terrain: BlockRaster, grid: Grid) -> list[tuple[slice, slice]]:
     ]
 
 
-def _points(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> NDArray[np.float64]:
+def _points(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Array:
     """(h, w, 3) of the cells of a window, heights interpolated in the terrain; NaN where it is unknown."""
     x, y = grid.centers(rows, columns)
     pixels = terrain.grid.pixels(np.stack([x.ravel(), y.ravel()], axis=-1)).reshape(*x.shape, 2)
@@ -111,65 +112,69 @@ def _points(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> ND
 
 
 def _reaching(
-    points: NDArray[np.float64], boxes: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]], T: NDArray[np.float64]
+    points: Array, boxes: dict[int, tuple[Array, Array]], T: Array
 ) -> list[int]:
     """The frames that see part of the block, those right above its middle first, no more than are of use."""
     low, high = points[..., :2].min(axis=(0, 1)), points[..., :2].max(axis=(0, 1))
     middle = (low + high) / 2
     near = [i for i, box in boxes.items() if (box[0] <= high).all() and (box[1] >= low).all()]
     side = max(1, int(np.ceil(float((high - low).max()))))
-    return sorted(sorted(near, key=lambda i: (float(np.hypot(*(T[i, :2, 3] - middle))), i))[: MAX_VIEWS * side])
+    return sorted(sorted(near, key=lambda i: (float(np.hypot(*(T[i, :2, 3] - middle))), i))[: SETTINGS.views_a_meter * side])
 
 
-def _paint(
-    points: NDArray[np.float64], views: list[int], cache: _Cache, pair: RectifiedPair, T_world_camera: NDArray[np.float64]
-) -> NDArray[np.uint8]:
+def _paint(points: Array, views: list[tuple[SurveyFrame | Unplaced, Array]], geometry: RectifiedPair) -> NDArray[np.uint8]:
     """Choose for each cell the view of least cost, after smoothing the costs (Rhemann et al. 2011), and soften the seams.
 
     A view costs the tangent of its angle from the vertical, more where its color is doubtful, and more where its color differs
     from the median of all views: fish, shadows and badly placed frames lose there, and seams move to where views agree.
     """
-    result = np.zeros((4, *points.shape[:2]), np.uint8)
-    readable = [(i, frame) for i, frame in zip(views, cache.read(views), strict=True) if isinstance(frame, SurveyFrame)]
-    tried = core_pool().map(lambda view: _look(points, view[1], pair, T_world_camera[view[0]]), readable)
-    looks = [look for look in tried if look is not None]
-    if not looks:
-        return result
-    colors, costs = np.stack([look[0] for look in looks]), np.stack([look[1] for look in looks])
+    readable = [(frame, T) for frame, T in views if isinstance(frame, SurveyFrame)]
+    tried = core_pool().map(lambda view: _view(points, view[0], view[1], geometry), readable)
+    found = [view for view in tried if view is not None]
+    if not found:
+        return np.zeros((4, *points.shape[:2]), np.uint8)
+    colors, costs = np.stack([view[0] for view in found]), np.stack([view[1] for view in found])
     seen = np.isfinite(costs)
-    if len(looks) > 2:
+    if len(found) > 2:
         with np.errstate(invalid="ignore"):
-            median = _masked_median(colors, seen)
-        off = np.abs(colors - median)
-        costs = costs + np.float32(DISAGREEMENT / 3 / 25.5) * (off[..., 0] + off[..., 1] + off[..., 2])
-    for k in range(len(looks)):
-        share = cv2.blur(seen[k].astype(np.float32), (SMOOTH_PX, SMOOTH_PX))
-        smooth = cv2.blur(np.where(seen[k], costs[k], 0).astype(np.float32), (SMOOTH_PX, SMOOTH_PX)) / np.maximum(share, 1e-6)
-        costs[k] = np.where(seen[k], smooth, np.inf)
-    best = costs.argmin(axis=0)
-    total = np.zeros(points.shape[:2], np.float32)
-    blend = np.zeros((*points.shape[:2], 3), np.float32)
-    for k in range(len(looks)):
-        weight = cv2.GaussianBlur((best == k).astype(np.float32), (0, 0), FEATHER_PX) * seen[k]
+            off = np.abs(colors - _masked_median(colors, seen))
+        costs = costs + np.float32(SETTINGS.disagreement / 3 / 25.5) * (off[..., 0] + off[..., 1] + off[..., 2])
+    return _blend(colors, _smoothed(costs, seen).argmin(axis=0), seen)
+
+
+def _smoothed(costs: Float, seen: NDArray[np.bool_]) -> Float:
+    """Costs (views, h, w) averaged over their neighborhood, infinite where a view does not see the cell."""
+    size, smooth = (SETTINGS.smooth_px,) * 2, np.empty_like(costs)
+    for k in range(len(costs)):
+        share = cv2.blur(seen[k].astype(np.float32), size)
+        mean = cv2.blur(np.where(seen[k], costs[k], 0).astype(np.float32), size) / np.maximum(share, 1e-6)
+        smooth[k] = np.where(seen[k], mean, np.inf)
+    return smooth
+
+
+def _blend(colors: Float, best: NDArray[np.int64], seen: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """(4, h, w): the best view's color, softened across the seams; alpha 0 where none sees the cell."""
+    total = np.zeros(best.shape, np.float32)
+    blend = np.zeros((*best.shape, 3), np.float32)
+    for k in range(len(colors)):
+        weight = cv2.GaussianBlur((best == k).astype(np.float32), (0, 0), SETTINGS.feather_px) * seen[k]
         total += weight
         blend += weight[..., None] * colors[k]
     visible = seen.any(axis=0)
+    result = np.zeros((4, *best.shape), np.uint8)
     result[:3] = np.clip(np.rint(blend / np.maximum(total, 1e-6)[..., None]), 0, 255).astype(np.uint8).transpose(2, 0, 1)
     result[3] = np.where(visible, 255, 0)
     result[:3, ~visible] = 0
     return result
 
 
-def _look(
-    points: NDArray[np.float64], frame: SurveyFrame, pair: RectifiedPair, T_world_camera: NDArray[np.float64]
-) -> tuple[Float, Float] | None:
+def _view(points: Array, frame: SurveyFrame, T_local_camera: Array, geometry: RectifiedPair) -> tuple[Float, Float] | None:
     """Colors (h, w, 3) that a frame has for the cells, and what each costs, infinite where it does not see the cell."""
-    T = inverse(T_world_camera)
-    local = points @ T[:3, :3].T + T[:3, 3]
+    local = transformed(inverse(T_local_camera), points)
     with np.errstate(invalid="ignore", divide="ignore"):
-        u = (pair.focal_px * local[..., 0] / local[..., 2] + pair.cx_left_px).astype(np.float32)
-        v = (pair.focal_px * local[..., 1] / local[..., 2] + pair.cy_px).astype(np.float32)
-        width, height = pair.image_size
+        u = (geometry.focal_px * local[..., 0] / local[..., 2] + geometry.cx_left_px).astype(np.float32)
+        v = (geometry.focal_px * local[..., 1] / local[..., 2] + geometry.cy_px).astype(np.float32)
+        width, height = geometry.image_size
         inside = (local[..., 2] > 0.05) & (u >= 1) & (v >= 1) & (u <= width - 2) & (v <= height - 2)
     if not inside.any():
         return None
@@ -180,11 +185,11 @@ def _look(
     whole = cv2.remap(np.isfinite(frame.range_m).astype(np.float32), u, v, cv2.INTER_LINEAR) > 0.999
     distance = np.sqrt(local[..., 0] ** 2 + local[..., 1] ** 2 + local[..., 2] ** 2)
     with np.errstate(invalid="ignore"):
-        hidden = np.abs(measured - distance) > HIDDEN_M + 0.02 * distance  # something stands before it, or it moved
+        hidden = np.abs(measured - distance) > SETTINGS.hidden_m + SETTINGS.hidden_fraction * distance  # something stands before it, or it moved
         seen = inside & ~hidden & whole
-        offset = points - T_world_camera[:3, 3]
+        offset = points - T_local_camera[:3, 3]
         cost = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)
-    cost += DOUBTFUL_COST * cv2.remap(frame.color_is_doubtful.view(np.uint8), u, v, cv2.INTER_NEAREST)
+    cost += SETTINGS.doubtful_cost * cv2.remap(frame.color_is_doubtful.view(np.uint8), u, v, cv2.INTER_NEAREST)
     return color, np.where(seen, cost, np.inf).astype(np.float32)
 
 

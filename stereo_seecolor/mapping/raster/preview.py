@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.raster.rasterize import rasterize
-from stereo_seecolor.mapping.surface.fusion import Surface
+from stereo_seecolor.mapping.surface.surface import Surface
 
 LONGER_SIDE_PX = 1600
 ELEVATION_DEG = 50.0

@@ -1,7 +1,7 @@
 """What is made of a fused surface: terrain, mosaic, metrics, preview, and their files."""
 
 import csv
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,64 +9,66 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.files.map_files import whole
-from stereo_seecolor.mapping.frame_index import FrameIndex, Progress
+from stereo_seecolor.files.atomic import atomic_path, write_atomic
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
+from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.mosaic import render_mosaic
 from stereo_seecolor.mapping.raster.preview import render_preview
 from stereo_seecolor.mapping.raster.reef_metrics import ReefMetrics, measure_squares, site_of
 from stereo_seecolor.mapping.raster.terrain import render_terrain
-from stereo_seecolor.mapping.recovered import Frames
-from stereo_seecolor.mapping.surface.fusion import Surface
-from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.mapping.surface.surface import Surface
 
 PREVIEW_PX = 3000
+"""Longer side of orthomosaic_preview.png: opens anywhere."""
+
+Surfaces = Callable[[], Iterable[Surface]]
+"""Gives a map's tiles anew on each call."""
 
 
 @dataclass(frozen=True, eq=False)
-class Piece:
-    """A fused piece of a survey. surfaces: gives its tiles anew on each call. chosen: its frames."""
+class Rasters:
+    """Heights (1, H, W), colors (4, H, W) and metrics (M, H, W) of a map, on grids of their own."""
 
-    folder: Path
-    surfaces: Callable[[], Iterable[Surface]]
-    index: FrameIndex
-    T_world_camera: NDArray[np.float64]
-    chosen: NDArray[np.int64]
-    origin: GeoOrigin | None
+    terrain: BlockRaster
+    mosaic: BlockRaster
+    squares: BlockRaster
+
+    @classmethod
+    def render(cls, component: Component, surfaces: Surfaces, config: MappingConfig, scratch: Path) -> "Rasters | None":
+        """None where there is no surface."""
+        low, high = _extent(surfaces())
+        if not np.isfinite(low).all():
+            return None
+        terrain = render_terrain(surfaces(), Grid.around(low, high, config.terrain_cell_m), scratch / "terrain")
+        mosaic = render_mosaic(component, terrain, Grid.around(low, high, config.mosaic_cell_m), scratch / "mosaic")
+        return cls(terrain, mosaic, measure_squares(terrain, config.square_m, scratch / "squares"))
 
 
-def write_products(
-    piece: Piece, frames: Frames, pair: RectifiedPair, config: MappingConfig, scratch: Path, progress: Progress
-) -> list[Path]:
-    """Write preview, terrain, mosaic and metrics; GeoTIFFs where the geo extra is there, else pictures and CSV only."""
-    files = [_write_image(piece.folder / "preview.png", render_preview(piece.surfaces))]
-    low, high = _extent(piece.surfaces())
-    if not np.isfinite(low).all():
-        return files
-    dem_grid, mosaic_grid = Grid.around(low, high, config.dem_m), Grid.around(low, high, config.mosaic_m)
-    terrain = render_terrain(piece.surfaces(), dem_grid, scratch / "terrain")
-    mosaic = render_mosaic(
-        frames, pair, piece.index, piece.T_world_camera, piece.chosen, terrain, mosaic_grid, scratch / "mosaic", progress
-    )
-    squares = measure_squares(terrain, config.metrics_m, scratch / "squares")
-    files.append(_write_image(piece.folder / "orthomosaic_preview.png", _reduced(mosaic)))
-    files.append(_write_csv(piece.folder / "reef_metrics.csv", squares))
-    if georeference.available():
-        for name, raster, descriptions in (
-            ("dem.tif", terrain, ("height_m",)),
-            ("orthomosaic.tif", mosaic, ()),
-            ("reef_metrics.tif", squares, ReefMetrics.names()),
-        ):
-            georeference.write_geotiff(piece.folder / name, raster, piece.origin, descriptions)
-            files.append(piece.folder / name)
-        if piece.origin:
-            georeference.write_laz(piece.folder / "cloud.laz", piece.folder / "cloud.ply", piece.origin)
-            files.append(piece.folder / "cloud.laz")
-    return files
+def write_preview(folder: Path, surfaces: Surfaces) -> Path:
+    """preview.png, the map from a slant."""
+    return _write_image(folder / "preview.png", render_preview(surfaces))
+
+
+def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterator[Path]:
+    """The mosaic small and the metrics as a table; GeoTIFFs, and the cloud as LAZ, where the geo extra is there."""
+    yield _write_image(folder / "orthomosaic_preview.png", _reduced(rasters.mosaic))
+    yield _write_csv(folder / "reef_metrics.csv", rasters.squares, place)
+    if not georeference.available():
+        return
+    for name, raster, descriptions in (
+        ("dem.tif", rasters.terrain, ("height_m",)),
+        ("orthomosaic.tif", rasters.mosaic, ()),
+        ("reef_metrics.tif", rasters.squares, ReefMetrics.names()),
+    ):
+        georeference.write_geotiff(folder / name, raster, place, descriptions)
+        yield folder / name
+    if place.origin:
+        georeference.write_laz(folder / "cloud.laz", folder / "cloud.ply", place)
+        yield folder / "cloud.laz"
 
 
 def _extent(surfaces: Iterable[Surface]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -91,13 +93,11 @@ def _reduced(mosaic: BlockRaster) -> NDArray[np.uint8]:
 
 def _write_image(path: Path, image: NDArray[np.uint8]) -> Path:
     code = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
-    _, content = cv2.imencode(".png", cv2.cvtColor(image, code))
-    with whole(path) as temporary:
-        temporary.write_bytes(content.tobytes())
+    write_atomic(path, cv2.imencode(".png", cv2.cvtColor(image, code))[1].tobytes())
     return path
 
 
-def _write_csv(path: Path, squares: BlockRaster) -> Path:
+def _write_csv(path: Path, squares: BlockRaster, place: Georeference) -> Path:
     """A row for the site, the mean of its squares, then one for each square that was seen; x and y of its center, meters."""
     seen, grid = [], squares.grid
     for rows, columns in squares.windows():
@@ -105,11 +105,12 @@ def _write_csv(path: Path, squares: BlockRaster) -> Path:
         for row, column in np.argwhere(np.isfinite(block[1])):
             seen.append((rows.start + int(row), columns.start + int(column), block[:, row, column]))
     site = site_of(np.stack([values for *_, values in seen], axis=-1)) if seen else np.full(squares.bands, np.nan)
-    with whole(path) as temporary, temporary.open("w", newline="") as file:
+    with atomic_path(path) as temporary, temporary.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(["square", "x_m", "y_m", *ReefMetrics.names()])
         writer.writerow(["site", "", "", *(f"{value:.6g}" for value in site)])
         for row, column, values in seen:
             x, y = grid.west_m + (column + 0.5) * grid.cell_m, grid.north_m - (row + 0.5) * grid.cell_m
+            x, y = x + place.offset_m[0], y + place.offset_m[1]
             writer.writerow([f"{row}-{column}", f"{x:.3f}", f"{y:.3f}", *(f"{value:.6g}" for value in values)])
     return path

@@ -8,7 +8,7 @@ import numpy as np
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.rasterize import rasterize
-from stereo_seecolor.mapping.surface.fusion import Surface
+from stereo_seecolor.mapping.surface.surface import Surface
 
 
 def render_terrain(surfaces: Iterable[Surface], grid: Grid, folder: Path) -> BlockRaster:

@@ -1,61 +1,54 @@
-"""Surfaces that hang together, across tiles; what hangs with nothing is a fish, or a mismatch."""
+"""Connected surfaces across tiles; a small one that touches nothing else is a fish, or a mismatch."""
 
 from collections.abc import Iterable
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
+<<<<<<< HEAD
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.surface.fusion import Surface
+=======
+from stereo_seecolor.mapping.surface.surface import Surface
+>>>>>>> 4a8af6c (Rework the map into components, one geometry, one PLY and one TUM writer, bounded settings)
 
 MIN_ISLAND_M2 = 0.05
 """Less than a sheet of paper that touches nothing else: not the bottom."""
+BORDER = 0.02
+"""Fraction of a tile from its edge within which a neighboring tile may hold the same point."""
 
 
 def near_border(points_m: NDArray[np.float32], tile_m: float) -> NDArray[np.bool_]:
-    """(V,) True for points that a neighboring tile may hold as well: within 2 % of a tile of its edge."""
+    """(V,) True for points that a neighboring tile may hold as well."""
     share = np.abs(points_m[:, :2] / tile_m - np.rint(points_m[:, :2] / tile_m))
-    return np.asarray((share < 0.02).any(axis=1))
+    return np.asarray((share < BORDER).any(axis=1))
 
 
-def labels(surface: Surface) -> NDArray[np.int64]:
-    """(V,) which connected part of the surface each point belongs to, numbered from 0."""
-    roots = _roots(len(surface.points_m), surface.triangles)
-    return np.asarray(np.unique(roots, return_inverse=True)[1])
-
-
-def keepers(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bool_]]:
+def kept_parts(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bool_]]:
     """For each tile's surface, which of its connected parts are, with what they continue into, large enough to keep."""
-    areas: list[float] = []
-    parent: list[int] = []
-    counts: list[int] = []
+    areas: list[NDArray[np.float64]] = []
+    joined: list[tuple[int, int]] = []
     border: dict[bytes, int] = {}
-
-    def root(i: int) -> int:
-        while parent[i] != i:
-            parent[i] = parent[parent[i]]
-            i = parent[i]
-        return i
-
+    first = 0
     for surface in surfaces:
-        label = labels(surface)
-        first = len(parent)
-        count = int(label.max(initial=-1)) + 1
-        counts.append(count)
-        parent += range(first, first + count)
-        corners = surface.points_m[surface.triangles].astype(np.float64)
-        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
-        areas += np.bincount(label[surface.triangles[:, 0]], area, minlength=count).tolist()
+        part = surface.parts
+        count = int(part.max(initial=-1)) + 1
+        areas.append(np.bincount(part[surface.triangles[:, 0]], surface.areas_m2, minlength=count))
         for i in np.flatnonzero(near_border(surface.points_m, tile_m)):
-            part = first + int(label[i])
-            other = border.setdefault(surface.points_m[i].tobytes(), part)
-            parent[root(part)] = root(other)
-    roots = np.array([root(i) for i in range(len(parent))], dtype=np.int64)
-    total = np.bincount(roots, areas, minlength=len(parent)) if len(parent) else np.zeros(0)
-    kept = total[roots] >= MIN_ISLAND_M2
+            own = first + int(part[i])
+            joined.append((own, border.setdefault(surface.points_m[i].tobytes(), own)))
+        first += count
+    if not first:
+        return [np.zeros(0, np.bool_) for _ in areas]
+    ends = np.array(joined, np.int64).reshape(-1, 2)
+    graph = coo_array((np.ones(len(ends), np.bool_), (ends[:, 0], ends[:, 1])), (first, first))
+    whole = connected_components(graph, directed=False)[1]
+    kept = np.bincount(whole, np.concatenate(areas))[whole] >= MIN_ISLAND_M2
     if not kept.any():  # a map of scraps is better than none
         kept[:] = True
+<<<<<<< HEAD
     return np.split(kept, np.cumsum(counts)[:-1]) if counts else []
 
 
@@ -87,3 +80,6 @@ def only(surface: Surface, kept_parts: NDArray[np.bool_]) -> Surface:
     numbers = np.cumsum(kept) - 1
     triangles = surface.triangles[kept[surface.triangles[:, 0]]]
     return Surface(surface.points_m[kept], surface.normals[kept], surface.colors[kept], numbers[triangles].astype(np.int32))
+=======
+    return list(np.split(kept, np.cumsum([len(a) for a in areas])[:-1]))
+>>>>>>> 4a8af6c (Rework the map into components, one geometry, one PLY and one TUM writer, bounded settings)

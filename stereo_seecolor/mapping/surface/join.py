@@ -7,31 +7,31 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.map_files import whole
-from stereo_seecolor.mapping.surface.fusion import Surface
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.ply import FACE, VERTEX, header
 from stereo_seecolor.mapping.surface.islands import near_border
+from stereo_seecolor.mapping.surface.surface import Surface
 
-VERTEX = np.dtype([("position", "<f4", 3), ("normal", "<f4", 3), ("color", "u1", 3)])
-_FACE = np.dtype([("count", "u1"), ("indices", "<i4", 3)])
-_PROPERTIES = "".join(
-    [f"property float {axis}\n" for axis in ("x", "y", "z", "nx", "ny", "nz")]
-    + [f"property uchar {c}\n" for c in ("red", "green", "blue")]
-)
+CHUNK_BYTES = 1 << 22
 
 
-def write_map(surfaces: Iterable[Surface], tile_m: float, cloud: Path, mesh: Path) -> tuple[int, int]:
-    """Write all tiles as one cloud and one mesh (binary PLY, float32), one tile in memory at a time; (points, triangles)."""
-    with whole(cloud) as cloud_path, whole(mesh) as mesh_path:
+def write_map(surfaces: Iterable[Surface], tile_m: float, folder: Path, comment: str) -> tuple[Path, Path, int]:
+    """Write all tiles as folder/cloud.ply and folder/mesh.ply, one tile in memory at a time; both paths, and the points in each.
+
+    comment: put into both headers. Raises OutputError.
+    """
+    cloud, mesh = folder / "cloud.ply", folder / "mesh.ply"
+    with atomic_path(cloud) as cloud_path, atomic_path(mesh) as mesh_path:
         body, faces = cloud_path.with_suffix(".vertices"), mesh_path.with_suffix(".faces")
         try:
             with body.open("wb") as vertex_file, faces.open("wb") as face_file:
                 counts = _write_bodies(surfaces, tile_m, vertex_file, face_file)
-            _assemble(cloud_path, _header(counts[0], 0), body)
-            _assemble(mesh_path, _header(*counts), body, faces)
+            _assemble(cloud_path, header(comment, VERTEX, counts[0]), body)
+            _assemble(mesh_path, header(comment, VERTEX, *counts), body, faces)
         finally:
             body.unlink(missing_ok=True)
             faces.unlink(missing_ok=True)
-    return counts
+    return cloud, mesh, counts[0]
 
 
 def _write_bodies(surfaces: Iterable[Surface], tile_m: float, vertex_file: BinaryIO, face_file: BinaryIO) -> tuple[int, int]:
@@ -46,7 +46,7 @@ def _write_bodies(surfaces: Iterable[Surface], tile_m: float, vertex_file: Binar
         numbers[new] = points + np.arange(len(new))
         border.update(zip(keys, numbers[on_border].tolist(), strict=True))
         vertex_file.write(_vertices(surface, new).tobytes())
-        faces = np.empty(len(surface.triangles), _FACE)
+        faces = np.empty(len(surface.triangles), FACE)
         faces["count"], faces["indices"] = 3, numbers[surface.triangles]
         face_file.write(faces.tobytes())
         points, triangles = points + len(new), triangles + len(faces)
@@ -60,15 +60,10 @@ def _vertices(surface: Surface, chosen: NDArray[np.int64]) -> NDArray[np.void]:
     return vertices
 
 
-def _header(points: int, triangles: int) -> bytes:
-    faces = f"element face {triangles}\nproperty list uchar int vertex_indices\n" if triangles else ""
-    return f"ply\nformat binary_little_endian 1.0\nelement vertex {points}\n{_PROPERTIES}{faces}end_header\n".encode()
-
-
-def _assemble(path: Path, header: bytes, *bodies: Path) -> None:
+def _assemble(path: Path, head: bytes, *bodies: Path) -> None:
     with path.open("wb") as target:
-        target.write(header)
+        target.write(head)
         for body in bodies:
             with body.open("rb") as source:
-                while chunk := source.read(1 << 22):
+                while chunk := source.read(CHUNK_BYTES):
                     target.write(chunk)

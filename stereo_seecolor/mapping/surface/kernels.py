@@ -11,7 +11,11 @@ BLOCK = 8
 """Voxels along the edge of a block."""
 
 DOUBTFUL_WEIGHT = 0.02
+"""Weight of a color that is clipped or beyond recovery: counts only where there is no other."""
+NEAREST_M = 0.05
+"""Nearer than the cameras' housing nothing is measured, meters."""
 BITS = 21
+"""Of a block's coordinate in a packed number: three of them fit into 63."""
 OFFSET = 1 << (BITS - 1)
 
 
@@ -45,7 +49,7 @@ def integrate(
             continue
         for k, j, i in np.ndindex((BLOCK, BLOCK, BLOCK)):
             x, y, z = _in_camera(T_camera_world, corner[0] + i * voxel_m, corner[1] + j * voxel_m, corner[2] + k * voxel_m)
-            if z <= 0.05:
+            if z <= NEAREST_M:
                 continue
             column = int(np.floor(camera[0] * x / z + camera[1] + 0.5))
             row = int(np.floor(camera[0] * y / z + camera[2] + 0.5))
@@ -61,7 +65,7 @@ def integrate(
             if signed < -truncation_m:
                 continue
             w = trust * (voxel_m / std) ** 2 if std > 0 else trust
-            if signed > truncation_m:  # seen through: as sure as a measurement at the voxel's own distance
+            if signed > truncation_m:  # free space: as certain as a measurement at the voxel's own distance
                 w *= (measured / distance) ** 4
             total = weight[b, k, j, i] + w
             value = min(1.0, signed / truncation_m)

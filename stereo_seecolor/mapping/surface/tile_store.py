@@ -2,30 +2,27 @@
 
 import hashlib
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.files.map_files import whole
-from stereo_seecolor.mapping.surface.fusion import Surface
+from stereo_seecolor.files.atomic import atomic_path, write_atomic
+from stereo_seecolor.mapping.component import Component
+from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
 
 class TileStore:
     """A folder with one file a tile, all made from the same poses, frames and settings."""
 
-    def __init__(self, folder: Path, tiling: Tiling, poses: np.ndarray, checksums: np.ndarray) -> None:
-        """checksums: of the frames. Tiles in the folder that were made from anything else are deleted."""
-        self._folder = folder
-        digest = hashlib.sha256(poses.tobytes() + checksums.tobytes() + repr((tiling.voxel_m, tiling.tile_blocks)).encode())
-        for tile in tiling.tiles:
-            digest.update(tile.blocks.tobytes())
-        key = digest.hexdigest()
-        mark = folder / "made-from"
+    def __init__(self, folder: Path, tiling: Tiling, component: Component) -> None:
+        """Tiles in the folder that were made from anything else are deleted."""
+        self._folder, self._tiling = folder, tiling
+        key, mark = _key(tiling, component), folder / "made-from"
         if not mark.is_file() or mark.read_text() != key:
             shutil.rmtree(folder, ignore_errors=True)
-            with whole(mark) as path:
-                path.write_text(key)
+            write_atomic(mark, key.encode())
 
     def has(self, tile: Tile) -> bool:
         """True if the tile is finished."""
@@ -33,7 +30,7 @@ class TileStore:
 
     def save(self, tile: Tile, surface: Surface) -> None:
         """Raises OutputError if it cannot be written."""
-        with whole(self._path(tile)) as path, path.open("wb") as file:
+        with atomic_path(self._path(tile)) as path, path.open("wb") as file:
             np.savez(file, points=surface.points_m, normals=surface.normals, colors=surface.colors, triangles=surface.triangles)
 
     def load(self, tile: Tile) -> Surface:
@@ -41,9 +38,17 @@ class TileStore:
         with np.load(self._path(tile)) as content:
             return Surface(content["points"], content["normals"], content["colors"], content["triangles"])
 
-    def clear(self) -> None:
-        """Delete all tiles: what they were for is written."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+    def surfaces(self) -> Iterator[Surface]:
+        """All tiles, one in memory at a time."""
+        return (self.load(tile) for tile in self._tiling.tiles)
 
     def _path(self, tile: Tile) -> Path:
         return self._folder / f"{tile.name}.npz"
+
+
+def _key(tiling: Tiling, component: Component) -> str:
+    poses, checksums = component.T_local_camera[component.frames], component.survey.index.checksums[component.frames]
+    digest = hashlib.sha256(poses.tobytes() + checksums.tobytes() + repr((tiling.voxel_m, tiling.tile_blocks)).encode())
+    for tile in tiling.tiles:
+        digest.update(tile.blocks.tobytes())
+    return digest.hexdigest()

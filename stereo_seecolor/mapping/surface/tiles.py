@@ -6,10 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.surface.kernels import BITS, BLOCK, OFFSET, packed
 
 TRUNCATION_VOXELS = 4
+"""Signed distances are kept so far from the surface: two standard errors of a range that counts at all."""
+FRAMES_AT_ONCE = 64
+"""Blocks of so many frames are gathered before doubles are dropped, for memory's sake."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,12 +37,13 @@ class Tile:
 class Tiling:
     """All tiles of a map, row by row, back and forth, so that neighbors share the frames just read.
 
-    tile_blocks: blocks along a tile's edge.
+    tile_blocks: blocks along a tile's edge. columns: how many columns of blocks hold anything.
     """
 
     tiles: tuple[Tile, ...]
     voxel_m: float
     tile_blocks: int
+    columns: int
 
     @property
     def tile_m(self) -> float:
@@ -47,26 +51,29 @@ class Tiling:
         return self.tile_blocks * BLOCK * self.voxel_m
 
 
-def cut(index: FrameIndex, T_world_camera: NDArray[np.float64], frames: NDArray[np.int64], voxel_m: float, tile_m: float) -> Tiling:
+def cut(component: Component, voxel_m: float, tile_m: float) -> Tiling:
     """Find the blocks that the frames' surfaces pass through, and deal them out to tiles."""
-    block_m = BLOCK * voxel_m
-    tile_blocks = max(1, round(tile_m / block_m))
-    reach_m = TRUNCATION_VOXELS * voxel_m
+    block_m, reach_m = BLOCK * voxel_m, TRUNCATION_VOXELS * voxel_m
+    tile_blocks = int(np.clip(round(tile_m / block_m), 1, OFFSET))
     found: NDArray[np.int64] = np.zeros(0, np.int64)
-    boxes = {}
+    boxes: Boxes = {}
     pending: list[NDArray[np.int64]] = []
-    for i in frames:
-        T = T_world_camera[i]
-        points = index.points_m[i] @ T[:3, :3].T + T[:3, 3]
+    for i in component.frames:
+        points = component.points_m(int(i))
         if not len(points):
             continue
-        around = np.concatenate([points, T[None, :3, 3]])
+        around = np.concatenate([points, component.T_local_camera[i, None, :3, 3]])
         boxes[int(i)] = np.floor((around.min(axis=0) - reach_m) / block_m), np.floor((around.max(axis=0) + reach_m) / block_m)
         pending.append(_blocks_near(points, reach_m, block_m))
-        if len(pending) == 64:
+        if len(pending) == FRAMES_AT_ONCE:
             found, pending = np.unique(np.concatenate([found, *pending])), []
     blocks = _unpack(np.unique(np.concatenate([found, *pending])))
-    return Tiling(tuple(_deal(blocks, boxes, tile_blocks)), voxel_m, tile_blocks)
+    columns = len(np.unique(packed(blocks[:, 0].astype(np.int64), blocks[:, 1].astype(np.int64), 0)))
+    return Tiling(tuple(_deal(blocks, boxes, tile_blocks)), voxel_m, tile_blocks, columns)
+
+
+Boxes = dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""The lowest and the highest block that each frame can touch."""
 
 
 def _blocks_near(points: NDArray[np.float64], reach_m: float, block_m: float) -> NDArray[np.int64]:
@@ -81,9 +88,7 @@ def _unpack(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
     return (np.stack([numbers >> (2 * BITS), (numbers >> BITS) & mask, numbers & mask], axis=-1) - OFFSET).astype(np.int32)
 
 
-def _deal(
-    blocks: NDArray[np.int32], boxes: dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]], tile_blocks: int
-) -> Iterator[Tile]:
+def _deal(blocks: NDArray[np.int32], boxes: Boxes, tile_blocks: int) -> Iterator[Tile]:
     columns = np.unique(blocks[:, :2] // tile_blocks, axis=0)
     rows = columns[:, 1]
     order = np.lexsort((np.where(rows % 2 == 0, columns[:, 0], -columns[:, 0]), rows))

@@ -1,232 +1,191 @@
-"""Own stereo odometry: poses from what the frames show, for surveys that come without."""
+"""Own stereo odometry: poses from what the frames show."""
 
-import heapq
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.geometry import RectifiedPair
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.geometry import inverse, rotation_vector
-from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
-from stereo_seecolor.mapping.recovered import Frames, Unplaced
+from stereo_seecolor.geometry import inverse, nearest_rotation, pose, transformed
+from stereo_seecolor.mapping.recovered_frames import Unplaced
+from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import loop_closure, pose_graph
+from stereo_seecolor.mapping.track.components import agreeing, chain
 from stereo_seecolor.mapping.track.features import Features, detect
-from stereo_seecolor.mapping.track.placement import Placement
-from stereo_seecolor.mapping.track.relative_pose import Edge, relate
+from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
 
-WINDOW = pose_graph.TRACK
-"""Frames back that each new frame is measured against."""
-MIN_PIECE = 2
-LOOP_TURNS = 2
-JOIN_EDGES = 2
-JOIN_M = 0.3
-JOIN_RAD = 0.1
-DRIFT_SHARE = 0.05
-DRIFT_M = 0.5
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OdometrySettings:
+    """How the track is followed."""
+
+    window: int = 3  # frames back that each new frame is measured against: bridges two bad frames
+    loop_rounds: int = 2  # of looking for loops: overlap is better known after the first
+    drift_fraction: float = 0.05  # of the way: what a track may drift, several times what it does (docs/mapping.md)
+    drift_m: float = 0.5  # and so many meters: what short ways may
+
+
+SETTINGS = OdometrySettings()
 
 
 @dataclass(eq=False)
-class _Survey:
-    """What is known while the track grows. features: of every frame. edges: relations measured so far."""
+class Track:
+    """What is known while the track grows. features: of every frame, in the order of time. edges: measured so far.
 
-    pair: RectifiedPair
-    features: dict[int, Features] = field(default_factory=dict)
+    reasons: why a frame has no edge, by number.
+    """
+
+    survey: Survey
+    features: list[Features] = field(default_factory=list)
     edges: list[Edge] = field(default_factory=list)
+    reasons: dict[int, str] = field(default_factory=dict)
     tried: set[tuple[int, int]] = field(default_factory=set)
 
-    def relate(self, i: int, j: int) -> Edge | None:
-        """Measure a pair of frames once."""
-        if (i, j) in self.tried:
+    def measure(self, a: int, b: int, loop: bool = False) -> Edge | None:
+        """The edge between the frames at two positions on the track; each pair is measured once."""
+        if (a, b) in self.tried:
             return None
-        self.tried.add((i, j))
-        return relate(i, self.features[i], j, self.features[j], self.pair)
+        self.tried.add((a, b))
+        found = relative_pose(self.features[a], self.features[b], self.survey.geometry)
+        if found is None:
+            return None
+        order = self.survey.index.order
+        return Edge(int(order[a]), int(order[b]), found.T_a_b, found.covariance, found.inliers, loop)
 
 
-def estimate(
-    frames: Frames,
-    pair: RectifiedPair,
-    config: MappingConfig,
-    index: FrameIndex,
-    priors: Sequence[pose_graph.Prior] = (),
-    progress: Progress = silent,
-) -> Placement:
-    """Place the frames by their own pictures: relations to the last three frames, loops, and a pose graph over all.
+@dataclass(frozen=True, eq=False)
+class _Guess:
+    """Poses (N, 4, 4) and components (N,) as known so far."""
 
-    The world is the first placed frame's camera; ``upright`` levels it. With priors (navigation, depth, attitude) it is
-    theirs, and pieces that pictures cannot join keep their place by them.
-    Frames that match no other are named; frames that only match among themselves make a piece of their own.
-    Raises MappingError if no two frames match.
-    """
-    order = index.order.tolist()
-    survey = _Survey(pair)
-    reasons = dict.fromkeys(order, "it shows nothing that another frame shows")
+    T: Array
+    components: NDArray[np.int64]
+
+
+def follow(survey: Survey) -> Track:
+    """Measure each frame, in the order of time, against the last three."""
+    order = survey.index.order.tolist()
+    track = Track(survey, reasons=dict.fromkeys(order, "it shows nothing that another frame shows"))
     for done, i in enumerate(order):
-        frame = frames[i]
+        frame = survey.frames[i]
         if isinstance(frame, Unplaced):
-            reasons[i], survey.features[i] = frame.reason, Features.none()
+            track.reasons[i] = frame.reason
+            track.features.append(Features.none())
         else:
-            survey.features[i] = detect(frame, pair)
-        for back in order[max(0, done - WINDOW) : done][::-1]:
-            if edge := survey.relate(back, i):
-                survey.edges.append(edge)
-        progress("following the track", done + 1, len(order))
-    if not survey.edges:
+            track.features.append(detect(frame, survey.geometry))
+        for back in range(done - 1, max(0, done - SETTINGS.window) - 1, -1):
+            if edge := track.measure(back, done):
+                track.edges.append(edge)
+        survey.progress("following the track", done + 1, len(order))
+    return track
+
+
+def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) -> Placement:
+    """Place the frames by their edges, loops, and a pose graph over all.
+
+    The world is the first placed frame's camera. With priors (navigation, depth, attitude) it is theirs, and components that
+    pictures cannot join keep their place by them. Frames that match no other are named; frames that only match among themselves
+    make a component of their own.
+    Raises MappingError if no two frames match; DeviceError for priors without GTSAM.
+    """
+    if not track.edges:
         raise MappingError("no two frames show the same things: the track cannot be followed; give --poses")
-    T, pieces = _chain(survey.edges, len(order), order)
+    index = track.survey.index
+    guess = _Guess(*chain(track.edges, index.rank))
     warnings: list[str] = []
-    if priors or (config.loop_closure and pose_graph.available()):
-        T, pieces = _close_loops(survey, index, T, pieces, order, priors, LOOP_TURNS if config.loop_closure else 0, progress)
-    elif config.loop_closure:
+    if priors or (loops and pose_graph.available()):
+        guess = _close_loops(track, guess, priors, SETTINGS.loop_rounds if loops else 0)
+    elif loops:
         warnings.append("loops were not closed: pip install 'stereo-seecolor[slam]' (GTSAM)")
-    unplaced = tuple(Unplaced(index.names[i], reasons[int(i)]) for i in np.flatnonzero(pieces < 0))
-    if pieces.max() > 0:
-        sizes = ", ".join(str(n) for n in np.bincount(pieces[pieces >= 0]))
-        warnings.append(f"the track is broken into {pieces.max() + 1} pieces of {sizes} frames")
-    return Placement(T, pieces, unplaced, tuple(warnings))
+    unplaced = tuple(Unplaced(index.names[i], track.reasons[int(i)]) for i in np.flatnonzero(guess.components < 0))
+    placement = Placement(guess.T, guess.components, unplaced, tuple(warnings))
+    if len(placement.sizes) > 1:
+        sizes = ", ".join(str(n) for n in placement.sizes)
+        return placement.with_warnings(f"the track is broken into {len(placement.sizes)} components of {sizes} frames")
+    return placement
 
 
-def priors_from(placement: Placement, config: MappingConfig) -> list[pose_graph.Prior]:
-    """What navigation says of each frame, with the errors that the configuration gives it."""
-    position = np.array([config.prior_position_std_m, config.prior_position_std_m, config.prior_depth_std_m])
-    attitude = float(np.radians(config.prior_attitude_std_deg))
-    placed = np.flatnonzero(placement.pieces >= 0)
-    return [pose_graph.Prior(int(i), placement.T_world_camera[i], position, attitude) for i in placed]
-
-
-def _chain(edges: Sequence[Edge], count: int, order: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """First guess: each piece hung together by its strongest edges; the largest is piece 0, lone frames are -1."""
-    neighbors: dict[int, list[tuple[int, int, int, NDArray[np.float64]]]] = {i: [] for i in range(count)}
-    for edge in edges:
-        neighbors[edge.i].append((-edge.inliers, edge.i, edge.j, edge.T_i_j))
-        neighbors[edge.j].append((-edge.inliers, edge.j, edge.i, inverse(edge.T_i_j)))
-    T = np.full((count, 4, 4), np.nan)
-    groups = [_grow(start, neighbors, T) for start in order if np.isnan(T[start, 0, 0])]
-    pieces = np.full(count, -1)
-    for number, group in enumerate(sorted((g for g in groups if len(g) >= MIN_PIECE), key=len, reverse=True)):
-        pieces[group] = number
-    T[pieces < 0] = np.nan
-    return T, pieces
-
-
-def _grow(start: int, neighbors: dict[int, list[tuple[int, int, int, NDArray[np.float64]]]], T: NDArray[np.float64]) -> list[int]:
-    """Prim's tree from one frame: always the strongest edge to a frame that has no pose; fills T, returns the frames."""
-    T[start] = np.eye(4)
-    group, waiting = [start], [edge[:3] for edge in neighbors[start]]
-    step = {edge[1:3]: edge[3] for edge in neighbors[start]}
-    heapq.heapify(waiting)
-    while waiting:
-        _, i, j = heapq.heappop(waiting)
-        if np.isfinite(T[j, 0, 0]):
-            continue
-        T[j] = T[i] @ step[i, j]
-        group.append(j)
-        for edge in neighbors[j]:
-            step[edge[1:3]] = edge[3]
-            heapq.heappush(waiting, edge[:3])
-    return group
-
-
-def _close_loops(
-    survey: _Survey,
-    index: FrameIndex,
-    T: NDArray[np.float64],
-    pieces: NDArray[np.int64],
-    order: Sequence[int],
-    priors: Sequence[pose_graph.Prior],
-    turns: int,
-    progress: Progress,
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _close_loops(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior], rounds: int) -> _Guess:
     """Solve; then find loops by appearance and by overlap and solve again, so often, since overlap is better known each time."""
-    T, pieces = _settle(survey, T, pieces, order, priors)
-    for turn in range(turns):
-        candidates = set(loop_closure.by_appearance(survey.features)) if turn == 0 else set()
-        candidates |= set(loop_closure.between_pieces(pieces))
-        for number in range(pieces.max() + 1):
-            candidates |= set(loop_closure.by_overlap(index, T, np.flatnonzero(pieces == number).tolist(), WINDOW))
-        loops = []
-        for done, (i, j) in enumerate(sorted(candidates)):
-            if edge := survey.relate(i, j):
-                loops.append(edge)
-            progress("closing loops", done + 1, len(candidates))
-        inside = [e for e in loops if pieces[e.i] == pieces[e.j] >= 0 and _plausible(e, T, order)]
-        joins = _agreeing([e for e in loops if pieces[e.i] != pieces[e.j] and min(pieces[e.i], pieces[e.j]) >= 0], T, pieces)
-        survey.edges += inside + joins
+    rank = track.survey.index.rank
+    guess = _settle(track, guess, priors)
+    for number in range(rounds):
+        loops = _measure_loops(track, guess, number)
+        same = [guess.components[e.i] == guess.components[e.j] for e in loops]
+        placed = [min(guess.components[e.i], guess.components[e.j]) >= 0 for e in loops]
+        inside = [e for e, s, p in zip(loops, same, placed, strict=True) if s and p and _plausible(e, guess.T, track)]
+        joins = [e for e, s, p in zip(loops, same, placed, strict=True) if p and not s]
+        joins = agreeing(joins, guess.T, guess.components)
+        track.edges += inside + joins
         if joins:
-            T, pieces = _chain(survey.edges, len(order), order)
-        T, pieces = _settle(survey, T, pieces, order, priors)
-    return T, pieces
+            guess = _Guess(*chain(track.edges, rank))
+        guess = _settle(track, guess, priors)
+    return guess
 
 
-def _settle(
-    survey: _Survey, T: NDArray[np.float64], pieces: NDArray[np.int64], order: Sequence[int], priors: Sequence[pose_graph.Prior]
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Solve each piece; drop the false loops, let pieces fall apart that only they held together, and solve again."""
-    T, false = _solve(T, pieces, survey.edges, priors)
-    if false:
-        dropped = {id(edge) for edge in false}
-        survey.edges = [edge for edge in survey.edges if id(edge) not in dropped]
-        _, pieces = _chain(survey.edges, len(order), order)
-        T = np.where((pieces >= 0)[:, None, None], T, np.nan)
-        T, _ = _solve(T, pieces, survey.edges, priors)
-    return T, pieces
+def _measure_loops(track: Track, guess: _Guess, number: int) -> list[Edge]:
+    """The edges of all candidates that were not tried yet; by appearance in round 0 only, which poses do not change."""
+    index, rank = track.survey.index, track.survey.index.rank
+    candidates = set(loop_closure.by_appearance(track.features)) if number == 0 else set()
+    candidates |= set(loop_closure.between_components(guess.components[index.order]))
+    for component in range(guess.components.max() + 1):
+        frames = np.flatnonzero(guess.components == component)
+        frames = frames[np.argsort(rank[frames])]
+        points = ((int(rank[i]), transformed(guess.T[i], index.points_m[i])) for i in frames)
+        candidates |= set(loop_closure.by_overlap(points, SETTINGS.window))
+    loops = []
+    for done, (a, b) in enumerate(sorted(candidates)):
+        if edge := track.measure(a, b, loop=True):
+            loops.append(edge)
+        track.survey.progress(f"closing loops, round {number + 1}", done + 1, len(candidates))
+    return loops
 
 
-def _solve(
-    T: NDArray[np.float64], pieces: NDArray[np.int64], edges: Sequence[Edge], priors: Sequence[pose_graph.Prior]
-) -> tuple[NDArray[np.float64], list[Edge]]:
-    rejected: list[Edge] = []
-    for number in range(pieces.max() + 1):
-        frames = np.flatnonzero(pieces == number).tolist()
+def _settle(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior]) -> _Guess:
+    """Solve each component; drop the false loops, let components fall apart that only they held together, and solve again."""
+    T, false = _solve(guess, track.edges, priors)
+    if not false:
+        return _Guess(T, guess.components)
+    dropped = {id(edge) for edge in false}
+    track.edges = [edge for edge in track.edges if id(edge) not in dropped]
+    _, components = chain(track.edges, track.survey.index.rank)
+    T = np.where((components >= 0)[:, None, None], T, np.nan)
+    return _Guess(_solve(_Guess(T, components), track.edges, priors)[0], components)
+
+
+def _solve(guess: _Guess, edges: Sequence[Edge], priors: Sequence[pose_graph.Prior]) -> tuple[Array, list[Edge]]:
+    T, rejected = guess.T, []
+    for number in range(guess.components.max() + 1):
+        frames = np.flatnonzero(guess.components == number).tolist()
         chosen = set(frames)
         own = [edge for edge in edges if edge.i in chosen and edge.j in chosen]
         known = [prior for prior in priors if prior.frame in chosen]
-        T, bad = pose_graph.solve(_moved_to(known, T, frames), frames, own, known)
+        T, bad = pose_graph.solve(moved_to(known, T, frames), frames, own, known)
         rejected += bad
     return T, rejected
 
 
-def _moved_to(priors: Sequence[pose_graph.Prior], T: NDArray[np.float64], frames: Sequence[int]) -> NDArray[np.float64]:
-    """The piece as a whole brought to where the priors say, so that the solver starts near."""
+def moved_to(priors: Sequence[pose_graph.Prior], T: Array, frames: Sequence[int]) -> Array:
+    """The frames as a whole brought to where the priors say, so that the solver starts near."""
     if not priors:
         return T
     offsets = np.stack([prior.T_world_camera @ inverse(T[prior.frame]) for prior in priors])
-    U, _, Vt = np.linalg.svd(offsets[:, :3, :3].mean(axis=0))
-    move = np.eye(4)
-    move[:3, :3] = U @ np.diag([1, 1, np.linalg.det(U @ Vt)]) @ Vt
+    R = nearest_rotation(offsets[:, :3, :3].mean(axis=0))
     positions = np.stack([T[prior.frame, :3, 3] for prior in priors])
     targets = np.stack([prior.T_world_camera[:3, 3] for prior in priors])
-    move[:3, 3] = targets.mean(axis=0) - move[:3, :3] @ positions.mean(axis=0)
     moved = T.copy()
-    moved[frames] = move @ T[frames]
+    moved[frames] = pose(R, targets.mean(axis=0) - R @ positions.mean(axis=0)) @ T[frames]
     return moved
 
 
-def _plausible(edge: Edge, T: NDArray[np.float64], order: Sequence[int]) -> bool:
+def _plausible(edge: Edge, T: Array, track: Track) -> bool:
     """A loop may contradict the track by what a track can drift on the way, and no more."""
     off = inverse(T[edge.i]) @ T[edge.j]
     contradiction_m = float(np.linalg.norm(off[:3, 3] - edge.T_i_j[:3, 3]))
-    between = sorted((order.index(edge.i), order.index(edge.j)))
-    centers = T[list(order[between[0] : between[1] + 1]), :3, 3]
+    index = track.survey.index
+    first, last = sorted((index.rank[edge.i], index.rank[edge.j]))
+    centers = T[index.order[first : last + 1], :3, 3]
     steps = np.linalg.norm(np.diff(centers[np.isfinite(centers).all(axis=1)], axis=0), axis=1)
-    return contradiction_m < DRIFT_M + DRIFT_SHARE * float(steps.sum())
-
-
-def _agreeing(edges: list[Edge], T: NDArray[np.float64], pieces: NDArray[np.int64]) -> list[Edge]:
-    """Edges that join two pieces count only if at least two of them put the pieces to the same place."""
-
-    def joint(edge: Edge) -> NDArray[np.float64]:
-        return np.asarray(T[edge.i] @ edge.T_i_j @ inverse(T[edge.j]))
-
-    def agree(a: Edge, b: Edge) -> bool:
-        if {pieces[a.i], pieces[a.j]} != {pieces[b.i], pieces[b.j]}:
-            return False
-        first, second = joint(a), joint(b) if pieces[a.i] == pieces[b.i] else inverse(joint(b))
-        at_a, at_b = first @ T[a.j], second @ T[a.j]
-        turn = np.linalg.norm(rotation_vector(first[:3, :3].T @ second[:3, :3]))
-        return float(np.linalg.norm(at_a[:3, 3] - at_b[:3, 3])) < JOIN_M and float(turn) < JOIN_RAD
-
-    return [edge for edge in edges if sum(agree(edge, other) for other in edges) >= JOIN_EDGES]
+    return contradiction_m < SETTINGS.drift_m + SETTINGS.drift_fraction * float(steps.sum())

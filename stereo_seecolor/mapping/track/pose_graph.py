@@ -1,4 +1,4 @@
-"""All measured relations between frames, brought to agreement: GTSAM's sparse solver, robust against false loops."""
+"""All measured relative poses, brought to agreement: GTSAM's sparse solver, robust against false loops."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,13 +7,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 REJECT_SIGMAS = 6.0
+"""An edge of a loop further off than this is false."""
 CAUCHY = 3.0
-TRACK = 3
-"""Frames so far apart at most belong to the track, not to a loop."""
+"""Scale of the Cauchy kernel, in sigmas: edges within three of them keep most of their weight."""
+UNKNOWN = 1e4
+"""Standard error of what a prior does not say, meters."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +40,16 @@ def available() -> bool:
 
 
 def check_available() -> None:
-    """Raise DeviceError, with the command that mends it, where GTSAM is missing."""
+    """Raise DeviceError, with the command that installs it, where GTSAM is missing."""
     _gtsam()
+
+
+def priors_from(placement: Placement, config: MappingConfig) -> list[Prior]:
+    """What navigation says of each frame, with the errors that the configuration gives it."""
+    position = np.array([config.prior_position_std_m, config.prior_position_std_m, config.prior_depth_std_m])
+    attitude = float(np.radians(config.prior_attitude_std_deg))
+    placed = np.flatnonzero(placement.components >= 0)
+    return [Prior(int(i), placement.T_world_camera[i], position, attitude) for i in placed]
 
 
 def solve(
@@ -45,23 +57,22 @@ def solve(
 ) -> tuple[NDArray[np.float64], list[Edge]]:
     """Poses that agree best with edges and priors, and the edges that do not fit the rest: false loops.
 
-    T_world_camera: (N, 4, 4) first guess; only ``frames`` are solved for, and the edges must hang them all together; the first
-    stays put where there are no priors. Levenberg-Marquardt under a Cauchy kernel, which false loops hardly bend; an edge beyond
-    six sigmas is false, unless it is one of the track itself.
+    T_world_camera: (N, 4, 4) first guess; only ``frames`` are solved for, and the edges must connect them all; the first
+    stays put where there are no priors. Levenberg-Marquardt under a Cauchy kernel, which false loops hardly bend; a loop beyond
+    six sigmas is false.
 
     Raises DeviceError if GTSAM is missing.
     """
     gtsam = _gtsam()
     solved = _optimize(gtsam, T_world_camera, frames, edges, priors)
-    false = [edge for edge in edges if abs(edge.j - edge.i) > TRACK and _sigmas(gtsam, solved, edge) > REJECT_SIGMAS]
-    return solved, false
+    return solved, [edge for edge in edges if edge.loop and _sigmas(gtsam, solved, edge) > REJECT_SIGMAS]
 
 
 def _gtsam() -> Any:
     try:
         import gtsam
     except (ImportError, OSError) as error:
-        what = "closing loops and holding a track to navigation need GTSAM, which is missing"
+        what = "closing loops and fitting a track to navigation need GTSAM, which is missing"
         raise DeviceError(f"{what} ({error}): pip install 'stereo-seecolor[slam]'") from error
     return gtsam
 
@@ -71,7 +82,7 @@ def _optimize(
 ) -> NDArray[np.float64]:
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for frame in frames:
-        values.insert(frame, gtsam.Pose3(T[frame]))
+        values.insert(int(frame), gtsam.Pose3(T[frame]))
     noise = gtsam.noiseModel
     for edge in edges:
         gaussian = noise.Gaussian.Covariance(edge.covariance)
@@ -80,14 +91,15 @@ def _optimize(
     for prior in priors:
         pose = gtsam.Pose3(prior.T_world_camera)
         graph.add(gtsam.GPSFactor(prior.frame, pose.translation(), noise.Diagonal.Sigmas(prior.position_std_m)))
-        attitude = np.array([prior.attitude_std_rad] * 3 + [1e4] * 3)
+        attitude = np.array([prior.attitude_std_rad] * 3 + [UNKNOWN] * 3)
         graph.add(gtsam.PriorFactorPose3(prior.frame, pose, noise.Diagonal.Sigmas(attitude)))
     if not priors:
-        graph.add(gtsam.PriorFactorPose3(frames[0], gtsam.Pose3(T[frames[0]]), noise.Isotropic.Sigma(6, 1e-6)))
+        first = int(frames[0])
+        graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(T[first]), noise.Isotropic.Sigma(6, 1e-6)))
     result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     solved = T.copy()
     for frame in frames:
-        solved[frame] = result.atPose3(frame).matrix()
+        solved[frame] = result.atPose3(int(frame)).matrix()
     return solved
 
 

@@ -1,4 +1,4 @@
-"""How one frame stands to another, from what both show."""
+"""The pose of one frame relative to another, from what both show."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.geometry import inverse, rotation_from_vector
+from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
 
-MIN_INLIERS = 25
-MIN_INLIER_SHARE = 0.3
-MIN_SPREAD = 0.06
-RATIO = 0.8
-REPROJECTION_PX = 3.0
-OUTLIER_SIGMAS = 4.0
-SYSTEMATIC_RAD = 5e-4
-SYSTEMATIC_M = 1e-3
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RelativePoseSettings:
+    """When two frames are taken to see the same, and how their pose is fitted."""
+
+    ratio: float = 0.8  # Lowe's (2004) ratio of the nearest to the second nearest descriptor
+    min_inliers: int = 25  # fewer agree by chance, on repetitive bottoms
+    min_inlier_fraction: float = 0.3  # of the matches
+    min_spread: float = 0.06  # of the image's sides: points in one small corner, such as on one fish, hold no pose
+    ransac_rounds: int = 300  # finds 30 % inliers by triples with 99.97 % probability
+    reprojection_px: float = 3.0  # RANSAC's inliers, pixels: ten standard errors of a feature
+    outlier_sigmas: float = 4.0  # scale of the Cauchy kernel, and limit of an inlier afterwards
+    rounds: int = 15  # of Gauss-Newton; it takes 5
+    systematic_rad: float = 5e-4  # added to the error of a turn: what calibration leaves at the image's borders
+    systematic_m: float = 1e-3  # added to the error of a shift, meters
+
+
+SETTINGS = RelativePoseSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,41 +37,51 @@ class Edge:
     """Two frames that see the same things.
 
     i, j: the frames. T_i_j: (4, 4), p_i = T_i_j p_j. covariance: (6, 6) of a turn (rad) and then a shift (m) of T_i_j, in the
-    axes of j. inliers: the points that agree.
+    axes of j. inliers: the points that agree. loop: False between neighbors on the track.
     """
 
     i: int
     j: int
-    T_i_j: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    T_i_j: Array
+    covariance: Array
+    inliers: int
+    loop: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class RelativePose:
+    """p_a = T_a_b p_b, with its covariance (6, 6) as an Edge has it, and how many points agree."""
+
+    T_a_b: Array
+    covariance: Array
     inliers: int
 
 
-def relate(i: int, a: Features, j: int, b: Features, pair: RectifiedPair) -> Edge | None:
-    """The pose of frame j in frame i, or None where the two do not certainly see the same.
+def relative_pose(a: Features, b: Features, geometry: RectifiedPair) -> RelativePose | None:
+    """The pose of frame b in frame a, or None where the two do not certainly see the same.
 
     Mutual nearest descriptors that pass Lowe's ratio test, PnP with RANSAC, then all inliers by Gauss-Newton, each point
     weighted by the covariance of both its measurements; a Cauchy kernel tames what is left of outliers.
     """
     index_a, index_b = _matches(a, b)
-    if len(index_a) < MIN_INLIERS:
+    if len(index_a) < SETTINGS.min_inliers:
         return None
     found, turn, shift, inliers = cv2.solvePnPRansac(
-        a.points_m[index_a], b.pixels[index_b], pair.P_left, None,
-        iterationsCount=300, reprojectionError=REPROJECTION_PX, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,
+        a.points_m[index_a], b.pixels[index_b], geometry.P_left, None, iterationsCount=SETTINGS.ransac_rounds,
+        reprojectionError=SETTINGS.reprojection_px, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,
     )  # fmt: skip
-    if not found or inliers is None or len(inliers) < max(MIN_INLIERS, MIN_INLIER_SHARE * len(index_a)):
+    needed = max(SETTINGS.min_inliers, SETTINGS.min_inlier_fraction * len(index_a))
+    if not found or inliers is None or len(inliers) < needed:
         return None
-    T_b_a = np.eye(4)
-    T_b_a[:3, :3], T_b_a[:3, 3] = rotation_from_vector(turn.ravel()), shift.ravel()
+    T_b_a = pose(rotation_from_vector(turn.ravel()), shift.ravel())
     chosen_a, chosen_b = index_a[inliers.ravel()], index_b[inliers.ravel()]
     try:
-        T_a_b, covariance, kept = _refine(inverse(T_b_a), a, chosen_a, b, chosen_b)
+        T_a_b, covariance, kept = _refine(inverse(T_b_a), (a, chosen_a), (b, chosen_b))
     except np.linalg.LinAlgError:  # all points on a line
         return None
-    if kept.sum() < MIN_INLIERS or not _spread_out(b.pixels[chosen_b[kept]], pair):
+    if kept.sum() < SETTINGS.min_inliers or not _spread_out(b.pixels[chosen_b[kept]], geometry):
         return None
-    return Edge(i, j, T_a_b, covariance, int(kept.sum()))
+    return RelativePose(T_a_b, covariance, int(kept.sum()))
 
 
 def _matches(a: Features, b: Features) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -71,43 +93,43 @@ def _matches(a: Features, b: Features) -> tuple[NDArray[np.int64], NDArray[np.in
     nearest = squared.argmin(axis=1)
     mutual = squared.argmin(axis=0)[nearest] == np.arange(len(x))
     two = np.partition(squared, 1, axis=1)[:, :2]
-    clear = two[:, 0] < RATIO**2 * two[:, 1]
+    clear = two[:, 0] < SETTINGS.ratio**2 * two[:, 1]
     chosen = np.flatnonzero(mutual & clear)
     return chosen, nearest[chosen]
 
 
-def _refine(
-    T: NDArray[np.float64], a: Features, index_a: NDArray[np.int64], b: Features, index_b: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Maximum likelihood of T_a_b given both measurements of each point; its covariance; who is within four sigmas."""
-    p, q = a.points_m[index_a], b.points_m[index_b]
-    for _ in range(15):
+Points = tuple[Features, NDArray[np.int64]]
+"""Features, and which of them."""
+
+
+def _refine(T: Array, a: Points, b: Points) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Maximum likelihood of T_a_b given both measurements of each point; its covariance; which are within four sigmas."""
+    p, q = a[0].points_m[a[1]], b[0].points_m[b[1]]
+    covariance_p, covariance_q = a[0].covariance_m2(a[1]), b[0].covariance_m2(b[1])
+    for _ in range(SETTINGS.rounds):
         R = T[:3, :3]
         residual = p - (q @ R.T + T[:3, 3])
-        weight = np.linalg.inv(a.covariance_m2[index_a] + R @ b.covariance_m2[index_b] @ R.T)
+        weight = np.linalg.inv(covariance_p + R @ covariance_q @ R.T)
         squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
         J = np.concatenate([-R @ _cross(q), np.broadcast_to(R, (len(q), 3, 3))], axis=2)
-        robust = weight / (1 + squared / OUTLIER_SIGMAS**2)[:, None, None]
+        robust = weight / (1 + squared / SETTINGS.outlier_sigmas**2)[:, None, None]
         H = np.einsum("nki,nkl,nlj->ij", J, robust, J)
         step = np.linalg.solve(H, np.einsum("nki,nkl,nl->i", J, robust, residual))
-        update = np.eye(4)
-        update[:3, :3], update[:3, 3] = rotation_from_vector(step[:3]), step[3:]
-        T = T @ update
+        T = T @ pose(rotation_from_vector(step[:3]), step[3:])
         if np.abs(step).max() < 1e-7:
             break
-    kept = squared < OUTLIER_SIGMAS**2
+    kept = squared < SETTINGS.outlier_sigmas**2
     scale = max(1.0, float(squared[kept].sum()) / max(3 * int(kept.sum()) - 6, 1)) if kept.any() else 1.0
-    systematic = np.diag([SYSTEMATIC_RAD**2] * 3 + [SYSTEMATIC_M**2] * 3)
+    systematic = np.diag([SETTINGS.systematic_rad**2] * 3 + [SETTINGS.systematic_m**2] * 3)
     return T, np.linalg.inv(H) * scale + systematic, kept
 
 
-def _cross(v: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cross(v: Array) -> Array:
     """(n, 3, 3) cross product matrices."""
     zero = np.zeros(len(v))
     x, y, z = v.T
     return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
 
 
-def _spread_out(pixels: NDArray[np.float64], pair: RectifiedPair) -> bool:
-    """Points in one small corner, such as on one fish, hold no pose."""
-    return bool((pixels.std(axis=0) > MIN_SPREAD * np.array(pair.image_size)).all())
+def _spread_out(pixels: Array, geometry: RectifiedPair) -> bool:
+    return bool((pixels.std(axis=0) > SETTINGS.min_spread * np.array(geometry.image_size)).all())

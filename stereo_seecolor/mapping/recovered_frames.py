@@ -19,7 +19,7 @@ class Unplaced:
 Frames = Sequence[SurveyFrame | Unplaced]
 
 
-class Salvage(Lazy[SurveyFrame | Unplaced]):
+class RecoveredFrames(Lazy[SurveyFrame | Unplaced]):
     """Frames as they are read; one whose files are gone or damaged is Unplaced from then on. lost: those, by number."""
 
     def __init__(self, frames: Sequence[SurveyFrame]) -> None:

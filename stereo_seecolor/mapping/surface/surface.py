@@ -1,0 +1,44 @@
+"""A triangle mesh with colors, as all products of a map are made of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """A triangle mesh. points_m, normals: (V, 3) float32; colors: (V, 3) uint8; triangles: (T, 3) int32."""
+
+    points_m: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+
+    @classmethod
+    def empty(cls) -> "Surface":
+        """No points."""
+        none = np.zeros((0, 3), np.float32)
+        return cls(none, none, np.zeros((0, 3), np.uint8), np.zeros((0, 3), np.int32))
+
+    @property
+    def parts(self) -> NDArray[np.int64]:
+        """(V,) which connected part of the surface each point belongs to, numbered from 0."""
+        a, b, c = self.triangles.T
+        ends = np.concatenate([a, b]), np.concatenate([b, c])
+        graph = coo_array((np.ones(len(ends[0]), np.bool_), ends), (len(self.points_m),) * 2)
+        return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+
+    @property
+    def areas_m2(self) -> NDArray[np.float64]:
+        """(T,) of each triangle."""
+        a, b, c = np.moveaxis(self.points_m[self.triangles].astype(np.float64), 1, 0)
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    def only(self, kept: NDArray[np.bool_]) -> "Surface":
+        """The points that are kept (V,), and the triangles whose first point is."""
+        numbers = np.cumsum(kept) - 1
+        triangles = self.triangles[kept[self.triangles[:, 0]]]
+        return Surface(self.points_m[kept], self.normals[kept], self.colors[kept], numbers[triangles].astype(np.int32))

@@ -1,0 +1,47 @@
+"""What all stages of a map share, and where its frames are placed."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
+from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """Frames, the rectified geometry that they share, their index, and who is told of the progress."""
+
+    frames: Frames
+    geometry: RectifiedPair
+    index: FrameIndex
+    progress: Progress = silent
+
+
+@dataclass(frozen=True, eq=False)
+class Placement:
+    """Poses of a survey's N frames.
+
+    T_world_camera: (N, 4, 4), NaN for a frame without a place. components: (N,) int, -1 for those; frames of two components have
+    no reliable place relative to each other. unplaced: those frames by name. warnings: what a person should know.
+    """
+
+    T_world_camera: NDArray[np.float64]
+    components: NDArray[np.int64]
+    unplaced: tuple[Unplaced, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Frames in each component, component 0, the largest, first."""
+        return tuple(np.bincount(self.components[self.components >= 0]).tolist())
+
+    def frames_of(self, component: int) -> NDArray[np.int64]:
+        """The frames of a component."""
+        return np.flatnonzero(self.components == component)
+
+    def with_warnings(self, *warnings: str) -> "Placement":
+        """The same, with more to be said."""
+        return replace(self, warnings=(*self.warnings, *warnings))

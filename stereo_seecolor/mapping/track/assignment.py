@@ -1,0 +1,113 @@
+"""Which pose of a trajectory belongs to which frame."""
+
+from dataclasses import dataclass
+from pathlib import PurePath
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.geometry import interpolate
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.records import Trajectory
+
+END_TOLERANCE_S = 0.01
+"""So far before the first pose and after the last one a time stamp may lie: they are rounded in files."""
+
+
+@dataclass(frozen=True, eq=False)
+class Assignment:
+    """T_world_camera: (N, 4, 4), NaN where a frame has no pose. reasons: why, by frame. warnings: what a person should know."""
+
+    T_world_camera: NDArray[np.float64]
+    reasons: dict[int, str]
+    warnings: list[str]
+
+
+def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
+    """By name, else by time (interpolated), else, where neither says anything, by order. Raises MappingError."""
+    by_stem: dict[str, list[int]] = {}
+    for i, name in enumerate(trajectory.names):
+        by_stem.setdefault(_stem(name), []).append(i)
+    by_stem.pop("", None)
+    if by_stem.keys() & {_stem(name) for name in index.names}:
+        return _by_name(index, trajectory, by_stem)
+    if np.isfinite(trajectory.timestamps_s).any() and np.isfinite(index.timestamps_s).any():
+        return _by_time(index, trajectory, config)
+    if not by_stem and len(trajectory.T_world_camera) == len(index.names):
+        T = trajectory.T_world_camera.copy()
+        reasons = {int(i): "its pose is not finite" for i in np.flatnonzero(~_finite(T))}
+        T[list(reasons)] = np.nan
+        return Assignment(T, reasons, ["the trajectory names no frames and holds no common time: poses were taken in order"])
+    raise MappingError(
+        f"the {len(trajectory.T_world_camera)} poses of the trajectory cannot be matched to the {len(index.names)} frames: no "
+        f"common names (for example {trajectory.names[0]!r} and {index.names[0]!r}), no common times, not the same number"
+    )
+
+
+def _by_name(index: FrameIndex, trajectory: Trajectory, by_stem: dict[str, list[int]]) -> Assignment:
+    T = np.full((len(index.names), 4, 4), np.nan)
+    reasons: dict[int, str] = {}
+    used: dict[int, str] = {}
+    finite = _finite(trajectory.T_world_camera)
+    for i, name in enumerate(index.names):
+        poses = by_stem.get(_stem(name), [])
+        if len(poses) > 1:  # two poses of one name: the one of the frame's time, if times tell
+            gaps = np.abs(trajectory.timestamps_s[poses] - index.timestamps_s[i])
+            poses = [poses[int(np.nanargmin(gaps))]] if np.isfinite(gaps).any() else poses
+        if not poses:
+            reasons[i] = "the trajectory does not name it"
+        elif len(poses) > 1:
+            reasons[i] = f"the trajectory names it {len(poses)} times"
+        elif not finite[poses[0]]:
+            reasons[i] = "its pose is not finite"
+        elif poses[0] in used:
+            reasons[i] = "another pair of the same name has its pose"
+        else:
+            T[i] = trajectory.T_world_camera[poses[0]]
+            used[poses[0]] = name
+    return Assignment(T, reasons, [])
+
+
+def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
+    warnings = []
+    finite = _finite(trajectory.T_world_camera) & np.isfinite(trajectory.timestamps_s)
+    if not finite.all():
+        warnings.append(f"{np.count_nonzero(~finite)} poses of the trajectory are not finite and were left out")
+    times, first = np.unique(trajectory.timestamps_s[finite], return_index=True)
+    poses = trajectory.T_world_camera[finite][first]
+    if len(times) < np.count_nonzero(finite):
+        warnings.append(f"{np.count_nonzero(finite) - len(times)} poses repeat a time stamp: the first of each was taken")
+    if (np.diff(trajectory.timestamps_s[finite]) < 0).any():
+        warnings.append("the trajectory's poses are out of order: they were sorted by time")
+    T = np.full((len(index.names), 4, 4), np.nan)
+    reasons: dict[int, str] = {}
+    for i, time_s in enumerate(index.timestamps_s):
+        pose = _at(times, poses, time_s, config.max_gap_s)
+        if pose is None:
+            reasons[i] = "it has no time stamp" if np.isnan(time_s) else f"the trajectory has no pose within {config.max_gap_s:g} s"
+        else:
+            T[i] = pose
+    return Assignment(T, reasons, warnings)
+
+
+def _at(times: NDArray[np.float64], poses: NDArray[np.float64], time_s: float, max_gap_s: float) -> NDArray[np.float64] | None:
+    if np.isnan(time_s) or not len(times):
+        return None
+    after = int(np.searchsorted(times, time_s))
+    nearest = min((i for i in (after - 1, after) if 0 <= i < len(times)), key=lambda i: abs(times[i] - time_s))
+    if abs(times[nearest] - time_s) <= END_TOLERANCE_S and (after in (0, len(times)) or times[nearest] == time_s):
+        return np.asarray(poses[nearest])
+    if after in (0, len(times)) or times[after] - times[after - 1] > max_gap_s:
+        return None
+    fraction = (time_s - times[after - 1]) / (times[after] - times[after - 1])
+    return interpolate(poses[after - 1], poses[after], float(fraction))
+
+
+def _finite(T: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(T).all(axis=(1, 2)))
+
+
+def _stem(name: str) -> str:
+    return PurePath(name.replace("\\", "/")).stem if name else ""
