@@ -220,7 +220,8 @@ class MappingConfig(_Stage):
         default=True, description="Own odometry: recognize places seen before (needs the slam extra, GTSAM)."
     )
     poses: Literal["given", "prior"] = Field(
-        default="given", description="A trajectory's poses are the map's; or prior: own odometry, fitted to them by the errors below."
+        default="given",
+        description="A trajectory's poses are the map's; or prior: own odometry, fitted to them by the errors below.",
     )
     poses_of: Literal["format", "raw", "rectified"] = Field(
         default="format",
@@ -265,7 +266,9 @@ class MappingConfig(_Stage):
     @model_validator(mode="after")
     def _tile_holds_blocks(self) -> Self:
         if self.tile_m is not None and self.tile_m < 16 * self.voxel_m:
-            raise ValueError(f"tile_m={self.tile_m:g} is less than 16 voxels: set it to at least {16 * self.voxel_m:g}, or leave it out")
+            raise ValueError(
+                f"tile_m={self.tile_m:g} is less than 16 voxels: set it to at least {16 * self.voxel_m:g}, or leave it out"
+            )
         return self
 
 

@@ -1,7 +1,5 @@
 """Rigid transforms: invert, interpolate, turn, as (..., 4, 4) matrices; rotations by scipy."""
 
-from typing import cast
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
@@ -33,17 +31,17 @@ def transformed(T: Array, points: NDArray[np.floating]) -> Array:
 
 def rotation_vector(R: Array) -> Array:
     """(..., 3) axis times angle of rotations (..., 3, 3)."""
-    return cast(Array, Rotation.from_matrix(R).as_rotvec())
+    return Rotation.from_matrix(R).as_rotvec()
 
 
-def rotation_from_vector(vector: ArrayLike) -> Array:
+def rotation_from_vector(vector: Array) -> Array:
     """(..., 3, 3) rotations of axis times angle (..., 3)."""
-    return cast(Array, Rotation.from_rotvec(vector).as_matrix())
+    return Rotation.from_rotvec(vector).as_matrix()
 
 
 def quaternion(R: Array) -> Array:
     """(..., 4) as x, y, z, w with w >= 0, of rotations (..., 3, 3)."""
-    return cast(Array, Rotation.from_matrix(R).as_quat(canonical=True))
+    return Rotation.from_matrix(R).as_quat(canonical=True)
 
 
 def interpolate(before: Array, after: Array, fraction: float) -> Array:

@@ -21,15 +21,15 @@ from stereo_seecolor.cli import main
 from stereo_seecolor.commands import jobs
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.errors import DeviceError, FrameError, InputError, MappingError, OutputError
-from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
 from stereo_seecolor.mapping import survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
 from stereo_seecolor.mapping.surface import extraction
-from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.folder import held
 from stereo_seecolor.synthetic.survey import SurveySpec
@@ -210,6 +210,33 @@ def test_two_programs_never_write_one_folder(small_run: Path) -> None:
     assert fuse(small_run, poses).placed == 4
     with held(small_run):
         pass
+
+
+def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
+    poses = small_run.with_name("track.tum")
+    broken = track(4)
+    broken.T_world_camera[2:, 1, 3] += 50
+    write_tum(poses, broken)
+    assert fuse(small_run, poses).components == (2, 2)
+    assert (small_run / "map" / "piece_1" / "cloud.ply").exists()
+    write_tum(poses, track(4))
+    summary = fuse(small_run, poses)
+    assert not (small_run / "map" / "piece_1").exists()
+    assert sorted(path.name for path in summary.files) == sorted(path.name for path in (small_run / "map").iterdir())
+
+
+def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = small_run.with_name("track.tum")
+    fuse(small_run, poses)
+    before = {path.name: path.read_bytes() for path in (small_run / "map").iterdir()}
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(survey_map, "write_preview", stop)
+    with pytest.raises(KeyboardInterrupt):
+        jobs.fuse(small_run, poses, RunConfig(mapping=CONFIG.model_copy(update={"voxel_m": 0.03})))
+    assert {path.name: path.read_bytes() for path in (small_run / "map").iterdir()} == before
 
 
 def test_a_folder_that_holds_no_run_is_left_as_it_was(tmp_path: Path) -> None:

@@ -47,7 +47,9 @@ class FrameIndex:
     checksums: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @classmethod
-    def build(cls, frames: Frames, geometry: RectifiedPair, sampling: Sampling = SAMPLING, progress: Progress = silent) -> "FrameIndex":
+    def build(
+        cls, frames: Frames, geometry: RectifiedPair, sampling: Sampling = SAMPLING, progress: Progress = silent
+    ) -> "FrameIndex":
         """Read every frame once; memory grows by some 50 KB a frame at the default spacing."""
         names, times, points, lost, checksums = [], [], [], {}, []
         for i in range(len(frames)):

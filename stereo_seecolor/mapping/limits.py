@@ -32,7 +32,7 @@ LIMITS = Limits()
 
 
 def check_voxel(frames: Frames, geometry: RectifiedPair, voxel_m: float) -> None:
-    """Raise MappingError for voxels that fit neither the images' resolution nor the scene, judged by the first frame that has ranges."""
+    """Raise MappingError for voxels that fit neither the images' resolution nor the scene; the first frame with ranges decides."""
     for number in range(len(frames)):
         frame = frames[number]
         range_m = np.zeros(0) if isinstance(frame, Unplaced) else frame.range_m[np.isfinite(frame.range_m)]
@@ -66,7 +66,7 @@ def check_extent(component: Component, voxel_m: float) -> None:
 def check_tiling(tiling: Tiling, config: MappingConfig) -> None:
     """Raise MappingError where memory or disk would not hold the tiles, the rasters or the squares of the metrics."""
     block_m, cell_m, available = BLOCK * tiling.voxel_m, config.terrain_cell_m, LIMITS.memory_fraction * memory_bytes()
-    needed = LIMITS.block_bytes * max(len(tile.blocks) for tile in tiling.tiles)
+    needed = LIMITS.block_bytes * max((len(tile.blocks) for tile in tiling.tiles), default=0)
     needed += LIMITS.tile_cell_bytes * min(tiling.tile_m / cell_m, block_m / cell_m * np.sqrt(tiling.columns) * 4) ** 2
     if needed > available:
         fit_m = max(tiling.tile_m * np.sqrt(available / needed), 2 * block_m)
@@ -86,7 +86,8 @@ def check_tiling(tiling: Tiling, config: MappingConfig) -> None:
     if square > available:
         raise MappingError(
             f"mapping.metrics_m={config.square_m:g}: a square of terrain cells of {cell_m:g} m needs about {square / 1e9:.3g} GB "
-            f"of memory, a map may take {available / 1e9:.3g}: set it to at most {config.square_m * np.sqrt(available / square):.2g}"
+            f"of memory, a map may take {available / 1e9:.3g}: set it to at most "
+            f"{config.square_m * np.sqrt(available / square):.2g}"
         )
 
 

@@ -22,13 +22,13 @@ from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_vox
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames, Unplaced
-from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.surface import extraction, islands
 from stereo_seecolor.mapping.surface.fusion import fuse_tile
 from stereo_seecolor.mapping.surface.join import write_map
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, cut
+from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.placement import place
 from stereo_seecolor.mapping.track.upright import upright
@@ -189,7 +189,9 @@ def _write_description(path: Path, place: Georeference, config: MappingConfig) -
     content = {
         "format": "stereo-seecolor/map",
         "offset_m": place.offset_m.tolist(),
-        "origin": {"latitude_deg": place.origin.latitude_deg, "longitude_deg": place.origin.longitude_deg} if place.origin else None,
+        "origin": {"latitude_deg": place.origin.latitude_deg, "longitude_deg": place.origin.longitude_deg}
+        if place.origin
+        else None,
         "voxel_m": config.voxel_m,
         "dem_m": config.terrain_cell_m,
         "mosaic_m": config.mosaic_cell_m,

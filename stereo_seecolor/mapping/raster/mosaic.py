@@ -111,9 +111,7 @@ def _points(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Ar
         return np.stack([x, y, np.where(weight > 0.5, z / weight, np.nan)], axis=-1)
 
 
-def _reaching(
-    points: Array, boxes: dict[int, tuple[Array, Array]], T: Array
-) -> list[int]:
+def _reaching(points: Array, boxes: dict[int, tuple[Array, Array]], T: Array) -> list[int]:
     """The frames that see part of the block, those right above its middle first, no more than are of use."""
     low, high = points[..., :2].min(axis=(0, 1)), points[..., :2].max(axis=(0, 1))
     middle = (low + high) / 2
@@ -185,7 +183,9 @@ def _view(points: Array, frame: SurveyFrame, T_local_camera: Array, geometry: Re
     whole = cv2.remap(np.isfinite(frame.range_m).astype(np.float32), u, v, cv2.INTER_LINEAR) > 0.999
     distance = np.sqrt(local[..., 0] ** 2 + local[..., 1] ** 2 + local[..., 2] ** 2)
     with np.errstate(invalid="ignore"):
-        hidden = np.abs(measured - distance) > SETTINGS.hidden_m + SETTINGS.hidden_fraction * distance  # something stands before it, or it moved
+        hidden = (
+            np.abs(measured - distance) > SETTINGS.hidden_m + SETTINGS.hidden_fraction * distance
+        )  # something stands before it, or it moved
         seen = inside & ~hidden & whole
         offset = points - T_local_camera[:3, 3]
         cost = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)

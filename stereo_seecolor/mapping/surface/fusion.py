@@ -29,9 +29,7 @@ def fuse_tile(tile: Tile, tiling: Tiling, frames: Iterable[PlacedFrame], geometr
     surface = _cut_to_tile(triangles, tile, tiling)
     keys = packed(*tile.blocks.T.astype(np.int64))
     order = np.argsort(keys)
-    colored = colors_at(
-        surface.points_m.astype(np.float64), keys[order], order, volume.color, volume.color_weight, tiling.voxel_m
-    )
+    colored = colors_at(surface.points_m.astype(np.float64), keys[order], order, volume.color, volume.color_weight, tiling.voxel_m)
     return replace(surface, colors=np.clip(np.rint(colored), 0, 255).astype(np.uint8))
 
 

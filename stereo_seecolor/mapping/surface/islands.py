@@ -35,7 +35,7 @@ def kept_parts(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bo
     for surface in surfaces:
         part = surface.parts
         count = int(part.max(initial=-1)) + 1
-        areas.append(np.bincount(part[surface.triangles[:, 0]], surface.areas_m2, minlength=count))
+        areas.append(np.bincount(part[surface.triangles[:, 0]], surface.areas_m2, minlength=count).astype(np.float64))
         for i in np.flatnonzero(near_border(surface.points_m, tile_m)):
             own = first + int(part[i])
             joined.append((own, border.setdefault(surface.points_m[i].tobytes(), own)))
@@ -43,7 +43,7 @@ def kept_parts(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bo
     if not first:
         return [np.zeros(0, np.bool_) for _ in areas]
     ends = np.array(joined, np.int64).reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends), np.bool_), (ends[:, 0], ends[:, 1])), (first, first))
+    graph = coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), (first, first))
     whole = connected_components(graph, directed=False)[1]
     kept = np.bincount(whole, np.concatenate(areas))[whole] >= MIN_ISLAND_M2
     if not kept.any():  # a map of scraps is better than none

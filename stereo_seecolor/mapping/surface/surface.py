@@ -28,7 +28,7 @@ class Surface:
         """(V,) which connected part of the surface each point belongs to, numbered from 0."""
         a, b, c = self.triangles.T
         ends = np.concatenate([a, b]), np.concatenate([b, c])
-        graph = coo_array((np.ones(len(ends[0]), np.bool_), ends), (len(self.points_m),) * 2)
+        graph = coo_array((np.ones(len(ends[0]), np.int8), ends), (len(self.points_m),) * 2)
         return np.asarray(connected_components(graph, directed=False)[1], np.int64)
 
     @property

@@ -67,6 +67,8 @@ def cut(component: Component, voxel_m: float, tile_m: float) -> Tiling:
         pending.append(_blocks_near(points, reach_m, block_m))
         if len(pending) == FRAMES_AT_ONCE:
             found, pending = np.unique(np.concatenate([found, *pending])), []
+    if not boxes:
+        return Tiling((), voxel_m, tile_blocks, 0)
     blocks = _unpack(np.unique(np.concatenate([found, *pending])))
     columns = len(np.unique(packed(blocks[:, 0].astype(np.int64), blocks[:, 1].astype(np.int64), 0)))
     return Tiling(tuple(_deal(blocks, boxes, tile_blocks)), voxel_m, tile_blocks, columns)

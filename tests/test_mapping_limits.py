@@ -1,0 +1,159 @@
+"""Settings and coordinates at the edge of what can be held: refused with the number, or right."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mapping_scene import CONFIG, PAIR, flat_frame, read_cloud, track, write_run
+
+from stereo_seecolor.commands import jobs
+from stereo_seecolor.config import MappingConfig, RunConfig, load_config
+from stereo_seecolor.errors import ConfigError, DeviceError, MappingError
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.mapping import limits
+from stereo_seecolor.mapping.surface.surface import Surface
+from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
+from stereo_seecolor.mapping.track import loop_closure
+from stereo_seecolor.records import Trajectory
+
+pytestmark = pytest.mark.usefixtures("open3d")
+
+
+def build(folder: Path, trajectory: Trajectory | None = None, **settings: Any) -> MapSummary:
+    config = CONFIG.model_copy(update=settings)
+    return build_map([flat_frame(i) for i in range(4)], PAIR, folder, config, trajectory or track(4))
+
+
+def moved(offset_m: tuple[float, float, float]) -> Trajectory:
+    trajectory = track(4)
+    trajectory.T_world_camera[:, :3, 3] += offset_m
+    return trajectory
+
+
+def test_utm_coordinates_give_the_same_map_with_its_offset_stated(tmp_path: Path) -> None:
+    rasterio = pytest.importorskip("rasterio")
+    offset = (500_000.0, 8_000_000.0, 0.0)
+    build(tmp_path / "near")
+    build(tmp_path / "far", moved(offset))
+    near, far = (read_cloud(tmp_path / name / "cloud.ply") for name in ("near", "far"))
+    np.testing.assert_array_equal(near["position"], far["position"])
+    np.testing.assert_array_equal(near["color"], far["color"])
+    for name in ("cloud.ply", "mesh.ply"):
+        head = (tmp_path / "far" / name).read_bytes().split(b"end_header")[0].decode()
+        assert "comment offset 500000.000 8000000.000 0.000" in head
+    assert json.loads((tmp_path / "far" / "map.json").read_text())["offset_m"] == list(offset)
+    with rasterio.open(tmp_path / "near" / "dem.tif") as a, rasterio.open(tmp_path / "far" / "dem.tif") as b:
+        np.testing.assert_array_equal(a.read(1), b.read(1))
+        assert b.bounds.left - a.bounds.left == pytest.approx(offset[0], abs=1e-6)
+        assert b.bounds.top - a.bounds.top == pytest.approx(offset[1], abs=1e-6)
+    rows = [(tmp_path / name / "reef_metrics.csv").read_text().splitlines()[2].split(",") for name in ("near", "far")]
+    assert float(rows[1][2]) - float(rows[0][2]) == pytest.approx(offset[1], abs=1e-3)
+    written = (tmp_path / "far" / "trajectory.tum").read_text().splitlines()[2].split()
+    assert [float(value) for value in written[1:4]] == pytest.approx([500_000, 8_000_000, 1.5])
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"voxel_m": 1e-6}, r"voxel_m=1e-06: a pixel of these images covers 7.* mm .* set it to at least 0.0009"),
+        ({"voxel_m": 100.0}, r"voxel_m=100: the scene is 1.* m away: set it to at most 0.39"),
+        (
+            {"dem_m": 1e-5, "tile_m": None},
+            r"terrain cells of 1e-05 m needs about .* GB of memory.*larger mapping.voxel_m and mapping.dem_m",
+        ),
+        ({"mosaic_m": 1e-5}, r"mosaic_m=1e-05: the map would have .* cells, at most 4e\+09 are made: set it to at least"),
+        ({"metrics_m": 1e9}, r"metrics_m=1e\+09: a square .* needs about .* GB of memory.*: set it to at most"),
+    ],
+)
+def test_absurd_sizes_are_refused_with_what_to_set(tmp_path: Path, settings: dict[str, float], message: str) -> None:
+    with pytest.raises(MappingError, match=message):
+        build(tmp_path, **settings)
+
+
+def test_a_tile_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(limits, "memory_bytes", lambda: 2e6)
+    with pytest.raises(MappingError, match=r"a tile of 0.96 m .* GB of memory, a map may take 0.001: set mapping.tile_m to 0\."):
+        build(tmp_path)
+
+
+def test_a_huge_tile_is_one_tile(tmp_path: Path) -> None:
+    assert build(tmp_path, tile_m=1e9).points == build(tmp_path / "again").points
+
+
+@pytest.mark.parametrize("value", [".inf", ".nan", "0", "-1"])
+@pytest.mark.parametrize("key", ["voxel_m", "tile_m", "dem_m", "mosaic_m", "metrics_m"])
+def test_sizes_are_positive_and_finite(key: str, value: str) -> None:
+    with pytest.raises(ConfigError, match=f"mapping.{key}"):
+        load_config(None, [f"mapping.{key}={value}"])
+
+
+def test_a_tile_of_less_than_two_blocks_is_refused_before_anything_runs() -> None:
+    with pytest.raises(ConfigError, match=r"tile_m=1e-06 is less than 16 voxels: set it to at least 0.16"):
+        load_config(None, ["mapping.tile_m=1e-6"])
+
+
+def test_cells_and_tiles_follow_the_voxels() -> None:
+    plain, coarse = MappingConfig(), MappingConfig(voxel_m=0.1)
+    assert (plain.tile_edge_m, plain.terrain_cell_m, plain.mosaic_cell_m, plain.square_m) == (6.0, 0.01, 0.005, 1.0)
+    assert (coarse.tile_edge_m, coarse.terrain_cell_m, coarse.mosaic_cell_m, coarse.square_m) == (60.0, 0.1, 0.05, 10.0)
+
+
+def test_a_survey_too_long_for_its_voxels_is_refused(tmp_path: Path) -> None:
+    trajectory = track(4, step_m=20_000.0)
+    with pytest.raises(MappingError, match=r"reaches 30 km from its middle.*: set mapping.voxel_m to at least 0.029"):
+        build(tmp_path, trajectory, max_speed_m_s=1e6)
+
+
+def test_a_tile_without_a_surface_is_empty(tmp_path: Path) -> None:
+    frames = [flat_frame(i) for i in range(3)]
+    for frame in frames[1:]:  # ranges of one pixel in eight: no voxel has eight neighbors that are known
+        hidden = np.ones(frame.range_m.shape, np.bool_)
+        hidden[::16, ::16] = False
+        frame.range_m[hidden] = np.nan
+    trajectory = track(3, step_m=3.0)
+    summary = build_map(frames, PAIR, tmp_path, CONFIG.model_copy(update={"max_speed_m_s": 10.0}), trajectory)
+    assert summary.placed == 3
+    assert read_cloud(tmp_path / "cloud.ply")["position"][:, 0].max() < 1
+
+
+def test_a_map_without_any_surface_is_empty(tmp_path: Path) -> None:
+    frame = flat_frame(0)
+    frame.range_m[np.arange(128) % 9 != 4] = np.nan
+    frame.range_m[:, np.arange(160) % 9 != 4] = np.nan
+    assert build_map([frame], PAIR, tmp_path, CONFIG, track(1)).points == 0
+    assert (tmp_path / "preview.png").exists()
+    assert Surface.empty().parts.size == 0
+
+
+def test_candidates_between_components_need_no_table_of_all_pairs() -> None:
+    assert loop_closure.between_components(np.zeros(200_000, np.int64)) == []
+    components = np.repeat([0, 1, -1, 0], [3, 2, 4, 1])
+    every = [(i, j) for i in range(10) for j in range(i + 1, 10) if -1 not in (a := components[[i, j]]) and a[0] != a[1]]
+    assert loop_closure.between_components(components) == every
+    many = loop_closure.between_components(np.repeat([0, 1], 20_000))
+    assert 1400 < len(many) <= 1500
+    assert all(i < 20_000 <= j for i, j in many)
+
+
+def test_each_pass_of_a_map_in_components_has_its_own_progress(tmp_path: Path) -> None:
+    trajectory = track(6)
+    trajectory.T_world_camera[3:, 1, 3] += 50
+    told: list[tuple[str, int, int]] = []
+    progress = Workspace(progress=lambda what, done, total: told.append((what, done, total)))
+    build_map([flat_frame(i) for i in range(6)], PAIR, tmp_path, CONFIG, trajectory, progress)
+    for what in dict.fromkeys(what for what, _, _ in told):
+        steps = [(done, total) for name, done, total in told if name == what]
+        assert steps == [(i + 1, len(steps)) for i in range(len(steps))], what
+    assert "fusing tiles, component 2 of 2" in {what for what, _, _ in told}
+
+
+def test_a_prior_without_gtsam_is_refused_before_the_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "gtsam", None)
+    write_tum(tmp_path / "track.tum", track(2))
+    write_run(tmp_path / "out", [flat_frame(i) for i in range(2)], PAIR)
+    config = RunConfig(mapping=CONFIG.model_copy(update={"poses": "prior"}))
+    with pytest.raises(DeviceError, match=r"pip install 'stereo-seecolor\[slam\]'"):
+        jobs.check_fusion(tmp_path / "track.tum", config)
