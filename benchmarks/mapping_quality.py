@@ -249,7 +249,7 @@ def main(folder: Path, pairs: int) -> None:
         if not (out / "dem.tif").exists():
             summary = build_map(survey, survey.pair, out, config, trajectory)
             print(
-                f"{name}: {summary.seconds:.0f} s, pieces {summary.pieces}, without a place "
+                f"{name}: {summary.seconds:.0f} s, components {summary.components}, without a place "
                 f"{[u.name for u in summary.unplaced]}, {summary.warnings}"
             )
         columns[name] = score(survey, out)

@@ -7,12 +7,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-<<<<<<< HEAD
-from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.mapping.surface.fusion import Surface
-=======
 from stereo_seecolor.mapping.surface.surface import Surface
->>>>>>> 4a8af6c (Rework the map into components, one geometry, one PLY and one TUM writer, bounded settings)
 
 MIN_ISLAND_M2 = 0.05
 """Less than a sheet of paper that touches nothing else: not the bottom."""
@@ -48,38 +43,4 @@ def kept_parts(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bo
     kept = np.bincount(whole, np.concatenate(areas))[whole] >= MIN_ISLAND_M2
     if not kept.any():  # a map of scraps is better than none
         kept[:] = True
-<<<<<<< HEAD
-    return np.split(kept, np.cumsum(counts)[:-1]) if counts else []
-
-
-@compiled
-def _roots(count: int, triangles: Any) -> Any:
-    """Union-find with path halving."""
-    parent = np.arange(count)
-    for t in range(len(triangles)):
-        for k in range(1, 3):
-            a, b = triangles[t, 0], triangles[t, k]
-            while parent[a] != a:
-                parent[a] = parent[parent[a]]
-                a = parent[a]
-            while parent[b] != b:
-                parent[b] = parent[parent[b]]
-                b = parent[b]
-            parent[max(a, b)] = min(a, b)
-    for i in range(count):
-        a = i
-        while parent[a] != a:
-            a = parent[a]
-        parent[i] = a
-    return parent
-
-
-def only(surface: Surface, kept_parts: NDArray[np.bool_]) -> Surface:
-    """The surface without the parts that are not kept."""
-    kept = kept_parts[labels(surface)]
-    numbers = np.cumsum(kept) - 1
-    triangles = surface.triangles[kept[surface.triangles[:, 0]]]
-    return Surface(surface.points_m[kept], surface.normals[kept], surface.colors[kept], numbers[triangles].astype(np.int32))
-=======
     return list(np.split(kept, np.cumsum([len(a) for a in areas])[:-1]))
->>>>>>> 4a8af6c (Rework the map into components, one geometry, one PLY and one TUM writer, bounded settings)
