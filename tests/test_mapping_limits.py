@@ -10,7 +10,8 @@ import pytest
 from mapping_scene import CONFIG, PAIR, flat_frame, read_cloud, track, write_run
 
 from stereo_seecolor.commands import jobs
-from stereo_seecolor.config import MappingConfig, RunConfig, load_config
+from stereo_seecolor.config import MappingConfig, RunConfig
+from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import ConfigError, DeviceError, MappingError
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping import limits
