@@ -15,6 +15,7 @@ from calibration import CalibrationError, Camera, StereoRig
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.records import Water
@@ -125,6 +126,31 @@ def trajectories(folder: Path) -> list[Path]:
     (folder / "a.tum").write_text("# t x y z\n" + "".join(f"{i}.5 {i * 0.1} 0.2 -1 0 0 0 1\n" for i in range(9)))
     (folder / "b.txt").write_text("".join(f"1 0 0 {i} 0 1 0 0 0 0 1 0\n" for i in range(9)))
     (folder / "c.txt").write_text("# Image list\n" + "".join(f"{i} 1 0 0 0 {i} 0 0 1 im{i}.png\n1 2 -1\n" for i in range(1, 9)))
+    (folder / "d.data").write_text(
+        "% STEREO_POSE_FILE\n-23.5\n152.0\n"
+        + "".join(f"{i} {i}.5 -23.5 152 {i} 2 3 0 0 1 L{i}.png R{i}.png 2 1 0\n" for i in range(9))
+    )
+    (folder / "e.xml").write_text(
+        '<?xml version="1.0"?>\n<document>\n<chunk>\n<reference>GEOGCS["WGS 84"]</reference>\n<transform>'
+        "<rotation>1 0 0 0 1 0 0 0 1</rotation><translation>6378137 0 0</translation><scale>2</scale></transform>\n<cameras>\n"
+        + "".join(f'<camera label="{i}"><transform>1 0 0 {i} 0 1 0 0 0 0 1 0 0 0 0 1</transform></camera>\n' for i in range(9))
+        + "</cameras>\n</chunk>\n</document>\n"
+    )
+    (folder / "f.txt").write_text(
+        '# CoordinateSystem: GEOGCS["WGS 84"]\n#Label,X/Longitude,Y/Latitude,Z/Altitude,Yaw,Pitch,Roll\n'
+        + "".join(f"{i}.jpg,152.{i},-23.5,-5,10,1,2\n" for i in range(9))
+    )
+    return sorted(folder.iterdir())
+
+
+def navigation(folder: Path) -> list[Path]:
+    rows = "".join(f"2020-01-02T00:00:0{i},-23.5,152.{i},5,{i}0\n" for i in range(9))
+    (folder / "nav.csv").write_text(f"t,lat,lon,d,h\n{rows}")
+    return sorted(folder.iterdir())
+
+
+def exposures(folder: Path) -> list[Path]:
+    (folder / "log.csv").write_text("name,exposure_ms,gain_db\n" + "".join(f"{i:04d}.png,{i + 1},3.5\n" for i in range(9)))
     return sorted(folder.iterdir())
 
 
@@ -139,6 +165,8 @@ KINDS: dict[str, tuple[Callable[[Path], list[Path]], Callable[[Path], object]]] 
     "calibrations": (calibrations, lambda path: load_rig(path, (640, 480))),
     "configs": (configs, load_config),
     "trajectories": (trajectories, read_trajectory),
+    "navigation": (navigation, lambda path: read_trajectory(Path(f"{path}:time=t,lat=lat,lon=lon,depth=d,heading=h"))),
+    "exposures": (exposures, ExposureTable.read),
     "waters": (waters, lambda path: read_waters(path, ["a"])),
 }
 

@@ -176,6 +176,8 @@ def test_degrees_agree_with_a_map_projection() -> None:
         ("nan nan nan nan nan nan nan nan\n", "no finite pose"),
         ("1 0 0 0 0 1 0 0 0 0 1 x\n", "line 1: expected numbers"),
         (b"\xff\xfe\x00", "is no UTF-8 text"),
+        ("0 0 0 1e300 0 0 0 1\n", "line 1: 1e\\+300 is neither a position nor a time"),
+        ("0 0 0 inf 0 0 0 1\n", "line 1: inf is neither"),
     ],
 )
 def test_what_cannot_be_read_is_named(tmp_path: Path, text: str | bytes, message: str) -> None:

@@ -8,28 +8,45 @@ import numpy as np
 
 from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.trajectories import acfr, colmap, kitti, matisse, oplab, orca, tum
+from stereo_seecolor.inputs.trajectories import (
+    acfr,
+    colmap,
+    column_map,
+    kitti,
+    matisse,
+    metashape_reference,
+    metashape_xml,
+    oplab,
+    orca,
+    tum,
+)
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
 from stereo_seecolor.records import Trajectory
 
-FORMATS = "TUM, KITTI, COLMAP images.txt, oplab, ACFR stereo_pose_est.data, ORCA, Matisse (CSV and dim2)"
+FORMATS = (
+    "TUM, KITTI, COLMAP images.txt, Metashape cameras (XML) and reference (text), oplab, ACFR stereo_pose_est.data, ORCA, Matisse "
+    "(CSV and dim2); or any table with a map of its columns, nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
+)
 
 _Reader = Callable[[Lines, MountConfig], Trajectory]
 _FORMATS: tuple[tuple[Callable[[Lines], bool], _Reader], ...] = tuple(
-    (module.recognizes, module.read) for module in (acfr, colmap, oplab, orca, matisse, kitti, tum)
+    (module.recognizes, module.read)
+    for module in (metashape_xml, metashape_reference, acfr, colmap, oplab, orca, matisse, kitti, tum)
 )
 
 
 def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     """Read the poses of the left camera from any known format; ``camera`` of what is returned tells whether of the raw one.
 
+    path: the file, or a table with a map of its columns: ``nav.csv:time=UTC,lat=Latitude,...`` (roles in column_map.ROLES).
     mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude (oplab, ORCA, Matisse).
     A pose that is not finite is kept as NaN, so that the map can name the frame that has none.
 
     Raises InputError for a file that cannot be read, is of no known format, or holds no pose.
     """
-    lines = read_lines(path)
-    trajectory = _reader(lines)(lines, mount or MountConfig())
+    file, columns = column_map.split_spec(path)
+    lines, mount = read_lines(file), mount or MountConfig()
+    trajectory = column_map.read(lines, columns, mount) if columns else _reader(lines)(lines, mount)
     if not np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).any():
         raise InputError(f"{path}: holds no finite pose")
     return trajectory
@@ -44,6 +61,11 @@ def rectified_trajectory(path: Path, config: MappingConfig, T_rectified_left: np
     if config.poses_of != "format":
         trajectory = replace(trajectory, camera=config.poses_of)
     return trajectory.of_rectified(T_rectified_left)
+
+
+def trajectory_file(path: Path) -> Path:
+    """The file that is read for ``path``, which may have a map of columns after it. Raises InputError for a bad map."""
+    return column_map.split_spec(path)[0]
 
 
 def _reader(lines: Lines) -> _Reader:

@@ -2,11 +2,15 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.records import GeoOrigin
 
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+
+_LEAST_QUATERNION = 1e-300
+"""Smaller numbers cannot be divided by."""
 
 _SEMI_MAJOR_M = 6378137.0
 _ECCENTRICITY_SQUARED = 0.00669437999014
@@ -14,27 +18,19 @@ _ECCENTRICITY_SQUARED = 0.00669437999014
 
 def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> NDArray[np.float64]:
     """Rz(yaw) Ry(pitch) Rx(roll), radians, shape (..., 3, 3): body axes to the axes the angles are measured in."""
-    r, p, y = np.broadcast_arrays(*(np.asarray(a, dtype=np.float64) for a in (roll, pitch, yaw)))
-    sr, cr, sp, cp, sy, cy = np.sin(r), np.cos(r), np.sin(p), np.cos(p), np.sin(y), np.cos(y)
-    rows = [
-        np.stack([cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr], axis=-1),
-        np.stack([sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr], axis=-1),
-        np.stack([-sp, cp * sr, cp * cr], axis=-1),
-    ]
-    return np.stack(rows, axis=-2)
+    angles = np.stack(np.broadcast_arrays(yaw, pitch, roll), axis=-1).astype(np.float64)
+    return np.asarray(Rotation.from_euler("ZYX", angles).as_matrix())
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """(N, 4) as x, y, z, w -> (N, 3, 3); normalized first, NaN for a zero quaternion."""
+    """(N, 4) as x, y, z, w -> (N, 3, 3); normalized first, NaN where it is zero or not finite."""
     q = np.atleast_2d(np.asarray(quaternion, dtype=np.float64))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        x, y, z, w = (q / np.linalg.norm(q, axis=1, keepdims=True)).T
-    rows = [
-        np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=-1),
-        np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=-1),
-        np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=-1),
-    ]
-    return np.stack(rows, axis=-2)
+    R = np.full((len(q), 3, 3), np.nan)
+    known = np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) > _LEAST_QUATERNION)
+    if known.any():
+        scaled = q[known] / np.abs(q[known]).max(axis=1, keepdims=True)  # squares of huge numbers would overflow
+        R[known] = Rotation.from_quat(scaled).as_matrix()
+    return R
 
 
 def poses(R: NDArray[np.float64], position_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -77,3 +73,27 @@ def north_east_from_degrees(latitude_deg: ArrayLike, longitude_deg: ArrayLike, o
 
 def _flattened(latitude: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(1 - _ECCENTRICITY_SQUARED * np.sin(latitude) ** 2)
+
+
+def geodetic_from_geocentric(position_m: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Latitude and longitude in degrees and height in meters (WGS84) of one point (3,), by Bowring's formula (1976).
+
+    Within 1e-6 m up to 10 km above or below the ellipsoid.
+    """
+    x, y, z = position_m
+    semi_minor_m = _SEMI_MAJOR_M * np.sqrt(1 - _ECCENTRICITY_SQUARED)
+    from_axis_m = np.hypot(x, y)
+    reduced = np.arctan2(z * _SEMI_MAJOR_M, from_axis_m * semi_minor_m)
+    second_eccentricity_squared = _ECCENTRICITY_SQUARED / (1 - _ECCENTRICITY_SQUARED)
+    latitude = np.arctan2(
+        z + second_eccentricity_squared * semi_minor_m * np.sin(reduced) ** 3,
+        from_axis_m - _ECCENTRICITY_SQUARED * _SEMI_MAJOR_M * np.cos(reduced) ** 3,
+    )
+    prime_vertical_m = _SEMI_MAJOR_M / np.sqrt(_flattened(latitude))
+    height_m = from_axis_m * np.cos(latitude) + z * np.sin(latitude) - _SEMI_MAJOR_M**2 / prime_vertical_m
+    return float(np.degrees(latitude)), float(np.degrees(np.arctan2(y, x))), float(height_m)
+
+
+def east_north_up_axes(latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
+    """(3, 3): rows are east, north and up in geocentric axes."""
+    return np.asarray(Rotation.from_euler("zx", [-90 - longitude_deg, latitude_deg - 90], degrees=True).as_matrix())

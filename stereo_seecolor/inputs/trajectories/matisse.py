@@ -1,13 +1,13 @@
 """Matisse: navigation CSV with a header, and ``;``-separated dim2; the vehicle's position and attitude."""
 
 import re
-from datetime import UTC, datetime
 
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
-from stereo_seecolor.inputs.trajectories.vehicle import camera_trajectory
+from stereo_seecolor.inputs.trajectories.times import date_and_time
+from stereo_seecolor.inputs.trajectories.vehicle import VehicleTrack, from_degrees
 from stereo_seecolor.records import Trajectory
 
 _NEEDED = ("date", "time", "latitude", "longitude", "depth", "heading", "pitch", "roll")
@@ -31,9 +31,9 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     times = [_seconds(lines, number, row["date"], row["time"]) for number, row in table.rows]
     latitude, longitude, depth_m, heading, pitch, roll = (np.array(table.column(name)) for name in _NEEDED[2:])
     attitude_deg = np.stack([roll, pitch, heading], axis=-1)
-    return camera_trajectory(
-        tuple(table.text("filename")), np.array(times), latitude, longitude, np.abs(depth_m), attitude_deg, mount
-    )
+    north_east_m, origin = from_degrees(latitude, longitude)
+    names = tuple(table.text("filename"))
+    return VehicleTrack(names, np.array(times), north_east_m, np.abs(depth_m), attitude_deg, origin).camera(mount)
 
 
 def _is_dim2(lines: Lines) -> bool:
@@ -47,12 +47,7 @@ def _header(lines: Lines) -> list[str]:
 
 
 def _seconds(lines: Lines, number: int, date: str, time: str) -> float:
-    """d/m/Y or Y/m/d with slashes or dashes, and h:m:s with a fraction or without."""
-    parts = re.split(r"[/-]", date)
     try:
-        day, month, year = (int(part) for part in (parts if len(parts[2]) == 4 else parts[::-1]))
-        hours, minutes, seconds = time.split(":")
-        midnight = datetime(year, month, day, tzinfo=UTC).timestamp()
-        return midnight + 3600 * int(hours) + 60 * int(minutes) + float(seconds)
-    except (ValueError, IndexError) as error:
+        return date_and_time(date, time)
+    except ValueError as error:
         raise lines.error(number, f"no date and time in {date!r}, {time!r}: write d/m/Y or Y/m/d and h:m:s") from error

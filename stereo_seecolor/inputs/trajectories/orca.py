@@ -1,12 +1,11 @@
 """ORCA processed_images.csv: ``image_name,image_path,timestamp_utc,latitude,longitude,heading_deg,depth_m``."""
 
-from datetime import UTC, datetime
-
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.inputs.trajectories.table import Lines, Table
-from stereo_seecolor.inputs.trajectories.vehicle import camera_trajectory
+from stereo_seecolor.inputs.trajectories.times import seconds
+from stereo_seecolor.inputs.trajectories.vehicle import VehicleTrack, from_degrees
 from stereo_seecolor.records import Trajectory
 
 
@@ -23,20 +22,14 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     depth_m = np.array(table.column("depth_m", np.nan))
     attitude_deg = np.zeros((len(table.rows), 3))
     attitude_deg[:, 2] = table.column("heading_deg", np.nan)
-    return camera_trajectory(
-        tuple(table.text("image_name")),
-        np.array([_seconds(text) for text in table.text("timestamp_utc")]),
-        np.array(table.column("latitude")),
-        np.array(table.column("longitude")),
-        np.where(depth_m > 0, depth_m, np.nan),
-        attitude_deg,
-        mount,
-    )
+    north_east_m, origin = from_degrees(np.array(table.column("latitude")), np.array(table.column("longitude")))
+    times = np.array([_seconds_or_nan(text) for text in table.text("timestamp_utc")])
+    depth_m = np.where(depth_m > 0, depth_m, np.nan)
+    return VehicleTrack(tuple(table.text("image_name")), times, north_east_m, depth_m, attitude_deg, origin).camera(mount)
 
 
-def _seconds(text: str) -> float:
+def _seconds_or_nan(text: str) -> float:
     try:
-        moment = datetime.fromisoformat(text)
+        return seconds(text)
     except ValueError:
         return float("nan")
-    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()

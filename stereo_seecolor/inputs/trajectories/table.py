@@ -1,10 +1,14 @@
 """The text of a trajectory file: lines with their numbers, and numbers that name the line they fail on."""
 
+import csv
 from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.reading import read_bytes
+
+LARGEST = 1e12
+"""Meters, degrees and seconds are less: the epoch is at 2e9 s."""
 
 
 def is_number(field: str) -> bool:
@@ -34,11 +38,14 @@ class Lines:
         return InputError(f"{self.path}: line {number}: {what}")
 
     def numbers(self, number: int, fields: list[str]) -> list[float]:
-        """Fields as floats ("nan" is one). Raises InputError naming the line."""
+        """Fields as floats ("nan" is one). Raises InputError naming the line, also for what no position or time can be."""
         try:
-            return [float(field) for field in fields]
+            values = [float(field) for field in fields]
         except ValueError as error:
             raise self.error(number, f"expected numbers, got {' '.join(fields)[:60]!r}") from error
+        if any(abs(value) > LARGEST for value in values):
+            raise self.error(number, f"{max(values, key=abs):g} is neither a position nor a time")
+        return values
 
 
 def read_lines(path: Path) -> Lines:
@@ -63,10 +70,12 @@ class Table:
 
     @classmethod
     def read(cls, lines: Lines, separator: str, header: list[str], rows: tuple[tuple[int, str], ...]) -> "Table":
-        """Split the rows. Raises InputError for a row of another length than the header."""
+        """Split the rows. Raises InputError where there are none, and for a row that is shorter than the header."""
+        if not rows:
+            raise InputError(f"{lines.path}: holds a header, but no rows")
         split = []
         for number, line in rows:
-            fields = [field.strip() for field in line.split(separator)]
+            fields = _split(lines, number, separator, line)
             if len(fields) < len(header):
                 raise lines.error(number, f"has {len(fields)} columns, the header has {len(header)}")
             split.append((number, dict(zip(header, fields, strict=False))))
@@ -86,3 +95,10 @@ class Table:
 
     def _number(self, number: int, field: str) -> float:
         return float("nan") if field.lower() in ("", "none") else self.lines.numbers(number, [field])[0]
+
+
+def _split(lines: Lines, number: int, separator: str, line: str) -> list[str]:
+    try:
+        return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+    except csv.Error as error:
+        raise lines.error(number, str(error)) from error

@@ -1,4 +1,6 @@
-"""From where the vehicle was on Earth to where the camera was in the map."""
+"""From where the vehicle was to where the camera was in the map."""
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,25 +15,36 @@ from stereo_seecolor.inputs.trajectories.axes import (
 )
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
+Column = NDArray[np.float64]
+"""(N,) float64, NaN = unknown."""
 
-def camera_trajectory(
-    names: tuple[str, ...],
-    timestamps_s: NDArray[np.float64],
-    latitude_deg: NDArray[np.float64],
-    longitude_deg: NDArray[np.float64],
-    depth_m: NDArray[np.float64],
-    attitude_deg: NDArray[np.float64],
-    mount: MountConfig,
-) -> Trajectory:
-    """The raw camera's poses in east-north-up; the origin is the first position that is known, at the water's surface.
 
-    attitude_deg: (N, 3) roll, pitch, heading of the vehicle. What is NaN gives a NaN pose.
+@dataclass(frozen=True, eq=False)
+class VehicleTrack:
+    """Navigation of a vehicle, N rows; what is NaN gives a NaN pose.
+
+    names: of the images, "" where none is named. timestamps_s: (N,) seconds since 1970. north_east_m: (N, 2) from the origin.
+    depth_m: (N,) below the surface. attitude_deg: (N, 3) roll, pitch, heading. origin: None for a local map.
     """
+
+    names: tuple[str, ...]
+    timestamps_s: Column
+    north_east_m: NDArray[np.float64]
+    depth_m: Column
+    attitude_deg: NDArray[np.float64]
+    origin: GeoOrigin | None = None
+
+    def camera(self, mount: MountConfig) -> Trajectory:
+        """The raw camera's poses in east-north-up, z zero at the water's surface."""
+        R_ned_vehicle = rotation_from_euler(*np.radians(self.attitude_deg.T))
+        position = np.column_stack([self.north_east_m, self.depth_m]) + R_ned_vehicle @ mount_offset_m(mount)
+        T = poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position)
+        return Trajectory(self.names, self.timestamps_s, T, origin=self.origin, camera="raw")
+
+
+def from_degrees(latitude_deg: Column, longitude_deg: Column) -> tuple[NDArray[np.float64], GeoOrigin]:
+    """(N, 2) meters north and east of the first known position; and that position."""
     known = np.flatnonzero(np.isfinite(latitude_deg) & np.isfinite(longitude_deg))
     first = int(known[0]) if known.size else 0
     origin = GeoOrigin(float(latitude_deg[first]), float(longitude_deg[first]))
-    north_east = north_east_from_degrees(latitude_deg, longitude_deg, origin)
-    R_ned_vehicle = rotation_from_euler(*np.radians(attitude_deg.T))
-    position = np.concatenate([north_east, depth_m[:, None]], axis=1) + R_ned_vehicle @ mount_offset_m(mount)
-    T = poses_from_ned(R_ned_vehicle @ mount_rotation(mount), position)
-    return Trajectory(names, timestamps_s, T, origin=origin, camera="raw")
+    return north_east_from_degrees(latitude_deg, longitude_deg, origin), origin

@@ -1,0 +1,93 @@
+"""Tables of navigation that no format is known of, read by a map of their columns."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from test_trajectories import EAST_UP, NORTH_UP, write
+
+from stereo_seecolor.config import MountConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_file
+
+NAV = "Stamp,Lat (deg),Lon (deg),D,Hdg,File\n1000.5,50,-10,5,0,a.png\n1001.5,50,-10,5,90,b.png\n"
+MAP = "time=Stamp,lat=Lat (deg),lon=Lon (deg),depth=D,heading=Hdg"
+
+
+def spec(path: Path, columns: str) -> Path:
+    return Path(f"{path}:{columns}")
+
+
+def test_a_table_by_its_columns(tmp_path: Path) -> None:
+    path = write(tmp_path, NAV, "nav.csv")
+    trajectory = read_trajectory(spec(path, f"{MAP},name=File"))
+    assert trajectory.names == ("a.png", "b.png")
+    assert trajectory.timestamps_s.tolist() == [1000.5, 1001.5]
+    np.testing.assert_allclose(trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12)
+    np.testing.assert_allclose(trajectory.T_world_camera[:, :3, 3], [[0, 0, -5]] * 2, atol=1e-9)
+    assert trajectory.origin is not None
+    assert trajectory_file(spec(path, MAP)) == path
+    assert trajectory_file(path) == path
+
+
+def test_meters_north_and_east_heights_and_the_mount(tmp_path: Path) -> None:
+    path = write(tmp_path, '"north";"east";"height";"psi";"theta";"name"\n2;1;-3;0;10;"a;b.png"\n', "nav.txt")
+    columns = "north=north,east=east,up=height,heading=psi,pitch=theta,name=NAME"
+    trajectory = read_trajectory(spec(path, columns), MountConfig(surge_m=1.0))
+    angle = np.radians(10)
+    # bow up by 10 degrees: a camera 1 m forward is cos 10 further north and sin 10 higher, and looks backward a little
+    np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [1, 2 + np.cos(angle), -3 + np.sin(angle)], atol=1e-12)
+    np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 2], [0, np.sin(angle), -np.cos(angle)], atol=1e-12)
+    assert trajectory.names == ("a;b.png",)
+    assert trajectory.origin is None
+    assert np.isnan(trajectory.timestamps_s).all()
+
+
+@pytest.mark.parametrize(
+    "time",
+    ["1577923201.5", "1577923201500", "1577923201500000", "1577923201500000000", "2020-01-02T00:00:01.5Z", "2020-01-02 00:00:01.5"],
+)
+def test_times_of_every_unit(tmp_path: Path, time: str) -> None:
+    path = write(tmp_path, f"t,x,y,z,h\n{time},0,0,0,0\n", "nav.csv")
+    found = read_trajectory(spec(path, "time=t,east=x,north=y,depth=z,heading=h")).timestamps_s
+    assert found.tolist() == pytest.approx([1577923201.5])
+
+
+def test_date_and_time_apart(tmp_path: Path) -> None:
+    path = write(tmp_path, "day\ttime\tx\ty\tz\th\n02/01/2020\t00:00:01.5\t0\t0\t0\t0\n", "nav.tsv")
+    found = read_trajectory(spec(path, "date=day,time=time,east=x,north=y,depth=z,heading=h")).timestamps_s
+    assert found.tolist() == [1577923201.5]
+
+
+def test_what_is_empty_has_no_pose(tmp_path: Path) -> None:
+    path = write(tmp_path, NAV + "1002.5,50,-10,,90,c.png\n", "nav.csv")
+    assert np.isfinite(read_trajectory(spec(path, MAP)).T_world_camera).all(axis=(1, 2)).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ("time=Stamp,lat=Lat (deg)", r"lacks lat and lon \(or north and east\), depth \(or up\), heading: write nav.csv:"),
+        ("lat=Lat (deg),lon=Lon (deg),depth=D,heading=Hdg", r"lacks time \(or name\)"),
+        (MAP + ",speed=V", "'speed=V' is no role=column"),
+        (MAP + ",time=V", "'time=V' is no role=column with a role of its own"),
+        (MAP + ",roll", "'roll' is no role=column"),
+        (MAP + ",roll=Hd", r"has no column 'Hd' for roll; did you mean 'hdg'\?"),
+        (MAP + ",roll=inclination", "has no column 'inclination' for roll; it has stamp, lat"),
+        (MAP.replace("time=Stamp", "time=File"), r"line 2: no time in 'a\.png'"),
+        (MAP.replace("heading=Hdg", "heading=File"), r"line 2: expected numbers, got 'a\.png'"),
+    ],
+)
+def test_maps_that_cannot_be_used(tmp_path: Path, columns: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_trajectory(spec(write(tmp_path, NAV, "nav.csv"), columns))
+
+
+def test_a_table_without_rows(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds a header, but no rows"):
+        read_trajectory(spec(write(tmp_path, NAV.splitlines()[0] + "\n", "nav.csv"), MAP))
+
+
+def test_a_missing_table(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"nav\.csv: cannot be read: No such file"):
+        read_trajectory(spec(tmp_path / "nav.csv", MAP))
