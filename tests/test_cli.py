@@ -435,14 +435,6 @@ def test_help_loads_no_heavy_library() -> None:
     assert "HEAVY []" in printed
 
 
-def test_doctor_names_the_mend(cli) -> None:
-    code, printed, _ = cli("doctor")
-    assert code == 0
-    assert "torch" in printed
-    assert "open3d" in printed
-    assert printed.count("LACK") == printed.count("mend it with: ")
-
-
 def test_demo_shows_how_near_the_truth_it_comes(cli, tmp_path) -> None:
     code, printed, _ = cli("demo", "--out", str(tmp_path / "demo"))
     assert code == 0

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -6,7 +7,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.evaluation.charts import OURS, correct_by_all, evaluate_charts, score_target
+from stereo_seecolor.evaluation.charts import OURS, ChartReport, correct_by_all, evaluate_charts, score_target
 from stereo_seecolor.evaluation.targets import CHART_SRGB, chart, find_chart, neutral, read_targets, targets_of
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
@@ -122,6 +123,34 @@ def test_given_corners_are_used(folders: tuple[Path, Path], chart_image: tuple[n
     file.write_text(json.dumps({"a": [{"chart": chart_image[1].tolist()}]}))
     report = evaluate_charts(*folders, targets=file)
     assert {row.target for row in report.rows} == {"chart 1"}
+
+
+def test_a_target_without_usable_pixels_is_named_and_no_mean_is_lost(
+    folders: tuple[Path, Path], chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    file = tmp_path / "targets.json"
+    beside_the_image = [[5000.0, 10.0], [5100.0, 10.0], [5100.0, 90.0]]
+    file.write_text(json.dumps({"a": [{"chart": chart_image[1].tolist()}, {"polygon": beside_the_image}]}))
+    report = evaluate_charts(*folders, targets=file)
+    assert report.without_target == ("a: polygon 2", "b")
+    assert all(np.isfinite([row.psi_deg, row.ciede2000]).all() for row in (*report.rows, *report.means()))
+    assert {row.target for row in report.means()} == {"mean of 1"}
+
+
+def test_patches_of_unknown_range_are_left_out(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+    image, corners = chart_image
+    target = chart("c", corners, SIZE)
+    known = score_target("f", target, "all", image * [0.4, 0.9, 1.0], flat_range())
+    holed = image * [0.4, 0.9, 1.0]
+    holed[target.patches[0] | target.patches[20]] = np.nan
+    row = score_target("f", target, "holed", holed, flat_range())
+    assert row.psi_deg == pytest.approx(known.psi_deg, abs=1.5)
+    assert row.ciede2000 == pytest.approx(known.ciede2000, abs=2)
+    nothing = score_target("f", target, "nothing", np.full_like(image, np.nan), flat_range())
+    assert np.isnan([nothing.psi_deg, nothing.psi_linear_deg, nothing.ciede2000, nothing.clipped_fraction]).all()
+    assert nothing.pixels == 0
+    (mean,) = ChartReport((row, replace(nothing, method="holed")), ()).means()
+    assert (mean.psi_deg, mean.target) == (row.psi_deg, "mean of 1")
 
 
 def test_what_has_no_target_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:

@@ -1,12 +1,18 @@
 """A run against known truth: perfect results score perfectly, known faults are found, and the sample dive meets its bar."""
 
+import hashlib
+import json
 import shutil
+from dataclasses import asdict
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from calibration import Rectification
+from calibration.formats import load_rig
+from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.jobs import run
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
@@ -79,6 +85,30 @@ def test_folders_that_hold_nothing_to_compare(perfect: Path, tmp_path: Path) -> 
     cv2.imwrite(str(perfect / "range" / f"{NAMES[0]}.tiff"), np.ones((10, 20), np.float32))
     with pytest.raises(InputError, match="is 20x10 pixels, but its truth is 576x448"):
         evaluate_truth(perfect, TRUTH)
+
+
+def write_run(out: Path, files: dict[str, dict[str, str]], **changed: float) -> None:
+    """A run.json as run writes it for the sample dive, with other numbers in its geometry if asked for."""
+    geometry = asdict(Rectification.from_rig(load_rig(SAMPLES / "cam.yaml")).pair) | changed
+    (out / "run.json").write_text(json.dumps({"geometry": geometry, "inputs": {"files": files}}))
+
+
+def test_a_run_is_compared_with_the_truth_of_its_own_dive_only(perfect: Path) -> None:
+    hashes = {name: {"left": hashlib.sha256((SAMPLES / "left" / f"{name}.png").read_bytes()).hexdigest()} for name in NAMES}
+    write_run(perfect, hashes)
+    assert evaluate(perfect, TRUTH).color.ciede2000 == pytest.approx(0.0, abs=1e-6)
+    write_run(perfect, hashes | {NAMES[1]: hashes[NAMES[0]]})
+    with pytest.raises(InputError, match=f"made from other images .*{NAMES[1]}.png is not the image {NAMES[1]} of the run"):
+        evaluate(perfect, TRUTH)
+    write_run(perfect, hashes, baseline_m=0.2)
+    with pytest.raises(InputError, match=r"made with another calibration .* its baseline_m is 0\.2, not "):
+        evaluate(perfect, TRUTH)
+
+
+def test_a_damaged_run_is_not_compared(perfect: Path) -> None:
+    (perfect / "run.json").write_text("{")
+    with pytest.raises(InputError, match=r"run\.json: cannot be read"):
+        evaluate(perfect, TRUTH)
 
 
 def test_sample_dive_meets_its_bar(tmp_path: Path) -> None:

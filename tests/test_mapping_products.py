@@ -1,7 +1,5 @@
 """What is made of a map: terrain, mosaic, metrics, preview, and files that geographic programs open."""
 
-import sys
-import types
 from pathlib import Path
 
 import laspy
@@ -11,7 +9,6 @@ import pytest
 import rasterio
 from mapping_scene import CONFIG, PAIR, flat_frame, track
 
-from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.preview import render_preview
@@ -19,7 +16,6 @@ from stereo_seecolor.mapping.raster.reef_metrics import measure, measure_squares
 from stereo_seecolor.mapping.raster.terrain import render_terrain
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.survey_map import build_map
-from stereo_seecolor.mapping.viewer import view
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 CELL_M = 0.01
@@ -182,29 +178,3 @@ def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
     assert lines[1].startswith("site,,,")
     assert float(lines[1].split(",")[4]) == pytest.approx(1, abs=1e-4)
     assert len(lines) > 4
-
-
-def test_the_viewer_extra_shows_the_mesh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    rerun = types.ModuleType("rerun")
-    calls: list[tuple[object, ...]] = []
-    rerun.init = lambda name, spawn: calls.append((name, spawn))  # type: ignore[attr-defined]
-    rerun.log_file_from_path = lambda path: calls.append((path,))  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "rerun", rerun)
-    (tmp_path / "map").mkdir()
-    (tmp_path / "map" / "mesh.ply").write_bytes(b"ply")
-    view(tmp_path)
-    assert calls == [("stereo-seecolor", True), (tmp_path / "map" / "mesh.ply",)]
-
-
-@pytest.mark.usefixtures("open3d")
-def test_without_a_screen_the_viewer_points_to_the_preview(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setattr("sys.platform", "linux")
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    with pytest.raises(InputError, match="holds no map"):
-        view(tmp_path)
-    (tmp_path / "map").mkdir()
-    (tmp_path / "map" / "mesh.ply").write_bytes(b"ply")
-    with pytest.raises(DeviceError, match=r"no screen to open a window on: .*preview.png"):
-        view(tmp_path)

@@ -25,6 +25,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "convert-calib": rig_commands.convert_calib,
     "check": rig_commands.check,
     "water": water_commands.water,
+    "config": machine_commands.config,
     "doctor": machine_commands.doctor,
 }
 

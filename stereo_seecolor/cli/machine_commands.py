@@ -1,24 +1,30 @@
-"""The command doctor: what this machine has and lacks."""
+"""Commands about this machine and the settings of this program: doctor, config."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from itertools import groupby
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_KNOWN_ERROR
-from stereo_seecolor.cli.options import AsJson
+from stereo_seecolor.cli.options import AsJson, ConfigFile, Settings
 from stereo_seecolor.cli.report import Report
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.doctor import Finding
+    from stereo_seecolor.config_file import Setting
+
+Show = Annotated[bool, typer.Option("--show", help="Print every setting with its origin (what this command does anyway).")]
 
 
 def doctor(as_json: AsJson = False) -> None:
-    """What this machine has, what it lacks, and the command that installs it."""
-    from stereo_seecolor.commands.doctor import examine
+    """What this machine has, what it lacks, what is lost without, and the command that installs it."""
+    from stereo_seecolor.commands.doctor import doctor as examine
 
-    findings = examine()
-    code = EXIT_KNOWN_ERROR if any(not finding.ok and finding.needed for finding in findings) else EXIT_DONE
-    Report("doctor", as_json).end({"findings": findings}, doctor_text(findings), code)
+    report = examine()
+    content = {"ready": report.ready, "findings": report.findings}
+    Report("doctor", as_json).end(content, doctor_text(report.findings), EXIT_DONE if report.ready else EXIT_KNOWN_ERROR)
 
 
 def doctor_text(findings: "Sequence[Finding]") -> str:
@@ -26,6 +32,42 @@ def doctor_text(findings: "Sequence[Finding]") -> str:
     said = []
     for finding in findings:
         said.append(f"{'ok  ' if finding.ok else 'LACK'}  {finding.what}: {finding.detail}")
-        if finding.mend:
-            said.append(f"      mend it with: {finding.mend}")
+        if not finding.ok and finding.without:
+            said.append(f"      without it: {finding.without}")
+        if finding.fix:
+            said.append(f"      fix it with: {finding.fix}")
     return lines(said)
+
+
+def config(show: Show = True, file: ConfigFile = None, settings: Settings = None, as_json: AsJson = False) -> None:
+    """Print the merged settings as YAML, each with its origin: the default, the file, or --set."""
+    from stereo_seecolor.config_file import load_settings
+
+    merged = load_settings(file, settings or [])
+    Report("config", as_json).end({"settings": merged}, config_text(merged))
+
+
+def config_text(settings: "Sequence[Setting]") -> str:
+    """The settings as YAML that --config reads again; the origin of each value is a comment."""
+    return lines(_section([(setting.key.split("."), setting) for setting in settings], 0))
+
+
+def _section(entries: "list[tuple[list[str], Setting]]", depth: int) -> list[str]:
+    said = []
+    for name, group in groupby(entries, key=lambda entry: entry[0][0]):
+        inside = list(group)
+        if len(inside[0][0]) > 1:
+            said += [f"{'  ' * depth}{name}:", *_section([(keys[1:], setting) for keys, setting in inside], depth + 1)]
+        else:
+            setting = inside[0][1]
+            said.append(f"{'  ' * depth}{name}: {_yaml(setting.value)}  # {setting.origin}")
+    return said
+
+
+def _yaml(value: Any) -> str:
+    import yaml
+
+    from stereo_seecolor.cli.json_output import plain
+
+    text: str = yaml.safe_dump(plain(value), default_flow_style=True, width=10**6)
+    return text.removesuffix("\n").removesuffix("\n...")

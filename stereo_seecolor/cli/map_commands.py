@@ -31,4 +31,4 @@ def view(out: Finished, as_json: AsJson = False) -> None:
     from stereo_seecolor.commands.view import view as show
 
     result = show(out)
-    Report("view", as_json).end({"out": result.out}, "")
+    Report("view", as_json).end({"out": out, **vars(result)}, "")

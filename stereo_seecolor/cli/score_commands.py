@@ -56,9 +56,9 @@ def evaluate(
     log_file: LogFile = None,
 ) -> None:
     """Errors of a run against known truth; or, with --chart, color errors of each method on targets in the water."""
+    from stereo_seecolor.commands.evaluate import evaluate as evaluate_run
     from stereo_seecolor.config_file import load_config
     from stereo_seecolor.evaluation.charts import evaluate_charts
-    from stereo_seecolor.evaluation.truth import evaluate_truth
 
     report = Report("evaluate", as_json, "none", verbose, log_file)
     if by_chart:
@@ -70,7 +70,7 @@ def evaluate(
     if out is None or truth is None:
         raise typer.BadParameter("give a run's folder with --truth, or --chart with --images and --range")
     with report.working():
-        scores = evaluate_truth(out, truth)
+        scores = evaluate_run(out, truth)
     report.end(vars(scores), truth_text(scores))
 
 

@@ -15,7 +15,7 @@ from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders
 
 FIRST_PAIRS = 3
-"""Pairs that decide between the readings of a file that leaves a convention open: hundreds of matches each, readings pixels apart."""
+"""Pairs that decide between the readings of a file that leaves a convention open: hundreds of matches each suffice."""
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
 """Ranges at which the error of a flat port is stated, in units of the range at which the port model is exact."""
 

@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stereo_seecolor.commands import jobs
+from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.synthesize import synthesize
 from stereo_seecolor.config_file import load_config
-from stereo_seecolor.evaluation.truth import TruthReport, evaluate_truth
+from stereo_seecolor.evaluation.truth import TruthReport
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.synthetic.survey import SurveySpec
@@ -33,4 +34,4 @@ def demo(out: Path, options: RunOptions | None = None) -> DemoResult:
     synthesize(SurveySpec(pairs=DEMO_PAIRS, lines=1), dive, options.listener)
     config = load_config(None, ["color.lock=survey"])
     summary = jobs.run(dive / "left", dive / "right", dive / "cam.yaml", done, config, options)
-    return DemoResult(done, summary, None if summary.stopped else evaluate_truth(done, dive / "truth"))
+    return DemoResult(done, summary, None if summary.stopped else evaluate(done, dive / "truth"))

@@ -1,44 +1,122 @@
-"""What this machine has for the job, what it lacks, and how to mend it."""
+"""What this machine has for the job, what it lacks, what is lost without, and the command that installs it."""
 
+import contextlib
 import importlib
+import importlib.metadata
 import os
 import platform
 import sys
 from dataclasses import dataclass
 
 from stereo_seecolor.compute.threads import cores
-from stereo_seecolor.mapping.surface.extraction import LIBRARIES
+from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.mapping.surface.extraction import LIBRARIES, check_available
 
-EXTRAS = {"rasterio": "geo", "laspy": "geo", "pyproj": "geo", "onnxruntime": "onnx"}
+OLDEST_PYTHON = (3, 11)
+INSTALL = "pip install -c constraints.txt"
+
+
+@dataclass(frozen=True)
+class Library:
+    """A library that the program imports. extra: the extra of this package that installs it, "" for a core dependency.
+
+    distribution: its name on the package index. without: what cannot be done without it, "" if nothing can.
+    """
+
+    module: str
+    distribution: str
+    extra: str = ""
+    without: str = ""
+
+
+CORE = (
+    Library("numpy", "numpy"),
+    Library("scipy", "scipy"),
+    Library("cv2", "opencv-contrib-python-headless"),
+    Library("torch", "torch"),
+    Library("numba", "numba"),
+    Library("pydantic", "pydantic"),
+    Library("yaml", "pyyaml"),
+    Library("rich", "rich"),
+    Library("typer", "typer"),
+    Library("filelock", "filelock"),
+    Library("PIL", "pillow"),
+)
+EXTRAS = (
+    Library("gtsam", "gtsam", "slam", "no loop closure, and no poses as a prior (mapping.poses=prior)"),
+    Library("rasterio", "rasterio", "geo", "no GeoTIFF of mosaic and terrain"),
+    Library("pyproj", "pyproj", "geo", "no GeoTIFF and LAZ in map coordinates"),
+    Library("laspy", "laspy", "geo", "no LAZ point cloud"),
+    Library("lazrs", "lazrs", "geo", "no LAZ point cloud"),
+    Library("h5py", "h5py", "matlab", "no calibrations that MATLAB saved as version 7.3"),
+    Library("onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"),
+    Library("rerun", "rerun-sdk", "viewer", "view opens Open3D's plainer window"),
+)
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at. needed: the main job cannot do without it; mend: the command that mends it, "" if nothing is to mend."""
+    """One thing looked at.
+
+    ok: it is there and can be used. detail: version, or what is wrong. needed: nothing runs without it.
+    without: what cannot be done without it. fix: the command that installs it, "" if there is none.
+    """
 
     what: str
     ok: bool
     detail: str
-    mend: str = ""
     needed: bool = False
+    without: str = ""
+    fix: str = ""
 
 
-def examine() -> list[Finding]:
+@dataclass(frozen=True)
+class DoctorReport:
+    """All that was looked at."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def ready(self) -> bool:
+        """True if nothing is missing that every run needs."""
+        return all(finding.ok for finding in self.findings if finding.needed)
+
+
+def doctor() -> DoctorReport:
     """Look at all that the program can make use of."""
-    findings = [
-        Finding("python", sys.version_info >= (3, 11), platform.python_version(), needed=True),
-        Finding("processor", True, f"{cores()} cores, {platform.machine()}"),
-    ]
-    findings += [_library(name, needed=True) for name in ("numpy", "cv2", "torch", "numba", "pydantic", "yaml")]
-    return [*findings, _cuda(), _open3d(), *(_extra(module, extra) for module, extra in EXTRAS.items())]
+    return DoctorReport(
+        (
+            Finding("python", sys.version_info >= OLDEST_PYTHON, platform.python_version(), needed=True),
+            Finding("processor", True, f"{cores()} cores, {platform.machine()}"),
+            *(examine(library) for library in CORE),
+            _cuda(),
+            _open3d(),
+            *(examine(library) for library in EXTRAS),
+        )
+    )
 
 
-def _library(name: str, needed: bool) -> Finding:
+def examine(library: Library) -> Finding:
+    """Import a library and state its version, or why it cannot be used."""
+    name = f"{library.module} (extra {library.extra!r})" if library.extra else library.module
+    fix = f"{INSTALL} '.[{library.extra}]'" if library.extra else f"{INSTALL} ."
+    needed = not library.extra
     try:
-        module = importlib.import_module(name)
+        importlib.import_module(library.module)
+    except ModuleNotFoundError as error:
+        detail = "not installed" if error.name == library.module else str(error)
     except (ImportError, OSError) as error:
-        return Finding(name, False, str(error), "pip install -c constraints.txt .", needed)
-    return Finding(name, True, str(getattr(module, "__version__", "installed")), needed=needed)
+        detail = " ".join(str(error).split())
+    else:
+        return Finding(name, True, _version(library.distribution), needed)
+    return Finding(name, False, detail, needed, library.without, fix)
+
+
+def _version(distribution: str) -> str:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:  # installed under another name, as OpenCV's variants are
+        return "installed"
 
 
 def _cuda() -> Finding:
@@ -52,18 +130,12 @@ def _cuda() -> Finding:
 
 
 def _open3d() -> Finding:
-    try:
-        module = importlib.import_module("open3d")
-    except ModuleNotFoundError:
-        return Finding("open3d (only --fuse needs it)", False, "not installed", "pip install -c constraints.txt open3d")
-    except (ImportError, OSError) as error:
-        sudo = "" if os.geteuid() == 0 else "sudo "
-        return Finding("open3d (only --fuse needs it)", False, str(error), f"{sudo}{LIBRARIES}")
-    return Finding("open3d (only --fuse needs it)", True, module.__version__)
-
-
-def _extra(module: str, extra: str) -> Finding:
-    found = _library(module, needed=False)
-    if found.ok:
-        return found
-    return Finding(f"{module} (extra {extra!r})", False, "not installed", f"pip install -c constraints.txt '.[{extra}]'")
+    with contextlib.suppress(DeviceError):
+        check_available()  # starts numba's threads first, which must come before Open3D's older TBB
+    found = examine(Library("open3d", "open3d", without="no map (--fuse, fuse)"))
+    fix = ""
+    if found.detail == "not installed":
+        fix = f"{INSTALL} open3d"
+    elif not found.ok and sys.platform.startswith("linux"):
+        fix = LIBRARIES if getattr(os, "geteuid", int)() == 0 else f"sudo {LIBRARIES}"
+    return Finding("open3d", found.ok, found.detail, without=found.without, fix=fix)

@@ -1,19 +1,75 @@
-"""Open the map of a fused run in a window."""
+"""Open the map of a fused run in a window: rerun's viewer where it is installed, else Open3D's."""
 
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from stereo_seecolor.mapping.viewer import view as open_window
+from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.mapping.surface.extraction import check_available
 
 
 @dataclass(frozen=True)
 class ViewResult:
-    """The map that was shown."""
+    """The map that was shown, and by which viewer: "rerun" or "open3d"."""
 
-    out: Path
+    mesh: Path
+    viewer: str
 
 
 def view(out: Path) -> ViewResult:
-    """Show the map of ``out`` until its window is closed. Raises InputError without a map, DeviceError without viewer or screen."""
-    open_window(out)
-    return ViewResult(out)
+    """Show ``out``/map/mesh.ply until the window is closed.
+
+    Raises InputError if there is no map; DeviceError if there is no viewer or no screen, or the viewer fails.
+    """
+    mesh = next((path for path in (out / "map" / "mesh.ply", out / "mesh.ply") if path.is_file()), None)
+    if mesh is None:
+        raise InputError(f"{out}: holds no map (map/mesh.ply): make it with stereo-seecolor fuse {out}")
+    if not _has_screen():  # Open3D would draw into memory for ever, and rerun's viewer would die
+        raise _no_screen(mesh)
+    program = _rerun_program()
+    if program is None:
+        _open_in_open3d(mesh)
+        return ViewResult(mesh, "open3d")
+    _open_in_rerun(program, mesh)
+    return ViewResult(mesh, "rerun")
+
+
+def _has_screen() -> bool:
+    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def _no_screen(mesh: Path) -> DeviceError:
+    return DeviceError(f"there is no screen to open a window on: look at {mesh.with_name('preview.png')} instead")
+
+
+def _rerun_program() -> str | None:
+    """The viewer's program: on the PATH, or in rerun's package; the package's own starter hides its exit code."""
+    package = importlib.util.find_spec("rerun_cli")
+    inside = list(package.submodule_search_locations or []) if package else []
+    return shutil.which("rerun") or next((found for folder in inside if (found := shutil.which("rerun", path=folder))), None)
+
+
+def _open_in_rerun(program: str, mesh: Path) -> None:
+    ended = subprocess.run([program, str(mesh)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
+    if ended.returncode != 0:
+        said = ended.stdout.decode(errors="replace").strip().splitlines() or ["it gave no reason"]
+        raise DeviceError(
+            f"rerun's viewer ({program}) ended with exit code {ended.returncode}: {said[-1]}: "
+            f"look at {mesh.with_name('preview.png')} instead"
+        )
+
+
+def _open_in_open3d(mesh: Path) -> None:
+    check_available()
+    import open3d
+
+    window = open3d.visualization.Visualizer()
+    if not window.create_window(window_name=str(mesh)):
+        raise _no_screen(mesh)
+    window.add_geometry(open3d.io.read_triangle_mesh(mesh))
+    window.run()
+    window.destroy_window()

@@ -46,14 +46,17 @@ class ChartRow:
 
 @dataclass(frozen=True)
 class ChartReport:
-    """rows: every method on every target. without_target: frames that had none. sheet: the contact sheet, if asked for."""
+    """rows: every method on every target. sheet: the contact sheet, if asked for.
+
+    without_target: frames that had none, and "frame: target" of targets without one pixel to score (clipped, dark, range unknown).
+    """
 
     rows: tuple[ChartRow, ...]
     without_target: tuple[str, ...]
     sheet: Path | None = None
 
     def means(self) -> tuple[ChartRow, ...]:
-        """A row a method: means over all targets (of pixels the sum)."""
+        """A row a method: means over the targets on which it left pixels to score (of pixels the sum)."""
         methods = dict.fromkeys(row.method for row in self.rows)
         return tuple(_mean(method, [row for row in self.rows if row.method == method]) for method in methods)
 
@@ -76,12 +79,14 @@ def evaluate_charts(
         if range_m.shape != image.shape[:2]:
             raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
         found = [] if targets and pair.left.stem not in given else targets_of(given.get(pair.left.stem, []), image, range_m)
-        if not any(target.mask.any() for target in found):
+        usable = [target for target in found if target.mask.any()]
+        if not usable:
             without.append(pair.name)
             continue
+        without += [f"{pair.name}: {target.name}" for target in found if not target.mask.any()]
         corrected = correct_by_all(image, range_m, config)
         rows += [
-            score_target(pair.name, target, method, result, range_m) for target in found for method, result in corrected.items()
+            score_target(pair.name, target, method, result, range_m) for target in usable for method, result in corrected.items()
         ]
         tiles.append([_tile(f"{pair.name}  {method}", result) for method, result in corrected.items()])
     if not rows:
@@ -109,10 +114,9 @@ def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, N
 
 
 def score_target(frame: str, target: Target, method: str, result: NDArray[np.float64], range_m: Map) -> ChartRow:
-    """A method's row for a target."""
+    """A method's row for a target; patches of which the method knows no pixel are left out, NaN where that is all of them."""
     colors = [result[patch] for patch in target.patches]
     grays = colors if target.srgb is None else colors[GRAYS]
-    psi = np.mean([(score_neutral(pixels).psi_deg, score_neutral(decode_srgb(pixels)).psi_deg) for pixels in grays], axis=0)
     whole = np.concatenate(colors)
     known = np.isfinite(whole).all(axis=-1)
     seen = range_m[target.mask]
@@ -121,8 +125,8 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
         target=target.name,
         method=method,
         range_m=float(np.nanmedian(seen)) if np.isfinite(seen).any() else float("nan"),
-        psi_deg=float(psi[0]),
-        psi_linear_deg=float(psi[1]),
+        psi_deg=_mean_of([score_neutral(pixels).psi_deg for pixels in grays]),
+        psi_linear_deg=_mean_of([score_neutral(decode_srgb(pixels)).psi_deg for pixels in grays]),
         ciede2000=_difference(colors, target.srgb),
         clipped_fraction=float(clipped(whole[known]).mean()) if known.any() else float("nan"),
         pixels=int(known.sum()),
@@ -130,18 +134,27 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
 
 
 def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64] | None) -> float:
-    means = np.stack([decode_srgb(pixels[np.isfinite(pixels).all(axis=-1)]).mean(axis=0) for pixels in colors])
-    if not np.isfinite(means).all():
+    known = [pixels[np.isfinite(pixels).all(axis=-1)] for pixels in colors]
+    seen = [patch for patch, pixels in enumerate(known) if len(pixels)]
+    if not seen:
         return float("nan")
-    truth = np.repeat(means @ [[0.2126], [0.7152], [0.0722]], 3, axis=1) if srgb is None else decode_srgb(srgb)
+    means = np.stack([decode_srgb(known[patch]).mean(axis=0) for patch in seen])
+    truth = np.repeat(means @ [[0.2126], [0.7152], [0.0722]], 3, axis=1) if srgb is None else decode_srgb(srgb[seen])
     exposed = means * exposure_gain(means, truth) if srgb is not None else means
     return float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(truth))))
 
 
 def _mean(method: str, rows: Sequence[ChartRow]) -> ChartRow:
     keys = ("range_m", "psi_deg", "psi_linear_deg", "ciede2000", "clipped_fraction")
-    number = {key: float(np.mean([getattr(row, key) for row in rows])) for key in keys}
-    return ChartRow("all", f"mean of {len(rows)}", method, pixels=sum(row.pixels for row in rows), **number)
+    number = {key: _mean_of([getattr(row, key) for row in rows]) for key in keys}
+    scored = sum(row.pixels > 0 for row in rows)
+    return ChartRow("all", f"mean of {scored}", method, pixels=sum(row.pixels for row in rows), **number)
+
+
+def _mean_of(values: Sequence[float]) -> float:
+    """Mean of the values that are known, NaN if none is."""
+    known = [value for value in values if np.isfinite(value)]
+    return float(np.mean(known)) if known else float("nan")
 
 
 def _tile(label: str, result: NDArray[np.float64]) -> NDArray[np.uint8]:

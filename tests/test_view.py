@@ -1,0 +1,52 @@
+"""The command view: which viewer is started, and what is said where none can be."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from stereo_seecolor.commands.view import view
+from stereo_seecolor.errors import DeviceError, InputError
+
+
+@pytest.fixture
+def fused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a map, on a machine with a screen."""
+    (tmp_path / "map").mkdir()
+    (tmp_path / "map" / "mesh.ply").write_bytes(b"ply")
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setenv("DISPLAY", ":0")
+    return tmp_path
+
+
+def install_rerun(folder: Path, monkeypatch: pytest.MonkeyPatch, script: str) -> None:
+    """A program of that name, first on the PATH."""
+    program = folder / "bin" / "rerun"
+    program.parent.mkdir()
+    program.write_text(f"#!/bin/sh\n{script}\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+
+
+def test_rerun_is_given_the_mesh(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install_rerun(fused, monkeypatch, f'echo "$@" > {fused}/arguments')
+    assert view(fused).viewer == "rerun"
+    assert (fused / "arguments").read_text() == f"{fused / 'map' / 'mesh.ply'}\n"
+
+
+def test_a_viewer_that_dies_is_an_error(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    install_rerun(fused, monkeypatch, "echo starting; echo 'no graphics card' >&2; exit 7")
+    with pytest.raises(DeviceError, match=r"exit code 7: no graphics card: look at .*preview\.png instead"):
+        view(fused)
+
+
+def test_without_a_screen_the_preview_is_named(fused: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(DeviceError, match=r"there is no screen to open a window on: look at .*preview\.png instead"):
+        view(fused)
+
+
+def test_without_a_map_the_command_that_makes_it_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"holds no map \(map/mesh\.ply\): make it with stereo-seecolor fuse"):
+        view(tmp_path)
