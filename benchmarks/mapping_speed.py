@@ -21,6 +21,7 @@ from mapping_scene import ReefFrames, write_run
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import SurveyFrame, Trajectory
+from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -54,7 +55,8 @@ def main(pairs: int, folder: Path) -> None:
     T = base.T_world_camera[number % SPEC.pairs].copy()
     T[:, 1, 3] += number // SPEC.pairs * SPACING_M
     trajectory = Trajectory(tuple(f"{i:06d}" for i in number), number * 1.0, T)
-    frames = Repeated(SurveyFrames(run), pairs)
+    finished = SurveyFrames(open_run(run))
+    frames = Repeated(finished, pairs)
     marks: dict[str, tuple[float, float, int]] = {}
 
     def watch(what: str, done: int, total: int) -> None:
@@ -62,7 +64,7 @@ def main(pairs: int, folder: Path) -> None:
 
     config = MappingConfig(max_speed_m_s=100.0)
     wall, cpu = time.perf_counter(), time.process_time()
-    summary = build_map(frames, SurveyFrames(run).pair, folder / "map", config, trajectory, watch)
+    summary = build_map(frames, finished.geometry, folder / "map", config, trajectory, watch)
     print(
         f"{platform.machine()}, {platform.processor()}, Python {platform.python_version()}; {pairs} pairs, {summary.points} points"
     )

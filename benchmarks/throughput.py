@@ -39,31 +39,32 @@ def plain_loop(dive: Path, out: Path) -> None:
     """What one would write in an afternoon: one pair after the other through the same stages, and everything written."""
     from calibration.formats import load_rig
     from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.files.atomic import write_atomic
     from stereo_seecolor.inputs.images import read_image
     from stereo_seecolor.pipeline import Pipeline
     from stereo_seecolor.records import StereoFrame
-    from stereo_seecolor.run_folder.folder import RunFolder
-    from stereo_seecolor.run_folder.products import write_correction, write_range
+    from stereo_seecolor.run_folder.products import correction_files, range_files
 
     pipeline = Pipeline(load_rig(dive / "rendered/cam.yaml"), load_config(None, ["color.lock=frame"]))
-    with RunFolder(out, "plain") as folder:
-        for left in sorted((dive / "left").iterdir()):
-            frame = StereoFrame(left.stem, read_image(left), read_image(dive / "right" / left.name))
-            result = pipeline.process(frame)
-            write_range(folder, left.stem, result.range_map, pipeline.config.output)
-            geometry = pipeline.rectification.pair
-            write_correction(folder, left.stem, result.correction, result.range_map, geometry, pipeline.config.output)
+    output, geometry = pipeline.config.output, pipeline.rectification.pair
+    for left in sorted((dive / "left").iterdir()):
+        frame = StereoFrame(left.stem, read_image(left), read_image(dive / "right" / left.name))
+        result = pipeline.process(frame)
+        files = range_files(left.stem, result.range_map, output)
+        files |= correction_files(left.stem, result.correction, result.range_map, geometry, output)
+        for path, content in files.values():
+            write_atomic(out / path, content)
 
 
 def whole_run(dive: Path, out: Path, workers: int) -> None:
-    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.commands.run import run
     from stereo_seecolor.compute.allocator import keep_freed_memory
     from stereo_seecolor.config_file import load_config
     from stereo_seecolor.progress import RunOptions
 
     keep_freed_memory()  # as the command does
     config = load_config(None, ["color.lock=survey"])
-    summary = jobs.run(dive / "left", dive / "right", dive / "rendered/cam.yaml", out, config, RunOptions(workers=workers))
+    summary = run(dive / "left", dive / "right", dive / "rendered/cam.yaml", out, config, RunOptions(workers=workers))
     print(json.dumps(summary.stage_seconds()), file=sys.stderr)
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar, cast
 
 import cv2
 import numpy as np
@@ -17,7 +17,7 @@ from calibration.turns import quarter_turn
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 Array = NDArray[np.float64]
-Scalar = TypeVar("Scalar", bound=np.generic)
+Pixels = TypeVar("Pixels", bound=NDArray[Any])
 RemapTables = tuple[NDArray[np.int16], NDArray[np.uint16]]
 
 
@@ -74,13 +74,13 @@ class Rectification:
         """Rectify a raw right image for matching; as apply_left."""
         return self._remap(image, self.maps_right, "right")
 
-    def upright(self, array: NDArray[Scalar]) -> NDArray[Scalar]:
+    def upright(self, array: Pixels) -> Pixels:
         """An image or map (H, W) or (H, W, C) that lies on the left image that is matched, turned upright: it lies on ``pair``.
 
         The array itself where nothing is turned, else a contiguous copy.
         """
         turns = self.pair.quarter_turns
-        return np.ascontiguousarray(np.rot90(array, turns)) if turns else array
+        return cast(Pixels, np.ascontiguousarray(np.rot90(array, turns))) if turns else array
 
     @property
     def T_rectified_left(self) -> Array:

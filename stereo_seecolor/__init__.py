@@ -20,7 +20,7 @@ def __getattr__(name: str) -> Any:
 
         return Pipeline
     if name == "run":
-        from stereo_seecolor.commands.jobs import run
+        from stereo_seecolor.commands.run import run
 
         return run
     raise AttributeError(name)

@@ -1,12 +1,13 @@
-"""How a job goes about its work, and who listens to it; nothing here changes what comes out."""
+"""How a command goes about its work, and who follows it; nothing here changes what comes out."""
 
 import logging
 import re
 import time
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Protocol
 
-from stereo_seecolor.run_folder.frames_table import FrameRow
+from stereo_seecolor.records import FrameRow
 
 LOG_EVERY_S = 60.0
 """Seconds between two lines of the log on one stage: enough to see after a crash how far a run of hours had come."""
@@ -16,7 +17,7 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 class Listener(Protocol):
-    """Who wants to know how far a survey is; see cli/."""
+    """Who follows a command's progress; see cli/."""
 
     def begin(self, stage: str, total: int) -> None:
         """A pass over ``total`` pairs begins."""
@@ -26,13 +27,13 @@ class Listener(Protocol):
 
 
 class Silence:
-    """A listener that nobody hears."""
+    """A listener that reports nothing."""
 
     def begin(self, stage: str, total: int) -> None:
-        """Say nothing."""
+        """Report nothing."""
 
     def advance(self, row: FrameRow) -> None:
-        """Say nothing."""
+        """Report nothing."""
 
 
 class LoggingListener:
@@ -71,13 +72,18 @@ class LoggingListener:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a job goes about it, not what it makes.
+    """How a command goes about it, not what it makes.
 
     workers: pairs under way at once. overwrite: begin anew in a used folder. strict: stop at the first bad pair.
+    verify: read and hash every input again, also those whose size and time are those of an earlier run.
+    config_file: where the settings came from, so that it is never deleted. command_line: for run.json.
     listener: hears how far the job is; by default the log of this module does.
     """
 
     workers: int = 2
     overwrite: bool = False
     strict: bool = False
+    verify: bool = False
+    config_file: Path | None = None
+    command_line: tuple[str, ...] = ()
     listener: Listener = field(default_factory=LoggingListener)

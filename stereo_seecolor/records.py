@@ -1,8 +1,9 @@
 """What the stages exchange: frozen, units and shapes on every field, NaN for unknown."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -88,6 +89,12 @@ class RangeMap:
     filled: Mask
     warnings: tuple[str, ...] = ()
 
+    def each(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "RangeMap":
+        """The range map of ``function`` of every map, such as one that turns them."""
+        maps = (self.disparity, self.depth_m, self.range_m, self.range_std_m, self.confidence, self.filled)
+        disparity, depth_m, range_m, range_std_m, confidence, filled = (function(values) for values in maps)
+        return RangeMap(disparity, depth_m, range_m, range_std_m, confidence, filled, self.warnings)
+
     @property
     def measured_m(self) -> Map:
         """range_m with everything that was filled in taken out again."""
@@ -162,6 +169,10 @@ class Correction:
     warnings: tuple[str, ...] = ()
     linear: NDArray[np.float32] | None = None
 
+    def with_linear(self, linear: NDArray[np.float32]) -> "Correction":
+        """The same correction with its linear light, (H, W, 3) float32."""
+        return replace(self, linear=linear)
+
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
@@ -235,3 +246,48 @@ class Trajectory:
         if self.camera == "rectified":
             return self
         return replace(self, T_world_camera=self.T_world_camera @ np.linalg.inv(T_rectified_left), camera="rectified")
+
+
+Status = Literal["ok", "failed", "unpaired", "pending"]
+"""pending: a stopped run did not come to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameRow:
+    """What became of one pair, or of one file without a partner.
+
+    kept: an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds: a stage's name -> seconds.
+    facts: shares and parameters, by column.
+    """
+
+    name: str
+    status: Status = "ok"
+    left: str = ""
+    right: str = ""
+    timestamp_s: float | None = None
+    error: str = ""
+    warnings: tuple[str, ...] = ()
+    kept: bool = False
+    hashes: dict[str, str] = field(default_factory=dict)
+    seconds: dict[str, float] = field(default_factory=dict)
+    facts: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def line(self) -> str:
+        """What became of it, for a person: the name once, also where the error begins with it."""
+        return f"{self.status}: {self.name}: {self.error.removeprefix(f'{self.name}: ')}"
+
+    def then(self, later: "FrameRow") -> "FrameRow":
+        """This row after a later stage: times add up, what a stage says again is said once, kept only if both were."""
+        seconds = {key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0) for key in self.seconds | later.seconds}
+        return replace(
+            later,
+            left=later.left or self.left,
+            right=later.right or self.right,
+            timestamp_s=self.timestamp_s if later.timestamp_s is None else later.timestamp_s,
+            warnings=tuple(dict.fromkeys(self.warnings + later.warnings)),
+            kept=self.kept and later.kept,
+            hashes=self.hashes | later.hashes,
+            seconds=seconds,
+            facts=self.facts | later.facts,
+        )

@@ -1,20 +1,25 @@
 """A reef with known truth as the map's stages see it: frames with exact colors and ranges of known noise, without stereo."""
 
-import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.records import SurveyFrame, Trajectory
+from stereo_seecolor.run_folder.claim import Owner
+from stereo_seecolor.run_folder.folder import Claim, RunFolder
+from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.layout import product_path
+from stereo_seecolor.run_folder.manifest import StageRecord
+from stereo_seecolor.run_folder.reports import RunDescription, close_run, write_reports
 from stereo_seecolor.synthetic import survey
 from stereo_seecolor.synthetic.casting import cast, look_up
 from stereo_seecolor.synthetic.reef import CELL_M, Reef, build_reef
@@ -44,24 +49,32 @@ def track(count: int, altitude_m: float = 1.5, step_m: float = 0.3) -> Trajector
 
 def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_rectified_left: NDArray | None = None) -> None:
     """What a run leaves of the frames in its folder, as far as the map reads it."""
-    rows = ["name,status,timestamp_s"]
-    for frame in frames:
-        products = {
-            f"corrected/{frame.name}.png": encode_image(frame.color, "png"),
-            f"range/{frame.name}.tiff": encode_map(frame.range_m),
-            f"range_std/{frame.name}.tiff": encode_map(frame.range_std_m),
-            f"confidence/{frame.name}.png": encode_confidence(frame.confidence),
-            f"mask/{frame.name}.png": encode_mask(np.zeros(frame.range_m.shape, np.uint8)),
-        }
-        for name, content in products.items():
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            (out / name).write_bytes(content)
-        rows.append(f"{frame.name},ok,{frame.timestamp_s}")
-    (out / "frames.csv").write_text("\n".join(rows) + "\n")
     T = np.eye(4) if T_rectified_left is None else T_rectified_left
-    (out / "run.json").write_text(
-        json.dumps({"format": "stereo-seecolor/run", "geometry": asdict(pair), "T_rectified_left": T.tolist()})
-    )
+    names = []
+    with RunFolder(out, Claim(Owner("stereo", {}))) as folder:
+        folder.begin({"range": "range settings", "corrected": "color settings"})
+        for frame in frames:
+            names.append(frame.name)
+            save_frame(folder, frame)
+        folder.set_waters(dict.fromkeys(names, "water"))
+        rectification = SimpleNamespace(pair=pair, T_rectified_left=T)
+        run = RunDescription({}, RunConfig(), names, "corrected", rectification)  # type: ignore[arg-type]
+        close_run(folder, run, complete=True)
+        write_reports(folder, run, RunSummary([]))
+
+
+def save_frame(folder: RunFolder, frame: SurveyFrame) -> None:
+    name, mask = frame.name, np.zeros(frame.range_m.shape, np.uint8)
+    ranges = {"range": encode_map(frame.range_m), "range_std": encode_map(frame.range_std_m)}
+    ranges |= {"confidence": encode_confidence(frame.confidence)}
+    colors = {"corrected": encode_image(frame.color, "png"), "mask": encode_mask(mask)}
+    record = folder.frame(name, frame.timestamp_s, {})
+    for stage, record_of_stage, contents in (
+        ("range", StageRecord("key", "range settings"), ranges),
+        ("corrected", StageRecord("key", "color settings", "water"), colors),
+    ):
+        files = {product: (product_path(product, name, "png"), content) for product, content in contents.items()}
+        record = folder.save(record.with_stage(stage, record_of_stage), stage, files)  # type: ignore[arg-type]
 
 
 def read_cloud(path: Path) -> NDArray[np.void]:

@@ -15,8 +15,8 @@ import yaml
 from conftest import contents
 
 from stereo_seecolor.cli import main
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.run_folder.finished_run import open_run
 
 
 @pytest.fixture
@@ -152,9 +152,11 @@ def test_what_was_damaged_since_is_made_again(make_dive, cli, tmp_path) -> None:
     range_map = out / "range/0000.tiff"
     range_map.write_bytes(range_map.read_bytes()[:100])
     (out / "confidence/0001.png").write_bytes(b"")
-    (out / ".state/range/0002.json").write_text('{"key": 5')
-    state = out / ".state/corrected/0000.json"
-    state.write_text(json.dumps({"key": json.loads(state.read_text())["key"], "facts": [1], "warnings": []}))
+    (out / ".state/frames/0002.json").write_text('{"key": 5')
+    record = json.loads((out / ".state/frames/0001.json").read_text())
+    record["stages"]["corrected"]["facts"] = [1]
+    record["files"] = 5
+    (out / ".state/frames/0001.json").write_text(json.dumps(record))
     code, _, said = cli(*dive.command(out))
     assert code == 0, said
     assert contents(out) == before
@@ -241,7 +243,7 @@ def test_strict_stops_at_the_first_bad_pair(make_dive, cli, tmp_path) -> None:
     assert code == 1
     assert "R/0001.png: is empty" in said
     rows = {row["name"]: row["status"] for row in csv.DictReader((tmp_path / "out/frames.csv").read_text().splitlines())}
-    assert rows == {"0000": "ok", "0001": "failed"}
+    assert rows == {"0000": "pending", "0001": "failed", "0002": "pending"}
 
 
 def test_of_many_bad_pairs_a_few_are_named_and_the_rest_counted(make_dive, cli, tmp_path) -> None:
@@ -271,16 +273,15 @@ def test_no_left_image_can_be_read(make_dive, cli, tmp_path) -> None:
     [
         ("run.json", "{", "holds no finished run"),
         ("run.json", "[1]", "run.json: is no run.json of this program"),
-        ("run.json", '{"format": "stereo-seecolor/run", "geometry": {"focal": 3}}', "run.json: damaged, or of another version"),
-        ("frames.csv", "a,b\n1,2\n", "frames.csv: damaged: run again"),
-        ("frames.csv", "", "holds no frame that went through all stages"),
+        ("run.json", '{"format": "stereo-seecolor/run", "geometry": {"focal": 3}}', "run.json: was written by another version"),
+        (".state/manifest.json", "{", "manifest.json: is damaged or of another version"),
     ],
 )
 def test_a_damaged_run_is_not_fused(make_dive, tmp_path, cli, name, content, message) -> None:
     cli(*make_dive(1).command(tmp_path / "out"))
     (tmp_path / "out" / name).write_text(content)
-    with pytest.raises(InputError, match=message):
-        SurveyFrames(tmp_path / "out")
+    with pytest.raises(SeeColorError, match=message):
+        open_run(tmp_path / "out")
 
 
 def change(rig: dict, key: str, value: object) -> None:

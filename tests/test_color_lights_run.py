@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from stereo_seecolor.commands import jobs
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
 
 
@@ -28,6 +28,6 @@ def test_lamps_are_learned_and_taken_out(make_dive, tmp_path) -> None:
     spread = {}
     for lights in ("none", "learn"):
         config = load_config(None, [f"color.lights={lights}", "color.lock=survey"])
-        assert jobs.run(*sides, tmp_path / lights, config).all_done
+        assert run(*sides, tmp_path / lights, config).all_done
         spread[lights] = unevenness(tmp_path / lights / "corrected", names)
     assert spread["learn"] < 0.5 * spread["none"], spread

@@ -13,7 +13,7 @@ import pytest
 from calibration import Rectification
 from calibration.formats import load_rig
 from stereo_seecolor.commands.evaluate import evaluate
-from stereo_seecolor.commands.jobs import run
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import evaluate_truth

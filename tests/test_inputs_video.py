@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from stereo_seecolor.commands import jobs
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.inputs.images import read_image
@@ -132,6 +132,6 @@ def test_a_run_takes_videos(make_dive, tmp_path) -> None:
     for side in "LR":
         frames = [cv2.imread(str(path)) for path in sorted((dive.root / side).iterdir())]
         write_video(dive.root / f"{side}.avi", frames)
-    summary = jobs.run(dive.root / "L.avi", dive.root / "R.avi", dive.root / "cam.yaml", tmp_path / "out")
+    summary = run(dive.root / "L.avi", dive.root / "R.avi", dive.root / "cam.yaml", tmp_path / "out")
     assert summary.count("ok") == 2
     assert (tmp_path / "out/corrected/000001.png").exists()

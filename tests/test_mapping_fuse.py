@@ -18,7 +18,8 @@ from calibration.plan import rectified_points
 from calibration.port import FlatPort, FlatWindow
 from calibration.refraction import CameraInWater
 from stereo_seecolor.cli import main
-from stereo_seecolor.commands import jobs
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.errors import DeviceError, FrameError, InputError, MappingError, OutputError
 from stereo_seecolor.files.tum import write_tum
@@ -81,10 +82,10 @@ def test_a_run_writes_down_how_rectification_turned_the_camera(make_dive: Callab
     dive = make_dive(1)
     rig = toed_in_rig(size=(176, 128))
     write_rig(rig, dive.root / "toed.yaml")
-    jobs.run(dive.root / "L", dive.root / "R", dive.root / "toed.yaml", tmp_path / "out")
-    run = json.loads((tmp_path / "out" / "run.json").read_text())
-    np.testing.assert_allclose(run["T_rectified_left"], Rectification.from_rig(rig).T_rectified_left, atol=1e-9)
-    assert np.abs(np.subtract(run["T_rectified_left"], np.eye(4))).max() > 0.05
+    run(dive.root / "L", dive.root / "R", dive.root / "toed.yaml", tmp_path / "out")
+    content = json.loads((tmp_path / "out" / "run.json").read_text())
+    np.testing.assert_allclose(content["T_rectified_left"], Rectification.from_rig(rig).T_rectified_left, atol=1e-9)
+    assert np.abs(np.subtract(content["T_rectified_left"], np.eye(4))).max() > 0.05
 
 
 def acfr_text(names: tuple[str, ...], T_world_raw: NDArray[np.float64]) -> str:
@@ -106,14 +107,14 @@ def test_a_raw_cameras_navigation_gives_the_true_reef(tmp_path: Path, poses_of: 
     poses = tmp_path / "stereo_pose_est.data"
     poses.write_text(acfr_text(frames.trajectory.names, frames.trajectory.T_world_camera @ T))
     config = RunConfig(mapping=MAPPING.model_copy(update={"poses_of": poses_of}))
-    jobs.fuse(tmp_path, poses, config)
+    fuse(tmp_path, poses, config)
     position = read_cloud(tmp_path / "map" / "cloud.ply")["position"]
     error_m = np.median(np.abs(position[:, 2] - height_at(frames.reef, position)))
     assert error_m < 0.01 if true else error_m > 0.03
 
 
-def fuse(out: Path, poses: Path | None = None) -> survey_map.MapSummary:
-    return jobs.fuse(out, poses, RunConfig(mapping=CONFIG))
+def fuse_small(out: Path, poses: Path | None = None) -> survey_map.MapSummary:
+    return fuse(out, poses, RunConfig(mapping=CONFIG))
 
 
 @pytest.fixture
@@ -130,23 +131,18 @@ def small_run(tmp_path: Path) -> Path:
         ("range/f2.tiff", "gone"),
         ("corrected/f2.png", "gone"),
         ("corrected/f2.png", "cut short"),
-        ("corrected/f2.jpg", "cut short"),
         ("confidence/f2.png", "of another size"),
     ],
 )
 def test_a_damaged_frame_is_named_and_the_rest_fused(small_run: Path, file: str, harm: str) -> None:
     path = small_run / file
-    if path.suffix == ".jpg":
-        frame = cv2.imread(str(path.with_suffix(".png")))
-        path.with_suffix(".png").unlink()
-        cv2.imwrite(str(path), frame)
     if harm == "gone":
         path.unlink()
     elif harm == "cut short":
         path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
     else:
         cv2.imwrite(str(path), np.zeros((9, 9), np.uint8))
-    summary = fuse(small_run, small_run.with_name("track.tum"))
+    summary = fuse_small(small_run, small_run.with_name("track.tum"))
     assert (summary.frames, summary.placed) == (4, 3)
     assert [frame.name for frame in summary.unplaced] == ["f2"]
     assert "f2" in summary.unplaced[0].reason
@@ -191,23 +187,23 @@ def test_a_run_of_which_nothing_is_left_is_refused(small_run: Path) -> None:
     for path in (small_run / "range").iterdir():
         path.unlink()
     with pytest.raises(MappingError, match=r"none of the 4 frames can be read: .*range/f0.tiff: is gone or damaged"):
-        fuse(small_run)
+        fuse_small(small_run)
 
 
 def test_a_run_of_an_earlier_version_is_refused(small_run: Path) -> None:
     content = json.loads((small_run / "run.json").read_text())
-    del content["T_rectified_left"]
+    content["format_version"] = 1
     (small_run / "run.json").write_text(json.dumps(content))
-    with pytest.raises(InputError, match="of another version: run again"):
-        fuse(small_run)
+    with pytest.raises(InputError, match="by another version of the program: run again"):
+        fuse_small(small_run)
 
 
 def test_two_programs_never_write_one_folder(small_run: Path) -> None:
     poses = small_run.with_name("track.tum")
     with held(small_run), pytest.raises(OutputError, match="another run is writing into it now"):
-        fuse(small_run, poses)
+        fuse_small(small_run, poses)
     assert not (small_run / "map").exists()
-    assert fuse(small_run, poses).placed == 4
+    assert fuse_small(small_run, poses).placed == 4
     with held(small_run):
         pass
 
@@ -241,7 +237,7 @@ def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Pa
 
 def test_a_folder_that_holds_no_run_is_left_as_it_was(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no finished run"):
-        fuse(tmp_path)
+        fuse_small(tmp_path)
     assert not list(tmp_path.iterdir())
 
 

@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from conftest import contents
 
-from stereo_seecolor.commands import jobs
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.run_folder.frames_table import FrameRow
+from stereo_seecolor.records import FrameRow
 
 PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
 
@@ -65,7 +65,7 @@ class Stopper:
 
 def run_in_process(dive, out: Path, listener=None):  # type: ignore[no-untyped-def]
     options = RunOptions(workers=2, listener=listener) if listener else RunOptions(workers=2)
-    return jobs.run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
+    return run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
 
 
 def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
@@ -167,5 +167,5 @@ def test_read_only_inputs_and_links(make_dive, tmp_path) -> None:
     for path in (dive.root / "L").iterdir():
         path.chmod(0o400)
         (linked / "L" / path.name.upper()).symlink_to(path)
-    summary = jobs.run(linked / "L", linked / "R", dive.root / "cam.yaml", tmp_path / "out é")
+    summary = run(linked / "L", linked / "R", dive.root / "cam.yaml", tmp_path / "out é")
     assert summary.all_done

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stereo_seecolor.commands.jobs import run
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.water import measure_water
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError

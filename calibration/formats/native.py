@@ -94,6 +94,11 @@ def parse(document: Section) -> StereoRig:
 
 def write(rig: StereoRig, path: Path) -> None:
     """Write ``rig`` so that ``read`` gives back the same numbers exactly."""
+    path.write_bytes(to_bytes(rig))
+
+
+def to_bytes(rig: StereoRig) -> bytes:
+    """The content of a native rig file, from which ``parse`` makes the same numbers exactly."""
     content = {
         "format": FORMAT,
         "version": VERSION,
@@ -105,7 +110,7 @@ def write(rig: StereoRig, path: Path) -> None:
     }
     if rig.port is not None:
         content["port"] = _port_content(rig.port)
-    path.write_text(yaml.safe_dump(content, sort_keys=False, default_flow_style=None), encoding="utf-8")
+    return yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode()
 
 
 def _camera_content(camera: Camera) -> dict[str, Any]:

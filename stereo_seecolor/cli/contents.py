@@ -18,7 +18,12 @@ Content = dict[str, Any]
 
 def run_content(summary: "RunSummary", out: Path) -> Content:
     """A run: totals, and each pair that failed."""
-    return {"out": out, **summary.totals(), "failed_pairs": [row for row in summary.rows if row.status != "ok"]}
+    return {
+        "out": out,
+        **summary.totals(),
+        "failed_pairs": [row for row in summary.rows if row.status != "ok"],
+        "products": [vars(product) for product in summary.products],
+    }
 
 
 def run_exit_code(summary: "RunSummary") -> int:

@@ -21,10 +21,11 @@ from stereo_seecolor.cli.options import (
     Settings,
     Strict,
     Verbose,
+    Verify,
     WaterFile,
     Workers,
 )
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.report import Report, run_options
 from stereo_seecolor.cli.run_text import map_text, run_text
 
 if TYPE_CHECKING:
@@ -44,15 +45,17 @@ def run(
     workers: Workers = DEFAULT_WORKERS,
     overwrite: Overwrite = False,
     strict: Strict = False,
+    verify: Verify = False,
     as_json: AsJson = False,
     progress: Progress = "auto",
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
     """The whole job: stereo pairs in; range maps, true-color images and colored clouds out."""
-    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.commands.fuse import check_fusion
+    from stereo_seecolor.commands.fuse import fuse as fuse_frames
+    from stereo_seecolor.commands.run import run as run_dive
     from stereo_seecolor.config_file import load_config
-    from stereo_seecolor.progress import RunOptions
 
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
@@ -60,13 +63,14 @@ def run(
     with report.working() as listener:
         loaded = load_config(config, settings or [])
         if fuse:
-            jobs.check_fusion(poses, loaded)
-        summary = jobs.run(left, right, calib, out, loaded, RunOptions(workers, overwrite, strict, listener), water=water)
+            check_fusion(poses, loaded)
+        options = run_options(workers, overwrite, strict, verify, config, listener)
+        summary = run_dive(left, right, calib, out, loaded, options, water=water)
     if not fuse or summary.stopped:
         _end(report, summary, out)
     report.say(run_text(summary, out))
     with report.working() as listener:
-        made = jobs.fuse(out, poses, loaded, listener)
+        made = fuse_frames(out, poses, loaded, listener)
     content = {**run_content(summary, out), "map": map_content(made)}
     report.end(content, map_text(made), max(run_exit_code(summary), map_exit_code(made)))
 
@@ -81,20 +85,20 @@ def correct(
     workers: Workers = DEFAULT_WORKERS,
     overwrite: Overwrite = False,
     strict: Strict = False,
+    verify: Verify = False,
     as_json: AsJson = False,
     progress: Progress = "auto",
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
     """Color correction alone, for images that already have range maps."""
-    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.commands.correct import correct as correct_images
     from stereo_seecolor.config_file import load_config
-    from stereo_seecolor.progress import RunOptions
 
     report = Report("correct", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        options = RunOptions(workers, overwrite, strict, listener)
-        summary = jobs.correct(images, ranges, out, load_config(config, settings or []), options, water=water)
+        options = run_options(workers, overwrite, strict, verify, config, listener)
+        summary = correct_images(images, ranges, out, load_config(config, settings or []), options, water=water)
     _end(report, summary, out)
 
 
@@ -108,20 +112,20 @@ def range_(
     workers: Workers = DEFAULT_WORKERS,
     overwrite: Overwrite = False,
     strict: Strict = False,
+    verify: Verify = False,
     as_json: AsJson = False,
     progress: Progress = "auto",
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
     """Range maps alone: stereo pairs in, meters along the ray out."""
-    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.commands.run import range_maps
     from stereo_seecolor.config_file import load_config
-    from stereo_seecolor.progress import RunOptions
 
     report = Report("range", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        options = RunOptions(workers, overwrite, strict, listener)
-        summary = jobs.run(left, right, calib, out, load_config(config, settings or []), options, ranges_only=True)
+        options = run_options(workers, overwrite, strict, verify, config, listener)
+        summary = range_maps(left, right, calib, out, load_config(config, settings or []), options)
     _end(report, summary, out)
 
 
@@ -135,20 +139,20 @@ def rectify(
     workers: Workers = DEFAULT_WORKERS,
     overwrite: Overwrite = False,
     strict: Strict = False,
+    verify: Verify = False,
     as_json: AsJson = False,
     progress: Progress = "auto",
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
     """Rectified images alone, and the calibration that they have."""
-    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.commands.rectify import rectify as rectify_pairs
     from stereo_seecolor.config_file import load_config
-    from stereo_seecolor.progress import RunOptions
 
     report = Report("rectify", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        options = RunOptions(workers, overwrite, strict, listener)
-        summary = jobs.rectify(left, right, calib, out, load_config(config, settings or []), options)
+        options = run_options(workers, overwrite, strict, verify, config, listener)
+        summary = rectify_pairs(left, right, calib, out, load_config(config, settings or []), options)
     _end(report, summary, out)
 
 

@@ -17,12 +17,13 @@ def fuse(
     log_file: LogFile = None,
 ) -> None:
     """Fuse a finished run into one map of the dive, OUT/map."""
-    from stereo_seecolor.commands import jobs
+    from stereo_seecolor.commands.fuse import fuse as fuse_frames
     from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.run_folder.finished_run import settings_file
 
     report = Report("fuse", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        made = jobs.fuse(out, poses, load_config(config, settings or []), listener)
+        made = fuse_frames(out, poses, load_config(config or settings_file(out), settings or []), listener)
     report.end({"out": out, "map": map_content(made)}, map_text(made), map_exit_code(made))
 
 

@@ -47,6 +47,7 @@ Overwrite = Annotated[
         "--overwrite", help="Remove the results that an earlier run wrote into the output folder.", rich_help_panel=EXECUTION
     ),
 ]
+Verify = Annotated[bool, typer.Option("--verify", help="Read every input again, also those whose size and time have not changed.")]
 Strict = Annotated[bool, typer.Option("--strict", help="Stop at the first pair that fails.", rich_help_panel=EXECUTION)]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the result as one JSON object (docs/json.md).", rich_help_panel=REPORTING)

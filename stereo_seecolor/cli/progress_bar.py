@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
 from stereo_seecolor.progress import Listener
-from stereo_seecolor.run_folder.frames_table import FrameRow
+from stereo_seecolor.records import FrameRow
 
 
 @contextmanager

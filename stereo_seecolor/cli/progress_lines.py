@@ -4,7 +4,7 @@ import time
 
 from stereo_seecolor.cli.json_output import json_line
 from stereo_seecolor.cli.streams import write_error
-from stereo_seecolor.run_folder.frames_table import FrameRow
+from stereo_seecolor.records import FrameRow
 
 LINE_EVERY_S = 10.0
 """Seconds between two lines of one stage: often enough to see that it is alive, 360 lines an hour at most."""

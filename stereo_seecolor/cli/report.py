@@ -17,9 +17,18 @@ from stereo_seecolor.cli.streams import write_out
 
 if TYPE_CHECKING:
     from stereo_seecolor.cli.options import ProgressKind
-    from stereo_seecolor.progress import Listener
+    from stereo_seecolor.progress import Listener, RunOptions
 
 log = logging.getLogger("stereo_seecolor.cli")
+
+
+def run_options(
+    workers: int, overwrite: bool, strict: bool, verify: bool, config_file: Path | None, listener: "Listener"
+) -> "RunOptions":
+    """How a command over pairs goes about it, from its options."""
+    from stereo_seecolor.progress import RunOptions
+
+    return RunOptions(workers, overwrite, strict, verify, config_file, tuple(sys.argv), listener)
 
 
 @dataclass(frozen=True)

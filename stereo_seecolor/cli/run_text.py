@@ -7,7 +7,7 @@ from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary
-    from stereo_seecolor.run_folder.frames_table import RunSummary
+    from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary
 
 MOST_NAMED = 20
 """So many failed pairs are named on the terminal; frames.csv names all."""
@@ -15,20 +15,23 @@ MOST_NAMED = 20
 
 def run_text(summary: "RunSummary", out: Path) -> str:
     """What became of a run: its failures, what went wrong how often, totals, and where the results are."""
-    from stereo_seecolor.run_folder.folder import WHAT_IS_WHERE
-
     bad = [row.line for row in summary.rows if row.status != "ok"]
     named = bad[:MOST_NAMED]
     if len(bad) > MOST_NAMED:
         named.append(f"and {len(bad) - MOST_NAMED} more, named in {out / 'frames.csv'}")
     notes = [f"note: {note}" for note in summary.notes]
     problems = [(what, str(often), first) for what, often, first in summary.problems()]
-    made = [f"  {out / name}: {what}" for name, what in WHAT_IS_WHERE.items() if (out / name).exists()]
+    made = [_product_line(product) for product in summary.products]
     return (
         lines([*named, *notes])
         + (table(("what went wrong", "times", "first in"), problems) if problems else "")
         + lines([_totals(summary), *made])
     )
+
+
+def _product_line(product: "ProductSummary") -> str:
+    source = "" if product.source == "written" else f" ({product.source})"
+    return f"  {product.path}: {product.what}{source}"
 
 
 def _totals(summary: "RunSummary") -> str:

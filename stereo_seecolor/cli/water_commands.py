@@ -27,10 +27,11 @@ def water(
     """Measure the water from places that several frames see; run again with --water to use it."""
     from stereo_seecolor.commands.water import measure_water
     from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.run_folder.finished_run import settings_file
 
     report = Report("water", as_json, "none", verbose, log_file)
     with report.working():
-        result = measure_water(out, poses, load_config(config, settings or []))
+        result = measure_water(out, poses, load_config(config or settings_file(out), settings or []))
     report.end({"out": out, **vars(result)}, water_text(result))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.parameters import clear_water
-from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, SlidingFitter, SurveyFitter
+from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, ReadPixels, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.render.tone import Tone
@@ -62,12 +62,12 @@ class Corrector:
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The water of one frame, by the config's method."""
-        return self._fit_measured(self.measure(image, range_m), image, range_m, start)
+        return self._fit_measured(self.measure(image, range_m), lambda: (image, range_m), start)
 
-    def _fit_measured(self, table: MomentTable, image: Image, range_m: Map, start: Water | None) -> Water:
+    def _fit_measured(self, table: MomentTable, pixels: ReadPixels, start: Water | None) -> Water:
         if self.config.method != "paper-adam" or not table.pixels.any():
             return self.fit(table, start)
-        return replace(self.fit_dense(image, range_m, start), warnings=doubts(table))
+        return replace(self.fit_dense(*pixels(), start), warnings=doubts(table))
 
     def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""

@@ -19,7 +19,7 @@ from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.run_folder.frames_table import FrameRow
+from stereo_seecolor.records import FrameRow
 
 Pixels = NDArray[np.generic]
 

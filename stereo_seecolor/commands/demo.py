@@ -3,8 +3,8 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from stereo_seecolor.commands import jobs
 from stereo_seecolor.commands.evaluate import evaluate
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.synthesize import synthesize
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.evaluation.truth import TruthReport
@@ -33,5 +33,5 @@ def demo(out: Path, options: RunOptions | None = None) -> DemoResult:
     dive, done = out / "dive", out / "out"
     synthesize(SurveySpec(pairs=DEMO_PAIRS, lines=1), dive, options.listener)
     config = load_config(None, ["color.lock=survey"])
-    summary = jobs.run(dive / "left", dive / "right", dive / "cam.yaml", done, config, options)
+    summary = run(dive / "left", dive / "right", dive / "cam.yaml", done, config, options)
     return DemoResult(done, summary, None if summary.stopped else evaluate(done, dive / "truth"))

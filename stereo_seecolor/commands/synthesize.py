@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.progress import Listener, Silence
-from stereo_seecolor.run_folder.frames_table import FrameRow
+from stereo_seecolor.records import FrameRow
 from stereo_seecolor.synthetic import dive
 from stereo_seecolor.synthetic.survey import SurveySpec
 

@@ -1,7 +1,5 @@
 """Measure the water of a finished run from places that several of its frames see, for another run with ``--water``."""
 
-import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Rectification
-from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
 from stereo_seecolor.color.photometry.sightings import KeyFrame, find_sightings
 from stereo_seecolor.compute.lazy import Lazy
@@ -20,8 +17,11 @@ from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.placement import place
 from stereo_seecolor.records import Image, Water
+from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.layout import MEASURED_WATER
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
-from stereo_seecolor.run_folder.water_file import read_waters, write_waters
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,33 +38,31 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     out: a run with color.lock=survey. poses: a trajectory of the left camera in any known format.
     Raises InputError, MappingError, ColorError where the run, the poses or the overlap cannot carry it.
     """
-    config = config or RunConfig()
-    frames = SurveyFrames(out)
-    index = FrameIndex.build(frames, frames.pair)
+    run = open_run(out)
+    config = config or run.config
+    frames = SurveyFrames(run)
+    index = FrameIndex.build(frames, frames.geometry)
     trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left)
     placed = place(index, trajectory, config.mapping)
-    waters = read_waters(out / "water.json", list(index.names))
+    waters = read_waters(run.water_file, list(index.names))
     if len({tuple(water.white) for water in waters.values()}) > 1:
-        raise InputError(f"{out / 'water.json'}: holds a water for each frame: run again with --set color.lock=survey")
+        raise InputError(f"{run.water_file}: holds a water for each frame: run again with --set color.lock=survey")
     scene = waters[index.names[0]]
-    key_frames = _KeyFrames(out, frames, placed.T_world_camera, config)
-    sightings = find_sightings(key_frames, frames.pair, scene.input_encoding)
+    key_frames = _KeyFrames(run, frames, placed.T_world_camera)
+    sightings = find_sightings(key_frames, frames.geometry, scene.input_encoding)
     water = with_white_of(fit_sightings(sightings, scene.input_encoding), scene, sightings)
-    path = out / "water_measured.json"
-    write_waters(path, {"survey": water})
-    return MeasuredWater(path, water)
+    with RunFolder.existing(out, (poses,)) as folder:
+        folder.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.digest("range"))
+    return MeasuredWater(out / MEASURED_WATER, water)
 
 
 class _KeyFrames(Lazy[KeyFrame]):
-    """The placed frames of a run, raw and rectified, read when asked for."""
+    """The placed frames of a run, as the camera saw them and rectified, read when asked for."""
 
-    def __init__(self, out: Path, frames: SurveyFrames, poses: NDArray[np.float64], config: RunConfig) -> None:
-        self._frames, self._poses, self._config = frames, poses, config
+    def __init__(self, run: FinishedRun, frames: SurveyFrames, poses: NDArray[np.float64]) -> None:
+        self._run, self._frames, self._poses = run, frames, poses
         self._placed = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
-        calib = json.loads((out / "run.json").read_bytes())["inputs"]["calib"]
-        self._rectification = Rectification.from_rig(load_rig(calib, frames.pair.image_size))
-        rows = csv.DictReader((out / "frames.csv").read_text(encoding="utf-8").splitlines())
-        self._left = {row["name"]: Path(row["left"]) for row in rows}
+        self._rectification = Rectification.from_rig(run.rig)
 
     def __len__(self) -> int:
         return len(self._placed)
@@ -73,5 +71,6 @@ class _KeyFrames(Lazy[KeyFrame]):
         """A frame, raw and rectified."""
         placed = int(self._placed[number])
         frame = self._frames[placed]
-        image: Image = self._rectification.apply_left(read_image(self._left[frame.name], self._config.input))
+        raw = read_image(self._run.frame(frame.name).left, self._run.config.input)
+        image: Image = self._rectification.upright(self._rectification.apply_left(raw))
         return KeyFrame(image, frame.range_m, self._poses[placed])

@@ -17,7 +17,7 @@ TEMPORARY_PREFIX = ".writing-"
 
 _numbers = itertools.count()
 
-Content = bytes | memoryview | Iterator[bytes]
+Content = bytes | memoryview | Iterator[bytes | memoryview]
 
 
 def write_atomic(path: Path, content: Content) -> None:

@@ -1,162 +1,307 @@
-"""The output folder of a run: where each thing lies, what is finished, and whose it is."""
+"""OUT while a run writes into it: held by one run at a time, every file known to the manifest before it is there."""
 
+import contextlib
 import hashlib
-import json
-import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field
-from itertools import chain
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
 from filelock import FileLock, Timeout
+from numpy.typing import NDArray
 
-from stereo_seecolor.errors import OutputError
-from stereo_seecolor.files.atomic import remove_leftovers, write_atomic
-from stereo_seecolor.files.encode import SUFFIX, ImageFormat
-
-STATE = ".state"
-RUN_FORMAT = "stereo-seecolor/run"
-WHAT_IS_WHERE = {
-    "corrected": "each left frame in its true colors, at its own bit depth",
-    "range": "meters along the ray, float32 TIFF, NaN where unknown",
-    "range_std": "standard error of the range, meters",
-    "confidence": "0..255 for a confidence of 0..1 in the range",
-    "mask": "1 range unknown, 2 range filled in, 3 color beyond recovery, 0 good",
-    "clouds": "colored points in meters, left rectified camera, PLY",
-    "rectified_left": "left images, rectified",
-    "rectified_right": "right images, rectified",
-    "rectified.yaml": "the calibration that the rectified images have",
-    "map": "the fused map of the dive",
-    "water.json": "the water that was fitted, for another run's --water",
-    "water_measured.json": "the water measured from places seen at two ranges, for another run's --water",
-    "frames.csv": "a row for each pair: status, warnings, shares, seconds a stage",
-    "run.json": "the whole configuration, inputs with their hashes, totals",
-}
-PRODUCTS = tuple(name for name in WHAT_IS_WHERE if "." not in name)
-FILES = tuple(name for name in WHAT_IS_WHERE if "." in name)
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.files.atomic import Content, flush_folder, move_into_place, output_errors, remove_leftovers, write_temporary
+from stereo_seecolor.files.decode import read_array
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.run_folder.claim import (
+    LOCK,
+    Owner,
+    check_claim,
+    refuse_foreign,
+    refuse_inputs,
+    refuse_links,
+    refuse_used,
+)
+from stereo_seecolor.run_folder.layout import MAP, PRODUCTS, SET_ASIDE, Stage, state, table_file
+from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
+from stereo_seecolor.run_folder.stamp import Stamp
 
 
 @dataclass(frozen=True)
-class Finished:
-    """What is known of a finished stage of a pair: enough to keep its outputs, or to tell that they are out of date.
+class Claim:
+    """How a run takes OUT. owner: whose it is to be. overwrite: begin anew. inputs: what the run reads, never to be deleted."""
 
-    key: hash of all that the stage's outputs depend on. facts: columns of frames.csv.
-    """
-
-    key: str
-    facts: Mapping[str, float] = field(default_factory=dict)
-    warnings: tuple[str, ...] = ()
+    owner: Owner
+    overwrite: bool = False
+    inputs: tuple[Path, ...] = ()
 
 
 class RunFolder:
-    """OUT/, held by one run at a time.
+    """OUT/, held by one run at a time, as a context manager.
 
-    Use as a context manager: entering takes the lock, makes the folder and clears what a killed run left half written.
-    Raises OutputError if it cannot be written, is held by another run, or holds something else.
+    Entering takes the lock, refuses what must not be touched, and clears what a killed run left half written.
+    Raises OutputError if the folder cannot be written, is held by another run, or holds something else.
     """
 
-    def __init__(self, root: Path, identity: str, image_format: ImageFormat = "png", overwrite: bool = False) -> None:
-        """identity: the dive this run belongs to (its inputs); a folder of another identity is refused unless overwrite."""
+    def __init__(self, root: Path, claim: Claim) -> None:
         self.root = root
-        self._identity = identity
-        self._image_suffix = SUFFIX[image_format]
-        self._overwrite = overwrite
+        self.manifest = Manifest(root)
+        self.set_aside: list[Path] = []
+        self.removed: list[str] = []
+        self.written: dict[Stage, set[str]] = {"range": set(), "corrected": set(), "rectified": set()}
+        self.files_written: set[str] = set()
+        self._claim = claim
+        self._dive = DiveRecord()
         self._hold = ExitStack()
 
     def __enter__(self) -> Self:
+        refuse_links(self.root)
+        if not self.manifest.exists():
+            refuse_used(self.root)
         with ExitStack() as hold:
             hold.enter_context(held(self.root))
-            self._claim()
+            check_claim(self.manifest, self._claim.owner, self._claim.overwrite, self._claim.inputs)
+            self._begin()
             self._hold = hold.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._hold.close()
 
-    def _claim(self) -> None:
-        """Refuse what is not ours, begin anew if asked, and write down whose the folder is."""
-        owner = self.root / STATE / "owner.json"
-        foreign = [p.name for p in self.root.iterdir() if p.name not in (STATE, *PRODUCTS, *FILES)]
-        if not owner.exists() and foreign:
-            raise OutputError(f"{self.root}: holds other files ({foreign[0]}): choose another --out, an empty or a new folder")
-        if owner.exists() and _read_json(owner).get("identity") != self._identity and not self._overwrite:
-            raise OutputError(
-                f"{self.root}: holds the results of another dive or command: choose another --out, or give --overwrite"
-            )
-        if self._overwrite:
-            for product in (*PRODUCTS, f"{STATE}/range", f"{STATE}/corrected"):
-                shutil.rmtree(self.root / product, ignore_errors=True)
-            for name in FILES:
-                (self.root / name).unlink(missing_ok=True)
-        for folder in (self.root, *(path for path in self.root.rglob("*") if path.is_dir())):
+    @classmethod
+    @contextmanager
+    def existing(cls, root: Path, inputs: Sequence[Path] = ()) -> Iterator[Self]:
+        """Hold a finished run's folder to add a map or another file of the whole dive; ``inputs`` are not to be replaced by it.
+
+        Raises OutputError.
+        """
+        refuse_links(root)
+        with held(root):
+            folder = cls(root, Claim(Owner("existing", {})))
+            folder._dive = folder.manifest.dive()
+            refuse_foreign(folder.manifest)
+            refuse_inputs(root, (root / path for path in folder.dive.files), inputs)
+            yield folder
+
+    def digest(self, stage: Stage) -> str:
+        """A hash of all frames whose stage is current, to tell whether what is made from them is up to date."""
+        current = ((frame.name, frame.stages[stage].key) for frame in self.manifest.frames() if self.dive.is_current(frame, stage))
+        return content_key(*current)
+
+    def _begin(self) -> None:
+        if self._claim.overwrite and self.manifest.exists():
+            self._delete_everything()
+        earlier = self.manifest.dive() if self.manifest.exists() else DiveRecord()
+        self._dive = replace(earlier, identity=self._claim.owner.identity())
+        for name in (*PRODUCTS, MAP, "."):
+            remove_leftovers(self.root / name)
+        for folder in (state(self.root), *(path for path in state(self.root).iterdir() if path.is_dir())):
             remove_leftovers(folder)
-        write_atomic(owner, json.dumps({"identity": self._identity}).encode())
+        self.manifest.save_dive(self._dive)
 
-    def corrected(self, name: str) -> Path:
-        """The frame in its true colors."""
-        return self.root / "corrected" / f"{name}{self._image_suffix}"
+    # What an earlier run finished
 
-    def range(self, name: str) -> Path:
-        """float32 meters along the ray, NaN unknown."""
-        return self.root / "range" / f"{name}.tiff"
-
-    def range_std(self, name: str) -> Path:
-        """float32 standard error of the range, meters."""
-        return self.root / "range_std" / f"{name}.tiff"
-
-    def confidence(self, name: str) -> Path:
-        """8-bit, 255 = certain, 0 = unknown or filled in."""
-        return self.root / "confidence" / f"{name}.png"
-
-    def mask(self, name: str) -> Path:
-        """8-bit codes of what cannot be relied on: see MASK_CODES in run_folder/products.py."""
-        return self.root / "mask" / f"{name}.png"
-
-    def cloud(self, name: str) -> Path:
-        """The pair's colored points in the left rectified camera."""
-        return self.root / "clouds" / f"{name}.ply"
-
-    def rectified(self, side: str, name: str) -> Path:
-        """A rectified image of one side, left or right."""
-        return self.root / f"rectified_{side}" / f"{name}.png"
-
-    def finished(self, stage: str, name: str, key: str, outputs: Iterable[Path] = ()) -> Finished | None:
-        """What an earlier run finished of this pair's stage with the same key; None if it did not, or an output is gone."""
-        path = self._state(stage, name)
-        if not path.exists() or not all(output.exists() for output in outputs):
+    def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
+        """What an earlier run finished of this frame's stage with the same key; None if a file of it is gone or changed."""
+        frame = self.manifest.frame(name)
+        record = frame.stages.get(stage) if frame else None
+        if frame is None or record is None or record.key != key:
             return None
-        content = _read_json(path)
-        if content.get("key") != key:
-            return None
-        try:
-            return Finished(key, dict(content["facts"]), tuple(content["warnings"]))
-        except (KeyError, TypeError, ValueError):
-            return None  # damaged: the outputs are made anew
+        return record if all(_is_ours(self.root, path, frame.files) for path in record.outputs.values()) else None
 
-    def finish(self, stage: str, name: str, finished: Finished) -> None:
-        """Write down that all outputs of this pair's stage are there."""
-        write_atomic(self._state(stage, name), json.dumps(asdict(finished)).encode())
+    def inputs(self, name: str, paths: Mapping[str, Path], verify: bool) -> dict[str, InputRecord]:
+        """A frame's input files by side, with their hashes: an earlier run's where size and time are the same, unless ``verify``.
 
-    def write_json(self, name: str, content: Any) -> None:
-        """Write one of the run's own files, such as run.json."""
-        pieces = json.JSONEncoder(indent=2).iterencode(content)
-        write_atomic(self.root / name, (piece.encode() for piece in chain(pieces, ["\n"])))
+        Raises InputError if one cannot be read.
+        """
+        frame = self.manifest.frame(name)
+        known = frame.inputs if frame and not verify else {}
+        return {side: _input(path, known.get(side)) for side, path in paths.items()}
 
-    def _state(self, stage: str, name: str) -> Path:
-        return self.root / STATE / stage / f"{name}.json"
+    # What this run writes
+
+    def begin(self, settings: dict[Stage, str]) -> None:
+        """A run begins: what was made with these settings (stage -> hash) is current from now on. Raises OutputError."""
+        kept = self._dive.waters if settings.get("corrected") == self._dive.settings.get("corrected") else {}
+        self.update(replace(self._dive, state="running", settings=settings, waters=kept))
+
+    def set_waters(self, keys: Mapping[str, str]) -> None:
+        """Each frame's water, as its hash; frames corrected with another are no longer current. Raises OutputError."""
+        shared = set(keys.values())
+        self.update(replace(self._dive, waters={"*": shared.pop()} if len(shared) == 1 else dict(keys)))
+
+    def frame(self, name: str, timestamp_s: float | None, inputs: dict[str, InputRecord]) -> FrameRecord:
+        """The record of a frame with the inputs as they are now."""
+        known = self.manifest.frame(name) or FrameRecord(name)
+        return replace(known, timestamp_s=timestamp_s, inputs=inputs)
+
+    def read(self, frame: FrameRecord, product: str) -> NDArray[Any]:
+        """The pixels of a product of a frame. Raises InputError if the file is gone or damaged."""
+        paths = {name: path for stage in frame.stages.values() for name, path in stage.outputs.items()}
+        return read_array(self.root / paths[product])
+
+    def save(self, frame: FrameRecord, stage: Stage, contents: Mapping[str, tuple[str, Content]]) -> FrameRecord:
+        """Write all files of a frame's finished stage: product -> path relative to OUT, content.
+
+        frame: its record with the stage in it. What the stage, or one that depends on it, wrote before and does no longer, is
+        deleted. Returns the frame's record as it is then. Raises OutputError.
+        """
+        old = self.manifest.frame(frame.name)
+        record = replace(frame.stages[stage], outputs={product: path for product, (path, _) in contents.items()})
+        frame = frame.with_stage(stage, record)
+        live = {path for item in frame.stages.values() for path in item.outputs.values()}
+        before = dict(old.files) if old else {}
+        self._delete(before.keys() - live, before)
+        temporaries = self._write_temporaries(contents.values())
+        stamps = {path: (Stamp.of(temporary),) for path, temporary in temporaries.items()}
+        files = {path: stamps.get(path, ()) + before.get(path, ())[:2] for path in live if path in stamps or path in before}
+        frame = replace(frame, files=files)
+        self.manifest.save_frame(frame)
+        self._move_into_place(temporaries, files)
+        self.written[stage].add(frame.name)
+        return frame
+
+    def discard(self, name: str) -> None:
+        """Delete all that the program wrote of a frame: it failed, or its input is gone."""
+        frame = self.manifest.frame(name)
+        if frame is not None:
+            self._delete(frame.files, frame.files)
+        self.manifest.remove_frame(name)
+        (self.root / table_file(name)).unlink(missing_ok=True)
+
+    def write(self, name: str, content: Content, made_from: str = "") -> None:
+        """Write a file of the whole dive, such as run.json. Raises OutputError.
+
+        made_from: hash of the frames that it was made from.
+        """
+        if isinstance(content, bytes) and self._has(name, content):
+            return
+        temporaries = self._write_temporaries([(name, content)])
+        files = {name: (Stamp.of(temporaries[name]), *self._dive.files.get(name, ())[:2])}
+        made = {name: made_from} if made_from else {}
+        self.update(replace(self._dive, files={**self._dive.files, **files}, made_from={**self._dive.made_from, **made}))
+        self._move_into_place(temporaries, files)
+        self.files_written.add(name)
+
+    def _has(self, name: str, content: bytes) -> bool:
+        return _is_ours(self.root, name, self._dive.files) and (self.root / name).read_bytes() == content
+
+    def remove(self, *names: str) -> None:
+        """Delete files of the whole dive, or all files of a folder such as map, that the program wrote."""
+        gone = [path for path in self._dive.files if path in names or path.split("/")[0] in names]
+        self.removed += [f"{self.root / name}: was made from other frames or settings, and was removed" for name in names]
+        self._delete(gone, self._dive.files)
+        files = {path: stamps for path, stamps in self._dive.files.items() if path not in gone}
+        made_from = {name: made for name, made in self._dive.made_from.items() if name not in names}
+        self.update(replace(self._dive, files=files, made_from=made_from))
+        for name in names:
+            remove_empty_folders(self.root / name)
+
+    @property
+    def dive(self) -> DiveRecord:
+        """The record of the dive as it is now."""
+        return self._dive
+
+    def update(self, record: DiveRecord) -> None:
+        """Change the record of the dive. Raises OutputError."""
+        self._dive = record
+        self.manifest.save_dive(record)
+
+    # Files on disk
+
+    def _write_temporaries(self, contents: Iterable[tuple[str, Content]]) -> dict[str, Path]:
+        written: dict[str, Path] = {}
+        for path, content in contents:
+            try:
+                with output_errors(self.root / path):
+                    written[path] = write_temporary(self.root / path, content)
+            except BaseException:
+                for temporary in written.values():
+                    temporary.unlink(missing_ok=True)
+                raise
+        return written
+
+    def _move_into_place(self, temporaries: Mapping[str, Path], files: Mapping[str, Sequence[Stamp]]) -> None:
+        for path, temporary in temporaries.items():
+            place = self.root / path
+            with output_errors(place):
+                if (place.exists() or place.is_symlink()) and not _is_ours(self.root, path, files):
+                    self._set_aside(path)
+                move_into_place(temporary, place)
+        for folder in {(self.root / path).parent for path in temporaries}:
+            flush_folder(folder)
+
+    def _delete(self, paths: Iterable[str], files: Mapping[str, Sequence[Stamp]]) -> None:
+        """Delete files of ours; what somebody changed since is moved aside instead."""
+        for path in paths:
+            place = self.root / path
+            if _is_ours(self.root, path, files):
+                with output_errors(place):
+                    place.unlink()
+            elif place.exists() or place.is_symlink():
+                self._set_aside(path)
+
+    def _set_aside(self, path: str) -> None:
+        """Move a file that somebody changed to a place where nothing overwrites it."""
+        target = self.root / SET_ASIDE / path
+        number = 1
+        while target.exists() or target.is_symlink():
+            target = (self.root / SET_ASIDE / path).with_name(f"{Path(path).stem}-{number}{Path(path).suffix}")
+            number += 1
+        with output_errors(target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            (self.root / path).rename(target)
+        self.set_aside.append(target)
+
+    def _delete_everything(self) -> None:
+        """Delete all that the manifest names, and folders that are empty then."""
+        for frame in self.manifest.frames():
+            self.discard(frame.name)
+        dive = self.manifest.dive()
+        self._delete(dive.files, dive.files)
+        self.manifest.save_dive(DiveRecord(identity=dive.identity))
+        for folder in (MAP, *PRODUCTS):
+            remove_empty_folders(self.root / folder)
+
+
+def remove_empty_folders(folder: Path) -> None:
+    """Remove a folder and those in it as far as they are empty."""
+    if not folder.is_dir() or folder.is_symlink():
+        return
+    for inner in folder.iterdir():
+        if inner.is_dir() and not inner.is_symlink():
+            remove_empty_folders(inner)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def _input(path: Path, known: InputRecord | None) -> InputRecord:
+    try:
+        status = path.stat()
+        if known and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns):
+            return replace(known, path=str(path))
+        sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
+        return InputRecord(str(path), Stamp.of(path), sha256)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+
+
+def _is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
+    return any(stamp.matches(root / path) for stamp in files.get(path, ()))
 
 
 @contextmanager
 def held(root: Path) -> Iterator[None]:
-    """Hold a run's folder, made where it is missing: nothing else of ours writes into it meanwhile.
+    """Hold a run's folder, made where it is missing: no other run writes into it meanwhile.
 
     Raises OutputError if it cannot be written, or is held already.
     """
-    lock = FileLock(root / STATE / "lock", timeout=0)
+    lock = FileLock(state(root, LOCK), timeout=0)
     try:
-        (root / STATE).mkdir(parents=True, exist_ok=True)
+        state(root).mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout as error:
         raise OutputError(f"{root}: another run is writing into it now: wait for it, or choose another --out") from error
@@ -166,20 +311,3 @@ def held(root: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
-
-
-def content_key(*parts: object) -> str:
-    """A hash of everything that an output depends on; equal parts give equal keys, on any machine."""
-    digest = hashlib.sha256()
-    for part in parts:
-        content = part if isinstance(part, bytes) else json.dumps(part, sort_keys=True, default=str).encode()
-        digest.update(len(content).to_bytes(8, "little") + content)
-    return digest.hexdigest()
-
-
-def _read_json(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return {}
-    return content if isinstance(content, dict) else {}

@@ -2,105 +2,58 @@
 
 import csv
 import io
-import pickle
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
-from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import printable
+from stereo_seecolor.records import FrameRow, Status
 
-Status = Literal["ok", "failed", "unpaired"]
 _PATH = re.compile(r"^\S*/.*?: ")
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
-@dataclass(frozen=True, slots=True)
-class FrameRow:
-    """What became of one pair, or of one file without a partner.
-
-    kept: an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds: a stage's name -> seconds.
-    facts: shares and parameters, by column.
-    """
-
-    name: str
-    status: Status = "ok"
-    left: str = ""
-    right: str = ""
-    timestamp_s: float | None = None
-    error: str = ""
-    warnings: tuple[str, ...] = ()
-    kept: bool = False
-    hashes: dict[str, str] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
-    facts: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def line(self) -> str:
-        """What became of it, for a person: the name once, also where the error begins with it."""
-        return f"{self.status}: {self.name}: {self.error.removeprefix(f'{self.name}: ')}"
-
-    def then(self, later: "FrameRow") -> "FrameRow":
-        """This row after a later stage: times add up, what a stage says again is said once, kept only if both were."""
-        seconds = {key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0) for key in self.seconds | later.seconds}
-        return replace(
-            later,
-            left=later.left or self.left,
-            right=later.right or self.right,
-            timestamp_s=self.timestamp_s if later.timestamp_s is None else later.timestamp_s,
-            warnings=tuple(dict.fromkeys(self.warnings + later.warnings)),
-            kept=self.kept and later.kept,
-            hashes=self.hashes | later.hashes,
-            seconds=seconds,
-            facts=self.facts | later.facts,
-        )
-
-
-_NOTHING: dict[str, Any] = {}
-
-
-class FrameTable(Lazy[FrameRow]):
-    """A dive's rows in the order they came; each is made anew when asked for.
-
-    There are thousands of them, so numbers and hashes are kept packed, in blocks of at most 512 bytes: those have memory of their
-    own in Python, where they do not hold up what images leave.
-    """
+class FrameTable:
+    """A dive's rows in the order they came."""
 
     def __init__(self) -> None:
-        self._texts: list[FrameRow] = []
-        self._numbers: list[bytes] = []
-        self._places: dict[str, int] = {}
+        self._rows: dict[str, FrameRow] = {}
 
     def add(self, row: FrameRow) -> None:
         """The row of a pair or a file, which its left path tells from the others; or what a later stage has to say of it."""
-        place = self._places.setdefault(row.left, len(self))
-        if place == len(self):
-            self._texts.append(row)
-            self._numbers.append(b"")
-        else:
-            row = self[place].then(row)
-        self._texts[place] = replace(row, hashes=_NOTHING, seconds=_NOTHING, facts=_NOTHING)
-        self._numbers[place] = pickle.dumps((row.hashes, row.seconds, row.facts))
+        earlier = self._rows.get(row.left)
+        self._rows[row.left] = earlier.then(row) if earlier else row
 
-    def __len__(self) -> int:
-        return len(self._texts)
+    @property
+    def rows(self) -> tuple[FrameRow, ...]:
+        """All rows."""
+        return tuple(self._rows.values())
 
-    def item(self, number: int) -> FrameRow:
-        """A row."""
-        hashes, seconds, facts = pickle.loads(self._numbers[number])
-        return replace(self._texts[number], hashes=hashes, seconds=seconds, facts=facts)
+
+@dataclass(frozen=True)
+class ProductSummary:
+    """A product in OUT. path: where. what: what it holds. source: whether this run wrote it."""
+
+    path: Path
+    what: str
+    source: Literal["written", "kept from an earlier run", "partly kept from an earlier run"]
 
 
 @dataclass(frozen=True)
 class RunSummary:
-    """The end of a run. wall_seconds: from start to end; stopped: it was interrupted; notes: what concerns the whole dive."""
+    """The end of a run.
+
+    notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was interrupted. products: what is current.
+    """
 
     rows: Sequence[FrameRow]
     notes: tuple[str, ...] = ()
     wall_seconds: float = 0.0
     stopped: bool = False
+    products: tuple[ProductSummary, ...] = ()
 
     @property
     def all_done(self) -> bool:
@@ -123,6 +76,7 @@ class RunSummary:
             "ok": self.count("ok"),
             "failed": self.count("failed"),
             "unpaired_files": self.count("unpaired"),
+            "pending": self.count("pending"),
             "kept": self.kept,
             "stopped": self.stopped,
             "wall_seconds": round(self.wall_seconds, 3),

@@ -1,58 +1,70 @@
-"""The files of one pair: its range map, and its frame in true colors with the cloud."""
+"""The files of one pair as content: its range map; its frame in true colors with the cloud; its rectified images."""
 
-from pathlib import Path
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import OutputConfig
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.atomic import Content
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.files.ply import encode_cloud
-from stereo_seecolor.records import Correction, RangeMap
-from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.records import Correction, Image, RangeMap
+from stereo_seecolor.run_folder.layout import product_path
 
-MASK_CODES = {"good": 0, "range unknown": 1, "range filled in": 2, "color beyond recovery": 3}
+MASK_CODES = {"good": 0, "range unknown": 1, "range filled in": 2, "color not recoverable": 3}
 
-
-def range_outputs(folder: RunFolder, name: str, config: OutputConfig) -> list[Path]:
-    """What write_range writes."""
-    return [folder.range(name), folder.confidence(name), *([folder.range_std(name)] if config.range_std else [])]
+Files = dict[str, tuple[str, Content]]
+"""Product -> path relative to OUT, content. Content is encoded when it is written, so that one file at a time is in memory."""
 
 
-def write_range(folder: RunFolder, name: str, range_map: RangeMap, config: OutputConfig) -> None:
-    """Write OUT/range, OUT/confidence and, if wanted, OUT/range_std of one pair."""
-    write_atomic(folder.range(name), encode_map(range_map.range_m))
-    write_atomic(folder.confidence(name), encode_confidence(range_map.confidence))
+def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
+    """OUT/range, OUT/confidence and, if wanted, OUT/range_std of one pair."""
+    contents: dict[str, Callable[[], bytes | memoryview]] = {
+        "range": lambda: encode_map(range_map.range_m),
+        "confidence": lambda: encode_confidence(range_map.confidence),
+    }
     if config.range_std:
-        write_atomic(folder.range_std(name), encode_map(range_map.range_std_m))
+        contents["range_std"] = lambda: encode_map(range_map.range_std_m)
+    return _files(name, contents, config)
 
 
-def correction_outputs(folder: RunFolder, name: str, geometry: RectifiedPair | None, config: OutputConfig) -> list[Path]:
-    """What write_correction writes."""
-    return [folder.corrected(name), folder.mask(name), *([folder.cloud(name)] if config.clouds and geometry else [])]
-
-
-def write_correction(
-    folder: RunFolder,
-    name: str,
-    correction: Correction,
-    range_map: RangeMap,
-    geometry: RectifiedPair | None,
-    config: OutputConfig,
-) -> None:
-    """Write OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds of one pair."""
+def correction_files(
+    name: str, correction: Correction, range_map: RangeMap, geometry: RectifiedPair | None, config: OutputConfig
+) -> Files:
+    """OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds of one pair."""
     pixels = correction.image if correction.linear is None else correction.linear
-    write_atomic(folder.corrected(name), encode_image(pixels, config.image_format))
-    write_atomic(folder.mask(name), encode_mask(_mask(correction, range_map)))
+    contents: dict[str, Callable[[], bytes | memoryview]] = {
+        "corrected": lambda: encode_image(pixels, config.image_format),
+        "mask": lambda: encode_mask(_mask(correction, range_map)),
+    }
     if config.clouds and geometry is not None:
-        write_atomic(folder.cloud(name), encode_cloud(range_map.measured_m, geometry.rays, correction.image))
+        rays = geometry.rays
+        contents["clouds"] = lambda: encode_cloud(range_map.measured_m, rays, correction.image)
+    return _files(name, contents, config)
+
+
+def rectified_files(name: str, left: Image, right: Image, config: OutputConfig) -> Files:
+    """OUT/rectified_left and OUT/rectified_right of one pair, always PNG."""
+    return _files(
+        name,
+        {"rectified_left": lambda: encode_image(left, "png"), "rectified_right": lambda: encode_image(right, "png")},
+        config,
+    )
+
+
+def _files(name: str, contents: dict[str, Callable[[], bytes | memoryview]], config: OutputConfig) -> Files:
+    return {product: (product_path(product, name, config.image_format), _encoded(encode)) for product, encode in contents.items()}
+
+
+def _encoded(encode: Callable[[], bytes | memoryview]) -> Iterator[bytes | memoryview]:
+    yield encode()
 
 
 def _mask(correction: Correction, range_map: RangeMap) -> NDArray[np.uint8]:
     mask = np.zeros(correction.unknown.shape, np.uint8)
-    mask[correction.unrecoverable] = MASK_CODES["color beyond recovery"]
+    mask[correction.unrecoverable] = MASK_CODES["color not recoverable"]
     mask[range_map.filled] = MASK_CODES["range filled in"]
     mask[correction.unknown] = MASK_CODES["range unknown"]
     return mask

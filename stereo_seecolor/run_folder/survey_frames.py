@@ -1,108 +1,83 @@
-"""A finished run folder, read back one frame at a time for the map."""
+"""A finished run's frames as the map takes them, each read when asked for."""
 
-import csv
-import json
-from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import FrameError, InputError
-from stereo_seecolor.records import SurveyFrame
-from stereo_seecolor.run_folder.folder import RUN_FORMAT
+from stereo_seecolor.files.srgb import encode_srgb
+from stereo_seecolor.records import Map, SurveyFrame
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.products import MASK_CODES
+
+NOMINAL_DISPARITY_STD_PX = 0.2
+"""Standard error of a disparity where the run wrote none: the median of the sample dive's own."""
 
 
 class SurveyFrames(Lazy[SurveyFrame]):
-    """The frames of ``OUT/`` that went through all stages, in the order of their names; each is read when asked for.
+    """The current frames of a run, in the dive's order.
 
-    pair: the geometry of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes.
-    Raises InputError if OUT/ holds no finished run with ranges and colors.
+    geometry: of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes.
+    Raises InputError if the run knows no camera, holds no finished frame, or holds frames of two settings.
     """
 
-    def __init__(self, out: Path) -> None:
-        self._out = out
-        content = _run_content(out)
-        if content.get("geometry") is None:
-            raise InputError(f"{out / 'run.json'}: knows nothing of the camera (made by correct?): a map needs the output of run")
-        try:
-            self.pair = RectifiedPair(**{**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])})
-            self.T_rectified_left = np.array(content["T_rectified_left"])
-        except (TypeError, KeyError) as error:
+    def __init__(self, run: FinishedRun) -> None:
+        if run.geometry is None or run.T_rectified_left is None:
+            raise InputError(f"{run.root}: the run knows no camera (made by correct?): a map needs the output of run")
+        if run.stale:
             raise InputError(
-                f"{out / 'run.json'}: damaged, or of another version: run again, which keeps what is finished"
-            ) from error
-        self._rows = [row for row in _rows(out) if row["status"] == "ok"]
-        if not self._rows:
-            raise InputError(f"{out}: holds no frame that went through all stages")
+                f"{run.root}: was stopped midway: {len(run.frames)} frames are finished with the latest settings, and "
+                f"{len(run.stale)} are of earlier ones ({run.stale[0]}): run the same line again first"
+            )
+        if not run.frames or any("corrected" not in frame.products for frame in run.frames):
+            raise InputError(f"{run.root}: holds no frame that went through all stages: run it to its end first")
+        self.geometry: RectifiedPair = run.geometry
+        self.T_rectified_left: NDArray[np.float64] = run.T_rectified_left
+        self._frames = run.frames
 
     def __len__(self) -> int:
-        return len(self._rows)
+        return len(self._frames)
 
     def item(self, number: int) -> SurveyFrame:
         """Read one frame. Raises FrameError if one of its files is gone or damaged."""
-        row = self._rows[number]
+        frame = self._frames[number]
         try:
-            return self._frame(row)
+            return self._read(frame)
         except InputError as error:
-            raise FrameError(row["name"], str(error)) from error
+            raise FrameError(frame.name, str(error)) from error
 
-    def _frame(self, row: dict[str, str]) -> SurveyFrame:
-        name = row["name"]
-        confidence = self._read(self._out / "confidence" / f"{name}.png")
-        measured = confidence > 0
-        range_m = np.where(measured, self._read(self._out / "range" / f"{name}.tiff"), np.float32(np.nan))
+    def _read(self, frame: FinishedFrame) -> SurveyFrame:
+        confidence = self._pixels(frame, "confidence")
+        range_m: Map = np.where(confidence > 0, self._pixels(frame, "range"), np.float32(np.nan))
         return SurveyFrame(
-            name=name,
-            timestamp_s=float(row["timestamp_s"]) if row["timestamp_s"] else None,
-            color=self._color(name),
+            name=frame.name,
+            timestamp_s=frame.timestamp_s,
+            color=_eight_bit(self._pixels(frame, "corrected")),
             range_m=range_m,
-            range_std_m=self._read(self._out / "range_std" / f"{name}.tiff"),
+            range_std_m=self._pixels(frame, "range_std") if "range_std" in frame.products else self._nominal_std_m(range_m),
             confidence=(confidence / np.float32(255)).astype(np.float32),
-            unrecoverable=self._read(self._out / "mask" / f"{name}.png") == MASK_CODES["color beyond recovery"],
+            unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
         )
 
-    def _color(self, name: str) -> NDArray[np.uint8]:
-        path = next(
-            (p for p in (self._out / "corrected" / f"{name}{suffix}" for suffix in (".png", ".jpg", ".tiff")) if p.exists()), None
-        )
-        if path is None:
-            raise InputError(f"{self._out / 'corrected' / name}: is gone; run again to make it anew")
-        image = self._read(path)
-        if image.dtype == np.uint16:
-            image = image >> 8
-        elif image.dtype == np.float32:
-            raise InputError(f"{path}: is linear and unclipped; a map needs output.image_format=png, png16 or jpg")
-        rgb: NDArray[np.uint8] = cv2.cvtColor(image.astype(np.uint8), cv2.COLOR_BGR2RGB)
-        return rgb
+    def _nominal_std_m(self, range_m: Map) -> Map:
+        per_disparity = NOMINAL_DISPARITY_STD_PX / (self.geometry.focal_px * self.geometry.baseline_m)
+        return np.asarray(range_m**2 * np.float32(per_disparity), dtype=np.float32)
 
-    def _read(self, path: Path) -> NDArray[Any]:
-        image: NDArray[Any] | None = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-        cut_short = path.suffix == ".jpg" and image is not None and not path.read_bytes().endswith(b"\xff\xd9")
-        if image is None or cut_short or image.shape[1::-1] != self.pair.image_size:
-            raise InputError(f"{path}: is gone or damaged; run again to make it anew")
-        return image
+    def _pixels(self, frame: FinishedFrame, product: str) -> NDArray[Any]:
+        pixels = frame.read(product)
+        if pixels.shape[1::-1] != self.geometry.image_size:
+            raise InputError(f"{frame.products[product]}: is gone or damaged: run again, which makes it again")
+        return pixels
 
 
-def _run_content(out: Path) -> dict[str, Any]:
-    try:
-        content: dict[str, Any] = json.loads((out / "run.json").read_bytes())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{out}: holds no finished run (run.json cannot be read: {error})") from error
-    if not isinstance(content, dict) or content.get("format") != RUN_FORMAT:
-        raise InputError(f"{out / 'run.json'}: is no run.json of this program (its format is not {RUN_FORMAT!r})")
-    return content
-
-
-def _rows(out: Path) -> list[dict[str, str]]:
-    try:
-        rows = list(csv.DictReader((out / "frames.csv").read_text(encoding="utf-8").splitlines()))
-    except (OSError, ValueError) as error:
-        raise InputError(f"{out / 'frames.csv'}: cannot be read: {error}") from error
-    if rows and not {"name", "status", "timestamp_s"} <= rows[0].keys():
-        raise InputError(f"{out / 'frames.csv'}: damaged: run again, which keeps what is finished")
-    return rows
+def _eight_bit(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """A corrected image of any output format, one channel for monochrome cameras, as (H, W, 3) 8-bit sRGB."""
+    if image.dtype == np.uint16:
+        image = image >> 8
+    elif image.dtype == np.float32:
+        image = np.rint(255 * encode_srgb(np.clip(image, 0, 1)))
+    image = image.astype(np.uint8)
+    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image

@@ -22,11 +22,16 @@ def water_content(water: Water) -> dict[str, Any]:
 
 
 def write_waters(path: Path, waters: Mapping[str, Water]) -> None:
-    """Write one water for all frames if they share it, else each frame's under its name."""
+    """Write one water for all frames if they share it, else each frame's under its name. Raises OutputError."""
+    write_atomic(path, waters_content(waters))
+
+
+def waters_content(waters: Mapping[str, Water]) -> bytes:
+    """The content of a water.json: one water for all frames if they share it, else each frame's under its name."""
     first = water_content(next(iter(waters.values()))) if waters else None
     shared = first is not None and all(water_content(water) == first for water in set(waters.values()))
     body = {"water": first} if shared else {"frames": {name: water_content(water) for name, water in waters.items()}}
-    write_atomic(path, (json.dumps({"format": FORMAT, "version": VERSION, **body}, indent=1, allow_nan=False) + "\n").encode())
+    return (json.dumps({"format": FORMAT, "version": VERSION, **body}, indent=1, allow_nan=False) + "\n").encode()
 
 
 def read_waters(path: Path, names: Sequence[str]) -> dict[str, Water]:

@@ -16,7 +16,8 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Image, Map, Water
 
 FitTable = Callable[[MomentTable, Water | None], Water]
-FitFrame = Callable[[MomentTable, Image, Map, Water | None], Water]
+ReadPixels = Callable[[], tuple[Image, Map]]
+FitFrame = Callable[[MomentTable, ReadPixels, Water | None], Water]
 
 STOPS_APART = 2.0
 """Frames are sorted by brightness into classes this wide; more than a class from most is another exposure, not another reef."""
@@ -25,8 +26,8 @@ STOPS_APART = 2.0
 class Fitter(Protocol):
     """Frames in, one at a time and in their order; a water for each of them out."""
 
-    def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
-        """One more frame: its table, and the image and range map it was measured from."""
+    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
+        """One more frame: its table; ``pixels`` reads its image and range map, for fits that need every pixel."""
 
     def waters(self) -> dict[str, Water]:
         """Name of a frame -> its water, for all frames added."""
@@ -40,9 +41,9 @@ class FrameFitter:
         self._waters: dict[str, Water] = {}
         self._last: Water | None = None
 
-    def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
+    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame."""
-        self._waters[name] = water = self._fit(table, image, range_m, self._last)
+        self._waters[name] = water = self._fit(table, pixels, self._last)
         if table.pixels.any():
             self._last = water
 
@@ -61,7 +62,7 @@ class SlidingFitter:
         self._total: MomentTable | None = None
         self._last: Water | None = None
 
-    def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
+    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame; the oldest leaves the window."""
         self._window.append(table)
         self._total = table if self._total is None else self._total + table
@@ -97,7 +98,7 @@ class SurveyFitter:
         self._frames: dict[str, bytes] = {}
         self._classes: dict[int, _Class] = {}
 
-    def add(self, name: str, table: MomentTable, image: Image, range_m: Map) -> None:
+    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame."""
         brightness = Brightness.of(table, self._config.input_encoding)
         self._frames[name] = brightness.packed()

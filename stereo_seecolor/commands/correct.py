@@ -1,0 +1,35 @@
+"""``correct``: color alone, for images that have range maps already."""
+
+from pathlib import Path
+
+from stereo_seecolor.commands.over_pairs import Job, claim, describe, sample
+from stereo_seecolor.commands.run import color
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.inputs.pairing import pair_by_stem
+from stereo_seecolor.pipeline import RangedImages
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder.claim import Owner
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.frames_table import RunSummary
+
+
+def correct(
+    images: Path,
+    ranges: Path,
+    out: Path,
+    config: RunConfig | None = None,
+    options: RunOptions | None = None,
+    *,
+    water: Path | None = None,
+) -> RunSummary:
+    """Images and their range maps (float32 TIFF in meters or 16-bit PNG in millimeters) in, corrected images out.
+
+    Raises SeeColorError for what concerns the whole folder; a bad image is named in the summary's rows.
+    """
+    config, options = config or RunConfig(), options or RunOptions()
+    pairing = pair_by_stem(images, ranges)
+    owner = Owner("ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left))
+    description = describe({"images": str(images), "range": str(ranges)}, config, pairing, "corrected", options)
+    job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, water))
+    with RunFolder(out, claim(owner, options, [images, ranges, water])) as folder:
+        return job.conduct(folder, options)

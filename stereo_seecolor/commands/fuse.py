@@ -1,0 +1,71 @@
+"""``fuse``: a finished run's frames into one map of the dive."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory
+from stereo_seecolor.progress import Listener, Silence
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.layout import MAP
+from stereo_seecolor.run_folder.map_folder import building_map, tiles_folder
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+
+if TYPE_CHECKING:
+    from stereo_seecolor.mapping.survey_map import MapSummary
+
+
+def check_fusion(poses: Path | None, config: RunConfig) -> None:
+    """Look at all that fusion needs before the first frame: the libraries, the settings, and the trajectory.
+
+    Raises DeviceError if a library cannot be loaded, with the command that fixes it; InputError for a bad trajectory.
+    """
+    from stereo_seecolor.mapping.survey_map import check
+
+    check(config.mapping, poses is not None)
+    if poses:
+        read_trajectory(poses, config.mapping.mount)
+
+
+def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, listener: Listener | None = None) -> "MapSummary":
+    """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config asks for.
+
+    poses: a trajectory of the left camera in any known format; without it the program finds the track itself.
+    config: the settings; the run's own if not given.
+    Raises DeviceError, before the first frame, if a library is missing; InputError; MappingError; OutputError, also where another
+    run or fusion writes into ``out`` now. A frame that is gone or damaged is named, and the rest fused. An earlier map is replaced
+    when the new one is complete, and stays as it is otherwise.
+    """
+    from stereo_seecolor.mapping.survey_map import Workspace, build_map
+
+    run = open_run(out)
+    config = config or run.config
+    check_fusion(poses, config)
+    SurveyFrames(run)  # refuses a run that cannot be fused before anything is written into it
+    with RunFolder.existing(out, (poses,) if poses else ()) as folder:
+        frames = SurveyFrames(open_run(out))
+        trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
+        with building_map(folder, folder.digest("corrected")) as building:
+            workspace = Workspace(tiles_folder(out), _stages_of(listener or Silence()))
+            summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)
+    aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.set_aside)
+    stopped = () if run.state == "complete" else ("the run was stopped: pairs that it did not come to are not in the map",)
+    return replace(summary.moved(building, out / MAP), warnings=(*summary.warnings, *aside, *stopped))
+
+
+def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
+    """A listener to passes over pairs, listening to the stages of a map."""
+    current = ""
+
+    def progress(what: str, done: int, total: int) -> None:
+        nonlocal current
+        if what != current:
+            current = what
+            listener.begin(what, total)
+        listener.advance(FrameRow(f"{done}"))
+
+    return progress

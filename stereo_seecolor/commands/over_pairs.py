@@ -1,0 +1,146 @@
+"""What the commands over all pairs of a dive share: taking OUT, their passes, and the files that describe the run."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calibration import Rectification, StereoRig
+from calibration.checks import suspicions
+from calibration.formats import load_rig
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive import Dive
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.frame_stages import Source
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.pairing import Pairing, pair_folders
+from stereo_seecolor.inputs.video import is_video, unpack
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.claim import Owner
+from stereo_seecolor.run_folder.folder import Claim, RunFolder
+from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.layout import Stage, state
+from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports
+
+SAMPLE_BYTES = 1 << 20
+"""So much of a video's begin tells it from others."""
+
+
+@dataclass(frozen=True, eq=False)
+class StereoInputs:
+    """What a command over stereo pairs is given. left, right: folders of images, or videos. calib: what load_rig reads."""
+
+    left: Path
+    right: Path
+    calib: str | Path
+
+    @property
+    def names(self) -> dict[str, str]:
+        """For run.json."""
+        return {"left": str(self.left), "right": str(self.right), "calib": str(self.calib)}
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Every file and folder that is read."""
+        return (self.left, self.right, *(Path(part) for part in str(self.calib).split(",")))
+
+    @property
+    def is_video(self) -> bool:
+        """True for two videos, or one that shows both sides."""
+        return is_video(self.left) and is_video(self.right)
+
+    def owner(self, kind: str, pairing: Pairing | None) -> Owner:
+        """Whose results these inputs give: recognized by their paths, or by the content of the first file."""
+        paths = {"left": str(self.left.resolve()), "right": str(self.right.resolve())}
+        return Owner(kind, paths, sample(pairing.pairs[0].left if pairing else self.left))
+
+    def open(self, config: RunConfig) -> tuple[Pairing, Pipeline]:
+        """The pairs of two folders, and the pipeline for their rig. Raises InputError, CalibrationError.
+
+        What looks wrong with the rig, though it can be used, is added to the pairing's notes.
+        """
+        pairing = pair_folders(self.left, self.right, config.input)
+        rig = load_rig_for(self.calib, pairing, config)
+        notes = pairing.notes + tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
+        return replace(pairing, notes=notes), Pipeline(rig, config)
+
+    def unpacked(self, folder: RunFolder, config: RunConfig) -> "StereoInputs":
+        """The frames of videos as folders of images, in OUT's own folder. Raises InputError, OutputError."""
+        left, right = unpack(self.left, self.right, state(folder.root, "video"), config.input.video_every)
+        return StereoInputs(left, right, self.calib)
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One command over all pairs of a dive. description: what it was given. passes: what it does with the dive."""
+
+    source: Source
+    pairing: Pairing
+    description: RunDescription
+    passes: Callable[[Dive, RunFolder], None]
+
+    def conduct(self, folder: RunFolder, options: RunOptions) -> RunSummary:
+        """All passes; Ctrl-C ends them early. run.json and frames.csv tell at any time what was done."""
+        start, dive, complete = time.perf_counter(), Dive(self.source, folder, options), False
+        folder.update(replace(folder.dive, state="running"))
+        try:
+            self.passes(dive, folder)
+            complete = True
+        except KeyboardInterrupt:
+            pass
+        finally:
+            close_run(folder, self.description, complete)
+            summary = self._summary(folder, dive.table.rows, time.perf_counter() - start, not complete)
+            write_reports(folder, self.description, summary)
+        return replace(summary, products=products(folder))
+
+    def _summary(self, folder: RunFolder, rows: Sequence[FrameRow], seconds: float, stopped: bool) -> RunSummary:
+        unpaired = [
+            FrameRow(file.path.stem, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}")
+            for file in self.pairing.unpaired
+        ]
+        aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
+        notes = (*self.pairing.notes, *aside, *folder.removed)
+        return RunSummary(final_rows(folder, self.description, [*rows, *unpaired]), notes, seconds, stopped)
+
+
+def claim(owner: Owner, options: RunOptions, inputs: Sequence[Path | None]) -> Claim:
+    """How a command takes OUT, with all that it reads protected."""
+    given = (*inputs, options.config_file)
+    return Claim(owner, options.overwrite, tuple(path for path in given if path is not None))
+
+
+def describe(inputs: dict[str, str], config: RunConfig, pairing: Pairing, last: Stage, options: RunOptions) -> RunDescription:
+    """What run.json says of a command."""
+    names = [pair.name for pair in pairing.pairs]
+    return RunDescription(inputs, config, names, last, command_line=options.command_line)
+
+
+def with_rig(description: RunDescription, rectification: Rectification) -> RunDescription:
+    """The same, for a command that knows the cameras."""
+    return replace(description, rectification=rectification)
+
+
+def sample(path: Path) -> str:
+    """Hash by which a dive is recognized that was moved: of its first image, or of its video's begin."""
+    if is_video(path):
+        with path.open("rb") as file:
+            return content_key(file.read(SAMPLE_BYTES), path.stat().st_size)
+    return content_key(read_bytes(path))
+
+
+def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> StereoRig:
+    """The rig, for images as large as the first that can be read (some calibration files do not say)."""
+    problems = []
+    for pair in pairing.pairs:
+        try:
+            height, width = read_image(pair.left, config.input).shape[:2]
+        except InputError as error:
+            problems.append(str(error))
+            continue
+        return load_rig(calib, (width, height))
+    raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")

@@ -1,0 +1,111 @@
+"""All pairs of a dive, in two passes.
+
+The first pass measures: each pair is read, rectified and matched, and its colors are counted over range. From the counts follows
+the water: one for the dive, or one a frame. The second pass takes the water out of each frame and writes it. Whatever an earlier
+run finished with the same inputs and settings is kept, in either pass.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import TypeVar
+
+from calibration import CalibrationError
+from stereo_seecolor.color.photometry.lights import learn_light
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.threads import Clock, in_order
+from stereo_seecolor.errors import DeviceError, OutputError, SeeColorError
+from stereo_seecolor.frame_stages import FrameStages, Ranged, Source, water_key
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import FrameRow, Water
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.frames_table import FrameTable
+
+Result = TypeVar("Result")
+Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
+
+LIGHT_FRAMES = 60
+"""So many frames, spread over the dive, teach the rig's lights; more would teach little more."""
+
+
+class Dive:
+    """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
+
+    table: what became of each pair so far.
+    """
+
+    def __init__(self, source: Source, folder: RunFolder, options: RunOptions) -> None:
+        self.table = FrameTable()
+        self._config, self._corrector = source.config, source.corrector
+        self._folder, self._options = folder, options
+        self._stages = FrameStages(source, folder, options.verify)
+
+    def measure(self, pairs: Sequence[Pair]) -> None:
+        """The range maps alone; corrected frames of an earlier run stay current where they were made from the same range maps."""
+        settings, earlier = self._stages.range_settings, self._folder.dive.settings
+        self._folder.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})
+        self.each("ranges", pairs, lambda pair, clock: self._stages.ranged(pair, clock).row)
+
+    def fit(self, pairs: Sequence[Pair]) -> dict[str, Water]:
+        """The first pass: range maps, and from all colors over range each frame's water, by name."""
+
+        def count(pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
+            ranged = self._stages.ranged(pair, clock)
+            return ranged.row, (replace(ranged, pixels=None), self._stages.table(ranged, clock))
+
+        self._begin_color(pairs)
+        fitter = self._corrector.survey_fitter()
+        for row, (ranged, table) in self._pass("ranges", pairs, count):
+            fitter.add(row.name, table, self._stages.reader(ranged))
+        return fitter.waters()
+
+    def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
+        """The second pass: each frame that has a water without it, and its cloud."""
+
+        def work(pair: Pair, clock: Clock) -> FrameRow:
+            return self._stages.corrected(self._stages.ranged(pair, clock), waters[pair.name], clock)
+
+        self._begin_color(pairs)
+        self._folder.set_waters({name: water_key(water) for name, water in waters.items()})
+        self.each("colors", [pair for pair in pairs if pair.name in waters], work)
+
+    def each(self, stage: str, pairs: Sequence[Pair], work: Callable[[Pair, Clock], FrameRow]) -> None:
+        """A pass of which nothing but the rows is wanted."""
+        for _ in self._pass(stage, pairs, lambda pair, clock: (work(pair, clock), pair)):
+            pass
+
+    def _begin_color(self, pairs: Sequence[Pair]) -> None:
+        if self._config.color.lights == "learn" and self._stages.light is None:
+            self._learn_light(pairs)
+        self._folder.begin({"range": self._stages.range_settings, "corrected": self._stages.color_settings})
+
+    def _learn_light(self, pairs: Sequence[Pair]) -> None:
+        """Learn the rig's own lights from frames spread over the dive; they are divided out of every frame from then on."""
+        good = [pair for _, pair in self._pass("ranges", pairs, lambda pair, clock: (self._stages.ranged(pair, clock).row, pair))]
+        spread = good[:: -(-len(good) // LIGHT_FRAMES) or 1]
+        frames = (self._stages.reader(self._stages.ranged(pair, Clock()))() for pair in spread)
+        self._stages.light = learn_light(frames, self._config.color.input_encoding)
+
+    def _pass(self, stage: str, pairs: Sequence[Pair], work: Work[Result]) -> Iterator[tuple[FrameRow, Result]]:
+        """``work`` on all pairs, in their order; what is wrong with one pair becomes its row, and ends no pass."""
+
+        def one(pair: Pair) -> tuple[FrameRow, Result | None, Exception | None]:
+            clock, result, failure = Clock(), None, None
+            try:
+                row, result = work(pair, clock)
+            except (OutputError, DeviceError):
+                raise  # a full disk or an absent device concerns every pair
+            except (SeeColorError, CalibrationError) as error:
+                row, failure = FrameRow(pair.name, status="failed", error=str(error)), error.with_traceback(None)
+                self._folder.discard(pair.name)
+            named = replace(row, left=str(pair.left), right=str(pair.right), timestamp_s=pair.timestamp_s, seconds=clock.seconds)
+            return named, result, failure
+
+        self._options.listener.begin(stage, len(pairs))
+        for row, result, failure in in_order(one, pairs, self._options.workers):
+            self.table.add(row)
+            self._options.listener.advance(row)
+            if failure and self._options.strict:
+                raise failure
+            if result is not None:
+                yield row, result

@@ -1,0 +1,29 @@
+"""The program's own image files back to arrays."""
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+
+JPEG_END = b"\xff\xd9"
+
+
+def read_array(path: Path) -> NDArray[Any]:
+    """The pixels of a PNG, TIFF or JPEG as they are stored: (H, W), or (H, W, 3) RGB.
+
+    Raises InputError if the file is gone, cut short or damaged.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if path.suffix == ".jpg" and not content.endswith(JPEG_END):  # OpenCV fills the rest with gray
+        raise InputError(f"{path}: is cut short")
+    pixels: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
+    if pixels is None:
+        raise InputError(f"{path}: is damaged")
+    return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)) if pixels.ndim == 3 else pixels

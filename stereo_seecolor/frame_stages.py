@@ -1,0 +1,216 @@
+"""The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
+
+import io
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from calibration import RectifiedPair
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.photometry.lights import LightField, even_light
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.threads import Clock
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError, MatchingError
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.pipeline import correct, ranges_alone
+from stereo_seecolor.records import FrameRow, Image, Map, RangeMap, Water
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.layout import table_file
+from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
+from stereo_seecolor.run_folder.products import correction_files, range_files
+from stereo_seecolor.run_folder.water_file import water_content
+
+MEDIAN_STEP_PX = 4
+"""The median range is that of every fourth pixel of every fourth row: of all it takes ten times as long, and is no truer."""
+
+
+class Source(Protocol):
+    """What measures a pair: a Pipeline, or RangedImages. makes_ranges: whether its range maps are written to OUT."""
+
+    config: RunConfig
+    corrector: Corrector
+    geometry: RectifiedPair | None
+    makes_ranges: bool
+    settings: str
+
+    def inputs(self, pair: Pair) -> dict[str, Path]:
+        """The pair's files."""
+
+    def image(self, pair: Pair, clock: Clock) -> Image:
+        """The (rectified) left image."""
+
+    def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
+        """That image and its range map."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ranged:
+    """A pair whose range is known. record: what OUT knows of it. key: hash of all that its range depends on.
+
+    pixels: its image and range map where this run measured them just now. kept: an earlier run had.
+    """
+
+    pair: Pair
+    record: FrameRecord
+    key: str
+    pixels: tuple[Image, RangeMap] | None = None
+    kept: bool = True
+
+    @property
+    def row(self) -> FrameRow:
+        """What is known of the frame so far."""
+        stage = self.record.stages["range"]
+        hashes = {side: file.sha256 for side, file in self.record.inputs.items()}
+        return FrameRow(self.pair.name, kept=self.kept, warnings=stage.warnings, hashes=hashes, facts=dict(stage.facts))
+
+
+class FrameStages:
+    """The stages of a frame; every method may be called from many threads. light: the rig's lights, where they were learned."""
+
+    def __init__(self, source: Source, folder: RunFolder, verify: bool = False) -> None:
+        self.light: LightField | None = None
+        self._source, self._folder, self._verify = source, folder, verify
+
+    @property
+    def range_settings(self) -> str:
+        """Hash of the settings that range maps depend on."""
+        return self._source.settings
+
+    @property
+    def color_settings(self) -> str:
+        """Hash of the settings that corrected frames depend on besides their ranges and their water."""
+        config = self._source.config
+        return content_key(config.color.model_dump(), config.output.model_dump(), self._light_content)
+
+    @property
+    def _light_content(self) -> bytes:
+        return self.light.pattern.tobytes() if self.light else b""
+
+    def ranged(self, pair: Pair, clock: Clock) -> Ranged:
+        """The pair's range: an earlier run's, or measured and written now."""
+        with clock("read"):
+            inputs = self._folder.inputs(pair.name, self._source.inputs(pair), self._verify)
+            key = content_key({side: file.sha256 for side, file in inputs.items()}, self.range_settings)
+            finished = self._folder.finished("range", pair.name, key)
+            record = self._folder.frame(pair.name, pair.timestamp_s, inputs)
+        if finished:
+            return Ranged(pair, record, key, kept=pair.name not in self._folder.written["range"])
+        if len({file.sha256 for file in inputs.values()}) < len(inputs):
+            raise MatchingError(f"{pair.left} and {pair.right} are the same picture: no range can be had from it")
+        return self._measured(Ranged(pair, record, key, kept=False), clock)
+
+    def _measured(self, ranged: Ranged, clock: Clock) -> Ranged:
+        image, range_map = self._source.measure(ranged.pair, clock)
+        stage = StageRecord(ranged.key, self.range_settings, facts=_facts(range_map), warnings=range_map.warnings)
+        with clock("write"):
+            makes, output = self._source.makes_ranges, self._source.config.output
+            files = range_files(ranged.pair.name, range_map, output) if makes else {}
+            record = self._folder.save(ranged.record.with_stage("range", stage), "range", files)
+        return replace(ranged, record=record, pixels=(image, range_map))
+
+    def pixels(self, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
+        """The (rectified) left image and its range map, with the rig's lights divided out where they were learned."""
+        image, range_map = ranged.pixels or self._read_again(ranged, clock)
+        if self.light is None:
+            return image, range_map
+        with clock("light"):
+            return even_light(image, range_map.range_m, self.light, self._source.config.color.input_encoding), range_map
+
+    def _read_again(self, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
+        """A pair that was measured before; measured again where its files have been damaged since."""
+        if not self._source.makes_ranges:
+            return self._source.measure(ranged.pair, clock)
+        try:
+            with clock("read"):
+                range_m, confidence = (self._folder.read(ranged.record, product) for product in ("range", "confidence"))
+        except InputError:
+            again = self._measured(ranged, clock)
+            assert again.pixels
+            return again.pixels
+        image = self._source.image(ranged.pair, clock)
+        return image, ranges_alone(range_m, confidence > 0, ranged.record.stages["range"].warnings)
+
+    def table(self, ranged: Ranged, clock: Clock) -> MomentTable:
+        """The frame's colors counted over range: an earlier run's table, or counted now and kept."""
+        path = self._folder.root / table_file(ranged.pair.name)
+        key = content_key(ranged.key, self._light_content, self._source.config.color.input_encoding)
+        with clock("read"):
+            table = _load_table(path, key)
+        if table is None:
+            image, range_map = self.pixels(ranged, clock)
+            with clock("color"):
+                table = self._source.corrector.measure(image, range_map.measured_m)
+            with clock("write"):
+                write_atomic(path, _table_content(table, key))
+        return table
+
+    def reader(self, ranged: Ranged) -> Callable[[], tuple[Image, Map]]:
+        """Reads a frame's image and measured ranges again, for fits that need every pixel."""
+        stored = replace(ranged, pixels=None)
+
+        def read() -> tuple[Image, Map]:
+            image, range_map = self.pixels(stored, Clock())
+            return image, range_map.measured_m
+
+        return read
+
+    def corrected(self, ranged: Ranged, water: Water, clock: Clock) -> FrameRow:
+        """The frame in its true colors: an earlier run's, or corrected and written now. Returns its row."""
+        water_hash = water_key(water)
+        key = content_key(ranged.key, self.color_settings, water_hash)
+        record = self._folder.finished("corrected", ranged.pair.name, key)
+        kept = record is not None and ranged.kept
+        if record is None:
+            config = self._source.config
+            image, range_map = self.pixels(ranged, clock)
+            with clock("color"):
+                correction = correct(self._source.corrector, config, image, range_map, water)
+            facts = {
+                "exposure": correction.exposure,
+                "clipped_fraction": correction.clipped_fraction,
+                "unrecoverable_fraction": float(correction.unrecoverable.mean()),
+            }
+            record = StageRecord(key, self.color_settings, water_hash, facts=facts, warnings=correction.warnings)
+            with clock("write"):
+                files = correction_files(ranged.pair.name, correction, range_map, self._source.geometry, config.output)
+                self._folder.save(ranged.record.with_stage("corrected", record), "corrected", files)
+        return ranged.row.then(FrameRow(ranged.pair.name, kept=kept, warnings=record.warnings, facts=dict(record.facts)))
+
+
+def water_key(water: Water) -> str:
+    """Hash of a water's content."""
+    return content_key(water_content(water))
+
+
+def _facts(range_map: RangeMap) -> dict[str, float]:
+    """coverage: fraction of the frame with a measured range. median_range_m: of those pixels; absent where there is none."""
+    measured_m = range_map.measured_m
+    facts = {"coverage": float(np.isfinite(measured_m).mean())}
+    sample_m = measured_m[::MEDIAN_STEP_PX, ::MEDIAN_STEP_PX]
+    known_m = sample_m[np.isfinite(sample_m)]
+    return facts | ({"median_range_m": float(np.median(known_m))} if known_m.size else {})
+
+
+def _table_content(table: MomentTable, key: str) -> bytes:
+    file = io.BytesIO()
+    counts = table.counts.astype(np.uint32)
+    np.savez_compressed(file, counts=counts, offset_sum=table.offset_sum, bit_depth=table.bit_depth, key=key)
+    return file.getvalue()
+
+
+def _load_table(path: Path, key: str) -> MomentTable | None:
+    """The table of that key; None where there is none, or it is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as content:
+            if str(content["key"]) != key:
+                return None
+            return MomentTable(content["counts"].astype(np.int64), content["offset_sum"], int(content["bit_depth"]))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
+        return None

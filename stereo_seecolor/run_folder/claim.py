@@ -1,0 +1,125 @@
+"""Whether a run may use a folder: whose it is, what lies in it, and what --overwrite may delete."""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.run_folder.layout import DIVE_FILES, MAP, PRODUCTS, SET_ASIDE, STATE, state
+from stereo_seecolor.run_folder.manifest import Manifest
+
+LOCK = "lock"
+NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
+"""What file managers leave in every folder that is looked at; hidden files are ignored too."""
+
+
+@dataclass(frozen=True)
+class Owner:
+    """Whose results a folder holds.
+
+    kind: which command made it. inputs: what was given, by name. sample: hash of the content of the dive's first file, by which
+    a dive is recognized that was moved.
+    """
+
+    kind: str
+    inputs: Mapping[str, str]
+    sample: str = ""
+
+    def identity(self) -> dict[str, str]:
+        """As the manifest holds it."""
+        return {"kind": self.kind, "sample": self.sample, **self.inputs}
+
+    def owns(self, identity: Mapping[str, str]) -> bool:
+        """True if a folder of that identity is this dive's: the same paths, or the same first file."""
+        if identity.get("kind") != self.kind:
+            return False
+        same_paths = {**identity, "sample": ""} == {**self.identity(), "sample": ""}
+        return same_paths or (bool(self.sample) and identity.get("sample") == self.sample)
+
+
+def check_claim(manifest: Manifest, owner: Owner, overwrite: bool, inputs: Sequence[Path]) -> None:
+    """Refuse a folder that is not this dive's, or holds files of others in a product's place; nothing is touched here.
+
+    inputs: files and folders that the run reads. Raises OutputError.
+    """
+    root = manifest.root
+    refuse_links(root)
+    if not manifest.exists():
+        refuse_used(root)
+        return
+    if overwrite:
+        refuse_inputs(root, deleted_by_overwrite(manifest), inputs)
+    elif not owner.owns(manifest.dive().identity):
+        raise OutputError(
+            f"{root}: holds the results of another dive or command: choose another --out, or delete them with --overwrite"
+        )
+    refuse_foreign(manifest)
+
+
+def refuse_links(root: Path) -> None:
+    """Raise OutputError where a folder that the program writes into is a link: it would lead out of OUT."""
+    for name in (*PRODUCTS, MAP, STATE, SET_ASIDE):
+        if (root / name).is_symlink():
+            raise OutputError(
+                f"{root / name}: is a link, and nothing is written outside of {root}: remove it, or choose another --out"
+            )
+
+
+def refuse_used(root: Path) -> None:
+    """Raise OutputError where a folder without a manifest holds anything."""
+    entries = _names(root)
+    own = STATE if not set(_names(state(root))) - {LOCK} else None
+    foreign = [name for name in entries if name != own and not _of_system(name)]
+    if foreign:
+        raise OutputError(
+            f"{root}: holds other files ({foreign[0]}): choose another --out, an empty or a new folder; nothing was touched"
+        )
+
+
+def refuse_foreign(manifest: Manifest) -> None:
+    """Raise OutputError where a product's folder holds what the program did not write."""
+    known = {*manifest.names()}
+    for product in PRODUCTS:
+        for name in _names(manifest.root / product):
+            if not _of_system(name) and Path(name).stem not in known:
+                raise _foreign(manifest.root / product / name)
+    files = manifest.dive().files
+    for path in files_below(manifest.root / MAP):
+        if not _of_system(path.name) and path.relative_to(manifest.root).as_posix() not in files:
+            raise _foreign(path)
+    for name in DIVE_FILES:
+        if (manifest.root / name).exists() and name not in files:
+            raise _foreign(manifest.root / name)
+
+
+def refuse_inputs(root: Path, deleted: Iterable[Path], inputs: Sequence[Path]) -> None:
+    """Raise OutputError where a file that the run reads, or one in a folder that it reads, would be deleted."""
+    read = {path.resolve(): path for path in inputs}
+    read.pop(root.resolve(), None)
+    for path in deleted:
+        lost = read.get(path.resolve()) or read.get(path.resolve().parent)
+        if lost is not None:
+            raise OutputError(
+                f"{lost}: is an input of this run, and lies in what would be deleted in {root}: copy it elsewhere first, "
+                "or choose another --out; nothing was touched"
+            )
+
+
+def deleted_by_overwrite(manifest: Manifest) -> Iterator[Path]:
+    """All files that the manifest names."""
+    for frame in manifest.frames():
+        yield from (manifest.root / path for path in frame.files)
+    yield from (manifest.root / path for path in manifest.dive().files)
+
+
+def _names(folder: Path) -> list[str]:
+    return sorted(entry.name for entry in folder.iterdir()) if folder.is_dir() else []
+
+
+def _of_system(name: str) -> bool:
+    return (name.startswith(".") and name != STATE) or name in NAMES_OF_SYSTEMS
+
+
+def _foreign(path: Path) -> OutputError:
+    return OutputError(f"{path}: is not of this program, and lies where its results go: move it elsewhere; nothing was touched")

@@ -1,0 +1,167 @@
+"""A finished run, read back: its settings, rig, frames and products, as the run itself recorded them."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from calibration import RectifiedPair, StereoRig
+from calibration.formats import load_rig
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.decode import read_array
+from stereo_seecolor.records import Map
+from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER
+from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
+
+RUN_FORMAT, RUN_VERSION = "stereo-seecolor/run", 2
+
+
+@dataclass(frozen=True)
+class FinishedFrame:
+    """A pair that went through all stages.
+
+    left: the raw left image as it was given, which may be gone since. sha256: of that image. products: name -> file in OUT.
+    """
+
+    name: str
+    timestamp_s: float | None
+    left: Path
+    sha256: str
+    products: dict[str, Path]
+    facts: dict[str, float] = field(default_factory=dict)
+
+    def read(self, product: str) -> NDArray[Any]:
+        """The pixels of a product as stored, (H, W) or (H, W, 3) RGB. Raises InputError if it was not written, or is damaged."""
+        path = self.products.get(product)
+        if path is None:
+            raise InputError(f"{self.name}: the run wrote no {product}: run again with it turned on")
+        try:
+            return read_array(path)
+        except InputError as error:
+            raise InputError(f"{path}: is gone or damaged: run again, which makes it again") from error
+
+    def measured_range_m(self) -> Map:
+        """(H, W) float32 meters along the ray, NaN where nothing was measured. Raises InputError."""
+        return np.where(self.read("confidence") > 0, self.read("range"), np.float32(np.nan))
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """OUT/ as it is now; made by ``open_run``.
+
+    config: the run's own settings. geometry: of the rectified images; None for ``correct``, which knows no camera.
+    T_rectified_left: (4, 4), from the raw left camera's axes. frames: those that are finished and current, in the dive's order.
+    state: whether the latest run came to its end. stale: frames whose products are of earlier settings.
+    totals: the numbers of the latest run's summary. inputs: what the run was given, by name.
+    """
+
+    root: Path
+    config: RunConfig
+    geometry: RectifiedPair | None
+    T_rectified_left: NDArray[np.float64] | None
+    frames: Sequence[FinishedFrame]
+    state: Literal["running", "stopped", "complete"]
+    stale: tuple[str, ...]
+    totals: dict[str, Any]
+    inputs: dict[str, str]
+
+    @property
+    def water_file(self) -> Path:
+        """The fitted water."""
+        return self.root / WATER
+
+    @cached_property
+    def rig(self) -> StereoRig:
+        """The calibration as the run used it. Raises InputError for a run that knows no camera, CalibrationError if damaged."""
+        if self.geometry is None:
+            raise InputError(f"{self.root}: the run knows no camera (made by correct?): this needs the output of run")
+        return load_rig(str(self.root / RIG))
+
+    def frame(self, name: str) -> FinishedFrame:
+        """A frame by its name. Raises InputError if the run holds none of that name."""
+        found = self._by_name.get(name)
+        if found is None:
+            raise InputError(f"{self.root}: holds no finished frame {name!r}: {FRAMES_TABLE} lists what became of each pair")
+        return found
+
+    @cached_property
+    def _by_name(self) -> dict[str, FinishedFrame]:
+        return {frame.name: frame for frame in self.frames}
+
+
+def settings_file(out: Path) -> Path:
+    """The file that holds a run's own settings. Raises InputError if ``out`` holds no run."""
+    _run_content(out)
+    return out / RUN
+
+
+def open_run(out: Path) -> FinishedRun:
+    """Read a run's folder, wherever it lies now and whether or not its inputs are still there.
+
+    Raises InputError if ``out`` holds no run of this version of the program.
+    """
+    manifest = Manifest(out)
+    content = _run_content(out)
+    dive = manifest.dive()
+    order = {name: number for number, name in enumerate(content["frames"])}
+    records = sorted(manifest.frames(), key=lambda record: (order.get(record.name, len(order)), record.name))
+    last = "corrected" if "corrected" in dive.settings else "range"
+    current = [record for record in records if dive.is_current(record, last)]  # type: ignore[arg-type]
+    names = {record.name for record in current}
+    geometry = content["geometry"]
+    T = content["T_rectified_left"]
+    return FinishedRun(
+        root=out,
+        config=content["config"],
+        geometry=geometry,
+        T_rectified_left=T,
+        frames=tuple(_frame(out, record, dive) for record in current),
+        state=dive.state,
+        stale=tuple(record.name for record in records if record.name not in names and record.files),
+        totals=content["totals"],
+        inputs=content["inputs"],
+    )
+
+
+def _frame(out: Path, record: FrameRecord, dive: DiveRecord) -> FinishedFrame:
+    stages = [stage for name, stage in record.stages.items() if dive.is_current(record, name)]
+    source = record.inputs.get("left") or record.inputs.get("image")
+    return FinishedFrame(
+        name=record.name,
+        timestamp_s=record.timestamp_s,
+        left=Path(source.path if source else ""),
+        sha256=source.sha256 if source else "",
+        products={product: out / path for stage in stages for product, path in stage.outputs.items()},
+        facts={key: value for stage in stages for key, value in stage.facts.items()},
+    )
+
+
+def _run_content(out: Path) -> dict[str, Any]:
+    """run.json with its settings and geometry as objects."""
+    path = out / RUN
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{out}: holds no finished run ({RUN} cannot be read: {error})") from error
+    if not isinstance(content, dict) or content.get("format") != RUN_FORMAT:
+        raise InputError(f"{path}: is no {RUN} of this program (its format is not {RUN_FORMAT!r})")
+    if content.get("format_version") != RUN_VERSION or not Manifest(out).exists():
+        raise InputError(f"{path}: was written by another version of the program: run again into a new --out")
+    try:
+        return {**content, **_geometry(content), "config": RunConfig.model_validate(content["config"])}
+    except (TypeError, KeyError, ValueError, ValidationError) as error:
+        raise InputError(f"{path}: is damaged: run again, which keeps what is finished") from error
+
+
+def _geometry(content: dict[str, Any]) -> dict[str, Any]:
+    if content["geometry"] is None:
+        return {"geometry": None, "T_rectified_left": None}
+    geometry = {**content["geometry"], "image_size": tuple(content["geometry"]["image_size"])}
+    return {"geometry": RectifiedPair(**geometry), "T_rectified_left": np.array(content["T_rectified_left"], dtype=np.float64)}

@@ -1,0 +1,67 @@
+"""Every name inside OUT: what each file is called, what it holds, and which stage of a pair writes it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Stage = Literal["range", "corrected", "rectified"]
+
+STATE = ".state"
+"""The program's own folder: manifest, tables, unpacked video."""
+SET_ASIDE = "set_aside"
+"""Files of ours that somebody changed, moved here before a new one takes their place."""
+MAP = "map"
+RIG, WATER, MEASURED_WATER = "rig.yaml", "water.json", "water_measured.json"
+FRAMES_TABLE, RUN, RECTIFIED_RIG = "frames.csv", "run.json", "rectified.yaml"
+
+
+@dataclass(frozen=True)
+class Product:
+    """One kind of file that a pair gets. stage: what writes it; suffix: of its files, "" where output.image_format decides."""
+
+    stage: Stage
+    suffix: str
+    what: str
+
+
+PRODUCTS: dict[str, Product] = {
+    "corrected": Product("corrected", "", "each left frame in its true colors, at its own bit depth"),
+    "range": Product("range", ".tiff", "range in meters along the ray, float32 TIFF, NaN where unknown"),
+    "range_std": Product("range", ".tiff", "standard error of the range, meters"),
+    "confidence": Product("range", ".png", "0..255 for a confidence of 0..1 in the range"),
+    "mask": Product("corrected", ".png", "0 good, 1 range unknown, 2 range filled in, 3 color not recoverable"),
+    "clouds": Product("corrected", ".ply", "colored points in meters, left rectified camera, PLY"),
+    "rectified_left": Product("rectified", ".png", "left images, rectified"),
+    "rectified_right": Product("rectified", ".png", "right images, rectified"),
+}
+
+DIVE_FILES: dict[str, str] = {
+    RECTIFIED_RIG: "the calibration of the rectified images",
+    RIG: "the calibration as this run used it",
+    WATER: "the fitted water, for another run's --water",
+    MEASURED_WATER: "the water measured from points seen at two ranges, for another run's --water",
+    FRAMES_TABLE: "a row for each pair: status, warnings, fractions, seconds a stage",
+    RUN: "settings, inputs with their hashes, versions, totals",
+}
+
+WHAT_IS_WHERE: dict[str, str] = (
+    {name: product.what for name, product in PRODUCTS.items()} | {MAP: "the fused map of the dive"} | DIVE_FILES
+)
+"""What lies where in OUT, in the order in which a summary lists it."""
+
+SUFFIX_OF_FORMAT = {"png": ".png", "png16": ".png", "tiff32": ".tiff", "jpg": ".jpg"}
+
+
+def product_path(product: str, name: str, image_format: str) -> str:
+    """Where a product of a pair lies, relative to OUT."""
+    return f"{product}/{name}{PRODUCTS[product].suffix or SUFFIX_OF_FORMAT[image_format]}"
+
+
+def state(root: Path, *parts: str) -> Path:
+    """A place in the program's own folder of OUT."""
+    return root.joinpath(STATE, *parts)
+
+
+def table_file(name: str) -> str:
+    """Where the moment table of a frame is kept, relative to OUT."""
+    return f"{STATE}/tables/{name}.npz"

@@ -1,0 +1,155 @@
+"""The manifest: what the program wrote into OUT, frame by frame, and which of it is current.
+
+A frame's record is written before its files are renamed into place, with the stamps that they will have: so, whenever the program
+is killed, each file in a product's place is either known to the manifest or somebody else's.
+"""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any, Literal
+
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.run_folder.layout import Stage, state
+from stereo_seecolor.run_folder.stamp import Stamp
+
+FORMAT, VERSION = "stereo-seecolor/manifest", 2
+DEPENDS_ON: dict[Stage, tuple[Stage, ...]] = {"range": (), "corrected": ("range",), "rectified": ()}
+
+
+@dataclass(frozen=True)
+class StageRecord:
+    """A finished stage of a frame.
+
+    key: hash of all that its outputs depend on. settings: hash of the settings alone. water: hash of the water taken out.
+    outputs: product -> path relative to OUT. facts: columns of frames.csv. warnings: what the stage had to say.
+    """
+
+    key: str
+    settings: str = ""
+    water: str = ""
+    outputs: dict[str, str] = field(default_factory=dict)
+    facts: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class InputRecord:
+    """An input file as it was read. sha256: of its content."""
+
+    path: str
+    stamp: Stamp
+    sha256: str
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """All that is known of a frame.
+
+    inputs: by side. files: path relative to OUT -> the stamps that a file of ours there may have.
+    """
+
+    name: str
+    timestamp_s: float | None = None
+    inputs: dict[str, InputRecord] = field(default_factory=dict)
+    stages: dict[Stage, StageRecord] = field(default_factory=dict)
+    files: dict[str, tuple[Stamp, ...]] = field(default_factory=dict)
+
+    def with_stage(self, stage: Stage, record: StageRecord) -> "FrameRecord":
+        """This frame after a stage; the stages that depend on it are no longer finished."""
+        kept = {name: old for name, old in self.stages.items() if stage not in DEPENDS_ON[name]}
+        return replace(self, stages={**kept, stage: record})
+
+
+@dataclass(frozen=True)
+class DiveRecord:
+    """What concerns the whole folder.
+
+    identity: the dive and the kind of command that OUT belongs to. state: running until the run ends by itself.
+    settings: stage -> hash of the settings of the latest run. waters: frame name -> hash of its water ("*" for all frames).
+    files: path relative to OUT -> stamps, for files of the whole dive, those of the map among them.
+    made_from: path or folder -> hash of the frames that it was made from.
+    """
+
+    identity: dict[str, str] = field(default_factory=dict)
+    state: Literal["running", "stopped", "complete"] = "running"
+    settings: dict[Stage, str] = field(default_factory=dict)
+    waters: dict[str, str] = field(default_factory=dict)
+    files: dict[str, tuple[Stamp, ...]] = field(default_factory=dict)
+    made_from: dict[str, str] = field(default_factory=dict)
+
+    def is_current(self, frame: FrameRecord, stage: Stage) -> bool:
+        """True if a stage of a frame was finished with the settings, and with the water, of the latest run."""
+        record = frame.stages.get(stage)
+        if record is None or record.settings != self.settings.get(stage):
+            return False
+        if not all(self.is_current(frame, earlier) for earlier in DEPENDS_ON[stage]):
+            return False
+        return stage != "corrected" or record.water == self.waters.get(frame.name, self.waters.get("*"))
+
+
+class Manifest:
+    """The manifest of OUT, on disk: one file for the dive and one for each frame."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._dive_file = state(root, "manifest.json")
+        self._frames = state(root, "frames")
+
+    def exists(self) -> bool:
+        """True if the program wrote into this folder before."""
+        return self._dive_file.is_file()
+
+    def dive(self) -> DiveRecord:
+        """The record of the dive. Raises OutputError if it is damaged or of another version."""
+        try:
+            content = json.loads(self._dive_file.read_bytes())
+            if (content.pop("format"), content.pop("version")) != (FORMAT, VERSION):
+                raise ValueError("another version")
+            return DiveRecord(**{**content, "files": _stamps(content["files"])})
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise OutputError(
+                f"{self._dive_file}: is damaged or of another version ({error}): choose another --out; nothing was touched"
+            ) from error
+
+    def save_dive(self, record: DiveRecord) -> None:
+        """Write the record of the dive. Raises OutputError."""
+        write_atomic(self._dive_file, json.dumps({"format": FORMAT, "version": VERSION, **asdict(record)}).encode())
+
+    def names(self) -> list[str]:
+        """The frames that have a record, sorted."""
+        return sorted(path.stem for path in self._frames.glob("*.json")) if self._frames.is_dir() else []
+
+    def frame(self, name: str) -> FrameRecord | None:
+        """The record of a frame; None where there is none, or it is damaged (its files are then made again)."""
+        try:
+            return _frame(json.loads(self._frame_file(name).read_bytes()))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError):
+            return None
+
+    def frames(self) -> Iterator[FrameRecord]:
+        """All records that can be read, by name."""
+        return (frame for name in self.names() if (frame := self.frame(name)))
+
+    def save_frame(self, record: FrameRecord) -> None:
+        """Write the record of a frame. Raises OutputError."""
+        write_atomic(self._frame_file(record.name), json.dumps(asdict(record)).encode())
+
+    def remove_frame(self, name: str) -> None:
+        """Forget a frame, whose files are gone."""
+        self._frame_file(name).unlink(missing_ok=True)
+
+    def _frame_file(self, name: str) -> Path:
+        return self._frames / f"{name}.json"
+
+
+def _stamps(content: Mapping[str, list[dict[str, Any]]]) -> dict[str, tuple[Stamp, ...]]:
+    return {path: tuple(Stamp(**stamp) for stamp in stamps) for path, stamps in content.items()}
+
+
+def _frame(content: dict[str, Any]) -> FrameRecord:
+    inputs = {side: InputRecord(item["path"], Stamp(**item["stamp"]), item["sha256"]) for side, item in content["inputs"].items()}
+    stages = {stage: StageRecord(**{**item, "warnings": tuple(item["warnings"])}) for stage, item in content["stages"].items()}
+    return FrameRecord(content["name"], content["timestamp_s"], inputs, stages, _stamps(content["files"]))

@@ -1,0 +1,131 @@
+"""The files that describe a run: run.json and frames.csv."""
+
+import math
+import platform
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from json import JSONEncoder
+from typing import Any
+
+from calibration import Rectification
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary, frames_csv
+from stereo_seecolor.run_folder.layout import DIVE_FILES, FRAMES_TABLE, MAP, MEASURED_WATER, PRODUCTS, RUN, WHAT_IS_WHERE, Stage
+from stereo_seecolor.version import __version__
+
+LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "open3d", "gtsam")
+"""What shapes the numbers."""
+NOT_REACHED = "not finished when the run was stopped; run the same line again to go on"
+
+
+@dataclass(frozen=True)
+class RunDescription:
+    """What a run was given. inputs: by name. last: the stage after which a pair is done."""
+
+    inputs: Mapping[str, str]
+    config: RunConfig
+    names: Sequence[str]
+    last: Stage
+    rectification: Rectification | None = None
+    command_line: Sequence[str] = ()
+
+
+def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -> None:
+    """Write run.json and frames.csv. Raises OutputError."""
+    folder.write(FRAMES_TABLE, frames_csv(summary.rows))
+    pieces = JSONEncoder(indent=2, allow_nan=False).iterencode(_content(run, summary))
+    folder.write(RUN, (piece.encode() for piece in (*pieces, "\n")))
+
+
+def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
+    """End a run. What belongs to no pair of a complete run, or was made from frames that changed since, is deleted."""
+    if complete:
+        for name in set(folder.manifest.names()) - {*run.names}:
+            folder.discard(name)
+        sources = {MAP: folder.digest("corrected"), MEASURED_WATER: folder.digest("range")}
+        stale = [name for name, source in sources.items() if folder.dive.made_from.get(name, source) != source]
+        folder.remove(*stale)
+    folder.update(replace(folder.dive, state="complete" if complete else "stopped"))
+
+
+def final_rows(folder: RunFolder, run: RunDescription, rows: Sequence[FrameRow]) -> list[FrameRow]:
+    """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not come to is pending."""
+    reached = {row.name: row for row in rows if row.status != "unpaired"}
+    pairs = [reached.get(name, FrameRow(name, "pending", error=NOT_REACHED)) for name in run.names]
+    return [_checked(folder, run, row) for row in pairs] + [row for row in rows if row.status == "unpaired"]
+
+
+def _checked(folder: RunFolder, run: RunDescription, row: FrameRow) -> FrameRow:
+    if row.status != "ok":
+        return row
+    frame = folder.manifest.frame(row.name)
+    finished = frame is not None and folder.dive.is_current(frame, run.last)
+    return row if finished else replace(row, status="pending", error=NOT_REACHED)
+
+
+def products(folder: RunFolder) -> tuple[ProductSummary, ...]:
+    """What of OUT is current, and whether this run wrote it, in the order in which a summary lists it."""
+    dive, counts = folder.dive, dict.fromkeys(PRODUCTS, 0)
+    written = dict.fromkeys(PRODUCTS, 0)
+    for frame in folder.manifest.frames():
+        for stage, record in frame.stages.items():
+            if dive.is_current(frame, stage):
+                for product in record.outputs:
+                    counts[product] += 1
+                    written[product] += frame.name in folder.written[stage]
+    names = {name for path in dive.files for name in (path, path.split("/")[0]) if (folder.root / name).exists()}
+    counts |= {name: 1 for name in (*DIVE_FILES, MAP) if name in names}
+    written |= {name: int(name in folder.files_written) for name in (*DIVE_FILES, MAP)}
+    listed = [name for name in WHAT_IS_WHERE if counts.get(name)]
+    return tuple(ProductSummary(folder.root / name, WHAT_IS_WHERE[name], _source(written[name], counts[name])) for name in listed)
+
+
+def _source(written: int, count: int) -> Any:
+    if written == count:
+        return "written"
+    return "partly kept from an earlier run" if written else "kept from an earlier run"
+
+
+def _content(run: RunDescription, summary: RunSummary) -> dict[str, Any]:
+    rectification = run.rectification
+    content: dict[str, Any] = finite(
+        {
+            "format": RUN_FORMAT,
+            "format_version": RUN_VERSION,
+            "version": __version__,
+            "date": datetime.now(UTC).isoformat(timespec="seconds"),
+            "command_line": list(run.command_line),
+            "host": platform.node(),
+            "platform": platform.platform(),
+            "libraries": {"python": sys.version.split()[0]} | {name: _version(name) for name in LIBRARIES},
+            "inputs": {**run.inputs, "files": {row.name: row.hashes for row in summary.rows if row.hashes}},
+            "config": run.config.model_dump(mode="json"),
+            "geometry": asdict(rectification.pair) if rectification else None,
+            "T_rectified_left": rectification.T_rectified_left.tolist() if rectification else None,
+            "frames": list(run.names),
+            "totals": summary.totals(),
+        }
+    )
+    return content
+
+
+def finite(value: Any) -> Any:
+    """The same content with None for what JSON has no number for."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: finite(item) for key, item in value.items()}
+    return [finite(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _version(library: str) -> str | None:
+    try:
+        return version(library)
+    except PackageNotFoundError:
+        return None
