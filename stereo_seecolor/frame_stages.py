@@ -102,7 +102,8 @@ class FrameStages:
             record = self._folder.frame(pair.name, pair.timestamp_s, inputs)
         if finished:
             return Ranged(pair, record, key, kept=pair.name not in self._folder.written["range"])
-        if len({file.sha256 for file in inputs.values()}) < len(inputs):
+        hashes = {file.sha256 for file in inputs.values()}
+        if len(hashes) < len(inputs) and all(file.stamp.size for file in inputs.values()):
             raise MatchingError(f"{pair.left} and {pair.right} are the same picture: no range can be had from it")
         return self._measured(Ranged(pair, record, key, kept=False), clock)
 

@@ -231,7 +231,7 @@ def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Pa
 
     monkeypatch.setattr(survey_map, "write_preview", stop)
     with pytest.raises(KeyboardInterrupt):
-        jobs.fuse(small_run, poses, RunConfig(mapping=CONFIG.model_copy(update={"voxel_m": 0.03})))
+        fuse(small_run, poses, RunConfig(mapping=CONFIG.model_copy(update={"voxel_m": 0.03})))
     assert {path.name: path.read_bytes() for path in (small_run / "map").iterdir()} == before
 
 

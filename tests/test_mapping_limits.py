@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, flat_frame, read_cloud, track, write_run
 
-from stereo_seecolor.commands import jobs
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import ConfigError, DeviceError, MappingError
