@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, flat_frame, read_cloud, track, write_run
 
-from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.fuse import check_fusion
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import ConfigError, DeviceError, MappingError
@@ -158,4 +157,4 @@ def test_a_prior_without_gtsam_is_refused_before_the_first_frame(tmp_path: Path,
     write_run(tmp_path / "out", [flat_frame(i) for i in range(2)], PAIR)
     config = RunConfig(mapping=CONFIG.model_copy(update={"poses": "prior"}))
     with pytest.raises(DeviceError, match=r"pip install 'stereo-seecolor\[slam\]'"):
-        jobs.check_fusion(tmp_path / "track.tum", config)
+        check_fusion(tmp_path / "track.tum", config)
