@@ -11,6 +11,7 @@ from calibration.lens import fit_rig, to_camera
 from calibration.outliers import view_errors, without_outliers
 from calibration.plan import rectified_points
 from calibration.report import CalibrationReport, LensScore, ViewReport
+from calibration.resampling import jackknife, no_worse
 from calibration.rig import Medium, StereoRig
 from calibration.targets import Target
 from calibration.views import View, common_ids, observations_of, usable_views
@@ -18,8 +19,6 @@ from calibration.views import View, common_ids, observations_of, usable_views
 LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
 FOLDS = 10
 MIN_VIEWS_FOR_CHOICE = 5
-NEGLIGIBLE = 0.05  # of a squared error: 2.5 % of an error
-TINY = 1e-12  # px^2: corners without noise have no error to compare
 
 
 def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -> tuple[StereoRig, CalibrationReport]:
@@ -65,17 +64,8 @@ def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScor
         squares[left_out] = (view_errors(posed, test, target) ** 2).mean(axis=1)
         rows.append(_row_errors(fitted, test))
         fits.append([*(intrinsics[:2].mean() for intrinsics in fitted.intrinsics), np.linalg.norm(fitted.T_right_left[:3, 3])])
-    focal_left, focal_right, baseline_m = _jackknife(np.array(fits))
+    focal_left, focal_right, baseline_m = jackknife(np.array(fits)).tolist()
     return LensScore(full.lens, squares, np.concatenate(rows), (focal_left, focal_right), baseline_m)
-
-
-def _jackknife(estimates: Array) -> tuple[float, ...]:
-    """Standard deviations from (groups, k) estimates without one group each (Efron 1982, The Jackknife, ch. 3).
-
-    Unlike those of least squares they hold where the corners of a view err together: a target bent, a shutter late.
-    """
-    groups = len(estimates)
-    return tuple(np.sqrt((groups - 1) * estimates.var(axis=0)).tolist())
 
 
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:
@@ -97,19 +87,11 @@ def _row_errors(bundle: Bundle, views: list[View]) -> Array:
 
 
 def _choose(fits: list[Bundle], scores: list[LensScore]) -> tuple[Bundle, LensScore]:
-    """The simplest lens whose left-out errors are no worse than the best's beyond doubt, or by too little to matter.
-
-    As the rule of one standard error (Hastie et al. 2009, sec. 7.10), but with two: from ten views, chance favors a needless
-    coefficient often enough, and it costs more than it gives. The errors of a view are compared as a ratio, so that the many views
-    that agree outweigh one that is large.
-    """
+    """The simplest lens whose left-out errors are no worse than the best's."""
     best = min(scores, key=lambda score: score.rms_px)
     reached = any(np.isfinite(score.row_error_px) for score in scores)
     for fit, score in zip(fits, scores, strict=True):
-        ratio = np.log(np.maximum(score.squares, TINY) / np.maximum(best.squares, TINY))
-        doubt = 2 * ratio.std(ddof=1) / np.sqrt(ratio.size)
-        fair = score.squares.mean() <= (1 + NEGLIGIBLE) * best.squares.mean() or ratio.mean() <= doubt
-        if score is best or (fair and (np.isfinite(score.row_error_px) or not reached)):
+        if score is best or (no_worse(score.squares, best.squares) and (np.isfinite(score.row_error_px) or not reached)):
             return fit, score
     raise AssertionError("the best is among them")
 

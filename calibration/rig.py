@@ -64,6 +64,8 @@ class Camera:
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 2) pixels of points (n, 3) in this camera's axes; only for points before the camera."""
+        if len(points) == 0:
+            return np.zeros((0, 2))  # OpenCV takes no empty arrays
         shaped, zero = points.reshape(-1, 1, 3), np.zeros(3)
         if self.model == "fisheye":
             pixels, _ = cv2.fisheye.projectPoints(shaped, zero, zero, self.K, self.distortion)
@@ -76,6 +78,8 @@ class Camera:
 
     def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 3) directions with z = 1 of pixels (n, 2); NaN where the lens model reaches no such pixel, or looks to the side."""
+        if len(pixels) == 0:
+            return np.zeros((0, 3))
         shaped = pixels.reshape(-1, 1, 2)
         if self.skew:
             shaped = shaped - np.stack([self._sheared_px(pixels), np.zeros(len(pixels))], axis=-1)[:, None]

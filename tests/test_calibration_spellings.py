@@ -12,8 +12,8 @@ from calibration_boards import rendered
 from test_calibration_formats import seen
 
 from calibration import CalibrationError, Rectification, StereoRig
-from calibration.checks import settle_reading
 from calibration.formats import load_rig, write_rig
+from calibration.readings import settle_reading
 
 RIG = small_rig()
 

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from calibration import Rectification, StereoRig
-from calibration.checks import RowCheck, settle_reading, suspicions, vertical_disparity
+from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.formats import load_rig
 from calibration.port import FlatPort
 from calibration.port_error import port_error
+from calibration.readings import settle_reading
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders

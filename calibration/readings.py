@@ -1,0 +1,52 @@
+"""Files that can be read in more than one way: images of the dive decide."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.checks import judge_matches
+from calibration.errors import CalibrationError
+from calibration.matches import Matches, find_matches
+from calibration.plan import raw_points, rectified_points
+from calibration.rectification import Rectification
+from calibration.rig import StereoRig
+
+Images = tuple[NDArray[np.generic], NDArray[np.generic]]
+
+
+def settle_reading(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
+    """The one of a rig's alternatives whose rows agree best on raw image pairs, and as a doubt how it was chosen.
+
+    The rig itself where it has no alternatives. Raises CalibrationError if no reading finds enough points in both images.
+    """
+    return settle_matches(rig, raw_matches(rig, pairs)) if rig.alternatives else rig
+
+
+def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
+    """The same points in both raw images of each pair, found in the rectified ones."""
+    rectification = Rectification.from_rig(rig)
+    found = [find_matches(rectification, left, right) for left, right in pairs]
+    return [Matches(*raw_points(rig, matches.left, matches.right)) for matches in found]
+
+
+def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
+    """As settle_reading, from matches in raw pixels of each pair."""
+    if not rig.alternatives:
+        return rig
+    readings, errors_px = (rig, *rig.alternatives), []
+    failure = CalibrationError("no reading of the calibration fits the images")
+    for reading in readings:
+        try:
+            seen = [Matches(*rectified_points(reading, matches.left, matches.right)) for matches in raw]
+            errors_px.append(judge_matches(reading, seen).row_error_px)
+        except CalibrationError as error:
+            errors_px.append(np.inf)
+            failure = error
+    best = int(np.argmin(errors_px))
+    if not np.isfinite(errors_px[best]):
+        raise failure
+    others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
+    doubt = f"{readings[best].reading}: images decide: rows differ by {errors_px[best]:.2f} px, and by {others} px otherwise"
+    return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))

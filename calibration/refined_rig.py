@@ -1,0 +1,63 @@
+"""A refined rig, and what can be said of it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from calibration.rig import StereoRig
+
+UNSEEN = (
+    "not seen by vertical disparity: the length of the baseline, and a focal length wrong in both cameras alike; measure something "
+    "of known length"
+)
+YAW_WARNING = "yaw shifts every disparity by {:+.2f} px, and with it ranges: it is the least certain of these figures"
+
+
+@dataclass(frozen=True)
+class Movement:
+    """One thing that has moved, and its standard error. name: see refine.PARAMETERS; radians, or a relative change for scale."""
+
+    name: str
+    value: float
+    std: float
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedRig:
+    """A rig refined with matches of a dive.
+
+    rig: refined, or as it was where nothing has moved. movements: what has moved, with standard errors. before_px, after_px: median
+    absolute vertical disparity before, and after on pairs left out of the fit. pairs, matches: what it rests on.
+    focal_px: focal length of the rectified images.
+    """
+
+    rig: StereoRig
+    movements: tuple[Movement, ...]
+    before_px: float
+    after_px: float
+    pairs: int
+    matches: int
+    focal_px: float
+
+    def lines(self) -> list[str]:
+        """All of it for a person to read."""
+        said = [
+            f"{self.matches} points in {self.pairs} pairs: vertical disparity {self.before_px:.2f} px as calibrated, "
+            f"{self.after_px:.2f} px refined, on pairs left out of the fit (median)"
+        ]
+        if not self.movements:
+            return [*said, "nothing has moved beyond doubt: the calibration is left as it is", UNSEEN]
+        for movement in self.movements:
+            said.append(f"  {self._described(movement)}")
+            if movement.name == "yaw":
+                said.append(f"  {YAW_WARNING.format(movement.value * self.focal_px)}")
+        return [*said, UNSEEN]
+
+    def _described(self, movement: Movement) -> str:
+        if movement.name == "scale":
+            return f"right focal length: {movement.value:+.4%} +- {movement.std:.4%}"
+        value_deg, std_deg = np.degrees([movement.value, movement.std])
+        said = f"{movement.name}: {value_deg:+.4f} +- {std_deg:.4f} degrees"
+        if movement.name == "pitch":
+            said += f" (a vertical offset of {movement.value * self.focal_px:+.2f} +- {movement.std * self.focal_px:.2f} px)"
+        return said

@@ -1,0 +1,34 @@
+"""Robust fits of vertical disparity over the image: which matches are wrong, and what offset, scale and roll explain the rest."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+
+Array = NDArray[np.float64]
+
+
+def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bool_]:
+    """Matches whose rows differ as their neighbors' do: within a few deviations of a smooth trend over the image."""
+    x, y = ((left - np.array(pair.image_size) / 2) / pair.focal_px).T
+    disparity = (left[:, 0] - right[:, 0]) / pair.focal_px
+    one = np.ones_like(x)
+    terms = np.column_stack([one, x, y, x * y, y**2, x**2 * y, y**3, x * y * disparity])
+    _, rest = robust_fit(terms, right[:, 1] - left[:, 1])
+    return np.abs(rest) < max(4 * 1.4826 * float(np.median(np.abs(rest))), 0.3)
+
+
+def explain(rows: Array, offsets: Array) -> tuple[Array, Array]:
+    """Offset, scale and roll (radians) that explain rows best, and what they leave. offsets: (n, 2) from the middle, pixels."""
+    return robust_fit(np.column_stack([np.ones(len(rows)), offsets[:, 1], offsets[:, 0]]), rows)
+
+
+def robust_fit(terms: Array, values: Array) -> tuple[Array, Array]:
+    """Least absolute deviations by iterated reweighting; coefficients and residuals."""
+    weights = np.ones(len(values))
+    for _ in range(15):
+        root = np.sqrt(weights)[:, None]
+        coefficients, *_ = np.linalg.lstsq(terms * root, values * root[:, 0], rcond=None)
+        rest = values - terms @ coefficients
+        weights = 1 / np.maximum(np.abs(rest), 0.05)
+    return np.asarray(coefficients), rest
