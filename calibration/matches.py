@@ -1,5 +1,6 @@
 """The same points in both rectified images of a pair, to a fraction of a pixel, with rows left free to disagree."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -7,9 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.gray import to_gray
+from calibration.plan import raw_points, rectified_points
 from calibration.rectification import Rectification
+from calibration.rig import StereoRig
 
 Array = NDArray[np.float64]
+Images = tuple[NDArray[np.generic], NDArray[np.generic]]
 MAX_FEATURES = 3000
 RATIO = 0.75  # Lowe 2004, sec. 7.1
 MAX_ROW_SHARE = 0.1  # of the image's height: rows may be wrong, but not anywhere
@@ -20,7 +24,7 @@ WINDOW_PX = (21, 21)
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """left, right: (n, 2) pixels of the same points in the rectified images."""
+    """left, right: (n, 2) pixels of the same points in the images that are matched, or in the raw ones where it says raw."""
 
     left: Array
     right: Array
@@ -41,6 +45,18 @@ def find_matches(rectification: Rectification, left: NDArray[np.generic], right:
     pairs = _mutual(descriptors[0], descriptors[1])
     near = np.abs(at_left[pairs[:, 0], 1] - at_right[pairs[:, 1], 1]) < MAX_ROW_SHARE * images[0].shape[0]
     return _refine(images, at_left[pairs[near, 0]], at_right[pairs[near, 1]])
+
+
+def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
+    """The same points in both raw images of each pair, found in the rectified ones."""
+    rectification = Rectification.from_rig(rig)
+    found = [find_matches(rectification, left, right) for left, right in pairs]
+    return [Matches(*raw_points(rig, matches.left, matches.right)) for matches in found]
+
+
+def rectified_matches(rig: StereoRig, raw: Sequence[Matches]) -> list[Matches]:
+    """Where matches in raw pixels lie in the rectified images of ``rig``."""
+    return [Matches(*rectified_points(rig, matches.left, matches.right)) for matches in raw]
 
 
 def _mutual(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -4,16 +4,11 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.matches import Matches, find_matches
-from calibration.plan import raw_points, rectified_points
-from calibration.rectification import Rectification
+from calibration.matches import Images, Matches, raw_matches, rectified_matches
 from calibration.rig import StereoRig
-
-Images = tuple[NDArray[np.generic], NDArray[np.generic]]
 
 
 def settle_reading(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
@@ -24,13 +19,6 @@ def settle_reading(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
     return settle_matches(rig, raw_matches(rig, pairs)) if rig.alternatives else rig
 
 
-def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
-    """The same points in both raw images of each pair, found in the rectified ones."""
-    rectification = Rectification.from_rig(rig)
-    found = [find_matches(rectification, left, right) for left, right in pairs]
-    return [Matches(*raw_points(rig, matches.left, matches.right)) for matches in found]
-
-
 def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     """As settle_reading, from matches in raw pixels of each pair."""
     if not rig.alternatives:
@@ -39,8 +27,7 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     failure = CalibrationError("no reading of the calibration fits the images")
     for reading in readings:
         try:
-            seen = [Matches(*rectified_points(reading, matches.left, matches.right)) for matches in raw]
-            errors_px.append(judge_matches(reading, seen).row_error_px)
+            errors_px.append(judge_matches(reading, rectified_matches(reading, raw)).row_error_px)
         except CalibrationError as error:
             errors_px.append(np.inf)
             failure = error

@@ -15,9 +15,9 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from calibration.errors import CalibrationError
-from calibration.matches import Matches
+from calibration.matches import Images, Matches, raw_matches
 from calibration.plan import plan_rectification, rectified_points, upright_rotations
-from calibration.readings import Images, raw_matches, settle_matches
+from calibration.readings import settle_matches
 from calibration.refined_rig import Movement, RefinedRig
 from calibration.refraction import cameras_in_water
 from calibration.resampling import jackknife, no_worse

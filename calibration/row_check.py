@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-ACCEPTABLE_ROW_ERROR_PX = 0.25
+ACCEPTABLE_ROW_ERROR_PX = 0.25  # matching searches one row: the confidence of fine texture falls from here on
+WARNING_ROW_ERROR_PX = 0.5  # half a pixel off, a row matches its neighbor as well as itself
 WATER_INDEX = (1.26, 1.42)
 
 
@@ -31,6 +32,13 @@ class RowCheck:
     def acceptable(self) -> bool:
         """True if rows agree to a quarter of a pixel and left is left."""
         return self.row_error_px <= ACCEPTABLE_ROW_ERROR_PX and not self.swapped
+
+    @property
+    def warning(self) -> str | None:
+        """What a run over a dive must say before it starts; None where rows agree to half a pixel and left is left."""
+        if self.row_error_px <= WARNING_ROW_ERROR_PX and not self.swapped:
+            return None
+        return "; ".join(self.advice)
 
     @property
     def swapped(self) -> bool:

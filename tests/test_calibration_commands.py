@@ -162,3 +162,27 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     assert cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "640x480")[0] == 0
     code, _, said = cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "wide")
     assert code == 1 and "expected WIDTHxHEIGHT" in said
+
+
+def test_check_refines_a_rig_that_has_moved(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+    _, rig = board_pairs
+    rng = np.random.default_rng(0)
+    for number in range(3):
+        sand = cv2.GaussianBlur(rng.integers(0, 256, (500, 700), dtype=np.uint8), (0, 0), 1.5)
+        sand = cv2.normalize(sand, None, 0, 255, cv2.NORM_MINMAX)
+        pose = np.eye(4)
+        pose[2, 3] = 0.65 + 0.05 * number
+        for side, camera, extrinsic in (("left", rig.left, np.eye(4)), ("right", rig.right, rig.T_right_left)):
+            (tmp_path / side).mkdir(exist_ok=True)
+            picture = rendered(camera, extrinsic @ pose, sand, 700, np.array([-0.5, -0.36]))
+            cv2.imwrite(str(tmp_path / side / f"{number}.png"), picture)
+    turned = np.eye(4)
+    turned[:3, :3] = cv2.Rodrigues(np.array([0.002, 0.0, 0.0]))[0]
+    write_rig(StereoRig(rig.left, rig.right, turned @ rig.T_right_left), tmp_path / "cam.yaml")
+    folders = ("--left", tmp_path / "left", "--right", tmp_path / "right")
+    code, printed, _ = cli("check", *folders, "--calib", tmp_path / "cam.yaml", "--refine", tmp_path / "refined.yaml")
+    assert code == 0
+    assert "NOT acceptable" in printed and "refined.yaml: the refined calibration" in printed
+    code, printed, _ = cli("check", *folders, "--calib", tmp_path / "refined.yaml", "--json")
+    assert code == 0
+    assert '"refined": null' in printed

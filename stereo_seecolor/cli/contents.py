@@ -73,6 +73,19 @@ def check_content(result: "CheckResult") -> Content:
         "rig": result.rig,
         "suspicions": result.suspicions,
         "rows": rows,
-        "acceptable": rows.acceptable,
+        "acceptable": result.acceptable,
         "advice": rows.advice,
+        "refined": _refined_content(result),
+    }
+
+
+def _refined_content(result: "CheckResult") -> Content | None:
+    if result.refined is None:
+        return None
+    refined = result.refined
+    return {
+        "file": result.refined_file,
+        "vertical_disparity_px": refined.before_px,
+        "vertical_disparity_refined_px": refined.after_px,
+        "movements": refined.movements,
     }

@@ -38,6 +38,10 @@ PrintTarget = Annotated[
 ]
 Dpi = Annotated[int, typer.Option("--dpi", min=10, help="Resolution of a .png target.", rich_help_panel=SETTINGS)]
 Pairs = Annotated[int, typer.Option("--pairs", min=1, help="How many pairs to test, spread evenly over the dive.")]
+Refine = Annotated[
+    Path | None,
+    typer.Option("--refine", help="Estimate what has moved since the calibration, and write the refined rig to this file."),
+]
 Source = Annotated[str, typer.Argument(help="Any calibration of docs/calibration.md: a file, a folder, or left.yaml,right.yaml.")]
 Converted = Annotated[str, typer.Argument(help="File to write; for ros a folder, or left.yaml,right.yaml.")]
 Format = Annotated[Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"], typer.Option("--to", help="Format to write.")]
@@ -78,6 +82,7 @@ def check(
     right: Right,
     calib: Calib,
     pairs: Pairs = 12,
+    refine: Refine = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
     log_file: LogFile = None,
@@ -87,8 +92,8 @@ def check(
 
     report = Report("check", as_json, "none", verbose, log_file)
     with report.working():
-        result = test(left, right, calib, pairs)
-    code = EXIT_DONE if result.rows.acceptable else EXIT_SOME_FAILED
+        result = test(left, right, calib, pairs, refine)
+    code = EXIT_DONE if result.acceptable else EXIT_SOME_FAILED
     report.end(check_content(result), check_text(result), code)
 
 

@@ -23,7 +23,10 @@ def calibration_text(result: "CalibrationResult") -> str:
 def check_text(result: "CheckResult") -> str:
     """A calibration against a dive."""
     suspicious = (f"suspicious: {text}" for text in result.suspicions)
-    return lines([*_rig_lines(result.rig), *suspicious, *result.rows.lines()])
+    said = [*_rig_lines(result.rig), *suspicious, *result.rows.lines()]
+    if result.refined is not None:
+        said += [*result.refined.lines(), f"  {result.refined_file}: the refined calibration"]
+    return lines(said)
 
 
 def _rig_lines(rig: "RigFacts") -> list[str]:

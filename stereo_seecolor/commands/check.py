@@ -6,17 +6,19 @@ from pathlib import Path
 import numpy as np
 
 from calibration import Rectification, StereoRig
-from calibration.checks import RowCheck, suspicions, vertical_disparity
-from calibration.formats import load_rig
+from calibration.checks import RowCheck, judge_matches, suspicions
+from calibration.formats import load_rig, write_rig
+from calibration.matches import raw_matches, rectified_matches
 from calibration.port import FlatPort
 from calibration.port_error import port_error
-from calibration.readings import settle_reading
+from calibration.readings import settle_matches
+from calibration.refine import refine_matches
+from calibration.refined_rig import RefinedRig
+from calibration.row_check import ACCEPTABLE_ROW_ERROR_PX
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders
 
-FIRST_PAIRS = 3
-"""Pairs that decide between the readings of a file that leaves a convention open: hundreds of matches each suffice."""
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
 """Ranges at which the error of a flat port is stated, in units of the range at which the port model is exact."""
 
@@ -44,25 +46,41 @@ class RigFacts:
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """A calibration against a dive. suspicions: what looks wrong in the calibration itself."""
+    """A calibration against a dive.
+
+    suspicions: what looks wrong in the calibration itself. refined: what has moved since, and refined_file, where the refined rig
+    was written; None unless asked for.
+    """
 
     rig: RigFacts
     rows: RowCheck
     suspicions: tuple[str, ...]
+    refined: RefinedRig | None = None
+    refined_file: Path | None = None
+
+    @property
+    def acceptable(self) -> bool:
+        """True if rows agree, with the refined rig where there is one."""
+        return self.rows.acceptable if self.refined is None else self.refined.after_px <= ACCEPTABLE_ROW_ERROR_PX
 
 
-def check(left: Path, right: Path, calib: str, most_pairs: int = 12) -> CheckResult:
+def check(left: Path, right: Path, calib: str, most_pairs: int = 12, refine: Path | None = None) -> CheckResult:
     """Test a calibration against ``most_pairs`` pairs spread evenly over a dive.
 
+    refine: write the rig to this file, in the native format, with what has moved since its calibration estimated from the pairs.
     Raises CalibrationError, InputError.
     """
     pairs = pair_folders(left, right, InputConfig()).pairs
     chosen = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most_pairs, len(pairs))).round().astype(int))]
     height, width = read_image(chosen[0].left).shape[:2]
     rig = load_rig(calib, (width, height))
-    rig = settle_reading(rig, ((read_image(pair.left), read_image(pair.right)) for pair in chosen[:FIRST_PAIRS]))
-    rows = vertical_disparity(rig, ((read_image(pair.left), read_image(pair.right)) for pair in chosen))
-    return CheckResult(rig_facts(rig), rows, suspicions(rig))
+    raw = raw_matches(rig, ((read_image(pair.left), read_image(pair.right)) for pair in chosen))
+    rig = settle_matches(rig, raw)
+    rows = judge_matches(rig, rectified_matches(rig, raw))
+    refined = refine_matches(rig, raw) if refine else None
+    if refine and refined:
+        write_rig(refined.rig, refine)
+    return CheckResult(rig_facts(rig), rows, suspicions(rig), refined, refine)
 
 
 def rig_facts(rig: StereoRig) -> RigFacts:
