@@ -1,12 +1,12 @@
 """What the commands over all pairs of a dive share: taking OUT, their passes, and the files that describe the run."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calibration import Rectification, StereoRig
-from calibration.checks import suspicions
+from calibration.checks import settle_reading, suspicions
 from calibration.formats import load_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
@@ -19,13 +19,15 @@ from stereo_seecolor.inputs.pairing import Pairing, pair_folders
 from stereo_seecolor.inputs.video import is_video, unpack
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow
+from stereo_seecolor.records import FrameRow, Image
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import Claim, RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import Stage, state
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports
 
+DECIDING_PAIRS = 3
+"""Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
 SAMPLE_BYTES = 1 << 20
 """So much of a video's begin tells it from others."""
 
@@ -134,7 +136,10 @@ def sample(path: Path) -> str:
 
 
 def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> StereoRig:
-    """The rig, for images as large as the first that can be read (some calibration files do not say)."""
+    """The rig, for images as large as the first that can be read (some calibration files do not say).
+
+    Where the file can be read in several ways, the first pairs decide. Raises InputError, CalibrationError.
+    """
     problems = []
     for pair in pairing.pairs:
         try:
@@ -142,5 +147,18 @@ def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> Ster
         except InputError as error:
             problems.append(str(error))
             continue
-        return load_rig(calib, (width, height))
+        return settle_reading(load_rig(calib, (width, height)), first_images(pairing, config))
     raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")
+
+
+def first_images(pairing: Pairing, config: RunConfig) -> Iterator[tuple[Image, Image]]:
+    """The images of the first pairs that can be read."""
+    found = 0
+    for pair in pairing.pairs:
+        try:
+            yield read_image(pair.left, config.input), read_image(pair.right, config.input)
+        except InputError:
+            continue
+        found += 1
+        if found == DECIDING_PAIRS:
+            return
