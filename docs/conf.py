@@ -23,7 +23,7 @@ exclude_patterns = ["_build", "_generated"]
 
 GENERATED = Path(__file__).parent / "_generated"
 COMMANDS = (
-    "run correct range rectify calibrate check convert-calib water fuse view evaluate synthesize demo doctor".split()  # noqa: SIM905
+    "inspect run correct range rectify calibrate check convert-calib water fuse view evaluate synthesize demo doctor".split()  # noqa: SIM905
 )
 
 

@@ -12,7 +12,7 @@ from calibration.formats.folder import calibration_files, left_first, merged
 from calibration.formats.section import Section, naming
 from calibration.rig import StereoRig
 
-__all__ = ["WritableFormat", "load_rig", "parse_size", "write_rig"]
+__all__ = ["WritableFormat", "format_name", "load_rig", "parse_size", "write_rig"]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
 SIZED = (native, kalibr, oplab, orbslam, middlebury)  # these store the size of the images
@@ -29,16 +29,18 @@ def load_rig(path: str | Path, image_size: Size | None = None) -> StereoRig:
 
     Raises CalibrationError, naming the file and the key.
     """
-    whole = Path(path)
-    if whole.is_dir():
-        documents = _of_folder(whole)
-    else:
-        parts = [whole] if whole.exists() else [Path(part.strip()) for part in str(path).split(",")]
-        if len(parts) > 2:
-            raise CalibrationError(f"{path}: give one calibration file, or two with a comma between, not {len(parts)}")
-        documents = [load_document(part) for part in parts]
+    documents = _documents(path)
     with naming(documents[0].where):
         return _parse(documents, image_size)
+
+
+def format_name(path: str | Path) -> str:
+    """The format that load_rig takes ``path`` for, such as "kalibr". Raises CalibrationError if it is none."""
+    document = _documents(path)[0]
+    for reader in (*WHOLE_RIG, *ONE_CAMERA.values(), opencv):
+        if reader.matches(document):
+            return _name(reader)
+    raise CalibrationError(f"{path}: is no calibration known here; see docs/calibration.md for the formats")
 
 
 def parse_size(text: str) -> Size:
@@ -73,6 +75,16 @@ def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native
             raise CalibrationError(f"cannot write {format!r}: the formats written are {', '.join(get_args(WritableFormat))}")
     except OSError as error:
         raise CalibrationError(f"{path}: the calibration cannot be written: {error.strerror or error}") from error
+
+
+def _documents(path: str | Path) -> list[Section]:
+    whole = Path(path)
+    if whole.is_dir():
+        return _of_folder(whole)
+    parts = [whole] if whole.exists() else [Path(part.strip()) for part in str(path).split(",")]
+    if len(parts) > 2:
+        raise CalibrationError(f"{path}: give one calibration file, or two with a comma between, not {len(parts)}")
+    return [load_document(part) for part in parts]
 
 
 def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:

@@ -6,12 +6,21 @@ from typing import Annotated
 
 import typer
 
-from stereo_seecolor.cli import dive_commands, machine_commands, map_commands, rig_commands, score_commands, water_commands
+from stereo_seecolor.cli import (
+    dive_commands,
+    inspect_command,
+    machine_commands,
+    map_commands,
+    rig_commands,
+    score_commands,
+    water_commands,
+)
 from stereo_seecolor.cli.errors import exit_code_of
 from stereo_seecolor.cli.streams import prepare_streams, write_out
 from stereo_seecolor.compute.allocator import keep_freed_memory
 
 COMMANDS: dict[str, Callable[..., None]] = {
+    "inspect": inspect_command.inspect,
     "run": dive_commands.run,
     "correct": dive_commands.correct,
     "range": dive_commands.range_,

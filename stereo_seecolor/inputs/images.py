@@ -39,7 +39,7 @@ def read_image_bytes(path: Path) -> bytes:
 
 def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
     """As read_image, from the file's content; ``path`` is for the messages."""
-    pixels = _decode(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    pixels = decode_raw(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel")
     if config.significant_bits:
@@ -61,7 +61,7 @@ def read_range_map(path: Path) -> Map:
 
     Zero, negative and non-finite ranges are unknown: NaN. Raises InputError if the file is no such map.
     """
-    pixels = _decode(read_image_bytes(path), path, cv2.IMREAD_UNCHANGED)
+    pixels = decode_raw(read_image_bytes(path), path, cv2.IMREAD_UNCHANGED)
     if pixels.ndim != 2:
         raise InputError(f"{path}: has {pixels.shape[2]} channels, a range map has one")
     if pixels.dtype == np.uint16:
@@ -74,7 +74,8 @@ def read_range_map(path: Path) -> Map:
         return np.where(np.isfinite(range_m) & (range_m > 0), range_m, np.float32(np.nan))
 
 
-def _decode(content: bytes, path: Path, flags: int) -> NDArray[np.generic]:
+def decode_raw(content: bytes, path: Path, flags: int) -> NDArray[np.generic]:
+    """The pixels as cv2.imdecode gives them with these flags. Raises InputError, as read_image."""
     try:
         width, height = image_size(content)
     except ValueError as error:

@@ -15,6 +15,12 @@ _SIDE_WORDS = {
 _SEPARATORS = "_-. "
 
 
+def side_of(name: str) -> str | None:
+    """ "left" or "right" if the name holds a word for exactly one side, such as ``left``, ``LC16`` or ``cam0``."""
+    found = [side for side, words in _SIDE_WORDS.items() if words.search(name)]
+    return found[0] if len(found) == 1 else None
+
+
 def stem_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
     """The stems as they are (``0001.png`` and ``0001.tif``)."""
     return _grouped(lefts, lambda stem: stem), _grouped(rights, lambda stem: stem)

@@ -20,7 +20,7 @@ class _Limits:
 
     row_px: float = 3.0  # a rig that has drifted is off by a pixel or two (0.6 px on a real dive)
     reach: int = 2  # neighbors looked at on either side: numbering is off by one where a frame was dropped, seldom by more
-    points: int = 40  # by chance none are found on the sample dive, whose pairs have 1,700 and more
+    points: int = 40  # false pairs of the sample dive and of a real reef have 4 at most, true ones 1,200 and more
     ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
 
 
@@ -33,6 +33,11 @@ def agreeing_points(rectification: Rectification, left: Image, right: Image) -> 
     disparity_px, row_px = (found.left - found.right).T if len(found.left) else np.zeros((2, 0))
     infinity_px = rectification.matching_pair.cx_left_px - rectification.matching_pair.cx_right_px
     return int(np.count_nonzero((np.abs(row_px) < _LIMITS.row_px) & (disparity_px > infinity_px - 1)))
+
+
+def show_one_scene(rectification: Rectification, left: Image, right: Image) -> bool:
+    """True if enough points of the raw left image are found in the raw right one."""
+    return agreeing_points(rectification, left, right) >= _LIMITS.points
 
 
 def neighbor_that_fits(pair: Pair, pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> Pair | None:

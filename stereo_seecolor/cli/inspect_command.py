@@ -1,0 +1,78 @@
+"""The command that looks at a dive before it is run."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stereo_seecolor.cli.console import lines
+from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
+from stereo_seecolor.cli.options import AsJson, LogFile, Verbose
+from stereo_seecolor.cli.report import Report
+
+if TYPE_CHECKING:
+    from stereo_seecolor.commands.inspect import CalibrationFacts, Inspection
+    from stereo_seecolor.commands.inspect_dive import Measured
+    from stereo_seecolor.inputs.image_facts import ImageFacts
+
+Places = Annotated[list[Path], typer.Argument(help="Folders and files of the dive: images or videos, and the calibration.")]
+
+
+def inspect(places: Places, as_json: AsJson = False, verbose: Verbose = False, log_file: LogFile = None) -> None:
+    """Look at the files of a dive, say what they are, and print the run command that fits; exit code 3 if pairs do not fit."""
+    from stereo_seecolor.commands.inspect import inspect as look
+
+    report = Report("inspect", as_json, "none", verbose, log_file)
+    with report.working():
+        found = look(places)
+    report.end(dict(vars(found)), inspection_text(found), EXIT_SOME_FAILED if found.misfits else EXIT_DONE)
+
+
+def inspection_text(found: "Inspection") -> str:
+    """What was found, and last the command."""
+    said = [f"left:  {found.sides.left}{_image_text(found.left)}", f"right: {found.sides.right}{_image_text(found.right)}"]
+    if found.pairs:
+        every = f", one every {found.interval_s:.3g} s" if found.interval_s else ""
+        exposure = "recorded with each image" if found.exposure_recorded else "not recorded"
+        said.append(f"{found.pairs} pairs{every}; {found.unpaired} files without a partner; exposure {exposure}")
+    if found.calibration:
+        said += _calibration_lines(found.calibration)
+    if found.measured:
+        said += _measured_lines(found.measured)
+    for misfit in found.misfits:
+        fits = f"; the left image of {misfit.pair} fits the right one of {misfit.fits}" if misfit.fits else ""
+        said.append(f"not a pair: {misfit.pair}: its images do not show the same scene{fits}")
+    return lines([*said, *(f"note: {problem}" for problem in found.problems), "", found.run_command])
+
+
+def _image_text(image: "ImageFacts | None") -> str:
+    if image is None:
+        return ""
+    width, height = image.size
+    used = f" ({image.used_bits} used)" if image.used_bits < image.bits else ""
+    kind = {"mosaic": "raw, with a color filter pattern"}.get(image.kind, image.kind)
+    return f": {width}x{height} px, {image.bits} bit{used}, {kind}"
+
+
+def _calibration_lines(calibration: "CalibrationFacts") -> list[str]:
+    rig, rows = calibration.rig, calibration.rows
+    arranged = "vertical" if calibration.vertical else "side by side"
+    tested = f"; vertical disparity {rows.row_error_px:.2f} px" if rows else ""
+    return [
+        f"calibration: {calibration.path} ({calibration.format}): cameras {arranged}, baseline {rig.baseline_m * 1000:.1f} mm, "
+        f"focal length {rig.focal_px:.0f} px{tested}"
+    ]
+
+
+def _measured_lines(measured: "Measured") -> list[str]:
+    light = "strobes or lamps (try --set color.lights=learn)" if measured.strobes else "daylight"
+    return [
+        f"range: {measured.median_range_m:.2f} m (median), known for {measured.coverage:.0%} of the pixels; "
+        f"{measured.ground_resolution_m * 1000:.2f} mm a pixel",
+        f"light: {light}; the middle is {measured.center_to_corner:.1f} times as bright as the corners",
+        f"a run takes about {_duration(measured.seconds)} here and {measured.disk_bytes / 1e9:.2f} GB of disk",
+    ]
+
+
+def _duration(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"

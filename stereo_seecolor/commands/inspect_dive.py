@@ -1,0 +1,133 @@
+"""What sample pairs of a dive tell of the whole: whether they are pairs, how far the bottom is, light, disk space and time."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import Rectification, StereoRig
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
+from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.inputs.neighbors import neighbor_that_fits, show_one_scene
+from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.records import FrameResult, Image
+
+STROBE_CENTER_TO_CORNER = 1.6
+"""Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on three in daylight."""
+
+PASSES_THAT_READ = 2
+"""A run reads every pair once to measure and once to correct."""
+
+CLOUD_BYTES = 15
+"""Of a point: three floats and three bytes."""
+
+
+@dataclass(frozen=True)
+class Misfit:
+    """A pair whose images do not show one scene; fits: the pair whose right image its left one fits, None if none near."""
+
+    pair: str
+    fits: str | None
+
+
+@dataclass(frozen=True)
+class Measured:
+    """From sample pairs. coverage: fraction of pixels with a range. ground_resolution_m: a pixel's size at the median range.
+
+    center_to_corner: mean brightness of the middle over that of the corners (linear light). strobes: it is as with lamps.
+    disk_bytes, seconds: of the whole dive, with the default settings on this machine.
+    """
+
+    coverage: float
+    median_range_m: float
+    ground_resolution_m: float
+    center_to_corner: float
+    strobes: bool
+    disk_bytes: int
+    seconds: float
+
+
+def spread(pairs: Sequence[Pair], most: int) -> list[Pair]:
+    """At most so many pairs, evenly spread."""
+    return [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int))]
+
+
+def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> tuple[Misfit, ...]:
+    """The sample pairs whose two images do not show one scene; none if that is all and no neighbor fits: then the rig is wrong."""
+    rectification, reader = Rectification.from_rig(rig), FrameReader(config.input)
+    found = []
+    for pair in sample:
+        frame = reader.read(pair)
+        if not show_one_scene(rectification, frame.left, frame.right):
+            other = neighbor_that_fits(pair, pairing.pairs, rectification, config.input)
+            found.append(Misfit(pair.name, other.name if other else None))
+    rig_is_wrong = len(found) == len(sample) and not any(misfit.fits for misfit in found)
+    return () if rig_is_wrong else tuple(found)
+
+
+def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfig) -> Measured | None:
+    """Run the sample pairs in memory; None if none of them goes through."""
+    pipeline, reader = Pipeline(rig, config), FrameReader(config.input)
+    timed = [one for pair in sample if (one := _processed(pipeline, reader, pair)) is not None]
+    if not timed:
+        return None
+    results = [result for result, _ in timed]
+    ranges_m = [result.range_map.range_m[np.isfinite(result.range_map.range_m)] for result in results]
+    median_range_m = float(np.median([float(np.median(found)) for found in ranges_m if found.size] or [np.nan]))
+    brightness = _center_to_corner([result.frame.left for result in results])
+    return Measured(
+        coverage=float(np.mean([np.isfinite(result.range_map.range_m).mean() for result in results])),
+        median_range_m=median_range_m,
+        ground_resolution_m=median_range_m / float(pipeline.rectification.pair.focal_px),
+        center_to_corner=brightness,
+        strobes=brightness > STROBE_CENTER_TO_CORNER,
+        disk_bytes=pairs * int(np.mean([_bytes_written(result, config) for result in results])),
+        seconds=pairs * min(seconds for _, seconds in timed),
+    )
+
+
+def _processed(pipeline: Pipeline, reader: FrameReader, pair: Pair) -> tuple[FrameResult, float] | None:
+    """A pair through all stages, and the seconds that a run spends on it; None if it fails."""
+    start = time.perf_counter()
+    frame = reader.read(pair)
+    read_s = time.perf_counter() - start
+    try:
+        result = pipeline.process(frame)
+    except SeeColorError:
+        return None
+    _bytes_written(result, pipeline.config)
+    return result, time.perf_counter() - start + (PASSES_THAT_READ - 1) * read_s
+
+
+def _bytes_written(result: FrameResult, config: RunConfig) -> int:
+    range_map = result.range_map
+    files = [
+        encode_image(result.correction.image, config.output.image_format),
+        encode_map(range_map.range_m),
+        encode_map(range_map.range_std_m) if config.output.range_std else b"",
+        encode_confidence(range_map.confidence),
+        encode_mask(result.correction.unknown.astype(np.uint8)),
+    ]
+    points = int(np.isfinite(range_map.range_m).sum()) if config.output.clouds else 0
+    return sum(map(len, files)) + CLOUD_BYTES * points
+
+
+def _center_to_corner(images: Sequence[Image]) -> float:
+    mean = np.mean([_small(image) for image in images], axis=0)
+    rows, columns = mean.shape[0] // 6, mean.shape[1] // 6
+    corners = [mean[:rows, :columns], mean[:rows, -columns:], mean[-rows:, :columns], mean[-rows:, -columns:]]
+    middle = mean[2 * rows : -2 * rows, 2 * columns : -2 * columns]
+    return float(middle.mean() / max(float(np.mean([corner.mean() for corner in corners])), 1e-6))
+
+
+def _small(image: Image) -> NDArray[np.float64]:
+    """Green in linear light, (24, 32)."""
+    green = decode_srgb(image[..., 1].astype(np.float64) / np.iinfo(image.dtype).max)
+    return np.asarray(cv2.resize(green, (32, 24), interpolation=cv2.INTER_AREA))

@@ -1,0 +1,55 @@
+"""Find the calibration among the files of a dive."""
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calibration import CalibrationError, StereoRig
+from calibration.formats import format_name, load_rig
+from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.inputs.sides import DEPTH
+
+EXTENSIONS = frozenset({".yaml", ".yml", ".json", ".xml", ".mat", ".npz", ".cam", ".txt", ".cfg", ".conf"})
+
+LARGEST_BYTES = 20_000_000
+"""A calibration is smaller: MATLAB objects with all their corners have a few hundred kilobytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundCalibration:
+    """A file, or a folder with the files of a rig."""
+
+    path: Path
+    format: str
+    rig: StereoRig
+
+
+def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[FoundCalibration, ...]:
+    """All calibrations in the places, for images of ``size`` (width, height): those of that size first, then in natural order."""
+    candidates = sorted({path for place in places for path in _candidates(place)}, key=lambda path: natural_key(str(path)))
+    found = [one for path in candidates if (one := _try_load(path, size))]
+    folders = sorted({path.parent for path in candidates} - {one.path.parent for one in found})
+    found += [one for folder in folders if (one := _try_load(folder, size))]
+    return tuple(sorted(found, key=lambda one: one.rig.left.image_size != size))
+
+
+def _candidates(place: Path) -> Iterator[Path]:
+    if place.is_file():
+        yield place
+        return
+    for folder, below, names in os.walk(place):
+        here = Path(folder)
+        below[:] = [name for name in below if name[0] != "." and len(here.relative_to(place).parts) < DEPTH]
+        yield from (here / name for name in names if _is_candidate(here / name))
+
+
+def _is_candidate(path: Path) -> bool:
+    return path.suffix.lower() in EXTENSIONS and path.is_file() and 0 < path.stat().st_size < LARGEST_BYTES
+
+
+def _try_load(path: Path, size: tuple[int, int]) -> FoundCalibration | None:
+    try:
+        return FoundCalibration(path, format_name(path), load_rig(path, size))
+    except CalibrationError:
+        return None

@@ -1,0 +1,104 @@
+"""Which of the folders or videos that came off a boat is the left side, and which the right."""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from operator import itemgetter
+from pathlib import Path
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.inputs.listing import EXTENSIONS
+from stereo_seecolor.inputs.name_keys import side_of
+from stereo_seecolor.inputs.pairing import pair_folders
+from stereo_seecolor.inputs.video import is_video
+
+DEPTH = 3
+"""So many levels of folders are looked through: a dive, a camera, a format."""
+
+MAX_FOLDERS = 12
+"""Folders with the most images that are tried as sides, each with each."""
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Two folders of images, or two videos; the same video twice shows both. guessed: no name says which side is which."""
+
+    left: Path
+    right: Path
+    guessed: bool = False
+
+
+def find_sides(places: Sequence[Path]) -> Sides:
+    """The two sides among ``places``: two folders, one or two videos, or a folder that holds them somewhere.
+
+    Raises InputError if a place is missing, or if no two sides are found.
+    """
+    videos = [path for path in places if is_video(path)]
+    folders = [path for path in places if path not in videos]
+    images: dict[Path, int] = {}
+    for folder in folders:
+        found, found_videos = _look_through(folder)
+        images |= found
+        videos += found_videos
+    if len(images) >= 2:
+        return _best_pair(images)
+    if videos:
+        return _of_videos(sorted(set(videos), key=lambda path: natural_key(path.name)))
+    if images:
+        (folder,) = images
+        raise InputError(f"{folder}: holds all images in one folder: move the left and the right ones into folders of their own")
+    raise InputError(f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos were found")
+
+
+def _look_through(root: Path) -> tuple[dict[Path, int], list[Path]]:
+    """Folders with the number of images directly in each, and videos, down to DEPTH; hidden folders and links are passed over."""
+    if not root.is_dir():
+        raise InputError(f"{root}: does not exist, or is neither a folder nor a video")
+    images: dict[Path, int] = {}
+    videos: list[Path] = []
+    for folder, below, names in os.walk(root):
+        here = Path(folder)
+        below[:] = sorted(name for name in below if name[0] != "." and len(here.relative_to(root).parts) < DEPTH)
+        count = sum(Path(name).suffix.lower() in EXTENSIONS and name[0] != "." for name in names)
+        images |= {here: count} if count else {}
+        videos += [here / name for name in names if is_video(here / name)]
+    return images, videos
+
+
+def _best_pair(images: dict[Path, int]) -> Sides:
+    """The two folders whose names say their sides and which give the most pairs; where no names do, in natural order."""
+    largest = sorted(images, key=lambda path: -images[path])[:MAX_FOLDERS]
+    both = list(combinations(sorted(largest, key=lambda path: natural_key(str(path))), 2))
+    named = [(_left_first(*sides), True) for sides in both if {side_of(side.name) for side in sides} == {"left", "right"}]
+    for choices in (named, [(sides, False) for sides in both]):
+        pairs, (sides, known) = max(
+            ((_pairs(*choice[0]), choice) for choice in choices), key=itemgetter(0), default=(0, (both[0], False))
+        )
+        if pairs:
+            return Sides(*sides, guessed=not known)
+    first, second = both[0]
+    raise InputError(f"{first} and {second}: no two of the {len(images)} folders with images hold pairs: give the two of one dive")
+
+
+def _left_first(first: Path, second: Path) -> tuple[Path, Path]:
+    return (first, second) if side_of(first.name) == "left" else (second, first)
+
+
+def _pairs(left: Path, right: Path) -> int:
+    try:
+        return len(pair_folders(left, right, InputConfig()).pairs)
+    except InputError:
+        return 0
+
+
+def _of_videos(videos: list[Path]) -> Sides:
+    if len(videos) == 1:
+        return Sides(videos[0], videos[0])
+    named = {side_of(path.stem): path for path in videos}
+    if len(videos) == 2:
+        left, right = named.get("left"), named.get("right")
+        return Sides(left, right) if left and right else Sides(videos[0], videos[1], guessed=True)
+    raise InputError(f"{', '.join(path.name for path in videos[:6])}: {len(videos)} videos were found: give the two of one dive")

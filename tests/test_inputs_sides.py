@@ -1,0 +1,90 @@
+"""Which folders or videos are the two sides of a dive."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.image_facts import image_facts
+from stereo_seecolor.inputs.sides import find_sides
+
+RNG = np.random.default_rng(0)
+
+
+def make(root: Path, *files: str) -> Path:
+    for name in files:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).touch()
+    return root
+
+
+@pytest.mark.parametrize(
+    ("files", "left", "right", "guessed"),
+    [
+        (["left/1.png", "right/1.png"], "left", "right", False),
+        (["R/1.png", "L/1.png"], "L", "R", False),
+        (["dive/cam0/data/1.png", "dive/cam1/data/1.png"], "dive/cam0/data", "dive/cam1/data", True),
+        (["port/1.png", "star/1.png", "thumbs/x.png"], "port", "star", True),
+        (["left/1.png", "right/1.png", "left/raw/2.png", "notes/3.png"], "left", "right", False),
+        (["a/.hidden/1.png", "L/1.png", "R/1.png"], "L", "R", False),
+        (["L.mp4", "R.mp4"], "L.mp4", "R.mp4", False),
+        (["GH01.mp4", "GH02.mp4"], "GH01.mp4", "GH02.mp4", True),
+        (["both.mp4"], "both.mp4", "both.mp4", False),
+    ],
+)
+def test_sides_in_one_folder(tmp_path: Path, files: list[str], left: str, right: str, guessed: bool) -> None:
+    found = find_sides([make(tmp_path, *files)])
+    assert (found.left, found.right, found.guessed) == (tmp_path / left, tmp_path / right, guessed)
+
+
+def test_sides_given_as_two_folders(tmp_path: Path) -> None:
+    make(tmp_path, "rc/1.png", "lc/1.png")
+    assert find_sides([tmp_path / "rc", tmp_path / "lc"]).left == tmp_path / "lc"
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        (["notes.txt"], r"no images \(.*\) and no videos were found"),
+        (["L1.png", "R1.png"], "holds all images in one folder: move the left and the right ones"),
+        (["a/x.png", "b/y2.png"], "hold pairs: give the two of one dive"),
+        (["1.mp4", "2.mp4", "3.mp4"], "3 videos were found"),
+    ],
+)
+def test_no_two_sides(tmp_path: Path, files: list[str], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        find_sides([make(tmp_path, *files)])
+
+
+def test_a_missing_place(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="nowhere: does not exist"):
+        find_sides([tmp_path / "nowhere"])
+
+
+SMOOTH = cv2.resize(RNG.integers(0, 256, (6, 8, 3), dtype=np.uint8), (96, 64), interpolation=cv2.INTER_CUBIC)
+
+
+def mosaic() -> np.ndarray:
+    pixels = np.empty((64, 96), np.uint8)
+    for row, column, scale in ((0, 0, 1.0), (0, 1, 0.7), (1, 0, 0.7), (1, 1, 0.3)):
+        pixels[row::2, column::2] = SMOOTH[row::2, column::2, 0] * scale
+    return pixels
+
+
+@pytest.mark.parametrize(
+    ("pixels", "kind", "bits", "used_bits"),
+    [
+        (SMOOTH, "color", 8, 8),
+        (SMOOTH[..., 0], "monochrome", 8, 8),
+        (np.repeat(SMOOTH[..., :1], 3, axis=2), "monochrome", 8, 8),
+        (mosaic(), "mosaic", 8, 8),
+        (SMOOTH.astype(np.uint16) * 16, "color", 16, 12),
+        (SMOOTH.astype(np.uint16) * 257, "color", 16, 16),
+    ],
+)
+def test_kinds_of_images(tmp_path: Path, pixels: np.ndarray, kind: str, bits: int, used_bits: int) -> None:
+    assert cv2.imwrite(str(tmp_path / "a.png"), pixels)
+    found = image_facts(tmp_path / "a.png")
+    assert (found.kind, found.bits, found.used_bits, found.size) == (kind, bits, used_bits, (96, 64))

@@ -1,0 +1,106 @@
+"""``inspect``: what it finds out about a dive, and that the command it prints works."""
+
+import json
+import shlex
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from test_inputs_neighbors import renumber
+from test_inputs_video import smooth_frames, write_video
+
+from stereo_seecolor.cli import main
+from stereo_seecolor.commands.inspect import inspect
+
+
+@pytest.fixture
+def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str]]:
+    def call(*words: str) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["stereo-seecolor", *words])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return int(end.value.code or 0), capsys.readouterr().out
+
+    return call
+
+
+def test_a_dive_is_found_out(make_dive) -> None:
+    dive = make_dive(4)
+    found = inspect([dive.root])
+    assert (found.sides.left, found.sides.right) == (dive.root / "L", dive.root / "R")
+    assert (found.pairs, found.unpaired, found.misfits, found.problems) == (4, 0, (), ())
+    assert found.calibration is not None
+    assert (found.calibration.format, found.calibration.vertical) == ("native", False)
+    assert found.calibration.rows is not None
+    assert found.calibration.rows.row_error_px < 0.25
+    assert found.measured is not None
+    assert found.measured.median_range_m == pytest.approx(np.median(dive.range_m), rel=0.1)
+    assert found.measured.ground_resolution_m == pytest.approx(found.measured.median_range_m / 150, rel=0.05)
+    assert not found.measured.strobes
+
+
+def test_the_printed_command_works_and_inspect_writes_nothing(make_dive, cli, tmp_path, monkeypatch) -> None:
+    dive = make_dive(2)
+    before = sorted(tmp_path.rglob("*"))
+    code, printed = cli("inspect", str(dive.root))
+    assert code == 0
+    assert sorted(tmp_path.rglob("*")) == before
+    monkeypatch.chdir(tmp_path)
+    code, _ = cli(*shlex.split(printed.splitlines()[-1])[1:])
+    assert code == 0
+    assert (tmp_path / "out" / "corrected" / "0000.png").exists()
+
+
+def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
+    dive = make_dive(5)
+    renumber(dive.root / "L", 0)
+    renumber(dive.root / "R", 1)
+    code, printed = cli("inspect", str(dive.root))
+    assert code == 3
+    assert "not a pair: 0022: its images do not show the same scene; the left image of 0022 fits the right one of 0023" in printed
+
+
+def test_disk_space_is_what_a_run_takes(make_dive, cli, tmp_path) -> None:
+    dive = make_dive(3)
+    found = inspect([dive.root])
+    assert found.measured is not None
+    cli(*dive.command(tmp_path / "out"))
+    taken = sum(path.stat().st_size for path in (tmp_path / "out").rglob("*") if path.is_file())
+    assert found.measured.disk_bytes == pytest.approx(taken, rel=0.15)
+
+
+def test_without_a_calibration_it_says_what_to_do(make_dive, cli) -> None:
+    dive = make_dive(1)
+    (dive.root / "cam.yaml").unlink()
+    code, printed = cli("inspect", str(dive.root), "--json")
+    found = json.loads(printed)
+    assert code == 0
+    assert found["calibration"] is None
+    assert any("no calibration was found" in problem for problem in found["problems"])
+    assert "--calib CALIBRATION" in found["run_command"]
+
+
+def test_several_calibrations_and_lonely_files_are_named(make_dive) -> None:
+    dive = make_dive(1)
+    (dive.root / "old.yaml").write_bytes((dive.root / "cam.yaml").read_bytes())
+    (dive.root / "L" / "9999.png").write_bytes((dive.root / "L" / "0000.png").read_bytes())
+    problems = inspect([dive.root]).problems
+    assert "1 files have no partner, the first: 9999.png" in problems
+    assert "2 calibrations were found, the first was taken: cam.yaml, old.yaml" in problems
+
+
+def test_deep_images_get_their_bits_set(make_dive) -> None:
+    dive = make_dive(1, dtype=np.uint16)
+    for path in (dive.root / "L" / "0000.png", dive.root / "R" / "0000.png"):
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) // 16)
+    assert "--set input.significant_bits=12" in inspect([dive.root]).run_command
+
+
+def test_videos_are_named_and_not_unpacked(tmp_path: Path) -> None:
+    video = write_video(tmp_path / "both.avi", smooth_frames(2))
+    found = inspect([tmp_path])
+    assert found.sides.left == found.sides.right == video
+    assert f"--left {video} --right {video}" in found.run_command
