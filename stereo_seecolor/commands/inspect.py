@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 
 from calibration import CalibrationError, StereoRig
-from calibration.checks import RowCheck, settle_reading, suspicions, vertical_disparity
+from calibration.checks import RowCheck, suspicions, vertical_disparity
+from calibration.readings import settle_reading
 from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits, spread
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration

@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from calibration import Rectification, StereoRig
-from calibration.checks import settle_reading, suspicions
+from calibration.checks import suspicions
 from calibration.formats import load_rig
+from calibration.readings import settle_reading
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
 from stereo_seecolor.errors import InputError
