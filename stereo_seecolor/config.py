@@ -59,15 +59,24 @@ class MatchingConfig(_Stage):
         default=0.75,
         ge=0,
         le=1,
-        description="Pixels less sure than this to be right within one pixel of disparity are left unknown.",
+        description="Pixels whose disparity is right to within one pixel with a lower probability than this are left unknown.",
     )
     fill: bool = Field(default=False, description="Close the holes with what their neighbors suggest; such pixels are marked.")
-    engine: Literal["sgbm", "onnx"] = Field(
-        default="sgbm", description="sgbm: semi-global matching. onnx: your own stereo network, run by onnxruntime."
+    engine: Literal["sgm", "opencv", "onnx"] = Field(
+        default="sgm",
+        description="sgm: semi-global matching of the census. opencv: OpenCV's StereoSGBM, for comparison. onnx: your own stereo "
+        "network, run by onnxruntime.",
     )
     model: FilePath | None = Field(
         default=None, description="The network of engine onnx: an .onnx file (contract in docs/matching.md)."
     )
+
+    @field_validator("engine", mode="before")
+    @classmethod
+    def _known_engine(cls, engine: Any) -> Any:
+        if engine == "sgbm":
+            raise ValueError("is now called 'sgm'; 'opencv' is OpenCV's StereoSGBM")
+        return engine
 
     @model_validator(mode="after")
     def _near_before_far(self) -> Self:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 from matching_scenes import Scene, render
+from pydantic import ValidationError
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
@@ -193,13 +194,31 @@ def test_a_fish_that_one_camera_sees_is_a_hole() -> None:
 def test_rows_that_do_not_correspond_are_reported() -> None:
     right = np.roll(scene().frame.right, 2, axis=0)
     found = match(swapped(scene(), scene().frame.left, right))
-    (complaint,) = [warning for warning in found.warnings if "px apart" in warning]
-    assert 1.5 < float(complaint.split()[6]) < 2.5
+    (complaint,) = [warning for warning in found.warnings if "vertical disparity" in warning]
+    assert 1.5 < float(complaint.split()[3]) < 2.5
 
 
 def test_unrelated_images_give_next_to_nothing() -> None:
     found = match(swapped(scene(), scene().frame.left, scene(seed=4).frame.right[::-1]))
     assert np.isfinite(found.range_m).mean() < 0.05
+
+
+@pytest.mark.parametrize("doffs_px", [0.0, 20.0])
+def test_opencv_finds_the_same_bottom(doffs_px: float) -> None:
+    view = render((320, 256), relief_m=0.2, seed=3, focal_px=450.0, doffs_px=doffs_px)
+    found, ours = (
+        Matcher(view.pair, MatchingConfig(engine=engine, min_range_m=0.8)).match(view.frame) for engine in ("opencv", "sgm")
+    )
+    known = np.isfinite(found.disparity)
+    assert known[view.both].mean() > 0.8
+    assert (np.abs(found.disparity - view.disparity)[known] <= 1).mean() > 0.98
+    assert np.nanmedian(np.abs(found.range_m - ours.range_m)) < 0.003
+    assert found.confidence[known].min() >= 0.75 and not found.confidence[~known].any()
+
+
+def test_the_former_name_of_the_engine_is_refused_with_the_new_one() -> None:
+    with pytest.raises(ValidationError, match="is now called 'sgm'; 'opencv' is OpenCV's StereoSGBM"):
+        MatchingConfig(engine="sgbm")
 
 
 @pytest.mark.real_data

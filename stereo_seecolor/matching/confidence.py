@@ -1,5 +1,6 @@
 """How likely it is that a disparity is right to within one pixel."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -7,25 +8,45 @@ import numpy as np
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Map
 
-RIVAL_WEIGHT, SUPPORT_WEIGHT, RELIEF_WEIGHT, OFFSET = 1.77, 6.94, -0.513, -6.33
-"""Logistic regression on synthetic reefs and card scenes in clear to turbid water (docs/matching.md: reliability on others)."""
-LEAST_RELIEF_PX = 0.05
+
+@dataclass(frozen=True)
+class ConfidenceWeights:
+    """Logistic regression: log odds = uniqueness * sqrt(min(u, 1)) + support * s + relief * log(r + least_relief_px) + offset.
+
+    Fitted to drawn reefs and scenes of cards in clear to turbid water; docs/matching.md shows it on others and on real images.
+    """
+
+    uniqueness: float = 1.77
+    support: float = 6.94
+    relief: float = -0.513
+    offset: float = -6.33
+    least_relief_px: float = 0.05
+
+
+WEIGHTS = ConfidenceWeights()
+_LOG_2 = float(np.log(2))
+_UNIQUENESS, _SUPPORT, _RELIEF = WEIGHTS.uniqueness / _LOG_2, WEIGHTS.support / _LOG_2, WEIGHTS.relief
+_OFFSET, _LEAST_RELIEF = WEIGHTS.offset / _LOG_2, WEIGHTS.least_relief_px
 
 
 @compiled
-def trust_rows(least: float, rival: Map, support: Map, relief: Map, disparity: Map, sure: Map) -> None:
-    """sure = P(|disparity error| <= 1 px) from its lead over its rival, known neighbors and relief; NaN where under ``least``."""
-    one, unknown, least_relief, least_sure = np.float32(1), np.float32(np.nan), np.float32(LEAST_RELIEF_PX), np.float32(least)
-    per_rival, per_support = np.float32(RIVAL_WEIGHT / np.log(2)), np.float32(SUPPORT_WEIGHT / np.log(2))
-    per_relief, offset = np.float32(RELIEF_WEIGHT), np.float32(OFFSET / np.log(2))
-    for y in range(sure.shape[0]):
-        rival_row, support_row, relief_row, disparity_row, sure_row = rival[y], support[y], relief[y], disparity[y], sure[y]
-        for x in range(sure_row.size):
-            odds = per_rival * np.sqrt(min(rival_row[x], one)) + per_support * support_row[x] + offset
+def judge_rows(least: float, uniqueness: Map, support: Map, relief: Map, disparity: Map, confidence: Map) -> None:
+    """Fill the confidence that |disparity error| <= 1 px, of pixels known or not; make disparities NaN where it is under ``least``.
+
+    uniqueness: as the search gave it. support: fraction of known neighbors. relief: pixels (refine_rows).
+    """
+    one, unknown, least_relief, bound = np.float32(1), np.float32(np.nan), np.float32(_LEAST_RELIEF), np.float32(least)
+    per_uniqueness, per_support = np.float32(_UNIQUENESS), np.float32(_SUPPORT)
+    per_relief, offset = np.float32(_RELIEF), np.float32(_OFFSET)
+    for y in range(confidence.shape[0]):
+        unique_row, support_row, relief_row = uniqueness[y], support[y], relief[y]
+        disparity_row, confidence_row = disparity[y], confidence[y]
+        for x in range(confidence_row.size):
+            odds = per_uniqueness * np.sqrt(min(unique_row[x], one)) + per_support * support_row[x] + offset
             odds += per_relief * _log2(relief_row[x] + least_relief)
             chance = one / (one + _exp2(-odds))
-            sure_row[x] = chance
-            disparity_row[x] = disparity_row[x] if chance >= least_sure else unknown
+            confidence_row[x] = chance
+            disparity_row[x] = disparity_row[x] if chance >= bound else unknown
 
 
 @compiled(inline=True)

@@ -1,5 +1,6 @@
-"""Pairs that cannot give a map, and maps that should not be trusted: what to tell the user."""
+"""Pairs that cannot be matched, and warnings about maps that should not be trusted."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import cv2
@@ -7,32 +8,53 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.sgm.images import Census, Gray
+from stereo_seecolor.matching.census import PATTERN, census_at, padded
+from stereo_seecolor.matching.gray import Gray
 from stereo_seecolor.records import Map
 
 FULL_SCALE = 65280
-BLACK, SATURATED = 0.02 * FULL_SCALE, 0.985 * FULL_SCALE
-LEAST_TEXTURE = 0.25 * 256
-"""Standard deviation of the 1/2 or 1/4 size image: a quarter of an 8-bit level, which is rounding alone."""
-REPEATED_SHARE, ONE_SIDED_SHARE = 0.05, 0.01
-LEAST_EXCESS_PX = 6
-REPEATED_SIMILARITY = 0.85
-WINDOW = (16, 64)
-NO_MATTER_SHARE = 0.05
-"""Rows shifted must agree better than unshifted ones by this share to count."""
-LARGEST_ROW_SHIFT = 4
-BAD_ROW_SHIFT_PX = 0.75
+"""Gray of 255 in an 8-bit image."""
+
+
+@dataclass(frozen=True)
+class DiagnosticsConstants:
+    """Gray levels are of FULL_SCALE. All were set on the drawn reef and on real frames spoilt on purpose.
+
+    black, saturated: the brightest hundredth of a black image is darker, half of a saturated image is brighter.
+    texture: least standard deviation of an image reduced to 1/2 or 1/4: a quarter of an 8-bit level, which is rounding alone.
+    window: rows and columns of a window, pixels of the reduced image, in which texture may repeat itself.
+    repeated_similarity: second peak of the autocorrelation over the first, from which on any of them would match.
+    repeated, one_sided: fractions of the image above which there is a warning.
+    excess_px: how much longer than an occlusion a hole in a row must be to be something that the right image lacks.
+    vertical_gain: rows shifted must agree better than unshifted ones by this fraction to count.
+    vertical_search_px, vertical_px: shifts of rows that are tried, and the least that is warned of.
+    """
+
+    black: float = 0.02 * FULL_SCALE
+    saturated: float = 0.985 * FULL_SCALE
+    texture: float = 0.25 * 256
+    window: tuple[int, int] = (16, 64)
+    repeated_similarity: float = 0.85
+    repeated: float = 0.05
+    one_sided: float = 0.01
+    excess_px: float = 6.0
+    vertical_gain: float = 0.05
+    vertical_search_px: int = 4
+    vertical_px: float = 0.75
+
+
+CONSTANTS = DiagnosticsConstants()
 
 
 def unusable(left: Gray, right: Gray) -> str | None:
     """Why this pair, seen small, cannot be matched at all; None if it can."""
     for side, image in (("left", left), ("right", right)):
         half, most = np.percentile(image[::4, ::4], (50, 99))
-        if most < BLACK:
+        if most < CONSTANTS.black:
             return f"the {side} image is black"
-        if half > SATURATED:
+        if half > CONSTANTS.saturated:
             return f"the {side} image is saturated"
-        if float(image.std()) < LEAST_TEXTURE:
+        if float(image.std()) < CONSTANTS.texture:
             return f"the {side} image is uniform: there is nothing to match"
     if np.array_equal(left, right):
         return "left and right are the same image"
@@ -42,11 +64,11 @@ def unusable(left: Gray, right: Gray) -> str | None:
 def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
     """(H, W) True where the rows of a small image repeat themselves within the disparities searched: any of them would match.
 
-    Told from the autocorrelation of windows of WINDOW pixels: a second peak nearly as high as the first.
+    From the autocorrelation of windows: a second peak nearly as high as the first.
     """
     height, width = image.shape
     mask = np.zeros(image.shape, np.bool_)
-    rows, columns = min(WINDOW[0], height), min(WINDOW[1], width)
+    rows, columns = min(CONSTANTS.window[0], height), min(CONSTANTS.window[1], width)
     tops = [*range(0, height - rows, rows), height - rows]
     lefts = [*range(0, width - columns, columns // 2), width - columns]
     windows = np.stack([[image[y : y + rows, x : x + columns] for x in lefts] for y in tops]).astype(np.float32)
@@ -54,41 +76,41 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
     power = (np.abs(np.fft.rfft(windows, 2 * columns)) ** 2).sum(axis=-2)
     lags = np.arange(min(search_px, columns // 2) + 1)
     similarity = np.fft.irfft(power)[..., : lags.size] * (columns / (columns - lags))
-    energy = np.maximum(similarity[..., :1], rows * columns * LEAST_TEXTURE**2)
+    energy = np.maximum(similarity[..., :1], rows * columns * CONSTANTS.texture**2)
     past_first_peak = np.maximum.accumulate(similarity < 0.3 * energy, axis=-1)
-    again = np.where(past_first_peak, similarity / energy, 0).max(axis=-1) > REPEATED_SIMILARITY
+    again = np.where(past_first_peak, similarity / energy, 0).max(axis=-1) > CONSTANTS.repeated_similarity
     for i, j in np.argwhere(again):
         mask[tops[i] : tops[i] + rows, lefts[j] : lefts[j] + columns] = True
     return mask
 
 
-def repeats(repeated: NDArray[np.bool_]) -> str | None:
-    """Told when a good part of the image repeats itself."""
-    share = float(repeated.mean())
-    if share < REPEATED_SHARE:
+def repetition_warning(repeated: NDArray[np.bool_]) -> str | None:
+    """A warning if a good part of the image repeats itself."""
+    fraction = float(repeated.mean())
+    if fraction < CONSTANTS.repeated:
         return None
-    return f"the texture repeats over {share:.0%} of the left image: many ranges match there, so none is given"
+    return f"the texture repeats over {fraction:.0%} of the left image: many ranges match there, so none is given"
 
 
-def one_sided(left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: int) -> str | None:
-    """Told when the left image has a textured thing that the right one lacks: a fish, or a lens half covered.
+def one_sided_warning(left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: int) -> str | None:
+    """A warning if the left image shows something textured that the right one lacks: a fish, or a lens half covered.
 
     left, disparity: small, the disparity in pixels of the full size, ``scale`` times this one. A hole in a row as long as the
-    disparity jumps up across it is an occlusion; what is longer has no such excuse.
+    disparity jumps up across it is an occlusion; a longer one is not.
     """
-    lonely = np.zeros(disparity.shape, np.uint8)
-    _long_holes(disparity, np.float32(scale), lonely)
+    unmatched = np.zeros(disparity.shape, np.uint8)
+    _long_holes(disparity, np.float32(scale), CONSTANTS.excess_px, unmatched)
     texture = cv2.blur(cv2.absdiff(left, cv2.blur(left, (5, 5))), (5, 5)) > 256
-    lonely &= texture & ~repeated
-    share = float(cv2.morphologyEx(cv2.medianBlur(lonely, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)).mean())
-    if share < ONE_SIDED_SHARE:
+    unmatched &= texture & ~repeated
+    fraction = float(cv2.morphologyEx(cv2.medianBlur(unmatched, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)).mean())
+    if fraction < CONSTANTS.one_sided:
         return None
     why = "it moved, covers one lens, or is nearer than matching.min_range_m"
-    return f"{share:.1%} of the left image finds no counterpart in the right one: {why}"
+    return f"{fraction:.1%} of the left image finds no counterpart in the right one: {why}"
 
 
 @compiled
-def _long_holes(disparity: Map, scale: Any, hole: NDArray[np.uint8]) -> None:
+def _long_holes(disparity: Map, scale: Any, excess_px: float, hole: NDArray[np.uint8]) -> None:
     """1 in the holes of a row that are longer than the occlusion that the disparities at their ends make."""
     height, width = disparity.shape
     for y in range(height):
@@ -96,42 +118,44 @@ def _long_holes(disparity: Map, scale: Any, hole: NDArray[np.uint8]) -> None:
         for x in range(width):
             if not np.isfinite(disparity[y, x]):
                 continue
-            if x - before > 1 and x - before - 1 - max(disparity[y, x] - disparity[y, before], 0) / scale > LEAST_EXCESS_PX:
+            if x - before > 1 and x - before - 1 - max(disparity[y, x] - disparity[y, before], 0) / scale > excess_px:
                 hole[y, before + 1 : x] = 1
             before = x
 
 
-def misaligned(shift_px: float) -> str | None:
-    """Told when rows do not correspond."""
-    if abs(shift_px) < BAD_ROW_SHIFT_PX:
+def vertical_disparity_warning(vertical_px: float) -> str | None:
+    """A warning if the same point lies on different rows of the two images."""
+    if abs(vertical_px) < CONSTANTS.vertical_px:
         return None
-    return f"rows of left and right are {shift_px:+.1f} px apart: the calibration no longer fits, ranges are unsure"
+    return f"vertical disparity of {vertical_px:+.1f} px between left and right: the calibration no longer fits, ranges are biased"
 
 
-def row_shift_px(left: Census, right: Census, origin: int, disparity: Map) -> float:
-    """The shift of the right rows with which matched pixels agree best; 0 where that cannot be told."""
-    cost = _row_costs(left, right, origin, disparity)
+def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
+    """How far right rows lie below the left ones with which their matched pixels agree best; 0 where that cannot be said."""
+    most = CONSTANTS.vertical_search_px
+    cost = _row_costs(padded(left), padded(right), PATTERN, disparity, most)
     best = int(np.argmin(cost))
-    if cost[best] >= (1 - NO_MATTER_SHARE) * cost[LARGEST_ROW_SHIFT]:
+    if cost[best] >= (1 - CONSTANTS.vertical_gain) * cost[most]:
         return 0.0
     if not 0 < best < cost.size - 1:
-        return float(best - LARGEST_ROW_SHIFT)
+        return float(best - most)
     below, here, above = cost[best - 1 : best + 2]
-    return float(best - LARGEST_ROW_SHIFT + 0.5 * (below - above) / max(max(below, above) - here, 1e-9))
+    return float(best - most + 0.5 * (below - above) / max(max(below, above) - here, 1e-9))
 
 
 @compiled
-def _row_costs(left: Census, right: Census, origin: int, disparity: Map) -> NDArray[np.float64]:
-    """Mean bits by which matched pixels differ, for each shift of rows; every 16th pixel of every 16th row."""
-    height, width = left.shape
-    cost = np.zeros(2 * LARGEST_ROW_SHIFT + 1, np.float64)
-    for y in range(LARGEST_ROW_SHIFT, height - LARGEST_ROW_SHIFT, 16):
+def _row_costs(left: Gray, right: Gray, pattern: NDArray[np.int64], disparity: Map, most: int) -> NDArray[np.float64]:
+    """Bits by which matched pixels differ, for shifts of rows from -most to most; every 16th pixel of every 16th row."""
+    height, width = disparity.shape
+    cost = np.zeros(2 * most + 1, np.float64)
+    for y in range(most, height - most, 16):
         for x in range(0, width, 16):
             if not np.isfinite(disparity[y, x]):
                 continue
-            place = origin - x + int(np.rint(disparity[y, x]))
+            met = min(max(x - int(np.rint(disparity[y, x])), 0), width - 1)
+            here = census_at(left, pattern, y, x)
             for i in range(cost.size):
-                different = left[y, x] ^ right[y + i - LARGEST_ROW_SHIFT, place]
+                different = here ^ census_at(right, pattern, y + i - most, met)
                 different -= (different >> np.uint32(1)) & np.uint32(0x55555555)
                 different = (different & np.uint32(0x33333333)) + ((different >> np.uint32(2)) & np.uint32(0x33333333))
                 different = (different + (different >> np.uint32(4))) & np.uint32(0x0F0F0F0F)

@@ -1,4 +1,4 @@
-"""Inventing disparities where none was measured."""
+"""Interpolation of disparities where none was measured."""
 
 import cv2
 import numpy as np
@@ -6,8 +6,8 @@ import numpy as np
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Map
 
-REACH_SHARE = 0.1
-"""How far from a measured pixel of its row, as a share of the width, a pixel may be invented."""
+REACH = 0.1
+"""How far from a measured pixel of its row, as a fraction of the width, a pixel may be interpolated."""
 
 
 def fill(disparity: Map) -> Map:
@@ -17,7 +17,7 @@ def fill(disparity: Map) -> Map:
     2008, section 2.5), then the median of 5 x 5, which joins the rows. Smoothing across the hole instead (WLS) was worse.
     """
     ends = np.empty_like(disparity)
-    _ends(disparity, REACH_SHARE * disparity.shape[1], ends)
+    _ends(disparity, REACH * disparity.shape[1], ends)
     joined: Map = cv2.medianBlur(np.nan_to_num(ends), 5)
     _keep(disparity, ends, joined)
     return joined
@@ -43,8 +43,8 @@ def _ends(disparity: Map, reach: float, ends: Map) -> None:
 
 @compiled
 def _keep(disparity: Map, ends: Map, joined: Map) -> None:
-    """Put back what was measured, and NaN where nothing can be invented."""
+    """Put back what was measured, and NaN where nothing can be interpolated."""
     for y in range(joined.shape[0]):
         for x in range(joined.shape[1]):
-            invented = joined[y, x] if np.isfinite(ends[y, x]) else np.float32(np.nan)
-            joined[y, x] = disparity[y, x] if np.isfinite(disparity[y, x]) else invented
+            interpolated = joined[y, x] if np.isfinite(ends[y, x]) else np.float32(np.nan)
+            joined[y, x] = disparity[y, x] if np.isfinite(disparity[y, x]) else interpolated

@@ -1,34 +1,40 @@
 """The matching stage: a rectified pair in, its range map out."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import MatchingConfig
-from stereo_seecolor.matching import diagnostics as inspection
-from stereo_seecolor.matching.confidence import trust_rows
+from stereo_seecolor.matching import diagnostics
+from stereo_seecolor.matching.confidence import judge_rows
+from stereo_seecolor.matching.disparity import Engine, MatchedDisparity
 from stereo_seecolor.matching.fill import fill
+from stereo_seecolor.matching.gray import GrayPair
 from stereo_seecolor.matching.onnx_engine import Network
-from stereo_seecolor.matching.refine import refine_rows
-from stereo_seecolor.matching.sgm.band import Band
-from stereo_seecolor.matching.sgm.images import Gray, gray, shrink
-from stereo_seecolor.matching.sgm.search import LARGE_IMAGE_PX, Found, remove_speckles, search
-from stereo_seecolor.matching.triangulation import measure_rows
+from stereo_seecolor.matching.opencv_engine import OpenCvMatching
+from stereo_seecolor.matching.refine import contrast_gain, refine_rows
+from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
+from stereo_seecolor.matching.speckles import LARGE_IMAGE_PX, remove_speckles
+from stereo_seecolor.matching.triangulation import RangeMaps
 from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 
-Pair = tuple[Gray, Gray]
-
 UNKNOWN = np.float32(np.nan)
-SPECKLE_PX, COARSE_SPECKLE_PX = 100, 10
-HOT_STRIP = 128
-"""Rows that are refined, judged and measured together while they are in the processor's cache."""
-LEFT_RIGHT_PX = 1.0
-"""Largest difference between a network's disparity and that of the pixel of the right image that it meets."""
-RIVAL_OF_NETWORK = 0.5
-"""A network names no rival; this is what matching gives a good pixel."""
+
+
+@dataclass(frozen=True)
+class MatcherConstants:
+    """speckle_px: connected patches smaller than this are mismatches.
+
+    strip: rows that are refined, judged and measured together while they are in the processor's cache.
+    """
+
+    speckle_px: int = 100
+    strip: int = 128
+
+
+CONSTANTS = MatcherConstants()
 
 
 class Matcher:
@@ -42,104 +48,89 @@ class Matcher:
         self._pair = pair
         self._config = config
         self._seen_left = seen_left
-        self._network = Network(config.model) if config.engine == "onnx" else None
+        self._lowest, self._highest = disparity_limits(pair, config)
         width, height = pair.image_size
-        nearest_m = config.min_range_m / float(pair.ray_length.max())  # depth, in the corner farthest from the axis
-        limits = pair.disparity_from_depth(np.array([config.max_range_m, nearest_m], dtype=np.float32))
-        self._lowest = int(np.floor(limits[0]))
-        self._highest = max(self._lowest + 1, min(int(np.ceil(limits[1])), width - 1))
         self._scale = 4 if width * height > LARGE_IMAGE_PX else 2
+        self._engine = self._chosen_engine()
+
+    def _chosen_engine(self) -> Engine:
+        if self._config.engine == "onnx":
+            return Network(self._config.model)
+        engine = OpenCvMatching if self._config.engine == "opencv" else SemiGlobalMatching
+        return engine(self._lowest, self._highest)
 
     def match(self, frame: StereoFrame) -> RangeMap:
         """The range map of a rectified pair (8 or 16 bit RGB); depends on nothing but that pair.
 
         A pair that cannot be matched gives a map without a known pixel and says why in ``warnings``.
         """
-        pool = core_pool()
-        left, right = pool.map(gray, (frame.left, frame.right))
-        small_left, small_right = pool.map(lambda image: shrink(image, self._scale), (left, right))
-        small = small_left, small_right
-        reason = inspection.unusable(*small)
+        pair = GrayPair.from_frame(frame, self._scale)
+        reason = diagnostics.unusable(pair.small_left, pair.small_right)
         if reason:
             return self._unknown(f"{reason}: no range is known")
-        if self._network:
-            return self._range_map(self._predicted(self._network, frame), (left, right))
-        coarse = self._coarse(small)
-        repeating = pool.submit(inspection.repeated, small_left, (self._highest - self._lowest) // self._scale)
-        band = Band.around(coarse.disparity, self._scale, left.shape, self._lowest, self._highest)
-        found, repeated = search(left, right, band), repeating.result()
-        self._forget(found, repeated)
-        range_map = self._range_map(found, (left, right))
-        every = slice(None, None, self._scale), slice(None, None, self._scale)
-        measured = np.where(range_map.filled[every], UNKNOWN, range_map.disparity[every])
-        told = (
-            inspection.repeats(repeated),
-            inspection.one_sided(small_left, measured, repeated, self._scale),
-            inspection.misaligned(found.row_shift_px),
-        )
-        return replace(range_map, warnings=tuple(warning for warning in told if warning))
-
-    def _coarse(self, small: Pair) -> Found:
-        """The pair at a fraction of its size, searched over all ranges, to learn where the bottom is."""
-        low, high = self._lowest // self._scale, -(-self._highest // self._scale)
-        coarse = search(small[0], small[1], Band.everywhere(small[0].shape, low, high))
-        remove_speckles(coarse.disparity, COARSE_SPECKLE_PX)
-        return coarse
-
-    def _forget(self, found: Found, repeated: Mask) -> None:
-        """Nothing is known where the (small) image repeats itself."""
+        if self._config.engine == "onnx":
+            return self._range_map(self._engine.find(frame, pair), pair)
+        repeating = core_pool().submit(diagnostics.repeated, pair.small_left, (self._highest - self._lowest) // self._scale)
+        found = self._engine.find(frame, pair)
+        vertical_px = diagnostics.vertical_disparity_px(pair.left, pair.right, found.disparity)
+        repeated = repeating.result()
         if repeated.any():
             height, width = found.disparity.shape
             found.disparity[repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width]] = UNKNOWN
+        range_map = self._range_map(found, pair)
+        return replace(range_map, warnings=self._warnings(pair, range_map, repeated, vertical_px))
 
-    def _predicted(self, network: Network, frame: StereoFrame) -> Found:
-        """A network's disparity, checked as matching's is: against that of the pair mirrored and swapped."""
-        disparity = network.disparity(frame.left, frame.right)
-        back = network.disparity(frame.right[:, ::-1], frame.left[:, ::-1])[:, ::-1]
-        width = disparity.shape[1]
-        met = np.rint(np.arange(width, dtype=np.float32) - disparity)
-        other = np.take_along_axis(back, np.clip(met, 0, width - 1).astype(np.int64), axis=1)
-        agree = (met >= 0) & (met < width) & (np.abs(other - disparity) <= LEFT_RIGHT_PX)
-        return Found(np.where(agree, disparity, UNKNOWN), np.full_like(disparity, RIVAL_OF_NETWORK))
+    def _warnings(self, pair: GrayPair, range_map: RangeMap, repeated: Mask, vertical_px: float) -> tuple[str, ...]:
+        every = slice(None, None, self._scale), slice(None, None, self._scale)
+        measured = np.where(range_map.filled[every], UNKNOWN, range_map.disparity[every])
+        warnings = (
+            diagnostics.repetition_warning(repeated),
+            diagnostics.one_sided_warning(pair.small_left, measured, repeated, self._scale),
+            diagnostics.vertical_disparity_warning(vertical_px),
+        )
+        return tuple(warning for warning in warnings if warning)
 
-    def _range_map(self, found: Found, sharp: Pair) -> RangeMap:
+    def _range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
         """Check, refine, judge, and turn into meters, in strips on all cores."""
-        pair, checked = self._pair, found.disparity
-        remove_speckles(checked, SPECKLE_PX)
-        if self._seen_left is not None:
-            np.copyto(checked, UNKNOWN, where=~self._seen_left)
-        # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it anew.
-        disparity, sure, std, depth_m, range_m, range_std_m = np.empty((6, *checked.shape), np.float32)
-        filled = np.zeros(checked.shape, np.bool_)
-        contrast = [float(cv2.meanStdDev(image[::4, ::4].copy())[1][0, 0]) for image in sharp]
-        gain = contrast[0] / max(contrast[1], 1e-6)
+        checked = found.disparity
+        remove_speckles(checked, CONSTANTS.speckle_px)
+        self._forget_unseen(checked)
+        maps = RangeMaps.empty(checked.shape)
+        gain = contrast_gain(pair.left, pair.right)
         limits_m = self._config.min_range_m, self._config.max_range_m
-        strips = [slice(first, min(first + HOT_STRIP, checked.shape[0])) for first in range(0, checked.shape[0], HOT_STRIP)]
-
-        def measure(rows: slice) -> None:
-            maps = disparity[rows], sure[rows], std[rows], filled[rows], depth_m[rows], range_m[rows], range_std_m[rows]
-            measure_rows(pair, limits_m, rows.start, *maps)
+        strips = [slice(first, min(first + CONSTANTS.strip, len(checked))) for first in range(0, len(checked), CONSTANTS.strip)]
 
         def judge(rows: slice) -> None:
-            support, relief = refine_rows(sharp[0], sharp[1], gain, checked, rows.start, disparity[rows], std[rows])
-            if self._network:
-                disparity[rows] = checked[rows]
-            trust_rows(self._config.min_confidence, found.rival[rows], support, relief, disparity[rows], sure[rows])
+            disparity = maps.disparity[rows]
+            support, relief = refine_rows(pair, gain, checked, rows.start, disparity, maps.std[rows])
+            if self._engine.refined:
+                disparity[:] = checked[rows]
+            judge_rows(self._config.min_confidence, found.uniqueness[rows], support, relief, disparity, maps.confidence[rows])
             if not self._config.fill:
-                measure(rows)
+                maps.measure(self._pair, limits_m, rows)
 
         list(core_pool().map(judge, strips))
         if self._config.fill:
-            whole = fill(disparity)
-            if self._seen_left is not None:
-                whole[~self._seen_left] = UNKNOWN
-            filled = np.isnan(disparity) & np.isfinite(whole)
-            disparity = whole
-            list(core_pool().map(measure, strips))
-        return RangeMap(disparity, depth_m, range_m, range_std_m, sure, filled)
+            whole = fill(maps.disparity)
+            self._forget_unseen(whole)
+            maps = replace(maps, disparity=whole, filled=np.isnan(maps.disparity) & np.isfinite(whole))
+            list(core_pool().map(lambda rows: maps.measure(self._pair, limits_m, rows), strips))
+        return maps.range_map()
+
+    def _forget_unseen(self, disparity: np.ndarray) -> None:
+        if self._seen_left is not None:
+            np.copyto(disparity, UNKNOWN, where=~self._seen_left)
 
     def _unknown(self, warning: str) -> RangeMap:
         width, height = self._pair.image_size
         nothing = np.full((height, width), UNKNOWN)
         none = np.zeros((height, width), np.float32)
         return RangeMap(nothing, nothing, nothing, nothing, none, np.zeros((height, width), np.bool_), (warning,))
+
+
+def disparity_limits(pair: RectifiedPair, config: MatchingConfig) -> tuple[int, int]:
+    """The least and the largest disparity, pixels, of anything from min_range_m to max_range_m that the left image shows."""
+    nearest_m = config.min_range_m / float(pair.ray_length.max())  # depth, in the corner farthest from the axis
+    limits = pair.disparity_from_depth(np.array([config.max_range_m, nearest_m], dtype=np.float32))
+    lowest = int(np.floor(limits[0]))
+    return lowest, max(lowest + 1, min(int(np.ceil(limits[1])), pair.image_size[0] - 1))

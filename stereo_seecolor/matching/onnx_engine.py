@@ -6,15 +6,22 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.errors import ConfigError, DeviceError, MatchingError
-from stereo_seecolor.records import Image, Map
+from stereo_seecolor.matching.disparity import FIXED_UNIQUENESS, MatchedDisparity
+from stereo_seecolor.matching.gray import GrayPair
+from stereo_seecolor.records import Image, Map, StereoFrame
+
+LEFT_RIGHT_PX = 1.0
+"""Largest difference between a disparity and that of the pixel of the right image that it meets, as in the other engines."""
 
 
 class Network:
-    """An ONNX model: inputs ``left`` and ``right``, output ``disparity``.
+    """The engine ``onnx``: an ONNX model: inputs ``left`` and ``right``, output ``disparity``.
 
     left, right: float32 (1, 3, H, W), RGB, 0..1, rectified, at full size. disparity: float32 (1, 1, H, W) or (1, H, W), pixels
     of the left image, x_left - x_right. The model must take the size of the rectified images: export it with free H and W.
     """
+
+    refined = True
 
     def __init__(self, model: Path | None) -> None:
         if model is None:
@@ -30,6 +37,16 @@ class Network:
         names = sorted(i.name for i in self._session.get_inputs())
         if names != ["left", "right"] or "disparity" not in [o.name for o in self._session.get_outputs()]:
             raise ConfigError(f"matching.model: {model} must take 'left' and 'right' and give 'disparity', it takes {names}")
+
+    def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
+        """The network's disparities, checked against those of the pair mirrored and swapped."""
+        disparity = self.disparity(frame.left, frame.right)
+        back = self.disparity(frame.right[:, ::-1], frame.left[:, ::-1])[:, ::-1]
+        width = disparity.shape[1]
+        met = np.rint(np.arange(width, dtype=np.float32) - disparity)
+        other = np.take_along_axis(back, np.clip(met, 0, width - 1).astype(np.int64), axis=1)
+        agree = (met >= 0) & (met < width) & (np.abs(other - disparity) <= LEFT_RIGHT_PX)
+        return MatchedDisparity(np.where(agree, disparity, np.float32(np.nan)), np.full_like(disparity, FIXED_UNIQUENESS))
 
     def disparity(self, left: Image, right: Image) -> Map:
         """(H, W) disparity of the left image, as the network gives it."""

@@ -1,36 +1,54 @@
 """Sub-pixel disparity without pixel locking: one least-squares step of registration over a window (Lucas and Kanade 1981)."""
 
+from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.sgm.images import SMOOTHING_PX, Gray
-from stereo_seecolor.matching.sgm.vectors import four
+from stereo_seecolor.matching.gray import SMOOTHING_PX, Gray, GrayPair
 from stereo_seecolor.records import Map
 
-WINDOW = 7
-SMOOTHED = 5
-"""Sides of the windows of the registration and of the smoothing before it."""
+WINDOW, SMOOTHED = 7, 5
+"""Sides of the windows of the registration and of the smoothing before it, pixels; sums below are written out for them."""
 MOMENTS = 7
-LARGEST_STEP_PX = 1.0
-MATCHING_STD_PX = 0.3
-"""Standard error of what matching gives: where the images say less than that, the step shrinks towards none."""
-SAMPLES = WINDOW**2 / (4 * np.pi * SMOOTHING_PX**2)
-"""Independent pixels in a window: the blur before matching has correlated their noise over 4 pi sigma^2."""
 
 
-def refine_rows(left: Gray, right: Gray, gain: float, disparity: Map, first: int, refined: Map, std: Map) -> tuple[Map, Map]:
+@dataclass(frozen=True)
+class RefineConstants:
+    """largest_step_px: what registration moves at most; matching is right to a pixel or wrong.
+
+    matching_std_px: standard error of what matching gives; where the images say less than that, the step shrinks to none.
+    samples: independent pixels in a window: the blur before matching has correlated their noise over 4 pi sigma^2.
+    """
+
+    largest_step_px: float = 1.0
+    matching_std_px: float = 0.3
+    samples: float = WINDOW**2 / (4 * np.pi * SMOOTHING_PX**2)
+
+
+CONSTANTS = RefineConstants()
+_LARGEST_STEP, _PRIOR, _SAMPLES = CONSTANTS.largest_step_px, 1 / CONSTANTS.matching_std_px**2, CONSTANTS.samples
+
+
+def contrast_gain(left: Gray, right: Gray) -> float:
+    """Contrast of the left image over that of the right one."""
+    of_left, of_right = (float(cv2.meanStdDev(image[::4, ::4].copy())[1][0, 0]) for image in (left, right))
+    return of_left / max(of_right, 1e-6)
+
+
+def refine_rows(pair: GrayPair, gain: float, disparity: Map, first: int, refined: Map, std: Map) -> tuple[Map, Map]:
     """Fill ``refined`` and ``std``, pixels, from row ``first`` of disparity (H, W) on, NaN where it is; give support and relief.
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient g of both images are
     summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of what is left of e over
     n var(g). The window sees each neighbor at its own, smoothed disparity, so slopes do no harm.
-    support: share of the window that is known.
+    support: fraction of the window that is known.
     relief: |disparity - its mean over the window|, pixels: large beside an edge.
     """
     support, relief = np.empty_like(refined), np.empty_like(refined)
-    _refine(left, right, np.float32(gain), disparity, (first, first + refined.shape[0]), (refined, std, support, relief))
+    _refine(pair.left, pair.right, np.float32(gain), disparity, (first, first + refined.shape[0]), (refined, std, support, relief))
     return support, relief
 
 
@@ -117,7 +135,9 @@ def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, m
         one[x] = nearest if inside else none
         fraction[x] = place - np.float32(i) if inside else none
     for x in range(width):
-        fetched[x] = four(right, first[x])
+        at = first[x]
+        near = np.uint64(right[at]) | np.uint64(right[at + 1]) << np.uint64(16)
+        fetched[x] = near | np.uint64(right[at + 2]) << np.uint64(32) | np.uint64(right[at + 3]) << np.uint64(48)
     before, here, after = left[: width - 2], left[1 : width - 1], left[2:]
     for x in range(1, width - 1):
         t, met = fraction[x], fetched[x]
@@ -158,22 +178,22 @@ def _sum_down(ring: Any, moment: int, mean: Any) -> None:
 
 @compiled
 def _solve(base: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
-    one, largest = np.float32(1), np.float32(LARGEST_STEP_PX)
-    prior, samples = np.float32(1 / MATCHING_STD_PX**2), np.float32(SAMPLES)
+    one, largest = np.float32(1), np.float32(_LARGEST_STEP)
+    prior, samples = np.float32(_PRIOR), np.float32(_SAMPLES)
     least, dark, still = np.float32(0.02), np.float32(1e-6), np.float32(1e-4)
-    share_row, g_row, e_row = moments[0], moments[1], moments[2]
+    known_row, g_row, e_row = moments[0], moments[1], moments[2]
     gg_row, ge_row, ee_row = moments[3], moments[4], moments[5]
     d_row = moments[6]
     for x in range(base.size):
-        share = share_row[x]
-        known = one / (share if share > least else least)
+        fraction = known_row[x]
+        known = one / (fraction if fraction > least else least)
         g, e = g_row[x] * known, e_row[x] * known
         gg = gg_row[x] * known - g * g
         gg = gg if gg > dark else dark
         ge = ge_row[x] * known - g * e
         noise = ee_row[x] * known - e * e - ge * ge / gg
         noise = noise if noise > still else still
-        weight = share * samples / noise
+        weight = fraction * samples / noise
         information = gg * weight + prior
         step = ge * weight / information
         step = step if step < largest else largest

@@ -1,37 +1,60 @@
 """From disparity to depth, range and the standard error of range, in one pass."""
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.records import Map, Mask
+from stereo_seecolor.records import Map, Mask, RangeMap
 
 
-def measure_rows(
-    pair: RectifiedPair, limits_m: tuple[float, float], first: int, disparity: Map, sure: Map, std: Map, filled: Mask,
-    depth_m: Map, range_m: Map, range_std_m: Map,
-) -> None:  # fmt: skip
-    """Fill depth_m, range_m and range_std_m for rows from ``first`` on of the left image.
+@dataclass(frozen=True, eq=False)
+class RangeMaps:
+    """The maps of a pair while they are filled, strip by strip. std: standard error of the disparity, pixels; others: RangeMap."""
 
-    disparity, sure, std, filled: those rows; they too become unknown where the range lies outside the limits, and what was not
-    measured has no confidence and no standard error. std: of disparity, pixels.
-    """
-    rays = pair.ray_length[first : first + disparity.shape[0]]
-    shift_px, scale = np.float32(pair.cx_left_px - pair.cx_right_px), np.float32(pair.focal_px * pair.baseline_m)
-    nearest, farthest = np.float32(limits_m[0]), np.float32(limits_m[1])
-    _measure(disparity, sure, std, filled, rays, shift_px, scale, nearest, farthest, depth_m, range_m, range_std_m)
+    disparity: Map
+    confidence: Map
+    std: Map
+    depth_m: Map
+    range_m: Map
+    range_std_m: Map
+    filled: Mask
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> "RangeMaps":
+        """Maps yet to be filled; nothing is interpolated."""
+        # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it anew.
+        disparity, confidence, std, depth_m, range_m, range_std_m = np.empty((6, *shape), np.float32)
+        return cls(disparity, confidence, std, depth_m, range_m, range_std_m, np.zeros(shape, np.bool_))
+
+    def measure(self, pair: RectifiedPair, limits_m: tuple[float, float], rows: slice) -> None:
+        """Fill depth, range and its standard error in these rows from disparity, std and filled.
+
+        What lies outside the limits of range becomes unknown; what was not measured has no confidence and no standard error.
+        """
+        shift_px, scale = np.float32(pair.cx_left_px - pair.cx_right_px), np.float32(pair.focal_px * pair.baseline_m)
+        given = self.disparity[rows], self.std[rows], pair.ray_length[rows]
+        given_and_changed = self.confidence[rows], self.filled[rows]
+        found = self.depth_m[rows], self.range_m[rows], self.range_std_m[rows]
+        _measure(given, given_and_changed, found, (shift_px, scale), (np.float32(limits_m[0]), np.float32(limits_m[1])))
+
+    def range_map(self) -> RangeMap:
+        """The finished maps."""
+        return RangeMap(self.disparity, self.depth_m, self.range_m, self.range_std_m, self.confidence, self.filled)
 
 
 @compiled
-def _measure(
-    disparity: Map, sure: Map, std: Map, filled: Mask, rays: Map,
-    shift_px: Any, scale: Any, nearest: Any, farthest: Any, depth_m: Map, range_m: Map, range_std_m: Map,
-) -> None:  # fmt: skip
+def _measure(given: Any, changed: Any, found: Any, geometry: Any, limits_m: Any) -> None:
+    disparity, std, rays = given
+    confidence, filled = changed
+    depth_m, range_m, range_std_m = found
+    shift_px, scale = geometry
+    nearest, farthest = limits_m
     none, unknown, per_px = np.float32(0), np.float32(np.nan), np.float32(1) / scale
     for y in range(disparity.shape[0]):
-        d, c, s, f, ray = disparity[y], sure[y], std[y], filled[y], rays[y]
+        d, c, s, f, ray = disparity[y], confidence[y], std[y], filled[y], rays[y]
         depth_row, range_row, error_row = depth_m[y], range_m[y], range_std_m[y]
         for x in range(d.size):
             shifted = d[x] - shift_px

@@ -7,12 +7,13 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.matching.sgm.vectors import LANES, TILE
+from stereo_seecolor.matching.sgm.layout import LANES, TILE
 from stereo_seecolor.records import Map
 
 MARGIN_PX = 4
-"""Beyond what the coarse match found: one coarse pixel."""
+"""How far a band reaches beyond what the coarse match found: one pixel of the coarse image, in pixels of the full one."""
 WIDENING = LANES
+"""Disparities by which a band that proved too narrow is widened, on both sides."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,102 +1,102 @@
-"""Match two images over a band of disparities: census, semi-global matching in strips, and the checks on what it finds."""
+"""Semi-global search of a pair: at reduced size over all disparities, then at full size in a band around what was found."""
 
 from dataclasses import dataclass
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.compute.threads import core_pool
-from stereo_seecolor.matching.diagnostics import row_shift_px
+from stereo_seecolor.matching.census import Census, census, mirrored_census
+from stereo_seecolor.matching.disparity import MatchedDisparity
+from stereo_seecolor.matching.gray import Gray, GrayPair
 from stereo_seecolor.matching.sgm.band import WIDENING, Band
-from stereo_seecolor.matching.sgm.images import Gray, census, jump_costs, mirrored_census
+from stereo_seecolor.matching.sgm.layout import TILE
+from stereo_seecolor.matching.sgm.penalties import PENALTIES, p2_maps
 from stereo_seecolor.matching.sgm.semiglobal import match_rows
-from stereo_seecolor.matching.sgm.vectors import TILE
-from stereo_seecolor.records import Map
-
-NOTHING = -0x8000
-P1, P2, P2_LEAST = 12, 99, 15
-"""What a change of disparity by one, or by more (on even ground, on an edge), costs on a path, in bits of the census."""
-STRIP, HALO = 128, 16
-"""Rows of a strip, and rows beyond its ends in which its vertical paths settle."""
-LARGE_IMAGE_PX = 600_000
-AMBIGUOUS = 0.05
-"""Lead over the next best, as a share of P2, below which a pixel matches both."""
-TOO_NARROW_TILE, TOO_NARROW_STRIP = 0.5, 0.01
-"""Share of a tile's pixels that end on the edge of its band, and share of such tiles, with which a strip is searched again."""
+from stereo_seecolor.matching.speckles import remove_speckles
+from stereo_seecolor.records import Map, StereoFrame
 
 
-@dataclass(frozen=True, eq=False)
-class Found:
-    """What a search found for the left image.
+@dataclass(frozen=True)
+class SearchConstants:
+    """strip, halo: rows of a strip, and rows beyond its ends in which its vertical paths settle; small, to fit a core's cache.
 
-    disparity: pixels, NaN where the best lies on the edge of its band, another is as good, or the right image disagrees.
-    rival: lead over the next best, as a share of P2.
-    row_shift_px: how far the rows of the right image lie below the left's.
+    ambiguous: uniqueness below which a pixel is left unknown, fraction of P2.
+    band_edge_pixels, band_edge_tiles: where more than this fraction of a tile's pixels end on the edge of its band, in more than
+    this fraction of a strip's tiles, these bands are widened and the strip is searched again.
+    coarse_speckle_px: patches of the reduced image smaller than this are left out of the bands.
+    Found by trial on drawn reefs.
     """
 
-    disparity: Map
-    rival: Map
-    row_shift_px: float = 0.0
+    strip: int = 128
+    halo: int = 16
+    ambiguous: float = 0.05
+    band_edge_pixels: float = 0.5
+    band_edge_tiles: float = 0.01
+    coarse_speckle_px: int = 10
 
 
-def search(left: Gray, right: Gray, band: Band) -> Found:
+CONSTANTS = SearchConstants()
+
+
+class SemiGlobalMatching:
+    """The engine ``sgm``: disparities lowest..highest, pixels."""
+
+    refined = False
+
+    def __init__(self, lowest: int, highest: int) -> None:
+        self._lowest, self._highest = lowest, highest
+
+    def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
+        """The disparities of a pair; depends on nothing else, whatever the number of threads."""
+        low, high = self._lowest // pair.scale, -(-self._highest // pair.scale)
+        coarse = search(pair.small_left, pair.small_right, Band.everywhere(pair.small_left.shape, low, high)).disparity
+        remove_speckles(coarse, CONSTANTS.coarse_speckle_px)
+        return search(pair.left, pair.right, Band.around(coarse, pair.scale, pair.left.shape, self._lowest, self._highest))
+
+
+def search(left: Gray, right: Gray, band: Band) -> MatchedDisparity:
     """Match two smoothed images over a band, in strips on all cores.
 
-    Where a strip's tiles end on the edges of their bands, these are widened and the strip is searched once more.
+    Unknown is where the best disparity lies on the edge of its band, where another is as good, or where the right image
+    disagrees.
     """
-    pool = core_pool()
-    height, width = left.shape
-    before = max(0, WIDENING - int(band.lowest.min()))
-    after = max(0, int((band.lowest + band.count).max())) + WIDENING
-    jump_job = pool.submit(jump_costs, left, P2, P2_LEAST)
-    census_jobs = pool.submit(census, left), pool.submit(mirrored_census, right, before, after)
-    jump, left_census, right_census = jump_job.result(), census_jobs[0].result(), census_jobs[1].result()
-    disparity, rival = np.empty((2, height, width), np.float32)
-    ended = np.zeros(band.lowest.shape, np.int32)
+    strips = _Strips(left, right, band)
+    list(core_pool().map(strips.search, range(0, left.shape[0], CONSTANTS.strip)))
+    return MatchedDisparity(strips.disparity, strips.uniqueness)
 
-    def strip(first: int) -> None:
-        end = min(first + STRIP, height)
-        rows = (max(0, first - HALO), first, end, min(height, end + HALO))
 
-        def match(band: Band) -> None:
-            lowest, count = band.lowest, band.count
-            match_rows(left_census, right_census, before, lowest, count, rows, jump, P1, P2, AMBIGUOUS, disparity, rival, ended)
+class _Strips:
+    """The strips of a pair: what all of them need, and the maps that they fill."""
 
-        match(band)
+    def __init__(self, left: Gray, right: Gray, band: Band) -> None:
+        pool = core_pool()
+        self._band = band
+        self._before = max(0, WIDENING - int(band.lowest.min()))
+        after = max(0, int((band.lowest + band.count).max())) + WIDENING
+        p2 = pool.submit(p2_maps, left)
+        bits = pool.submit(census, left), pool.submit(mirrored_census, right, self._before, after)
+        self._p2: NDArray[np.uint8] = p2.result()
+        self._left: Census = bits[0].result()
+        self._right: Census = bits[1].result()
+        maps: Any = np.empty((2, *left.shape), np.float32)
+        self.disparity: Map = maps[0]
+        self.uniqueness: Map = maps[1]
+        self._on_edge = np.zeros(band.lowest.shape, np.int32)
+
+    def search(self, first: int) -> None:
+        """Search the strip from row ``first`` on; where its tiles end on the edges of their bands, once more in wider bands."""
+        end = min(first + CONSTANTS.strip, len(self.disparity))
+        self._match(self._band, first, end)
         tiles = slice(first // TILE, -(-end // TILE))
-        narrow = np.zeros(ended.shape, np.bool_)
-        narrow[tiles] = ended[tiles] > TOO_NARROW_TILE * TILE**2
-        if narrow[tiles].mean() > TOO_NARROW_STRIP:
-            match(band.widened(narrow))
+        narrow = np.zeros(self._on_edge.shape, np.bool_)
+        narrow[tiles] = self._on_edge[tiles] > CONSTANTS.band_edge_pixels * TILE**2
+        if narrow[tiles].mean() > CONSTANTS.band_edge_tiles:
+            self._match(self._band.widened(narrow), first, end)
 
-    list(pool.map(strip, range(0, height, STRIP)))
-    return Found(disparity, rival, row_shift_px(left_census, right_census, before + width - 1, disparity))
-
-
-def remove_speckles(disparity: Map, pixels: int) -> None:
-    """Make NaN where fewer than that many connected pixels share a disparity; large images are judged on every second pixel."""
-    every = 2 if disparity.size > LARGE_IMAGE_PX else 1
-    fixed = np.empty((-(-disparity.shape[0] // every), -(-disparity.shape[1] // every)), np.int16)
-    _thinned(disparity, every, fixed)
-    kept = fixed.copy()
-    cv2.filterSpeckles(kept, NOTHING, pixels // every**2, 16)
-    speckle = cv2.compare(kept, fixed, cv2.CMP_NE)
-    _without(disparity, every, speckle)
-
-
-@compiled
-def _thinned(disparity: Map, every: int, fixed: NDArray[np.int16]) -> None:
-    for y in range(fixed.shape[0]):
-        for x in range(fixed.shape[1]):
-            d = disparity[y * every, x * every]
-            fixed[y, x] = np.int16(d * np.float32(16)) if np.isfinite(d) else np.int16(NOTHING)
-
-
-@compiled
-def _without(disparity: Map, every: int, speckle: NDArray[np.uint8]) -> None:
-    for y in range(speckle.shape[0]):
-        for x in range(speckle.shape[1]):
-            if speckle[y, x]:
-                disparity[y * every : (y + 1) * every, x * every : (x + 1) * every] = np.nan
+    def _match(self, band: Band, first: int, end: int) -> None:
+        rows = (max(0, first - CONSTANTS.halo), first, end, min(len(self.disparity), end + CONSTANTS.halo))
+        images = self._left, self._right, self._before
+        costs = self._p2, PENALTIES.p1, PENALTIES.p2, CONSTANTS.ambiguous
+        match_rows(images, (band.lowest, band.count), rows, costs, self.disparity, self.uniqueness, self._on_edge)

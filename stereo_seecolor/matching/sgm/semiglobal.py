@@ -15,13 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.sgm.vectors import (
-    BLOCK,
-    FAR,
-    LANES,
-    PIXELS,
-    TILE,
-    WINDOW,
+from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, PIXELS, TILE, WINDOW
+from stereo_seecolor.matching.sgm.steps import (
     add,
     add_wide,
     claim,
@@ -53,30 +48,27 @@ NEVER = -0x8000
 
 @compiled
 def match_rows(
-    left: NDArray[np.uint32],
-    right: NDArray[np.uint32],
-    offset: int,
-    lowest: NDArray[np.int32],
-    count: NDArray[np.int32],
+    images: tuple[NDArray[np.uint32], NDArray[np.uint32], int],
+    band: tuple[NDArray[np.int32], NDArray[np.int32]],
     rows: tuple[int, int, int, int],
-    jump: NDArray[np.uint8],
-    P1: int,
-    P2: int,
-    ambiguous: float,
+    penalties: tuple[NDArray[np.uint8], int, int, float],
     disparity: Map,
-    rival: Map,
-    ended: NDArray[np.int32],
+    uniqueness: Map,
+    on_edge: NDArray[np.int32],
 ) -> None:
     """Fill rows[1]..rows[2]-1 of the two maps from rows[0]..rows[3]-1 of the census images; rows[0] starts a tile.
 
-    left: (H, W). right: (H, offset + W + ...) mirrored, the pixel x at column offset + W - 1 - x, zero where nothing was seen.
-    jump: what a jump costs from the pixel above, and from the pixel to the left (jump_costs).
-    disparity: of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band, where its lead
-    over its rival is under ``ambiguous``, or where the pixel of the right image that it meets chose, from the same costs,
-    another by more than one pixel.
-    rival: how much worse the best disparity beyond +-1 is, as a share of P2. ended: added to for each tile, how many pixels'
-    best lie on the edge of its band.
+    images: the left census (H, W); the right one (H, before + W + ...) mirrored, the pixel x at column before + W - 1 - x, zero
+    where nothing was seen; before. band: lowest and count of each tile. penalties: P2 maps (p2_maps), P1, the largest P2, and the
+    uniqueness under which a pixel stays unknown.
+    disparity: of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band, where it is not
+    unique, or where the pixel of the right image that it meets chose, from the same costs, another by more than one pixel.
+    uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of P2.
+    on_edge: added to for each tile, how many pixels' best lie on the edge of its band.
     """
+    left, right, before_left = images
+    lowest, count = band
+    p2, P1, P2, ambiguous = penalties
     start, first, end, stop = rows
     tile_row = start // TILE
     bands, lengths = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1)
@@ -86,12 +78,12 @@ def match_rows(
         row_places[row + 1] = row_places[row] + lengths[(first + row) // TILE - tile_row]
     total = np.empty(row_places[-1], np.uint8)
     cost, along = np.empty(TILE * most, np.uint8), np.empty(TILE * most, np.uint8)
-    sums, facts = np.empty(most + 2 * TILE * LANES, np.uint16), np.empty((6, left.shape[1] + TILE), np.int16)
+    sums, winner = np.empty(most + 2 * TILE * LANES, np.uint16), np.empty((6, left.shape[1] + TILE), np.int16)
     claims = np.empty(TILE + right.shape[1] + WINDOW, np.uint32)
     paths = np.zeros(ALONG + 3 * widest + 2 * most, np.uint8)
     paths[:BLOCK] = FAR
-    origin = offset + left.shape[1] - 1
-    p1, scale, least_lead = np.uint8(P1), np.float32(1 / P2), np.float32(ambiguous)
+    origin = before_left + left.shape[1] - 1
+    p1, scale, least_uniqueness = np.uint8(P1), np.float32(1 / P2), np.float32(ambiguous)
     for sweep in range(2):
         top, bottom = (start, end) if sweep == 0 else (first, stop)
         before, now = ALONG + 3 * widest, ALONG + 3 * widest + most
@@ -100,24 +92,33 @@ def match_rows(
         for i in range(tiles):
             y = top + TILE * (i if sweep == 0 else tiles - 1 - i)
             tile, tall = y // TILE - tile_row, min(TILE, bottom - y)
-            band = bands[tile]
+            own = bands[tile]
             if i > 0:
-                _change_bands(paths, before, now, bands[tile - 1 if sweep == 0 else tile + 1], band)
+                _change_bands(paths, before, now, bands[tile - 1 if sweep == 0 else tile + 1], own)
                 before, now = now, before
-            _costs(left[y : y + tall], right[y : y + tall], origin, band, cost, most)
+            _costs(left[y : y + tall], right[y : y + tall], origin, own, cost, most)
             inside = first <= y < end
             if inside:
-                _along(sweep, band, cost, along, most, jump[1], y, paths, widest, p1)
+                _along(sweep, own, cost, along, most, p2[1], y, paths, widest, p1)
             for turn in range(tall):
                 row = turn if sweep == 0 else tall - 1 - turn
-                _across(band, cost, row * most, jump[0], y + row + sweep, paths, before, now, p1)
+                _across(own, cost, row * most, p2[0], y + row + sweep, paths, before, now, p1)
                 before, now = now, before
                 if inside:
                     place = row_places[y + row - first]
                     _sum(sweep, paths, before, along, row * most, total, place, lengths[tile], sums)
                 if inside and sweep == 1:
-                    _choose(sums, band, origin, facts, claims)
-                    _judge(facts, claims, MARGIN + origin, scale, least_lead, disparity[y + row], rival[y + row], ended[y // TILE])
+                    _choose(sums, own, origin, winner, claims)
+                    _judge(
+                        winner,
+                        claims,
+                        MARGIN + origin,
+                        scale,
+                        least_uniqueness,
+                        disparity[y + row],
+                        uniqueness[y + row],
+                        on_edge[y // TILE],
+                    )
 
 
 @compiled
@@ -152,9 +153,9 @@ def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int)
 
 
 @compiled
-def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
+def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
     """The paths along a row of tiles, whose first row is y, right in sweep 0 and left in sweep 1, to ``along``."""
-    tiles, jump_stride = band.shape[1], jump.shape[1]
+    tiles, p2_stride = band.shape[1], p2.shape[1]
     before, now, spare = ALONG, ALONG + widest, ALONG + 2 * widest
     first = 0 if sweep == 0 else tiles - 1
     low, count = band[LOW, first], band[COUNT, first]
@@ -167,16 +168,16 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y
             low, count = band[LOW, tile], band[COUNT, tile]
         column, onward = (0, 1) if sweep == 0 else (TILE - 1, -1)
         place = band[PLACE, tile] + column * LANES
-        j = y * jump_stride + tile * TILE + column + sweep
+        j = y * p2_stride + tile * TILE + column + sweep
         if count == LANES:
-            steps(paths, before, cost, place, along, onward * LANES, most, jump, j, onward, jump_stride, P1)
+            steps(paths, before, cost, place, along, onward * LANES, most, p2, j, onward, p2_stride, P1)
             continue
         for _ in range(TILE):
             for half in range(0, TILE, PIXELS):
                 at = half * LANES
                 _advance(
                     paths, before + at, now + at, count,
-                    cost, place + half * most, most, jump, j + half * jump_stride, jump_stride, P1,
+                    cost, place + half * most, most, p2, j + half * p2_stride, p2_stride, P1,
                 )  # fmt: skip
                 for k in range(0, count, LANES):
                     scatter(paths, now + at + k * TILE, along, place + half * most + k * TILE, most)
@@ -185,25 +186,25 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, jump: Any, y
 
 
 @compiled
-def _across(band: Any, cost: Any, row: int, jump: Any, y: int, paths: Any, before: int, now: int, P1: Any) -> None:
+def _across(band: Any, cost: Any, row: int, p2: Any, y: int, paths: Any, before: int, now: int, P1: Any) -> None:
     """The paths across the rows take one step, from paths[before:] to paths[now:], both laid out as a row's costs."""
     for tile in range(band.shape[1]):
         for half in range(0, TILE, PIXELS):
             place = band[PLACE, tile] + half * LANES
-            j = y * jump.shape[1] + tile * TILE + half
+            j = y * p2.shape[1] + tile * TILE + half
             _advance(
-                paths, before + place, now + place, band[COUNT, tile], cost, row + place, LANES, jump, j, 1, P1
+                paths, before + place, now + place, band[COUNT, tile], cost, row + place, LANES, p2, j, 1, P1
             )  # fmt: skip
 
 
 @compiled(inline=True)
 def _advance(
     paths: Any, before: int, now: int, count: int,
-    cost: Any, c: int, cost_stride: int, jump: Any, j: int, jump_stride: int, P1: Any,
+    cost: Any, c: int, cost_stride: int, p2: Any, j: int, p2_stride: int, P1: Any,
 ) -> None:  # fmt: skip
     """Four pixels' paths take one step."""
     if count == LANES:
-        step(paths, before, now, cost, c, cost_stride, jump, j, jump_stride, P1)
+        step(paths, before, now, cost, c, cost_stride, p2, j, p2_stride, P1)
         return
     last = before + (count // LANES - 1) * NEXT
     fold(paths, before, last, FLOOR)
@@ -212,7 +213,7 @@ def _advance(
     for on in range(0, last - before + NEXT, NEXT):
         block = before + on
         below, above = block - NEXT if on else NOWHERE, block + NEXT if block < last else NOWHERE
-        step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, jump, j, jump_stride, P1)
+        step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, p2, j, p2_stride, P1)
 
 
 @compiled
@@ -247,18 +248,18 @@ def _slide(paths: Any, source: int, target: int, low: int, count: int, new_low: 
 
 
 @compiled
-def _choose(sums: Any, band: Any, origin: int, facts: Any, claims: Any) -> None:
+def _choose(sums: Any, band: Any, origin: int, winner: Any, claims: Any) -> None:
     """One row: each left pixel's best disparity and the sums around it; each right pixel's best among all that look at it."""
-    width = facts.shape[1] - TILE
+    width = winner.shape[1] - TILE
     claims[:] = 0xFFFFFFFF
     for tile in range(band.shape[1]):
         low, count = band[LOW, tile], band[COUNT, tile]
         place, first = MARGIN + band[PLACE, tile], tile * TILE
         if count == LANES:
-            winners(sums, place, np.int16(low), facts, first, facts.shape[1])
+            winners(sums, place, np.int16(low), winner, first, winner.shape[1])
         else:
             for x in range(TILE):
-                _winner(sums, place + LANES * x, low, count, facts, first + x)
+                _winner(sums, place + LANES * x, low, count, winner, first + x)
         for k in range(0, count, LANES):
             if tile == band.shape[1] - 1:
                 sums[place + k * TILE + LANES * (width - first) : place + (k + LANES) * TILE] = 0xFFFF
@@ -266,7 +267,7 @@ def _choose(sums: Any, band: Any, origin: int, facts: Any, claims: Any) -> None:
 
 
 @compiled(inline=True)
-def _winner(sums: Any, at: int, low: int, count: int, facts: Any, x: int) -> None:
+def _winner(sums: Any, at: int, low: int, count: int, winner: Any, x: int) -> None:
     """What ``winners`` notes, for a pixel with more than LANES disparities."""
     least, best = 0xFFFF, 0
     for k in range(0, count, LANES):
@@ -276,9 +277,9 @@ def _winner(sums: Any, at: int, low: int, count: int, facts: Any, x: int) -> Non
     second = 0xFFFF
     for k in range(0, count, LANES):
         second = min(second, int(smallest_but(sums, at + k * TILE, np.int16(best - k))))
-    facts[BEST, x], facts[LEAST, x], facts[SECOND, x] = low + best, least, second
-    facts[BELOW, x] = sums[_place(at, best - 1)] if best > 0 else -1
-    facts[ABOVE, x] = sums[_place(at, best + 1)] if best < count - 1 else -1
+    winner[BEST, x], winner[LEAST, x], winner[SECOND, x] = low + best, least, second
+    winner[BELOW, x] = sums[_place(at, best - 1)] if best > 0 else -1
+    winner[ABOVE, x] = sums[_place(at, best + 1)] if best < count - 1 else -1
 
 
 @compiled(inline=True)
@@ -287,14 +288,16 @@ def _place(at: int, k: int) -> int:
 
 
 @compiled
-def _judge(facts: Any, claims: Any, met: int, scale: Any, least_lead: Any, disparity: Any, rival: Any, ended: Any) -> None:
-    """One row of disparities, with the parabola's fraction, where they pass the checks, and of leads over the rival."""
+def _judge(
+    winner: Any, claims: Any, met: int, scale: Any, least_uniqueness: Any, disparity: Any, uniqueness: Any, on_edge: Any
+) -> None:
+    """One row of disparities, with the parabola's fraction, where they pass the checks, and of uniqueness."""
     width = disparity.size
-    chosen_row, best_row, least_row, second_row = facts[CHOSEN], facts[BEST], facts[LEAST], facts[SECOND]
-    below_row, above_row = facts[BELOW], facts[ABOVE]
+    chosen_row, best_row, least_row, second_row = winner[CHOSEN], winner[BEST], winner[LEAST], winner[SECOND]
+    below_row, above_row = winner[BELOW], winner[ABOVE]
     for x in range(width):
         chosen_row[x] = np.int32(claims[met - x + np.int64(best_row[x])] & np.uint32(0xFFFF)) + NEVER
-        ended[x // TILE] += (below_row[x] < 0) | (above_row[x] < 0)
+        on_edge[x // TILE] += (below_row[x] < 0) | (above_row[x] < 0)
     half, one, unknown = np.float32(0.5), np.float32(1), np.float32(np.nan)
     for x in range(width):
         least, best = np.int32(least_row[x]), np.int32(best_row[x])
@@ -304,6 +307,6 @@ def _judge(facts: Any, claims: Any, met: int, scale: Any, least_lead: Any, dispa
         found = np.float32(best) + half * np.float32(below - above) / bend
         mutual = abs(found - np.float32(chosen_row[x])) <= one
         inside = (best <= np.int32(x)) & (np.int32(x) - best < np.int32(width))
-        good = (below >= 0) & (above >= 0) & (lead >= least_lead) & mutual & inside
+        good = (below >= 0) & (above >= 0) & (lead >= least_uniqueness) & mutual & inside
         disparity[x] = found if good else unknown
-        rival[x] = lead
+        uniqueness[x] = lead

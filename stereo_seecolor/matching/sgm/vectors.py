@@ -13,25 +13,21 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-LANES, PIXELS, TILE = 16, 4, 8
-BLOCK = LANES * PIXELS
-FAR = 0xFF
-"""Cost of what lies outside a band; sums with it stay at it."""
+from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, PIXELS, TILE, WINDOW
 
-_written_out: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
+_vector_code: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 
-_BYTE, _SHORT, _WORD, _LONG, _PIECE_BITS = (ir.IntType(bits) for bits in (8, 16, 32, 64, 128))
+_BYTE, _SHORT, _WORD, _PIECE_BITS = (ir.IntType(bits) for bits in (8, 16, 32, 128))
 _PIECE, _BLOCK, _PER_PIXEL = ir.VectorType(_BYTE, LANES), ir.VectorType(_BYTE, BLOCK), ir.VectorType(_BYTE, PIXELS)
 _SHORTS, _WORDS = ir.VectorType(_SHORT, LANES), ir.VectorType(_WORD, LANES)
 _TILE_SHORTS = ir.VectorType(_SHORT, TILE)
-WINDOW = 2 * LANES
 _WINDOW, _WIDE_WINDOW = ir.VectorType(_SHORT, WINDOW), ir.VectorType(_WORD, WINDOW)
 _BLOCK_SHORTS = ir.VectorType(_SHORT, BLOCK)
 _LANE = ir.Constant(_SHORTS, list(range(LANES)))
 _FAR = ir.Constant(_BLOCK, [FAR] * BLOCK)
 
 
-@_written_out
+@_vector_code
 def hamming(typing: Any, bits: Any, others: Any, i: Any, cost: Any, c: Any) -> Any:
     """cost[c:] (a piece) = number of bits in which ``bits`` (uint32) differs from each of others[i:] (uint32)."""
 
@@ -45,50 +41,50 @@ def hamming(typing: Any, bits: Any, others: Any, i: Any, cost: Any, c: Any) -> A
     return types.void(types.uint32, others, types.intp, cost, types.intp), generate
 
 
-@_written_out
+@_vector_code
 def step(
     typing: Any, paths: Any, before: Any, now: Any,
-    cost: Any, c: Any, cost_stride: Any, jump: Any, j: Any, jump_stride: Any, P1: Any,
+    cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any, P1: Any,
 ) -> Any:  # fmt: skip
     """One step of the paths of four pixels whose bands have LANES disparities each (Hirschmueller 2008, eq. 13).
 
-    paths[now:] = cost + min(b, b of the disparity below + P1, above + P1, floor + jump) - floor for b = paths[before:], floor
-    each pixel's least b. The pixels' costs lie cost_stride apart from cost[c] on, their jumps jump_stride from jump[j] on.
+    paths[now:] = cost + min(b, b of the disparity below + P1, above + P1, floor + P2) - floor for b = paths[before:], floor
+    each pixel's least b. The pixels' costs lie cost_stride apart from cost[c] on, their P2 p2_stride from p2[j] on.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        paths, before, now, cost, c, cost_stride, jump, j, jump_stride, P1 = arguments
+        paths, before, now, cost, c, cost_stride, p2, j, p2_stride, P1 = arguments
         same = _load_block(context, builder, signature.args[0], paths, before)
         here = _gather(context, builder, signature.args[3], cost, c, cost_stride)
-        jumps = _jumps(context, builder, signature.args[6], jump, j, jump_stride)
-        result = _step(builder, _FAR, same, _FAR, _floor(builder, same), here, jumps, P1)
+        penalties = _p2_of_pixels(context, builder, signature.args[6], p2, j, p2_stride)
+        result = _step(builder, _FAR, same, _FAR, _floor(builder, same), here, penalties, P1)
         _store_block(context, builder, signature.args[0], paths, now, result)
         return context.get_dummy_value()
 
     u8, i = types.uint8, types.intp
-    return types.void(paths, i, i, cost, i, i, jump, i, i, u8), generate
+    return types.void(paths, i, i, cost, i, i, p2, i, i, u8), generate
 
 
-@_written_out
+@_vector_code
 def steps(
     typing: Any, paths: Any, at: Any, cost: Any, c: Any, along: Any, onward: Any, stride: Any,
-    jump: Any, j: Any, j_onward: Any, jump_stride: Any, P1: Any,
+    p2: Any, j: Any, j_onward: Any, p2_stride: Any, P1: Any,
 ) -> Any:  # fmt: skip
     """TILE steps of the paths along TILE rows, from paths[at:] and back to it; each also to ``along``, laid out as ``cost``.
 
-    From one step to the next, costs lie ``onward`` and jumps ``j_onward`` apart.
+    From one step to the next, costs lie ``onward`` and P2 ``j_onward`` apart.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        paths, at, cost, c, along, onward, stride, jump, j, j_onward, jump_stride, P1 = arguments
+        paths, at, cost, c, along, onward, stride, p2, j, j_onward, p2_stride, P1 = arguments
         halves = [_further(builder, at, half * BLOCK) for half in range(TILE // PIXELS)]
         same = [_load_block(context, builder, signature.args[0], paths, half) for half in halves]
         for _ in range(TILE):
             for half in range(len(halves)):
-                row, jump_row = _nth(builder, c, stride, half * PIXELS), _nth(builder, j, jump_stride, half * PIXELS)
+                row, p2_row = _nth(builder, c, stride, half * PIXELS), _nth(builder, j, p2_stride, half * PIXELS)
                 here = _gather(context, builder, signature.args[2], cost, row, stride)
-                jumps = _jumps(context, builder, signature.args[7], jump, jump_row, jump_stride)
-                same[half] = _step(builder, _FAR, same[half], _FAR, _floor(builder, same[half]), here, jumps, P1)
+                penalties = _p2_of_pixels(context, builder, signature.args[7], p2, p2_row, p2_stride)
+                same[half] = _step(builder, _FAR, same[half], _FAR, _floor(builder, same[half]), here, penalties, P1)
                 _scatter(context, builder, signature.args[4], along, row, stride, same[half])
             c, j = builder.add(c, onward), builder.add(j, j_onward)
         for half, result in zip(halves, same, strict=True):
@@ -96,32 +92,32 @@ def steps(
         return context.get_dummy_value()
 
     u8, i = types.uint8, types.intp
-    return types.void(paths, i, cost, i, along, i, i, jump, i, i, i, u8), generate
+    return types.void(paths, i, cost, i, along, i, i, p2, i, i, i, u8), generate
 
 
-@_written_out
+@_vector_code
 def step_of_many(
     typing: Any, paths: Any, below: Any, before: Any, above: Any, floor: Any, now: Any,
-    cost: Any, c: Any, cost_stride: Any, jump: Any, j: Any, jump_stride: Any, P1: Any,
+    cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any, P1: Any,
 ) -> Any:  # fmt: skip
     """As step, for one block of several: paths[below:] and paths[above:] are the blocks beside it, the floor is paths[floor:]'s."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        paths, below, before, above, floor, now, cost, c, cost_stride, jump, j, jump_stride, P1 = arguments
+        paths, below, before, above, floor, now, cost, c, cost_stride, p2, j, p2_stride, P1 = arguments
         under, same, over, least = (
             _load_block(context, builder, signature.args[0], paths, place) for place in (below, before, above, floor)
         )
         here = _gather(context, builder, signature.args[6], cost, c, cost_stride)
-        jumps = _jumps(context, builder, signature.args[9], jump, j, jump_stride)
-        result = _step(builder, under, same, over, _floor(builder, least), here, jumps, P1)
+        penalties = _p2_of_pixels(context, builder, signature.args[9], p2, j, p2_stride)
+        result = _step(builder, under, same, over, _floor(builder, least), here, penalties, P1)
         _store_block(context, builder, signature.args[0], paths, now, result)
         return context.get_dummy_value()
 
     u8, i = types.uint8, types.intp
-    return types.void(paths, i, i, i, i, i, cost, i, i, jump, i, i, u8), generate
+    return types.void(paths, i, i, i, i, i, cost, i, i, p2, i, i, u8), generate
 
 
-@_written_out
+@_vector_code
 def fold(typing: Any, paths: Any, i: Any, j: Any, least: Any) -> Any:
     """paths[least:] = min(paths[i:], paths[j:]), a block."""
 
@@ -134,7 +130,7 @@ def fold(typing: Any, paths: Any, i: Any, j: Any, least: Any) -> Any:
     return types.void(paths, types.intp, types.intp, types.intp), generate
 
 
-@_written_out
+@_vector_code
 def scatter(typing: Any, paths: Any, i: Any, rows: Any, r: Any, stride: Any) -> Any:
     """The four pieces of the block paths[i:] to rows[r:], rows[r + stride:] and so on."""
 
@@ -147,7 +143,7 @@ def scatter(typing: Any, paths: Any, i: Any, rows: Any, r: Any, stride: Any) -> 
     return types.void(paths, types.intp, rows, types.intp, types.intp), generate
 
 
-@_written_out
+@_vector_code
 def add(typing: Any, a: Any, i: Any, b: Any, j: Any, total: Any, t: Any) -> Any:
     """total[t:] = a[i:] + b[j:], a block; the sum is below 256."""
 
@@ -161,7 +157,7 @@ def add(typing: Any, a: Any, i: Any, b: Any, j: Any, total: Any, t: Any) -> Any:
     return types.void(a, types.intp, b, types.intp, total, types.intp), generate
 
 
-@_written_out
+@_vector_code
 def add_wide(typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total: Any, t: Any) -> Any:
     """total[t:] (uint16) = a[i:] + b[j:] + c[k:], a block."""
 
@@ -178,7 +174,7 @@ def add_wide(typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total:
     return types.void(a, types.intp, b, types.intp, c, types.intp, total, types.intp), generate
 
 
-@_written_out
+@_vector_code
 def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, t: Any) -> Any:
     """a[t:] (a piece) = the LANES elements from ``by`` (0..LANES - 1) on of the pieces a[low:] and a[high:] put end to end."""
 
@@ -193,7 +189,7 @@ def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, t: Any) -> Any:
     return types.void(a, types.intp, types.intp, types.intp, types.intp), generate
 
 
-@_written_out
+@_vector_code
 def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride: Any) -> Any:
     """The least of each of the TILE x LANES uint16 sums[i:], all below 4096, of pixels whose bands start at ``low`` (int16).
 
@@ -232,7 +228,7 @@ def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride
     return types.void(sums, types.intp, types.int16, facts, types.intp, types.intp), generate
 
 
-@_written_out
+@_vector_code
 def smallest(typing: Any, a: Any, i: Any) -> Any:
     """min(a[i:]) * 16 + its first lane, of LANES uint16 below 4096."""
 
@@ -244,7 +240,7 @@ def smallest(typing: Any, a: Any, i: Any) -> Any:
     return types.uint16(a, types.intp), generate
 
 
-@_written_out
+@_vector_code
 def smallest_but(typing: Any, a: Any, i: Any, center: Any) -> Any:
     """min(a[i:]) of LANES uint16 without the lanes center - 1, center and center + 1 (center: int16, may lie outside)."""
 
@@ -259,7 +255,7 @@ def smallest_but(typing: Any, a: Any, i: Any, center: Any) -> Any:
     return types.uint16(a, types.intp, types.int16), generate
 
 
-@_written_out
+@_vector_code
 def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
     """The TILE x LANES uint16 sums[i:] of a row of a tile claim the pixels of the right image that they look at.
 
@@ -291,21 +287,11 @@ def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
     return types.void(sums, types.intp, types.int16, best, types.intp), generate
 
 
-@_written_out
-def four(typing: Any, a: Any, i: Any) -> Any:
-    """The uint16 a[i] .. a[i + 3] as one uint64, a[i] its lowest bits on a little-endian machine."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return _load(builder, _at(context, builder, signature.args[0], arguments[0], arguments[1], _LONG), 2)
-
-    return types.uint64(a, types.intp), generate
-
-
-def _step(builder: Any, under: Any, same: Any, over: Any, floor: Any, here: Any, jumps: Any, P1: Any) -> Any:
+def _step(builder: Any, under: Any, same: Any, over: Any, floor: Any, here: Any, p2: Any, P1: Any) -> Any:
     below = builder.shuffle_vector(under, same, _mask(_beside([LANES - 1, *range(BLOCK, BLOCK + LANES - 1)])))
     above = builder.shuffle_vector(same, over, _mask(_beside([*range(1, LANES), BLOCK])))
     slope = _saturated(builder, _minimum(builder, below, above), _splat(builder, P1, _BLOCK))
-    best = _minimum(builder, _minimum(builder, same, slope), _saturated(builder, floor, jumps))
+    best = _minimum(builder, _minimum(builder, same, slope), _saturated(builder, floor, p2))
     return builder.add(here, builder.sub(best, floor))
 
 
@@ -355,13 +341,13 @@ def _scatter(context: Any, builder: Any, array_type: Any, array: Any, index: Any
         builder.store(piece, _at(context, builder, array_type, array, place, _PIECE), align=1)
 
 
-def _jumps(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any) -> Any:
-    jumps = ir.Constant(_PER_PIXEL, ir.Undefined)
+def _p2_of_pixels(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any) -> Any:
+    p2 = ir.Constant(_PER_PIXEL, ir.Undefined)
     for pixel in range(PIXELS):
         place = _nth(builder, index, stride, pixel)
         value = _load(builder, _at(context, builder, array_type, array, place, _BYTE), 1)
-        jumps = builder.insert_element(jumps, value, ir.Constant(_WORD, pixel))
-    return builder.shuffle_vector(jumps, jumps, _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)]))
+        p2 = builder.insert_element(p2, value, ir.Constant(_WORD, pixel))
+    return builder.shuffle_vector(p2, p2, _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)]))
 
 
 def _further(builder: Any, index: Any, by: int) -> Any:

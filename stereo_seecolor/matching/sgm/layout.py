@@ -1,0 +1,13 @@
+"""How the costs of a search lie in memory: what the search and its steps agree on.
+
+A piece is the costs of one pixel for LANES disparities, one byte each. A block is the pieces of PIXELS pixels, which one step
+works on. The costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these pixel by pixel.
+"""
+
+LANES, PIXELS, TILE = 16, 4, 8
+"""TILE: edge of a tile, pixels; all pixels of a tile search the same disparities."""
+BLOCK = LANES * PIXELS
+FAR = 0xFF
+"""Cost of what lies outside a band; sums with it stay at it."""
+WINDOW = 2 * LANES
+"""Pixels of the right image that a row of a tile can meet with LANES disparities, rounded up."""
