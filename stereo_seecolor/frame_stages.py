@@ -25,7 +25,6 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 from stereo_seecolor.run_folder.products import correction_files, range_files
-from stereo_seecolor.run_folder.water_file import water_content
 
 MEDIAN_STEP_PX = 4
 """The median range is that of every fourth pixel of every fourth row: of all it takes ten times as long, and is no truer."""
@@ -187,7 +186,7 @@ class FrameStages:
 
 def water_key(water: Water) -> str:
     """Hash of a water's content."""
-    return content_key(water_content(water))
+    return content_key(water.content())
 
 
 def _facts(range_map: RangeMap) -> dict[str, float]:

@@ -8,6 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.water import PerChannel as PerChannel
+from stereo_seecolor.water import Water as Water
+
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 """(H, W, 3) RGB at the camera's own bit depth, 0..255 or 0..65535."""
 
@@ -16,9 +19,6 @@ Map = NDArray[np.float32]
 
 Mask = NDArray[np.bool_]
 """(H, W) bool."""
-
-PerChannel = NDArray[np.float64]
-"""(3,) float64 in the order R, G, B."""
 
 
 @dataclass(frozen=True)
@@ -99,53 +99,6 @@ class RangeMap:
     def measured_m(self) -> Map:
         """range_m with everything that was filled in taken out again."""
         return np.where(self.filled, np.float32(np.nan), self.range_m)
-
-
-@dataclass(frozen=True, eq=False)
-class Water:
-    """The water between camera and reef, one value a channel (R, G, B); COLOR.md's model, with a white point.
-
-    I_c = J_c white_c A_c(z) + B_c(z)
-    B_c(z) = gamma_inf (1 - exp(-beta z)) + eta exp(-alpha z)       (paper eq. sea-thru-backscatter-residual)
-    A_c(z) = exp(-z (w exp(-v z) + y exp(-x z)))                      (paper eq. sea-thru-atten-coeff)
-
-    gamma_inf, eta, white: intensities as a share of full scale. beta, alpha, v, x, w, y: 1/m.
-    standard_errors: name of a parameter -> (3,) standard error, NaN where the data could not tell.
-    input_encoding: how the images were read that it was fitted to. warnings: what the fit had to say.
-    exposure: the brightness that its frames are shown at, None where each frame has its own. highlights: how many times the
-    brightest light shown is rolled off to it at that exposure, 1 = none is.
-    """
-
-    gamma_inf: PerChannel
-    beta: PerChannel
-    eta: PerChannel
-    alpha: PerChannel
-    w: PerChannel
-    v: PerChannel
-    y: PerChannel
-    x: PerChannel
-    white: PerChannel = field(default_factory=lambda: np.ones(3))
-    standard_errors: dict[str, PerChannel] = field(default_factory=dict)
-    input_encoding: Literal["srgb", "linear", "as-is"] = "srgb"
-    warnings: tuple[str, ...] = ()
-    exposure: float | None = None
-    highlights: float = 1.0
-
-    def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """B_c(z), shape (..., 3), as a share of full scale."""
-        z, gamma_inf, beta, eta, alpha = _by_channel(range_m, self.gamma_inf, self.beta, self.eta, self.alpha)
-        return np.moveaxis(gamma_inf * -np.expm1(-beta * z) + eta * np.exp(-alpha * z), 0, -1)
-
-    def attenuation(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """A_c(z) in (0, 1], shape (..., 3); the white point is not in it."""
-        z, w, v, y, x = _by_channel(range_m, self.w, self.v, self.y, self.x)
-        return np.moveaxis(np.exp(-z * (w * np.exp(-v * z) + y * np.exp(-x * z))), 0, -1)
-
-
-def _by_channel(range_m: NDArray[np.floating], *numbers: PerChannel) -> list[NDArray[np.float64]]:
-    """Ranges as they are, and numbers of three channels such that products with them are (3, ...): numpy is slow at rows of 3."""
-    z = np.asarray(range_m, dtype=np.float64)
-    return [z, *(number.reshape(3, *(1,) * z.ndim) for number in numbers)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import robust
-from stereo_seecolor.color.fitting.jerlov import RATE_OF_CHANGE, water_prior
+from stereo_seecolor.color.fitting.robust_solver import NOISE
+from stereo_seecolor.color.fitting.scene_prior import WATER, whole_prior
+from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.color.table.order_statistics import SHARES, summarize
+from stereo_seecolor.color.table.range_quantiles import FRACTIONS, RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.evaluation.measures import score_truth
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
@@ -163,9 +166,9 @@ def test_sixteen_bits_see_what_eight_see() -> None:
 def test_quantiles_are_those_of_the_pixels() -> None:
     rng = np.random.default_rng(10)
     image = rng.integers(20, 240, (*SHAPE, 3)).astype(np.uint8)
-    seen = summarize(measure(image, np.full(SHAPE, 1.5, np.float32)), "as-is")
+    seen = quantiles_by_range(measure(image, np.full(SHAPE, 1.5, np.float32)), "as-is")
     assert seen.range_m == pytest.approx([1.5], abs=0.02)
-    expected = np.quantile(image.reshape(-1, 3) / 255, SHARES, axis=0).T
+    expected = np.quantile(image.reshape(-1, 3) / 255, FRACTIONS, axis=0).T
     np.testing.assert_allclose(seen.light[:, 0], expected, atol=1 / 255)
 
 
@@ -218,3 +221,34 @@ def test_real_frames_have_no_bands_of_color(real_data: Path) -> None:
         means = np.stack([light[known & (range_m >= a) & (range_m <= b)].mean(axis=0) for a, b in itertools.pairwise(edges)])
         cast = np.log(means[:, [0, 2]] / means[:, 1:2])
         assert np.abs(cast - np.median(cast, axis=0)).max() < 0.45, path.stem
+
+
+def drawn_from_the_prior(rng: np.random.Generator, range_m: NDArray[np.float64]) -> tuple[RangeQuantiles, NDArray[np.float64]]:
+    """Quantiles of a scene and a water that are as likely as the fit takes them to be; and the water's logarithms, (5, 3)."""
+    mean, precision, _ = whole_prior(range_m.size, CONFIG.robust)
+    x = rng.multivariate_normal(mean, np.linalg.inv(precision))
+    far, near, beta, backscatter, white = np.exp(x[:WATER].reshape(5, 3, 1))
+    loss = range_m * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * range_m))
+    reflectance, brightness = x[WATER : -range_m.size].reshape(3, 1, -1), x[-range_m.size :, None]
+    direct = np.exp(reflectance + brightness) * (white * np.exp(-loss))[..., None]
+    veil = np.broadcast_to((backscatter * white * -np.expm1(-beta * range_m))[..., None], direct.shape)
+    spread = np.hypot(NOISE.content * direct / (direct + veil), NOISE.all)
+    light = (direct + veil) * np.exp(spread * rng.standard_normal(direct.shape))
+    return RangeQuantiles(range_m, np.full(range_m.size, 1e5), light, np.zeros(light.shape, np.bool_)), x[:WATER].reshape(5, 3)
+
+
+def test_standard_errors_are_marginal() -> None:
+    """Over waters and scenes drawn from the prior, errors against their standard errors have a spread of one."""
+    rng = np.random.default_rng(5)
+    off: dict[str, list[NDArray[np.float64]]] = {"y": [], "w": [], "beta": [], "gamma_inf": [], "white": []}
+    for _ in range(150):
+        seen, (far, near, beta, backscatter, white) = drawn_from_the_prior(rng, np.geomspace(1.0, 5.0, 12))
+        found = robust.fit_quantiles(seen, CONFIG)
+        level = np.exp(np.mean(np.log(found.white) - white))
+        truth = {"y": np.exp(far), "w": np.exp(far) * np.expm1(near), "beta": np.exp(beta)}
+        truth |= {"gamma_inf": np.exp(backscatter + white), "white": np.exp(white) * level}
+        for name, error in found.standard_errors.items():
+            off[name].append((getattr(found, name) - truth[name]) / error)
+    for name, ratios in off.items():
+        middle = np.nanquantile(np.array(ratios), [0.16, 0.84])
+        assert 0.75 < np.ptp(middle) / 2 < 1.3, name

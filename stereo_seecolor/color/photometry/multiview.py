@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.fitting.jerlov import RATE_OF_CHANGE, water_prior
+from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.photometry.sightings import KeyFrame, Sightings, find_sightings
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.errors import ColorError
@@ -236,7 +236,7 @@ def _water(x: Array, error: Array, before: Array, encoding: InputEncoding) -> Wa
     learned = (error < NOTHING_LEARNED * before).reshape(3, 3)
     scales = {"y": far, "beta": beta, "gamma_inf": gamma_inf}
     errors = {name: np.where(learned[i], error.reshape(3, 3)[i] * scale, np.nan) for i, (name, scale) in enumerate(scales.items())}
-    errors["w"] = errors["y"] * fall
+    errors["w"] = errors["y"] * np.abs(fall - 1.0)
     return Water(
         gamma_inf=gamma_inf,
         beta=beta,

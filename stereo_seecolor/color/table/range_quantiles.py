@@ -1,0 +1,63 @@
+"""Quantiles of color over range: how dark and how bright each channel is at each range, as the robust fit sees a moment table."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.table.encoding import InputEncoding, decode
+from stereo_seecolor.color.table.moment_table import MomentTable
+
+FRACTIONS = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
+"""Of the pixels of a group, from what is nearly in shadow to the brightest, which are the likeliest to be white."""
+MOST_GROUPS = 20
+"""More hardly change a fit, and each costs time."""
+CLIPPED = 0.99
+"""Fraction of full scale, encoded: from here on a value is a lower bound of the light."""
+
+
+@dataclass(frozen=True, eq=False)
+class RangeQuantiles:
+    """Quantiles of the pixels of each group of neighboring ranges.
+
+    range_m (G,): mean range of each group, meters, near to far. pixels (G,): how many. light (3, G, 9): quantiles, linear
+    light. clipped (3, G, 9): True where a quantile is at full scale, and the light may have been anything above.
+    """
+
+    range_m: NDArray[np.float64]
+    pixels: NDArray[np.float64]
+    light: NDArray[np.float64]
+    clipped: NDArray[np.bool_]
+
+
+def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuantiles:
+    """Groups of neighboring range bins of about equal numbers of pixels, and their quantiles; the table must not be empty."""
+    occupied = np.flatnonzero(table.pixels)
+    pixels, range_m = table.pixels[occupied], table.range_m[occupied]
+    first = _first_of_groups(pixels)
+    size = np.add.reduceat(pixels, first).astype(np.float64)
+    values = _quantiles(np.add.reduceat(table.counts[:, occupied], first, axis=1))
+    full = 2.0**table.bit_depth - 1
+    step, offset = (1.0, 0.0) if table.bit_depth == 8 else (16.0, 7.5)
+    encoded = np.clip((values * step + offset) / full, 0, 1)
+    mean_range_m = np.add.reduceat(pixels * range_m, first) / size
+    return RangeQuantiles(mean_range_m, size, decode(encoded, encoding), encoded >= CLIPPED)
+
+
+def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
+    """(G,) where each group of (L,) range bins begins: cut where the running sum passes equal parts."""
+    middle = (np.cumsum(pixels) - 0.5 * pixels) / pixels.sum()
+    part = np.floor(middle * MOST_GROUPS)
+    return np.flatnonzero(np.diff(part, prepend=-1.0))
+
+
+def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
+    """(3, G, 9) of counts (3, G, V), in value bins; pixels are taken as spread evenly inside a bin."""
+    found = np.empty((*counts.shape[:2], FRACTIONS.size))
+    for at in np.ndindex(*counts.shape[:2]):
+        here = counts[at]
+        below = np.cumsum(here)
+        wanted = FRACTIONS * below[-1]
+        value = np.searchsorted(below, wanted)
+        found[at] = value + 0.5 - (below[value] - wanted) / here[value]
+    return found

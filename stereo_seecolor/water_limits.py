@@ -1,0 +1,77 @@
+"""What the parameters of a water can be: all that is read from a file, fitted or given by a program is held against it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What no water is beyond; a fit to noise may come near, and arithmetic stays finite within."""
+
+    light: float = 1e6
+    """Fraction of full scale: more than any bright water at any exposure."""
+    least_white: float = 1e-12
+    """Fraction of full scale: below a black image's."""
+    rate_per_m: float = 1e4
+    """Light lost within 0.1 mm; the most turbid harbors have some 50 per meter."""
+    exposure: float = 1e12
+    """Gain of all channels: that which makes the least white point full scale."""
+
+
+LIMITS = Limits()
+
+_LIGHT, _RATE = (0.0, LIMITS.light), (0.0, LIMITS.rate_per_m)
+_SIGNED = (-LIMITS.rate_per_m, LIMITS.rate_per_m)
+BOUNDS = {
+    "gamma_inf": _LIGHT,
+    "beta": _RATE,
+    "eta": _LIGHT,
+    "alpha": _RATE,
+    "w": _SIGNED,
+    "v": _RATE,
+    "y": _SIGNED,
+    "x": _RATE,
+    "white": (LIMITS.least_white, LIMITS.light),
+}
+"""Parameter -> least and greatest, each channel."""
+PARAMETERS = tuple(BOUNDS)
+
+
+def problem_of(water: Mapping[str, Any]) -> str:
+    """What is wrong with these fields of a water, as "name must be ... (got ...)"; empty where nothing is."""
+    problems = [_channels_problem(name, water[name], *bounds) for name, bounds in BOUNDS.items()]
+    if not any(problems) and not _light_falls(water):
+        problems.append("w and y let light grow with range: w exp(-v z) + y exp(-x z) must not be negative at any range")
+    if water["input_encoding"] not in ("srgb", "linear", "as-is"):
+        problems.append(f"input_encoding must be srgb, linear or as-is (got {water['input_encoding']!r:.80})")
+    if water["exposure"] is not None:
+        problems.append(_number_problem("exposure", water["exposure"], 1 / LIMITS.exposure))
+    problems.append(_number_problem("highlights", water["highlights"], 1.0))
+    for name, errors in water["standard_errors"].items():
+        known = np.nan_to_num(errors, nan=0.0) if isinstance(errors, np.ndarray) and errors.dtype.kind == "f" else errors
+        problems.append(_channels_problem(f"the standard error of {name}", known, 0.0, np.finfo(np.float64).max))
+    return next(filter(None, problems), "")
+
+
+def _channels_problem(name: str, value: Any, low: float, high: float) -> str:
+    if not isinstance(value, np.ndarray) or value.shape != (3,) or value.dtype.kind != "f":
+        return f"{name} needs three numbers, one a channel (got {value!r:.80})"
+    inside = (value >= low) & (value <= high)
+    return "" if inside.all() else f"{name} must be from {low:g} to {high:g} in each channel (got {value.tolist()})"
+
+
+def _number_problem(name: str, value: Any, low: float) -> str:
+    good = not isinstance(value, bool) and isinstance(value, Real) and low <= float(value) <= LIMITS.exposure
+    return "" if good else f"{name} must be a number from {low:g} to {LIMITS.exposure:g} (got {value!r:.80})"
+
+
+def _light_falls(water: Mapping[str, Any]) -> bool:
+    """Whether w exp(-v z) + y exp(-x z) >= 0 at every range: a negative term must be the smaller and the first to vanish."""
+    w, v, y, x = (water[name] for name in ("w", "v", "y", "x"))
+    rounding = 1e-9 * (np.abs(w) + np.abs(y))
+    rising = ((w >= -rounding) | (v >= x)) & ((y >= -rounding) | (x >= v)) & (w + y >= -rounding)
+    return bool(rising.all())
