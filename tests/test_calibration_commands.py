@@ -7,13 +7,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from calibration_boards import rendered
+from calibration_boards import photograph_board, rendered
 from calibration_texts import OPENCV_EXTRINSICS, OPENCV_INTRINSICS, ROS_LEFT, ROS_RIGHT
 
-from calibration import Camera, StereoRig
+from calibration import StereoRig
 from calibration.formats import load_rig, write_rig
-from calibration.printing import print_target
-from calibration.targets import parse_target
 from stereo_seecolor.cli import main
 
 Cli = Callable[..., tuple[int, str, str]]
@@ -37,24 +35,7 @@ def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
 def board_pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StereoRig]:
     """A folder of six rendered pairs of a board, in left/ and right/, and the rig that took them."""
     folder = tmp_path_factory.mktemp("boards")
-    size = (480, 360)
-    K = np.array([[520.0, 0, 243], [0, 520, 176], [0, 0, 1]])
-    camera = Camera(K, np.array([-0.1, 0.02, 0, 0, 0]), size)
-    T = np.eye(4)
-    T[0, 3] = -0.1
-    rig = StereoRig(camera, camera, T)
-    print_target(parse_target(TARGET), folder / "board.png", dpi=100)
-    picture = cv2.imread(str(folder / "board.png"), cv2.IMREAD_GRAYSCALE)
-    for side in ("left", "right"):
-        (folder / side).mkdir()
-    tilts = [(0.4, 0.1), (-0.4, 0.1), (0.1, 0.45), (0.0, -0.45), (0.3, 0.3), (-0.3, -0.3)]
-    for number, (tilt_x, tilt_y) in enumerate(tilts):
-        pose = np.eye(4)
-        pose[:3, :3] = cv2.Rodrigues(np.array([tilt_x, tilt_y, 0.1 * (number - 2)]))[0]
-        pose[:3, 3] = pose[:3, :3] @ [-0.12, -0.08, 0] + [0.05 + 0.03 * (number % 3 - 1), 0.03 * (number % 2), 0.62]
-        for side, extrinsic in (("left", np.eye(4)), ("right", T)):
-            image = rendered(camera, extrinsic @ pose, picture, 100 / 0.0254, np.full(2, -0.08))
-            cv2.imwrite(str(folder / side / f"{number:02d}.png"), image)
+    rig = photograph_board(folder, TARGET)
     return folder, rig
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rasterio
 from mapping_scene import CONFIG, PAIR, flat_frame, read_cloud, track, write_run
 
 from stereo_seecolor.commands.fuse import check_fusion
@@ -35,7 +36,6 @@ def moved(offset_m: tuple[float, float, float]) -> Trajectory:
 
 
 def test_utm_coordinates_give_the_same_map_with_its_offset_stated(tmp_path: Path) -> None:
-    rasterio = pytest.importorskip("rasterio")
     offset = (500_000.0, 8_000_000.0, 0.0)
     build(tmp_path / "near")
     build(tmp_path / "far", moved(offset))

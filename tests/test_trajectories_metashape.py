@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -53,7 +54,6 @@ def test_cameras_in_local_coordinates(tmp_path: Path, in_component: bool) -> Non
 
 
 def test_cameras_on_earth(tmp_path: Path) -> None:
-    pyproj = pytest.importorskip("pyproj")
     to_geocentric = pyproj.Transformer.from_crs(4979, 4978, always_xy=True)
     at, east, north, up = (
         np.array(to_geocentric.transform(152.0 + d[0], -23.5 + d[1], -5.0 + d[2]))

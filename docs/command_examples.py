@@ -1,0 +1,39 @@
+"""The examples of docs/commands.md, in the order of the page. They run in the folder of a dive; tests/test_docs.py runs them."""
+
+EXAMPLES: dict[str, tuple[str, ...]] = {
+    "doctor": ("stereo-seecolor doctor",),
+    "inspect": ("stereo-seecolor inspect left right cam.yaml",),
+    "config": (
+        "stereo-seecolor config --show",
+        "stereo-seecolor config --show --set color.lock=survey  # each value with its origin",
+    ),
+    "demo": ("stereo-seecolor demo --out demo",),
+    "synthesize": ("stereo-seecolor synthesize --out night --pairs 4 --lines 1 --size 320x256 --water turbid --seed 3",),
+    "calibrate": (
+        "stereo-seecolor calibrate --target chessboard:9x6:30mm --print-target board.pdf  # print the target",
+        "stereo-seecolor calibrate --target chessboard:9x6:30mm --left board/left --right board/right --out rig.yaml",
+    ),
+    "convert-calib": ("stereo-seecolor convert-calib cam.yaml camchain.yaml --to kalibr",),
+    "check": (
+        "stereo-seecolor check --left left --right right --calib cam.yaml",
+        "stereo-seecolor check --left left --right right --calib cam.yaml --refine refined.yaml",
+    ),
+    "rectify": ("stereo-seecolor rectify --left left --right right --calib cam.yaml --out rectified",),
+    "range": ("stereo-seecolor range --left left --right right --calib cam.yaml --out ranges",),
+    "run": (
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out out",
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out survey --set color.lock=survey --json",
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out mapped --poses trajectory.tum --fuse",
+    ),
+    "correct": ("stereo-seecolor correct --images rectified/rectified_left --range ranges/range --out corrected",),
+    "water": (
+        "stereo-seecolor water survey --poses trajectory.tum",
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out measured --water survey/water_measured.json",
+    ),
+    "fuse": ("stereo-seecolor fuse survey --poses trajectory.tum",),
+    "view": ("stereo-seecolor view mapped  # opens a window",),
+    "evaluate": (
+        "stereo-seecolor evaluate out --truth truth",
+        "stereo-seecolor evaluate --chart --images rectified/rectified_left --range truth/range",
+    ),
+}

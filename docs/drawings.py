@@ -1,0 +1,197 @@
+"""The drawings of the documentation as SVG: the flow of a run, the axes, and the rooms of the code with their real imports.
+
+python docs/drawings.py writes docs/images/{flow,axes,rooms}.svg and the table of rooms in docs/architecture.md.
+"""
+
+import ast
+import re
+import tomllib
+from html import escape
+from pathlib import Path
+
+import grimp
+
+HERE = Path(__file__).parent
+ROOT = HERE.parent
+GROUND = tuple(f"stereo_seecolor.{name}" for name in ("errors", "version", "records", "config"))
+"""Rooms that nearly all others import: their arrows are left out of the drawing."""
+
+INK, SOFT, FILL, MARK = "#1f2d3d", "#7b8794", "#e8f1f5", "#0b7285"
+TIP = (
+    '<marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7" orient="auto">'
+    '<path d="M0 0L8 4L0 8z"/></marker>'
+)
+FLOW_NOTE = "Each stage works on one pair; pairs run in parallel. Counts of all pairs are added: a survey can share one water."
+OTHER_COMMANDS = "calibrate, check, convert-calib: the calibration.  evaluate: a run against known truth.  view: the map."
+
+
+class Drawing:
+    """An SVG picture that is put together from boxes, lines and texts; units are pixels."""
+
+    def __init__(self, width: int, height: int, title: str) -> None:
+        self.size, self.title, self.parts = (width, height), title, list[str]()
+
+    def text(
+        self, at: tuple[float, float], words: str, color: str = INK, anchor: str = "middle", size: int = 12, bold: bool = False
+    ) -> None:
+        style = f'font-size="{size}" fill="{color}" text-anchor="{anchor}" font-weight="{600 if bold else 400}"'
+        self.parts.append(f'<text x="{at[0]:g}" y="{at[1]:g}" {style}>{escape(words)}</text>')
+
+    def box(self, x: float, y: float, width: float, height: float, lines: list[str]) -> None:
+        self.parts.append(f'<rect x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" rx="6" fill="{FILL}" stroke="{SOFT}"/>')
+        top = y + height / 2 - 8 * (len(lines) - 1) + 4
+        self.text((x + width / 2, top), lines[0], size=13, bold=True)
+        for i, line in enumerate(lines[1:], 1):
+            self.text((x + width / 2, top + 16 * i), line, SOFT, size=11)
+
+    def line(
+        self, start: tuple[float, float], end: tuple[float, float], color: str = INK, arrow: bool = True, width: float = 1.3
+    ) -> None:
+        tip = ' marker-end="url(#tip)"' if arrow else ""
+        place = f'x1="{start[0]:g}" y1="{start[1]:g}" x2="{end[0]:g}" y2="{end[1]:g}"'
+        self.parts.append(f'<line {place} stroke="{color}" stroke-width="{width}"{tip}/>')
+
+    def curve(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        (x1, y1), (x2, y2) = start, end
+        path = f"M{x1:.0f} {y1:.0f} C{x1:.0f} {(y1 + y2) / 2:.0f} {x2:.0f} {(y1 + y2) / 2:.0f} {x2:.0f} {y2:.0f}"
+        self.parts.append(f'<path d="{path}" fill="none" stroke="{MARK}" stroke-opacity="0.35"/>')
+
+    def write(self, path: Path) -> None:
+        width, height = self.size
+        head = (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width}" height="{height}" '
+            f'font-family="system-ui, sans-serif" role="img"><title>{escape(self.title)}</title><defs>{TIP}</defs>'
+            f'<rect width="{width}" height="{height}" fill="#ffffff"/>'
+        )
+        path.write_text("\n".join([head, *self.parts, "</svg>", ""]), encoding="utf-8", newline="\n")
+
+
+def draw_flow() -> None:
+    """What a run does with a pair, the command that begins there, and the section of the configuration that each stage reads."""
+    drawing = Drawing(1000, 300, "The flow of a run")
+    stages = [
+        ("left, right", ["images or videos"], "--left --right", "input"),
+        ("rectify", ["rectified pair"], "rectify", ""),
+        ("match", ["range, its error,", "confidence"], "range", "matching"),
+        ("count", ["range-value", "histogram"], "", "color"),
+        ("fit water", ["water.json"], "water", "color"),
+        ("correct", ["true-color", "image, cloud"], "correct", "color, output"),
+        ("fuse", ["map of the dive"], "fuse", "mapping"),
+    ]
+    step, width = 140, 118
+    for i, (name, product, command, section) in enumerate(stages):
+        x = 16 + i * step
+        drawing.box(x, 120, width, 62, [name, *product])
+        drawing.text((x + width / 2, 92), command, MARK, size=13, bold=True)
+        drawing.text((x + width / 2, 214), section, SOFT)
+        if i:
+            drawing.line((x - step + width, 151), (x, 151))
+    drawing.text((16, 40), "Command that begins here", MARK, "start", bold=True)
+    drawing.text((16, 60), "Stage, and what it makes", INK, "start", bold=True)
+    drawing.text((230, 40), "Section of the configuration that it reads", SOFT, "start", bold=True)
+    for y, words in ((262, FLOW_NOTE), (284, OTHER_COMMANDS)):
+        drawing.text((16, y), words, INK, "start")
+    drawing.write(HERE / "images" / "flow.svg")
+
+
+def draw_axes() -> None:
+    """The cameras' axes, the baseline, and the difference between depth and range."""
+    drawing = Drawing(760, 330, "Axes of the cameras, depth and range")
+    left, right, point = (180, 70), (330, 70), (470, 270)
+    for (x, y), name in ((left, "left"), (right, "right")):
+        drawing.box(x - 55, y - 36, 110, 36, [f"{name} camera"])
+        drawing.line((x, y), (x + 60, y), MARK)
+        drawing.line((x, y), (x, y + 60), MARK)
+        drawing.text((x + 66, y + 4), "x", MARK, "start", 13, bold=True)
+        drawing.text((x - 12, y + 64), "z", MARK, size=13, bold=True)
+    drawing.text((right[0] + 130, right[1] + 4), "y: toward you, out of the page (down in the image)", SOFT, "start", 11)
+    drawing.line((left[0], 22), (right[0], 22), SOFT, arrow=False)
+    drawing.text(((left[0] + right[0]) / 2, 16), "baseline_m", SOFT)
+    drawing.line(left, point)
+    drawing.text((360, 180), "range_m (along the ray)", INK, "start", 13, bold=True)
+    drawing.line(left, (left[0], point[1]), SOFT)
+    drawing.text((left[0] - 8, 200), "depth_m (along z)", SOFT, "end", 13, bold=True)
+    drawing.line((40, point[1]), (640, point[1]), "#b08d57", arrow=False, width=3)
+    drawing.text((600, 292), "reef", "#8a6a3b", size=13)
+    drawing.text(
+        (16, 318), "World: east, north, up when georeferenced. T_world_camera: from the camera to the world.", SOFT, "start"
+    )
+    drawing.write(HERE / "images" / "axes.svg")
+
+
+def draw_rooms() -> list[tuple[str, list[str]]]:
+    """The rooms in their layers with the imports between them; returns each room with the rooms that it imports."""
+    layers = layers_of_rooms()
+    rooms = [room for layer in layers for room in layer]
+    imports = room_imports(rooms)
+    drawing = Drawing(1000, 40 + 84 * len(layers), "The rooms of the code and their imports")
+    at: dict[str, tuple[float, float]] = {}
+    for row, layer in enumerate(layers):
+        width = min(150, 960 / len(layer) - 10)
+        start = 500 - (width + 10) * len(layer) / 2
+        for i, room in enumerate(layer):
+            at[room] = (start + i * (width + 10) + width / 2, 20 + row * 84)
+    for room in rooms:
+        for other in imports[room]:
+            if at[room][1] < at[other][1] and other not in GROUND:
+                drawing.curve((at[room][0], at[room][1] + 40), at[other])
+    for layer in layers:
+        width = min(150, 960 / len(layer) - 10)
+        for room in layer:
+            drawing.box(at[room][0] - width / 2, at[room][1], width, 40, [room.removeprefix("stereo_seecolor.")])
+    drawing.write(HERE / "images" / "rooms.svg")
+    return [(room, imports[room]) for room in rooms]
+
+
+def layers_of_rooms() -> list[list[str]]:
+    """The layers of import-linter's contract, from the top down."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    contract = next(c for c in settings["tool"]["importlinter"]["contracts"] if c["type"] == "layers")
+    return [[room.strip(" ()") for room in re.split(r"[|:]", layer)] for layer in contract["layers"]]
+
+
+def room_imports(rooms: list[str]) -> dict[str, list[str]]:
+    graph = grimp.build_graph("stereo_seecolor", "calibration", cache_dir=None)
+    found: dict[str, set[str]] = {room: set() for room in rooms}
+    for module in graph.modules:
+        for other in graph.find_modules_directly_imported_by(module):
+            source, target = room_of(module, rooms), room_of(other, rooms)
+            if source and target and source != target:
+                found[source].add(target)
+    return {room: sorted(found[room], key=rooms.index) for room in rooms}
+
+
+def room_of(module: str, rooms: list[str]) -> str:
+    return max((room for room in rooms if module == room or module.startswith(f"{room}.")), key=len, default="")
+
+
+def table_of_rooms(imports: list[tuple[str, list[str]]]) -> str:
+    lines = ["| room | files | lines | what it holds | imports |", "| --- | --- | --- | --- | --- |"]
+    for room, others in imports:
+        place = ROOT / room.replace(".", "/")
+        files = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
+        count = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
+        names = ", ".join(f"`{other.removeprefix('stereo_seecolor.')}`" for other in others)
+        lines.append(f"| `{room.removeprefix('stereo_seecolor.')}` | {len(files)} | {count:,} | {first_line(place)} | {names} |")
+    return "\n".join(lines)
+
+
+def first_line(place: Path) -> str:
+    """The first sentence of a room's docstring."""
+    file = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
+    words = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").split("\n\n")[0]
+    return " ".join(words.split()).replace("|", "/")
+
+
+def write_table(table: str) -> None:
+    page = HERE / "architecture.md"
+    text = page.read_text(encoding="utf-8")
+    begin, end = "<!-- rooms: written by docs/drawings.py -->\n", "\n<!-- end of rooms -->"
+    head, rest = text.split(begin)
+    page.write_text(head + begin + table + end + rest.split(end)[1], encoding="utf-8", newline="\n")
+
+
+if __name__ == "__main__":
+    draw_flow()
+    draw_axes()
+    write_table(table_of_rooms(draw_rooms()))

@@ -1,0 +1,196 @@
+"""Write docs/commands.md and docs/configuration.md from the program itself: python docs/reference.py [--check].
+
+--check writes nothing and ends with exit code 1 where a page differs from what the program says.
+"""
+
+import sys
+import types
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal, Union, get_args, get_origin
+
+import typer
+from annotated_types import Ge, Gt, Le, Lt
+from command_examples import EXAMPLES
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from stereo_seecolor.cli.app import app
+from stereo_seecolor.config import RunConfig
+
+HERE = Path(__file__).parent
+BOUNDS = {Gt: "above", Ge: "from", Lt: "below", Le: "to"}
+KINDS = {bool: "true, false", int: "integer", float: "number", str: "text", Path: "path"}
+
+COMMANDS_HEAD = """# Commands
+
+```sh
+cd data_samples/reef
+stereo-seecolor run --left left --right right --calib cam.yaml --out out
+```
+
+![The commands, and what goes in and comes out of each](images/flow.svg)
+
+The examples on this page run in the folder of the sample dive, in this order. `stereo-seecolor COMMAND --help` prints the same
+options. `stereo-seecolor --install-completion` sets up completion with the Tab key for bash, zsh, fish and PowerShell.
+
+| exit code | meaning |
+| --- | --- |
+| 0 | all done |
+| 1 | a known error; one line says what is wrong, where, and what to do |
+| 2 | wrong usage |
+| 3 | finished, but some pairs failed or had no partner, or some frames are not in the map; they are named |
+| 130 | interrupted |
+"""
+
+CONFIGURATION_HEAD = """# Configuration
+
+```sh
+cd data_samples/reef
+stereo-seecolor run --left left --right right --calib cam.yaml --out out --set color.lock=survey --set matching.max_range_m=6
+```
+
+![The stages of a run and the section of the configuration that each reads](images/flow.svg)
+
+Every setting has a default that needs no tuning. Set one on the command line with `--set section.key=value` (repeatable), or
+several in a YAML file that `--config` names; `--set` wins over the file:
+
+```yaml
+color:
+  lock: survey
+matching:
+  max_range_m: 6
+```
+
+All settings of a run are written to `OUT/run.json`, so that a run can be repeated: `--config OUT/run.json`. A setting that does
+not exist is refused, and the nearest known one is suggested; so is a value out of range.
+
+## Color methods
+
+`color.method` chooses how the water is fitted. The settings of a method are a section of their own, without effect under others.
+
+| `color.method` | fit | settings |
+| --- | --- | --- |
+| `robust` (default) | physics with a white point, from quantiles of color over range | `color.robust` |
+| `paper` | DeepSeeColor's losses and model, minimized over range-value histograms | `color.paper` |
+| `paper-adam` | the same, by Adam on every pixel as published | `color.paper_adam` |
+
+A key of an earlier version is refused, and the error names the new one: `color.objective` and `color.solver` are now `color.method`
+(`objective=paper` is `method=paper`, `solver=dense` is `method=paper-adam`); `color.white_point`, `attenuation`, `scene_colors` and
+`water_depth_m` are in `color.robust`; `color.clipped_share` is `color.clipped_fraction`.
+"""
+
+
+def commands_page() -> str:
+    """All commands: usage, examples, options."""
+    group = typer.main.get_command(app)
+    order = [name for name in EXAMPLES if name in group.commands]  # type: ignore[attr-defined]
+    order += [name for name in group.commands if name not in order]  # type: ignore[attr-defined]
+    return COMMANDS_HEAD + "".join(command_section(name, group.commands[name]) for name in order)  # type: ignore[attr-defined]
+
+
+def command_section(name: str, command: Any) -> str:
+    shown = [p for p in command.params if p.name not in ("help", "install_completion", "show_completion")]
+    needed = [usage_of(p) for p in shown if p.required]
+    usage = " ".join(["stereo-seecolor", name, *needed, *(["[OPTIONS]"] if len(needed) < len(shown) else [])])
+    lines = ["", f"## `{name}`", "", paragraph(command.help or ""), "", "```text", usage, "```", ""]
+    if name in EXAMPLES:
+        lines += ["```sh", *EXAMPLES[name], "```", ""]
+    if shown:
+        lines += ["| option | value | default | what it does |", "| --- | --- | --- | --- |", *map(option_row, shown)]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def usage_of(parameter: Any) -> str:
+    metavar = parameter.metavar or parameter.name.upper()
+    return metavar if is_argument(parameter) else f"{parameter.opts[0]} {metavar}"
+
+
+def is_argument(parameter: Any) -> bool:
+    return not str(parameter.opts[0]).startswith("-")
+
+
+def option_row(parameter: Any) -> str:
+    name = usage_of(parameter) if is_argument(parameter) else ", ".join(parameter.opts)
+    annotation = parameter.type_descriptor.annotation
+    value = "" if getattr(parameter, "is_flag", False) else kind(annotation)
+    return f"| `{name}` | {value} | {default_of(parameter)} | {cell(parameter.help or '')} |"
+
+
+def default_of(parameter: Any) -> str:
+    if parameter.name == "workers":
+        return "one a core, at most 8"
+    if parameter.required:
+        return "(required)"
+    if parameter.default in (None, False, ()) or callable(parameter.default):
+        return ""
+    return f"`{parameter.default}`"
+
+
+def configuration_page() -> str:
+    """All settings, a table a section."""
+    return CONFIGURATION_HEAD + "\n".join(section_lines(RunConfig())) + "\n"
+
+
+def section_lines(model: BaseModel, prefix: str = "") -> Iterator[str]:
+    for name in type(model).model_fields:
+        value = getattr(model, name)
+        if not isinstance(value, BaseModel):
+            continue
+        yield from ("", f"## `{prefix}{name}`", "", paragraph(type(value).__doc__ or ""), "")
+        yield from ("| setting | values | default | what it does |", "| --- | --- | --- | --- |")
+        for key, field in type(value).model_fields.items():
+            if not isinstance(getattr(value, key), BaseModel):
+                yield setting_row(f"{prefix}{name}.{key}", getattr(value, key), field)
+        yield from section_lines(value, f"{prefix}{name}.")
+
+
+def setting_row(key: str, default: object, field: FieldInfo) -> str:
+    shown = str(default).lower() if isinstance(default, bool) else default
+    values = f"{kind(field.annotation)}{bounds(field)}"
+    return f"| `{key}` | {values} | {'' if default is None else f'`{shown}`'} | {cell(field.description or '')} |"
+
+
+def bounds(field: FieldInfo) -> str:
+    limits = [limit for limit in field.metadata if type(limit) in BOUNDS]
+    found = [f"{BOUNDS[type(limit)]} {getattr(limit, type(limit).__name__.lower()):g}" for limit in limits]
+    return f" {' '.join(found)}" if found else ""
+
+
+def kind(annotation: Any) -> str:
+    """An annotation in words: the choices of a Literal, 'number', 'path', 'number or none'."""
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return ", ".join(f"`{'none' if value is None else value}`" for value in arguments)
+    if origin in (Union, types.UnionType):
+        return " or ".join(kind(argument) for argument in arguments if argument is not type(None))
+    if origin in (list, tuple):
+        counted = [a for a in arguments if a is not Ellipsis]
+        return f"{len(counted)} of {kind(counted[0])}" if len(counted) > 1 else kind(counted[0])
+    if origin is not None and arguments:  # Annotated
+        return kind(arguments[0])
+    return KINDS.get(annotation, getattr(annotation, "__name__", str(annotation)).lower())
+
+
+def cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "/").replace("<", "&lt;")
+
+
+def paragraph(text: str) -> str:
+    return "\n".join(line.strip() for line in text.strip().splitlines())
+
+
+def main(check: bool) -> int:
+    """Write both pages, or compare them; returns the exit code."""
+    stale = 0
+    for path, text in ((HERE / "commands.md", commands_page()), (HERE / "configuration.md", configuration_page())):
+        if check and path.read_text(encoding="utf-8") != text:
+            print(f"{path}: differs from the program; run python docs/reference.py", file=sys.stderr)
+            stale = 1
+        elif not check:
+            path.write_text(text, encoding="utf-8", newline="\n")
+    return stale
+
+
+if __name__ == "__main__":
+    sys.exit(main("--check" in sys.argv[1:]))

@@ -1,0 +1,131 @@
+"""What the documentation tells people to type does what it says, and the generated pages are those of this program."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from calibration_boards import photograph_board
+
+from stereo_seecolor.cli import main
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.glob("*.md"))
+DIVE = Path("data_samples/reef")
+FRAMES = range(3, 9)
+"""The frames of the sample dive where its two lines overlap: enough for everything, and half the time."""
+
+FINISHED = (0, None)
+SHOWN_ONLY = ("view",)
+"""Commands that open a window: only their help is asked for."""
+
+MOST_BYTES = 200_000
+
+
+def blocks(path: Path) -> list[tuple[str, str]]:
+    """(language, content) of every code block of a page."""
+    return re.findall(r"^```(\w+)\n(.*?)^```", path.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def runnable(path: Path) -> list[tuple[str, str]]:
+    return [(language, content) for language, content in blocks(path) if language in ("sh", "python")]
+
+
+@pytest.fixture
+def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder that looks like a checkout, with a shorter sample dive in it; the working folder."""
+    for folder in ("left", "right", "truth/range", "truth/color", "truth/visible"):
+        target = tmp_path / DIVE / folder
+        target.mkdir(parents=True)
+        for path in sorted((ROOT / DIVE / folder).iterdir())[FRAMES.start : FRAMES.stop]:
+            shutil.copy(path, target)
+    for file in ("cam.yaml", "trajectory.tum", "truth/water.json", "truth/surface.npz"):
+        shutil.copy(ROOT / DIVE / file, tmp_path / DIVE / file)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def run_line(line: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run one line of a shell block: a change of the folder, or the program."""
+    words = shlex.split(line, comments=True)
+    if words[0] == "cd":
+        monkeypatch.chdir(words[1])
+        return
+    assert words[0] == "stereo-seecolor", f"{line}: blocks of 'sh' hold only commands that the tests can run; use 'bash'"
+    monkeypatch.setattr("sys.argv", [*words[:2], "--help"] if words[1] in SHOWN_ONLY else words)
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code in FINISHED, line
+
+
+def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if language == "python":
+        exec(compile(content, "documentation", "exec"), {})
+        return
+    for line in filter(None, content.splitlines()):
+        run_line(line, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(600)
+@pytest.mark.usefixtures("open3d")
+@pytest.mark.parametrize("page", [page for page in PAGES if runnable(page)], ids=lambda page: page.stem)
+def test_commands_of_a_page_run(page: Path, checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    if "board/left" in page.read_text(encoding="utf-8"):  # images of the chessboard that the examples calibrate with
+        (checkout / DIVE / "board").mkdir()
+        photograph_board(checkout / DIVE / "board", "chessboard:9x6:30mm")
+    for language, content in runnable(page):
+        if content.startswith("cd "):
+            monkeypatch.chdir(checkout)
+        run_block(language, content, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("open3d")
+def test_commands_of_the_readme_run(checkout: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(checkout / DIVE)
+    for language, content in runnable(ROOT / "README.md"):
+        if ".venv" not in content:  # those two are run by tests/test_readme.py and .ci/run
+            run_block(language, content, monkeypatch)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_every_page_opens_with_an_example_and_a_picture(page: Path) -> None:
+    opening = page.read_text(encoding="utf-8").split("\n## ")[0]
+    assert re.search(r"^```(sh|bash|python)$", opening, flags=re.MULTILINE)
+    assert re.search(r"!\[.+?\]\(images/", opening)
+
+
+def test_pictures_exist_and_are_small() -> None:
+    text = "".join(page.read_text(encoding="utf-8") for page in (*PAGES, ROOT / "README.md"))
+    named = {Path(name).name for name in re.findall(r"!\[.*?\]\((?:docs/)?images/(.+?)\)", text)}
+    files = {path.name: path.stat().st_size for path in (DOCS / "images").iterdir()}
+    assert named == set(files)
+    assert not [name for name, size in files.items() if size > MOST_BYTES]
+
+
+def test_links_of_the_top_level_texts_lead_somewhere() -> None:
+    for page in ROOT.glob("*.md"):
+        for link in re.findall(r"\]\(((?!https?:)[^)#]+)\)", page.read_text(encoding="utf-8")):
+            assert (ROOT / link).exists(), f"{page.name}: {link}"
+
+
+def test_every_page_is_in_the_sites_index() -> None:
+    trees = re.findall(r"```{toctree}(.*?)```", (DOCS / "index.md").read_text(encoding="utf-8"), flags=re.DOTALL)
+    listed = re.findall(r"^[\w-]+$", "".join(trees), flags=re.MULTILINE)
+    assert sorted(listed) == sorted(page.stem for page in PAGES if page.stem != "index")
+
+
+def test_reference_pages_are_those_of_this_program() -> None:
+    command = [sys.executable, str(DOCS / "reference.py"), "--check"]
+    checked = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert checked.returncode == 0, checked.stderr
+
+
+def test_every_command_has_an_example() -> None:
+    for section in (DOCS / "commands.md").read_text(encoding="utf-8").split("\n## ")[1:]:
+        assert "```sh\n" in section, f"{section.splitlines()[0]}: add an example to docs/command_examples.py"
