@@ -1,0 +1,407 @@
+"""Forty ways to lose a user's data, each tried: nothing is lost, and one clear line says why."""
+
+import csv
+import errno
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from conftest import Dive, contents
+
+from calibration.formats import load_rig, write_rig
+from stereo_seecolor.commands.correct import correct
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.rectify import rectify
+from stereo_seecolor.commands.run import range_maps, run
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.config_file import load_config
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.files import atomic
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder import folder as run_folder
+from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.folder import held
+from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+
+PRECIOUS = b"three years of field notes"
+PRODUCT_FOLDERS = ("corrected", "range", "range_std", "confidence", "mask", "clouds", "rectified_left", "rectified_right", "map")
+DIVE_FILES = ("run.json", "frames.csv", "water.json", "rig.yaml", "water_measured.json", "rectified.yaml")
+BOTH = pytest.mark.parametrize("overwrite", [False, True])
+
+
+@pytest.fixture
+def dive(make_dive: Callable[..., Dive]) -> Dive:
+    return make_dive(3)
+
+
+def go(
+    dive: Dive, out: Path, *settings: str, overwrite: bool = False, calib: Path | None = None, water: Path | None = None
+) -> RunSummary:
+    options = RunOptions(overwrite=overwrite)
+    return run(
+        dive.root / "L", dive.root / "R", calib or dive.root / "cam.yaml", out, load_config(None, settings), options, water=water
+    )
+
+
+def keep(path: Path) -> Path:
+    """A file of the user's."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(PRECIOUS)
+    return path
+
+
+def statuses(out: Path) -> dict[str, str]:
+    return {row["name"]: row["status"] for row in csv.DictReader((out / "frames.csv").read_text().splitlines())}
+
+
+# A folder that never was the program's
+
+
+@BOTH
+@pytest.mark.parametrize("name", [*(f"{folder}/notes.txt" for folder in PRODUCT_FOLDERS), *DIVE_FILES, "thesis.tex", ".state/mine"])
+def test_a_folder_of_the_users_own_is_refused(dive: Dive, tmp_path: Path, name: str, overwrite: bool) -> None:
+    mine = keep(tmp_path / "data" / name)
+    with pytest.raises(OutputError, match="holds other files"):
+        go(dive, tmp_path / "data", overwrite=overwrite)
+    assert mine.read_bytes() == PRECIOUS
+    assert [path for path in (tmp_path / "data").rglob("*") if path.is_file()] == [mine]
+
+
+@BOTH
+@pytest.mark.parametrize("name", ["corrected", "range", "map", ".state"])
+def test_a_link_out_of_the_folder_is_not_followed(dive: Dive, tmp_path: Path, name: str, overwrite: bool) -> None:
+    mine = keep(tmp_path / "elsewhere/notes.txt")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / name).symlink_to(mine.parent)
+    with pytest.raises(OutputError, match="is a link"):
+        go(dive, tmp_path / "out", overwrite=overwrite)
+    assert [path.name for path in mine.parent.iterdir()] == ["notes.txt"]
+
+
+def test_out_may_be_a_link_itself(dive: Dive, tmp_path: Path) -> None:
+    (tmp_path / "big disk").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "big disk")
+    assert go(dive, tmp_path / "out").all_done
+    assert (tmp_path / "big disk/corrected/0000.png").exists()
+
+
+# A folder of the program's, with files of the user's in it
+
+
+@pytest.mark.parametrize("name", ["notes.txt", "annotations/0000.json", "corrected/.DS_Store", "corrected/0000.jpg"])
+def test_files_that_are_in_nobodys_way_stay(dive: Dive, tmp_path: Path, name: str) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    mine = keep(out / name)
+    for settings, overwrite in (((), False), (("color.lock=survey",), False), ((), True)):
+        assert go(dive, out, *settings, overwrite=overwrite).all_done
+        assert mine.read_bytes() == PRECIOUS
+
+
+@BOTH
+@pytest.mark.parametrize("name", [*(f"{folder}/notes.txt" for folder in PRODUCT_FOLDERS), "water_measured.json"])
+def test_files_in_a_products_place_are_refused(dive: Dive, tmp_path: Path, name: str, overwrite: bool) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    before, mine = contents(out), keep(out / name)
+    with pytest.raises(OutputError, match=r"is not of this program.*nothing was touched"):
+        go(dive, out, "color.lock=survey", overwrite=overwrite)
+    assert mine.read_bytes() == PRECIOUS
+    assert contents(out).items() >= before.items()
+
+
+@pytest.mark.parametrize(
+    ("settings", "overwrite"), [(("color.lock=survey",), False), ((), True), (("output.image_format=jpg",), False)]
+)
+def test_a_product_that_the_user_edited_is_kept_aside(
+    dive: Dive, tmp_path: Path, settings: tuple[str, ...], overwrite: bool
+) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    keep(out / "corrected/0001.png")
+    summary = go(dive, out, *settings, overwrite=overwrite)
+    assert (out / "set_aside/corrected/0001.png").read_bytes() == PRECIOUS
+    assert any("0001.png: was changed since the program wrote it" in note for note in summary.notes)
+    assert summary.all_done
+    assert len(list((out / "corrected").iterdir())) == 3
+
+
+@BOTH
+def test_a_product_replaced_by_a_link_is_not_written_through(dive: Dive, tmp_path: Path, overwrite: bool) -> None:
+    out, mine = tmp_path / "out", keep(tmp_path / "elsewhere/photo.png")
+    go(dive, out)
+    (out / "corrected/0001.png").unlink()
+    (out / "corrected/0001.png").symlink_to(mine)
+    go(dive, out, "color.lock=survey", overwrite=overwrite)
+    assert mine.read_bytes() == PRECIOUS
+    assert not (out / "corrected/0001.png").is_symlink()
+
+
+def test_overwrite_deletes_what_the_manifest_names_and_nothing_else(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    mine = keep(out / "notes.txt")
+    (dive.root / "L/0002.png").unlink()
+    go(dive, out, "output.clouds=false", overwrite=True)
+    assert mine.read_bytes() == PRECIOUS
+    assert not (out / "clouds").exists()
+    assert sorted(path.name for path in (out / "corrected").iterdir()) == ["0000.png", "0001.png"]
+
+
+# Inputs inside OUT
+
+
+@pytest.mark.parametrize("given", ["water.json", "run.json", "rig.yaml"])
+def test_overwrite_never_deletes_its_own_inputs(dive: Dive, tmp_path: Path, given: str) -> None:
+    out = tmp_path / "out"
+    go(dive, out, "color.lock=survey")
+    before = contents(out)
+    left, right, calib = dive.root / "L", dive.root / "R", out / "rig.yaml" if given == "rig.yaml" else dive.root / "cam.yaml"
+    options = RunOptions(overwrite=True, config_file=out / "run.json" if given == "run.json" else None)
+    with pytest.raises(OutputError, match=rf"{given}: is an input of this run.*nothing was touched"):
+        run(left, right, calib, out, options=options, water=out / "water.json" if given == "water.json" else None)
+    assert contents(out) == before
+
+
+@BOTH
+def test_range_maps_are_not_overwritten_by_their_own_correction(dive: Dive, tmp_path: Path, overwrite: bool) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    before = contents(out)
+    with pytest.raises(OutputError, match="another dive or command" if not overwrite else "is an input of this run"):
+        correct(dive.root / "L", out / "range", out, options=RunOptions(overwrite=overwrite))
+    assert contents(out) == before
+
+
+def test_images_inside_out_are_not_deleted(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    rectify(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
+    with pytest.raises(OutputError, match="is an input of this run"):
+        run(out / "rectified_left", out / "rectified_right", out / "rectified.yaml", out, options=RunOptions(overwrite=True))
+    assert len(list((out / "rectified_left").iterdir())) == 3
+
+
+def test_a_run_may_take_the_water_of_its_own_folder(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out, "color.lock=survey")
+    water = (out / "water.json").read_bytes()
+    assert go(dive, out, "color.lock=survey", water=out / "water.json").all_done
+    assert (out / "water.json").read_bytes() == water
+
+
+# Other dives, other commands, other programs
+
+
+def test_another_dives_results_are_refused_without_the_flag(dive: Dive, make_dive, tmp_path: Path) -> None:  # type: ignore[no-untyped-def]
+    out = tmp_path / "out"
+    go(dive, out)
+    before = contents(out)
+    (tmp_path / "first").mkdir()
+    dive.root.rename(tmp_path / "first/dive")
+    other = make_dive(3, seed=5)
+    other.root.rename(tmp_path / "second")
+    with pytest.raises(OutputError, match="holds the results of another dive"):
+        go(replace(other, root=tmp_path / "second"), out)
+    assert contents(out) == before
+
+
+@pytest.mark.parametrize("command", [range_maps, rectify])
+def test_two_programs_never_write_into_one_folder(dive: Dive, tmp_path: Path, command: Callable[..., RunSummary]) -> None:
+    out = tmp_path / "out"
+    with held(out), pytest.raises(OutputError, match="another run is writing into it now"):
+        command(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
+
+
+def test_rectified_images_are_refused_where_a_run_lies(dive: Dive, tmp_path: Path) -> None:
+    go(dive, tmp_path / "out")
+    with pytest.raises(OutputError, match="another dive or command"):
+        rectify(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
+
+
+# Moved and copied
+
+
+def test_a_moved_dive_and_a_moved_out_go_on(dive: Dive, tmp_path: Path) -> None:
+    go(dive, tmp_path / "out")
+    dive.root.rename(tmp_path / "moved dive")
+    (tmp_path / "out").rename(tmp_path / "moved out")
+    summary = go(replace(dive, root=tmp_path / "moved dive"), tmp_path / "moved out")
+    assert (summary.kept, summary.all_done) == (3, True)
+
+
+def test_a_copied_out_is_still_the_programs(dive: Dive, tmp_path: Path) -> None:
+    go(dive, tmp_path / "out")
+    shutil.copytree(tmp_path / "out", tmp_path / "copy", copy_function=shutil.copyfile)
+    summary = go(dive, tmp_path / "copy")
+    assert (summary.kept, summary.notes) == (3, ())
+    assert not (tmp_path / "copy/set_aside").exists()
+
+
+def test_a_finished_run_is_read_without_its_inputs(dive: Dive, tmp_path: Path) -> None:
+    go(dive, tmp_path / "out")
+    shutil.rmtree(dive.root)
+    (tmp_path / "out").rename(tmp_path / "elsewhere")
+    finished = open_run(tmp_path / "elsewhere")
+    assert [frame.name for frame in finished.frames] == ["0000", "0001", "0002"]
+    assert finished.rig.baseline_m == pytest.approx(0.1)
+    assert finished.frames[0].read("corrected").shape == (128, 176, 3)
+
+
+# Nothing stale
+
+
+def test_a_changed_format_leaves_nothing_of_the_old_one(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    go(dive, out, "output.image_format=jpg", "output.clouds=false", "output.range_std=false")
+    assert {path.suffix for path in (out / "corrected").iterdir()} == {".jpg"}
+    assert not list(out.glob("clouds/*")) + list(out.glob("range_std/*"))
+    assert open_run(out).frames[0].products.keys() == {"range", "confidence", "corrected", "mask"}
+
+
+def test_a_pair_that_fails_now_keeps_no_old_products(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    (dive.root / "R/0001.png").write_bytes(b"broken")
+    assert not go(dive, out).all_done
+    assert not list(out.glob("*/0001.*"))
+    assert statuses(out) == {"0000": "ok", "0001": "failed", "0002": "ok"}
+
+
+def test_a_removed_pair_takes_its_products_with_it(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    for side in "LR":
+        (dive.root / side / "0001.png").unlink()
+    assert go(dive, out).all_done
+    assert not list(out.glob("*/0001.*"))
+
+
+def test_ranges_by_another_calibration_leave_no_old_colors(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    rig = load_rig(dive.root / "cam.yaml")
+    wider = rig.T_right_left.copy()
+    wider[0, 3] *= 1.1
+    write_rig(replace(rig, T_right_left=wider), dive.root / "other.yaml")
+    range_maps(dive.root / "L", dive.root / "R", dive.root / "other.yaml", out)
+    assert not list(out.glob("corrected/*")) + list(out.glob("mask/*"))
+    with pytest.raises(InputError, match="holds no frame that went through all stages"):
+        SurveyFrames(open_run(out))
+
+
+def test_ranges_by_the_same_settings_keep_the_colors(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out, "color.lock=survey")
+    before = contents(out)
+    assert range_maps(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out).kept == 3
+    assert contents(out) == before
+    assert open_run(out).config.color.lock == "survey"
+    assert len(SurveyFrames(open_run(out))) == 3
+
+
+# Stopped and starved
+
+
+class Interrupting:
+    """Ctrl-C at the nth pair."""
+
+    def __init__(self, at: int) -> None:
+        self.left = at
+
+    def begin(self, stage: str, total: int) -> None:
+        """Nothing."""
+
+    def advance(self, row: FrameRow) -> None:
+        """Interrupt."""
+        self.left -= 1
+        if self.left == 0:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("at", [1, 4])
+def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path, at: int) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    options = RunOptions(workers=1, listener=Interrupting(at))
+    config = load_config(None, ["color.scene_colors=gray", "matching.min_confidence=0.5"])
+    summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, config, options)
+    assert summary.stopped
+    assert summary.count("pending") >= 2
+    assert statuses(out).keys() == {"0000", "0001", "0002"}
+    with pytest.raises(InputError, match="was stopped midway"):
+        SurveyFrames(open_run(out))
+    assert go(dive, out).all_done
+    assert len(SurveyFrames(open_run(out))) == 3
+
+
+def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    options = RunOptions(workers=1, listener=Interrupting(5))
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
+    corrected = {path.stem for path in (out / "corrected").iterdir()}
+    assert {name for name, status in statuses(out).items() if status == "ok"} == corrected
+    assert json.loads((out / "run.json").read_text())["totals"]["stopped"]
+
+
+@pytest.mark.parametrize("writes", range(1, 28, 3))
+def test_a_full_disk_loses_nothing(dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int) -> None:
+    out, left = tmp_path / "out", writes
+    go(dive, tmp_path / "whole")
+    genuine = atomic.write_temporary
+
+    def full(path: Path, content: atomic.Content) -> Path:
+        nonlocal left
+        left -= 1
+        if left < 0:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return genuine(path, content)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(atomic, "write_temporary", full)
+        patched.setattr(run_folder, "write_temporary", full)
+        with pytest.raises(OutputError, match="No space left on device"):
+            go(dive, out)
+    mine = keep(out / "notes.txt") if (out / ".state/manifest.json").exists() else None
+    assert go(dive, out).all_done
+    assert contents(out) == contents(tmp_path / "whole")
+    assert mine is None or mine.read_bytes() == PRECIOUS
+    assert not list(out.rglob(".writing-*"))
+
+
+def test_a_damaged_manifest_is_refused_untouched(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    before = contents(out)
+    (out / ".state/manifest.json").write_text("{")
+    for overwrite in (False, True):
+        with pytest.raises(OutputError, match=r"manifest\.json: is damaged"):
+            go(dive, out, overwrite=overwrite)
+    assert contents(out) == before
+
+
+def test_a_folder_turned_into_a_file_is_left_alone(dive: Dive, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    shutil.rmtree(out / "corrected")
+    mine = keep(out / "corrected")
+    with pytest.raises(OutputError, match="corrected"):
+        go(dive, out, "color.lock=survey")
+    assert mine.read_bytes() == PRECIOUS
+
+
+# The map
+
+
+def test_a_users_file_in_the_map_is_refused(dive: Dive, tmp_path: Path, open3d: None) -> None:
+    out = tmp_path / "out"
+    go(dive, out)
+    mine = keep(out / "map/report.docx")
+    with pytest.raises(OutputError, match=r"report\.docx: is not of this program"):
+        fuse(out, config=RunConfig())
+    assert mine.read_bytes() == PRECIOUS
