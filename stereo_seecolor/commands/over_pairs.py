@@ -22,6 +22,7 @@ from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow, Image
 from stereo_seecolor.run_folder.claim import Owner
+from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import Claim, RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import Stage, state
@@ -89,6 +90,7 @@ class Job:
     def conduct(self, folder: RunFolder, options: RunOptions) -> RunSummary:
         """All passes; Ctrl-C ends them early. run.json and frames.csv tell at any time what was done."""
         start, dive, complete = time.perf_counter(), Dive(self.source, folder, options), False
+        earlier = earlier_config(folder)
         folder.update(replace(folder.dive, state="running"))
         try:
             self.passes(dive, folder)
@@ -96,9 +98,12 @@ class Job:
         except KeyboardInterrupt:
             pass
         finally:
-            close_run(folder, self.description, complete)
+            description = self.description
+            if description.last == "range" and "corrected" in folder.dive.settings and earlier:
+                description = replace(description, config=earlier)  # corrected frames of an earlier run are still current
+            close_run(folder, description, complete)
             summary = self._summary(folder, dive.table.rows, time.perf_counter() - start, not complete)
-            write_reports(folder, self.description, summary)
+            write_reports(folder, description, summary)
         return replace(summary, products=products(folder))
 
     def _summary(self, folder: RunFolder, rows: Sequence[FrameRow], seconds: float, stopped: bool) -> RunSummary:
@@ -109,6 +114,14 @@ class Job:
         aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
         notes = (*self.pairing.notes, *aside, *folder.removed)
         return RunSummary(final_rows(folder, self.description, [*rows, *unpaired]), notes, seconds, stopped)
+
+
+def earlier_config(folder: RunFolder) -> RunConfig | None:
+    """The settings of the run that OUT holds already, if it holds one."""
+    try:
+        return open_run(folder.root).config
+    except InputError:
+        return None
 
 
 def claim(owner: Owner, options: RunOptions, inputs: Sequence[Path | None]) -> Claim:
