@@ -51,7 +51,7 @@ def plain_loop(dive: Path, out: Path) -> None:
         frame = StereoFrame(left.stem, read_image(left), read_image(dive / "right" / left.name))
         result = pipeline.process(frame)
         files = range_files(left.stem, result.range_map, output)
-        files |= correction_files(left.stem, result.correction, result.range_map, geometry, output)
+        files |= correction_files(left.stem, result.correction, result.range_map, geometry, output, b"")
         for path, content in files.values():
             write_atomic(out / path, content)
 

@@ -18,9 +18,10 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_alone
-from stereo_seecolor.records import FrameRow, Image, Map, RangeMap, Water
+from stereo_seecolor.records import Capture, FrameRow, Image, Map, RangeMap, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
@@ -35,6 +36,7 @@ class Source(Protocol):
 
     config: RunConfig
     corrector: Corrector
+    reader: FrameReader
     geometry: RectifiedPair | None
     makes_ranges: bool
     settings: str
@@ -108,7 +110,8 @@ class FrameStages:
 
     def _measured(self, ranged: Ranged, clock: Clock) -> Ranged:
         image, range_map = self._source.measure(ranged.pair, clock)
-        stage = StageRecord(ranged.key, self.range_settings, facts=_facts(range_map), warnings=range_map.warnings)
+        facts = _facts(range_map) | _recorded(self._source.reader.capture(ranged.pair.left))
+        stage = StageRecord(ranged.key, self.range_settings, facts=facts, warnings=range_map.warnings)
         with clock("write"):
             makes, output = self._source.makes_ranges, self._source.config.output
             files = range_files(ranged.pair.name, range_map, output) if makes else {}
@@ -179,7 +182,8 @@ class FrameStages:
             }
             record = StageRecord(key, self.color_settings, water_hash, facts=facts, warnings=correction.warnings)
             with clock("write"):
-                files = correction_files(ranged.pair.name, correction, range_map, self._source.geometry, config.output)
+                exif = self._source.reader.capture(ranged.pair.left).exif
+                files = correction_files(ranged.pair.name, correction, range_map, self._source.geometry, config.output, exif)
                 self._folder.save(ranged.record.with_stage("corrected", record), "corrected", files)
         return ranged.row.then(FrameRow(ranged.pair.name, kept=kept, warnings=record.warnings, facts=dict(record.facts)))
 
@@ -196,6 +200,16 @@ def _facts(range_map: RangeMap) -> dict[str, float]:
     sample_m = measured_m[::MEDIAN_STEP_PX, ::MEDIAN_STEP_PX]
     known_m = sample_m[np.isfinite(sample_m)]
     return facts | ({"median_range_m": float(np.median(known_m))} if known_m.size else {})
+
+
+def _recorded(capture: Capture) -> dict[str, float]:
+    """What the camera recorded of its exposure: seconds, gain as a factor (1 = ISO 100), f-number."""
+    facts = {
+        "camera_exposure_s": capture.exposure_s,
+        "camera_gain": capture.gain,
+        "camera_aperture": capture.aperture,
+    }
+    return {name: value for name, value in facts.items() if value is not None}
 
 
 def _table_content(table: MomentTable, key: str) -> bytes:

@@ -4,6 +4,7 @@ A pair is read, rectified onto one image plane, and matched to a range map (``me
 range; the water is taken out (``correct``). ``process`` is these steps in memory, for whoever holds two arrays.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.matcher import Matcher
@@ -35,6 +37,7 @@ class Pipeline:
         self.matcher = Matcher(self.rectification.matching_pair, self.config.matching, self.rectification.seen_left())
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
         self.corrector = Corrector(self.config.color)
+        self.reader = FrameReader(self.config.input)
         self.settings = self._settings()
 
     def _settings(self) -> str:
@@ -51,8 +54,7 @@ class Pipeline:
 
     def read(self, pair: Pair) -> StereoFrame:
         """Both images as the cameras gave them. Raises InputError."""
-        left, right = (read_image(path, self.config.input) for path in (pair.left, pair.right))
-        return StereoFrame(pair.name, left, right, pair.timestamp_s)
+        return self.reader.read(pair)
 
     def image(self, pair: Pair, clock: Clock) -> Image:
         """The rectified left image, upright. Raises InputError, CalibrationError."""
@@ -78,12 +80,12 @@ class Pipeline:
         with clock("rectify"):
             upright = self.rectification.upright
             left, right = upright(rectified.left), upright(rectified.right)
-            return StereoFrame(raw.name, left, right, raw.timestamp_s), range_map.each(upright)
+            return replace(rectified, left=left, right=right), range_map.each(upright)
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
         """Both images onto one image plane, turned so that the baseline is +x. Raises CalibrationError for another size."""
         left, right = self.rectification.apply_left(frame.left), self.rectification.apply_right(frame.right)
-        return StereoFrame(frame.name, left, right, frame.timestamp_s)
+        return replace(frame, left=left, right=right)
 
     def match(self, frame: StereoFrame) -> RangeMap:
         """The range map of a rectified pair."""
@@ -108,6 +110,7 @@ class RangedImages:
     def __init__(self, config: RunConfig) -> None:
         self.config = config
         self.corrector = Corrector(config.color)
+        self.reader = FrameReader(config.input)
         self.settings = content_key(__version__, config.input.model_dump())
 
     def inputs(self, pair: Pair) -> dict[str, Path]:

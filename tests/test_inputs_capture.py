@@ -12,7 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image, ImageCms
 
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.encode import ImageFormat, encode_image
 from stereo_seecolor.inputs.capture import read_capture
@@ -168,3 +170,20 @@ def test_monochrome_images_are_told_by_their_pixels() -> None:
     assert not is_monochrome(np.zeros_like(gray)), "a black frame may be any camera's"
     gray[5, 7, 1] ^= 1
     assert not is_monochrome(gray)
+
+
+@pytest.mark.parametrize("lock", ["frame", "survey"])
+def test_a_run_carries_what_the_camera_recorded(make_dive, tmp_path: Path, lock: str) -> None:
+    dive = make_dive(2)
+    exif = Image.Exif()
+    exif[0x010F] = "Reef Cameras"
+    exif.get_ifd(0x8769).update(CAMERA | TIME)
+    for path in [dive.root / side / f"{i:04d}.png" for side in "LR" for i in range(2)]:
+        Image.open(path).save(path, exif=exif)
+    out = tmp_path / "out"
+    summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, [f"color.lock={lock}"]))
+    corrected = read_capture((out / "corrected" / "0001.png").read_bytes())
+    assert (corrected.exposure_s, corrected.gain, corrected.captured_s) == (pytest.approx(0.004), 4, 1614798367.25)
+    facts = summary.rows[0].facts
+    recorded = facts["camera_exposure_s"], facts["camera_gain"], facts["camera_aperture"]
+    assert recorded == (pytest.approx(0.004), 4, pytest.approx(2.8))

@@ -6,9 +6,10 @@ import pytest
 
 from calibration import Rectification
 from calibration.formats import load_rig
+from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.inputs.neighbors import agreeing_points, neighbor_that_fits
+from stereo_seecolor.inputs.neighbors import agreeing_points, misfit_notes, neighbor_that_fits
 from stereo_seecolor.inputs.pairing import pair_folders
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
@@ -50,3 +51,23 @@ def test_a_damaged_neighbor_is_passed_over(make_dive) -> None:
     rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
     pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
     assert neighbor_that_fits(pairs[0], pairs, rectification, InputConfig()) is None
+
+
+def test_a_run_names_the_neighbor_that_fits(make_dive, tmp_path: Path) -> None:
+    dive = make_dive(4)
+    renumber(dive.root / "L", 0)
+    renumber(dive.root / "R", 1)
+    summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
+    assert summary.count("failed") == 3
+    assert "0021.png fits 0022.png, not 0021.png: are the sides numbered alike?" in summary.notes
+
+
+def test_notes_are_given_for_a_few_pairs_and_none_for_files_that_are_gone(make_dive) -> None:
+    dive = make_dive(6)
+    renumber(dive.root / "L", 0)
+    renumber(dive.root / "R", 1)
+    rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
+    pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
+    pairs[0].left.unlink()
+    notes = misfit_notes(pairs, {pair.name for pair in pairs}, rectification, InputConfig())
+    assert [note.partition(",")[0] for note in notes] == ["0022.png fits 0023.png", "0023.png fits 0024.png"]

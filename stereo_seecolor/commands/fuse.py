@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory
+from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory, trajectory_file
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
@@ -46,7 +46,7 @@ def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, 
     config = config or run.config
     check_fusion(poses, config)
     SurveyFrames(run)  # refuses a run that cannot be fused before anything is written into it
-    with RunFolder.existing(out, (poses,) if poses else ()) as folder:
+    with RunFolder.existing(out, (trajectory_file(poses),) if poses else ()) as folder:
         frames = SurveyFrames(open_run(out))
         trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
         with building_map(folder, folder.digest("corrected")) as building:

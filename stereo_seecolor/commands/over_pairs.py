@@ -16,8 +16,10 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.frame_stages import Source
 from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing, pair_folders
 from stereo_seecolor.inputs.video import is_video, unpack
+from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow, Image
@@ -108,12 +110,19 @@ class Job:
 
     def _summary(self, folder: RunFolder, rows: Sequence[FrameRow], seconds: float, stopped: bool) -> RunSummary:
         unpaired = [
-            FrameRow(file.path.stem, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}")
+            FrameRow(file.name, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}")
             for file in self.pairing.unpaired
         ]
         aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
-        notes = (*self.pairing.notes, *aside, *folder.removed)
+        notes = (*self.pairing.notes, *aside, *folder.removed, *self._misfit_notes(rows))
         return RunSummary(final_rows(folder, self.description, [*rows, *unpaired]), notes, seconds, stopped)
+
+    def _misfit_notes(self, rows: Sequence[FrameRow]) -> tuple[str, ...]:
+        rectification = self.description.rectification
+        failed = {row.name for row in rows if NOT_ONE_SCENE in row.error}
+        if rectification is None or not failed:
+            return ()
+        return misfit_notes(self.pairing.pairs, failed, rectification, self.description.config.input)
 
 
 def earlier_config(folder: RunFolder) -> RunConfig | None:

@@ -1,5 +1,7 @@
 """A pair's two files as one StereoFrame: pixels, and what the cameras recorded of them."""
 
+from pathlib import Path
+
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.exposure import ExposureTable
@@ -17,14 +19,14 @@ class FrameReader:
 
     def read(self, pair: Pair) -> StereoFrame:
         """Both images, not rectified. Raises InputError if one cannot be read."""
-        return self.decode(pair, read_image_bytes(pair.left), read_image_bytes(pair.right))
+        contents = {path: read_image_bytes(path) for path in (pair.left, pair.right)}
+        images = [decode_image(content, path, self._config) for path, content in contents.items()]
+        captures = [self._captured(path, content) for path, content in contents.items()]
+        return StereoFrame(pair.name, images[0], images[-1], pair.timestamp_s, captures[0], captures[-1])
 
-    def decode(self, pair: Pair, left: bytes, right: bytes) -> StereoFrame:
-        """As read, from the contents of both files."""
-        images = decode_image(left, pair.left, self._config), decode_image(right, pair.right, self._config)
-        captures = self.captures(pair, left, right)
-        return StereoFrame(pair.name, *images, pair.timestamp_s, *captures)
+    def capture(self, path: Path) -> Capture:
+        """What the camera recorded beside the pixels of one image. Raises InputError if it cannot be read."""
+        return self._captured(path, read_image_bytes(path))
 
-    def captures(self, pair: Pair, left: bytes, right: bytes) -> tuple[Capture, Capture]:
-        """What the left and the right camera recorded."""
-        return self._exposures.applied(read_capture(left), pair.left), self._exposures.applied(read_capture(right), pair.right)
+    def _captured(self, path: Path, content: bytes) -> Capture:
+        return self._exposures.applied(read_capture(content), path)

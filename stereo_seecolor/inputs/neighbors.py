@@ -1,17 +1,21 @@
 """Do a pair's two images show the same scene, and if not, does the left one fit the right one of a neighbor?"""
 
-from collections.abc import Sequence
+import contextlib
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from calibration import Rectification
+from calibration import CalibrationError, Rectification
 from calibration.matches import find_matches
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
+
+NOTED_MISFITS = 3
+"""So many failed pairs of a dive are compared with their neighbors, which takes as long as matching some pairs."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,18 @@ def neighbor_that_fits(pair: Pair, pairs: Sequence[Pair], rectification: Rectifi
     found = [(_points_or_none(rectification, left, other, config), other) for other in others]
     points, best = max(found, key=lambda item: item[0], default=(0, pair))
     return best if points >= max(_LIMITS.points, _LIMITS.ratio * own) else None
+
+
+def misfit_notes(
+    pairs: Sequence[Pair], failed: Collection[str], rectification: Rectification, config: InputConfig
+) -> tuple[str, ...]:
+    """A line for each of the first few pairs of the names ``failed`` whose left image fits the right one of a neighbor."""
+    notes = []
+    for pair in [pair for pair in pairs if pair.name in failed][:NOTED_MISFITS]:
+        with contextlib.suppress(InputError, CalibrationError):
+            if other := neighbor_that_fits(pair, pairs, rectification, config):
+                notes.append(f"{pair.left.name} fits {other.right.name}, not {pair.right.name}: are the sides numbered alike?")
+    return tuple(notes)
 
 
 def _points_or_none(rectification: Rectification, left: Image, other: Pair, config: InputConfig) -> int:

@@ -24,6 +24,8 @@ class PairCheckConstants:
 
 
 CONSTANTS = PairCheckConstants()
+NOT_ONE_SCENE = "the two images do not show the same thing"
+"""In the message of a pair that fails for that, so that its neighbors can be tried."""
 
 
 def coverage(range_map: RangeMap) -> float:
@@ -54,8 +56,8 @@ class PairCheck:
         self._check_swapped(raw, matched)
         if matched < CONSTANTS.least_coverage:
             raise MatchingError(
-                f"{raw.name}: only {matched:.1%} of the pixels match: the two images do not show the same thing (are they of one "
-                "pair?), or all of it lies outside matching.min_range_m to matching.max_range_m"
+                f"{raw.name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of one pair?), or "
+                "all of it lies outside matching.min_range_m to matching.max_range_m"
             )
 
     def _check_swapped(self, raw: StereoFrame, matched: float) -> None:

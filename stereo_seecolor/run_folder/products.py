@@ -31,12 +31,12 @@ def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
 
 
 def correction_files(
-    name: str, correction: Correction, range_map: RangeMap, geometry: RectifiedPair | None, config: OutputConfig
+    name: str, correction: Correction, range_map: RangeMap, geometry: RectifiedPair | None, config: OutputConfig, exif: bytes
 ) -> Files:
-    """OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds of one pair."""
+    """OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds of one pair. exif: the left image's, or b""."""
     pixels = correction.image if correction.linear is None else correction.linear
     contents: dict[str, Callable[[], bytes | memoryview]] = {
-        "corrected": lambda: encode_image(pixels, config.image_format),
+        "corrected": lambda: encode_image(pixels, config.image_format, exif),
         "mask": lambda: encode_mask(_mask(correction, range_map)),
     }
     if config.clouds and geometry is not None:
