@@ -8,6 +8,7 @@ from stereo_seecolor.color.photometry.exposure import Brightness, darkened
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.errors import ColorError
 
 
 def reef(seed, exposure=1.0, altitude_m=2.0, shape=(60, 80)):
@@ -90,14 +91,36 @@ def test_a_camera_that_exposes_by_itself_is_followed():
     assert np.ptp(brightness) < 0.06 * np.mean(brightness)
 
 
-def test_empty_frames_among_others_get_the_survey_s_water():
+@pytest.mark.parametrize("lock", ["frame", "sliding", "survey"])
+def test_frames_without_a_known_range_get_another_s_water_and_a_warning(lock):
     image, range_m = reef(0)
     nothing = np.full_like(range_m, np.nan)
-    _, waters = waters_of([(image, nothing), (image, range_m), (image * 0, range_m)], lock="survey")
+    _, waters = waters_of([(image, nothing), (image, range_m), (image, nothing)], lock=lock)
+    for empty in (waters["0"], waters["2"]):
+        assert same(empty, waters["1"])
+        assert empty.warnings == ("no pixel with a known range: another frame's water is used",)
+    assert not waters["1"].warnings
+
+
+def test_black_frames_get_the_survey_s_water():
+    image, range_m = reef(0)
+    _, waters = waters_of([(image * 0, range_m), (image, range_m)], lock="survey")
     assert same(waters["0"], waters["1"])
-    assert same(waters["2"], waters["1"])
-    _, none = waters_of([(image, nothing)], lock="survey")
-    assert "no pixel with a known range" in none["0"].warnings[0]
+
+
+@pytest.mark.parametrize("lock", ["frame", "sliding", "survey"])
+def test_a_dive_without_light_says_so_in_every_frame(lock):
+    image, range_m = reef(0)
+    _, waters = waters_of([(image * 0, range_m)] * 2, lock=lock)
+    assert all("the frame is black where the range is known" in water.warnings[0] for water in waters.values())
+
+
+@pytest.mark.parametrize("lock", ["frame", "sliding", "survey"])
+def test_a_dive_without_a_known_range_is_refused(lock):
+    image, range_m = reef(0)
+    with pytest.raises(ColorError, match="none of the 2 frames has a pixel with a known range"):
+        waters_of([(image, np.full_like(range_m, np.nan))] * 2, lock=lock)
+    assert Corrector(ColorConfig(lock=lock)).survey_fitter().waters() == {}
 
 
 def test_darkening_a_table_is_the_table_of_a_darker_image():

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.color.corrector import ENOUGH, Corrector
+from stereo_seecolor.color.corrector import SAMPLING, Corrector
 from stereo_seecolor.color.table import counting
 from stereo_seecolor.color.table.bins import RANGE_BINS, range_edges_m
 from stereo_seecolor.color.table.measure import measure
@@ -64,7 +64,7 @@ def test_a_large_frame_is_measured_from_some_of_its_rows():
     image, range_m = random_frame(7, (1200, 900))
     table = Corrector().measure(image, range_m)
     assert np.array_equal(table.counts, measure(image[1::2], range_m[1::2]).counts)
-    assert image[1::2, :, 0].size >= ENOUGH
+    assert image[1::2, :, 0].size >= SAMPLING.pixels
     assert np.array_equal(measure(image, range_m, every=5).counts, measure(image[2::5], range_m[2::5]).counts)
 
 
@@ -77,15 +77,20 @@ def test_a_large_frame_with_few_known_ranges_is_measured_whole():
     assert Corrector().measure(image, range_m).pixels.sum() == 1
 
 
-def test_save_and_load(tmp_path):
-    table = measure(*random_frame(3, depth=16))
-    table.save(tmp_path / "table.npz")
-    again = MomentTable.load(tmp_path / "table.npz")
+@pytest.mark.parametrize("depth", [8, 16])
+def test_packed_and_unpacked_it_is_the_same(depth):
+    table = measure(*random_frame(3, depth=depth))
+    again = MomentTable.unpacked(table.packed())
     assert np.array_equal(again.counts, table.counts)
-    assert again.bit_depth == 16
-    (tmp_path / "other.npz").write_bytes(b"no table")
-    with pytest.raises(ColorError, match="is not a moment table"):
-        MomentTable.load(tmp_path / "other.npz")
+    assert np.array_equal(again.offset_sum, table.offset_sum)
+    assert again.bit_depth == depth
+    assert len(table.packed()) < 0.6 * table.counts.nbytes
+
+
+def test_its_text_says_how_much_it_holds():
+    table = measure(*random_frame(3, depth=16))
+    assert repr(table).startswith(f"MomentTable({table.pixels.sum()} pixels, 16 bit, 0.")
+    assert repr(MomentTable.empty()) == "MomentTable(0 pixels, 8 bit)"
 
 
 def test_what_does_not_belong_together_is_named():

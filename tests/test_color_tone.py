@@ -5,9 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from color_waters import clear_water
 
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.fitting.parameters import clear_water
 from stereo_seecolor.color.render.gains import MID_GRAY
 from stereo_seecolor.color.table.encoding import decode
 from stereo_seecolor.config import ColorConfig

@@ -1,12 +1,11 @@
 """The color stage: images and range maps in, corrected images out. numpy at its face; numba and torch load when first used."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.parameters import clear_water
-from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, ReadPixels, SlidingFitter, SurveyFitter
+from stereo_seecolor.color.photometry.survey import NO_RANGE, Fitter, FrameFitter, ReadPixels, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.render.tone import Tone
@@ -17,10 +16,18 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Correction, Image, Map, Water
 
-ENOUGH = 400_000
-"""A frame of twice as many pixels or more is measured from every second row, every third, and so on, that many pixels at least."""
-FEW = 65_000
-"""Where these rows have fewer pixels of known range than this, all rows are counted."""
+
+@dataclass(frozen=True)
+class Sampling:
+    """Which rows of a large frame are counted: neighboring rows are alike."""
+
+    pixels: int = 400_000
+    """At least so many: a frame of twice as many is counted on every second row, of three times on every third, and so on."""
+    least_known: int = 65_000
+    """Where these rows have fewer pixels of known range, all rows are counted: quantiles of 20 ranges need some 3,000 each."""
+
+
+SAMPLING = Sampling()
 
 
 class Corrector:
@@ -30,22 +37,23 @@ class Corrector:
         self.config = config or ColorConfig()
 
     def measure(self, image: Image, range_m: Map) -> MomentTable:
-        """What the fits need to know of an image: its pixels with a known range, counted by channel, range and value.
+        """The moment table of an image: its pixels with a known range, counted by channel, range and value.
 
-        Of 800,000 pixels or more every second row is counted, or fewer: rows tell what their neighbors tell (see ``ENOUGH``).
+        Of 800,000 pixels or more every second row is counted, or fewer (see ``Sampling``).
         image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, unknown where not finite or not above 0.
         Raises ColorError where the two do not belong together.
         """
-        every = max(range_m.size // ENOUGH, 1)
+        every = max(range_m.size // SAMPLING.pixels, 1)
         table = measure(image, range_m, self.config.device, every)
-        if every > 1 and table.pixels.sum() < FEW:
+        if every > 1 and table.pixels.sum() < SAMPLING.least_known:
             return measure(image, range_m, self.config.device)
         return table
 
     def fit(self, table: MomentTable, start: Water | None = None) -> Water:
         """The water of a frame's table, or of the sum of many frames'. Its warnings say where the table cannot carry a water.
 
-        start: a water found before, to begin from, and to stay with where the paper's losses cannot tell the table's own.
+        start: a water found before, to begin from, and to stay with where the paper's losses are not constrained by the table.
+        Raises ColorError for a table of no pixel, without a start.
         """
         if not table.pixels.any():
             return self._without_pixels(start)
@@ -120,8 +128,6 @@ class Corrector:
             )
 
     def _without_pixels(self, start: Water | None) -> Water:
-        if start is not None:
-            return replace(start, warnings=("no pixel with a known range: another frame's water is used",))
-        return replace(
-            clear_water(self.config.input_encoding), warnings=("no pixel with a known range: colors are left as they are",)
-        )
+        if start is None:
+            raise ColorError("no pixel with a known range: there is nothing to fit a water to")
+        return replace(start, warnings=(NO_RANGE,))

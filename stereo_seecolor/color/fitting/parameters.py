@@ -46,8 +46,3 @@ def cold_water(encoding: InputEncoding) -> Water:
     return water_of(
         np.stack([0.1 * every, 0.2 * every, 0.02 * every, every, 0.1 * every, 0.1 * every, 0.1 * every, 0.1 * every]), encoding
     )
-
-
-def clear_water(encoding: InputEncoding) -> Water:
-    """Water that changes nothing."""
-    return water_of(np.zeros((8, 3)), encoding)

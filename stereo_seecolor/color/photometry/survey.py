@@ -1,7 +1,7 @@
 """One water for many frames: tables add, so the water of a survey is the fit to the sum of its frames' tables."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -13,14 +13,18 @@ from stereo_seecolor.color.photometry.exposure import Brightness, darkened, expo
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Image, Map, Water
 
 FitTable = Callable[[MomentTable, Water | None], Water]
 ReadPixels = Callable[[], tuple[Image, Map]]
 FitFrame = Callable[[MomentTable, ReadPixels, Water | None], Water]
 
-STOPS_APART = 2.0
+CLASS_STOPS = 2.0
 """Frames are sorted by brightness into classes this wide; more than a class from most is another exposure, not another reef."""
+BLACK = -10_000
+"""The class of frames without any light."""
+NO_RANGE = "no pixel with a known range: another frame's water is used"
 
 
 class Fitter(Protocol):
@@ -30,7 +34,7 @@ class Fitter(Protocol):
         """One more frame: its table; ``pixels`` reads its image and range map, for fits that need every pixel."""
 
     def waters(self) -> dict[str, Water]:
-        """Name of a frame -> its water, for all frames added."""
+        """Name of a frame -> its water, for all frames added. Raises ColorError where no frame has a pixel with a known range."""
 
 
 class FrameFitter:
@@ -38,18 +42,18 @@ class FrameFitter:
 
     def __init__(self, fit: FitFrame) -> None:
         self._fit = fit
-        self._waters: dict[str, Water] = {}
+        self._waters: dict[str, Water | None] = {}
         self._last: Water | None = None
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame."""
-        self._waters[name] = water = self._fit(table, pixels, self._last)
         if table.pixels.any():
-            self._last = water
+            self._last = self._fit(table, pixels, self._last)
+        self._waters[name] = self._last if table.pixels.any() else None
 
     def waters(self) -> dict[str, Water]:
-        """Each frame's own."""
-        return self._waters
+        """Each frame's own; a frame without a known range gets that of the frame before it."""
+        return _completed(self._waters)
 
 
 class SlidingFitter:
@@ -57,22 +61,24 @@ class SlidingFitter:
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
-        self._waters: dict[str, Water] = {}
-        self._window: deque[MomentTable] = deque()
-        self._total: MomentTable | None = None
+        self._waters: dict[str, Water | None] = {}
+        self._window: deque[bytes] = deque()
+        self._total = MomentTable.empty()
         self._last: Water | None = None
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame; the oldest leaves the window."""
-        self._window.append(table)
-        self._total = table if self._total is None else self._total + table
+        self._total = self._total + table if self._window else table
+        self._window.append(table.packed())
         if len(self._window) > self._config.sliding_frames:
-            self._total -= self._window.popleft()
-        self._waters[name] = self._last = _fitted(self._total, self._config, self._fit, self._last)
+            self._total -= MomentTable.unpacked(self._window.popleft())
+        if self._total.pixels.any():
+            self._last = _fitted(self._total, self._config, self._fit, self._last)
+        self._waters[name] = self._last if table.pixels.any() else None
 
     def waters(self) -> dict[str, Water]:
-        """Each frame's window's."""
-        return self._waters
+        """Each frame's window's; a frame without a known range gets that of the frame before it."""
+        return _completed(self._waters)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,41 +108,63 @@ class SurveyFitter:
         """One more frame."""
         brightness = Brightness.of(table, self._config.input_encoding)
         self._frames[name] = brightness.packed()
-        if not np.isfinite(brightness.stops):
+        if not table.pixels.any():
             return
-        if self._config.camera_exposure == "auto" and self._classes:
-            table = darkened(table, brightness.ratio(self._classes[0].brightness), self._config.input_encoding)
+        kind = self._class_of(brightness)
+        reference = self._classes.get(0)
+        if self._config.camera_exposure == "auto" and reference and kind != BLACK:
+            table = darkened(table, brightness.ratio(reference.brightness), self._config.input_encoding)
         frame = _Class(table, Brightness.of(table, self._config.input_encoding))
-        kind = self._kind(brightness)
         self._classes[kind] = self._classes[kind] + frame if kind in self._classes else frame
 
     def waters(self) -> dict[str, Water]:
         """The survey's, as each frame's camera exposure shows it."""
         if not self._classes:
-            water = self._fit(MomentTable.empty(), None)
-            return dict.fromkeys(self._frames, water)
-        most = max(self._classes, key=lambda kind: int(self._classes[kind].brightness.pixels.sum()))
+            return _completed(dict.fromkeys(self._frames))
+        lit = [kind for kind in self._classes if kind != BLACK] or [BLACK]
+        most = max(lit, key=lambda kind: int(self._classes[kind].brightness.pixels.sum()))
         survey = reduce(add, (frames for kind, frames in self._classes.items() if abs(kind - most) <= 1))
         water = _fitted(survey.table, self._config, self._fit, None)
         frames = ((name, Brightness.unpacked(packed)) for name, packed in self._frames.items())
-        return {name: self._seen(water, frame, survey.brightness, most) for name, frame in frames}
+        return {name: self._as_exposed(water, frame, survey.brightness, most) for name, frame in frames}
 
-    def _seen(self, water: Water, frame: Brightness, survey: Brightness, most: int) -> Water:
-        if not np.isfinite(frame.stops):
+    def _as_exposed(self, water: Water, frame: Brightness, survey: Brightness, most: int) -> Water:
+        if not frame.pixels.any():
+            return replace(water, warnings=(NO_RANGE,))
+        kind = self._class_of(frame)
+        if kind == BLACK:
             return water
         if self._config.camera_exposure == "auto":
             return exposed(water, frame.ratio(survey))
-        if abs(self._kind(frame) - most) <= 1:
+        if abs(kind - most) <= 1:
             return water
         factor = frame.ratio(survey)
         warning = f"{factor:.3g} times the survey's brightness: another camera exposure, followed"
         return replace(exposed(water, factor), warnings=(*water.warnings, warning))
 
-    def _kind(self, brightness: Brightness) -> int:
-        return 0 if self._config.camera_exposure == "auto" else int(np.floor(brightness.stops / STOPS_APART))
+    def _class_of(self, brightness: Brightness) -> int:
+        if not np.isfinite(brightness.stops):
+            return BLACK
+        return 0 if self._config.camera_exposure == "auto" else int(np.floor(brightness.stops / CLASS_STOPS))
 
 
 def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water | None) -> Water:
     water = fit(total, start)
     exposure, highlights = choose(total, water, config)
     return replace(water, exposure=exposure, highlights=highlights)
+
+
+def _completed(waters: Mapping[str, Water | None]) -> dict[str, Water]:
+    """Frames that have no water get the last before them, or else the first there is."""
+    fitted = [water for water in waters.values() if water is not None]
+    if waters and not fitted:
+        raise ColorError(
+            f"none of the {len(waters)} frames has a pixel with a known range: nothing can be fitted; check the range maps, "
+            "or the calibration and which side is left"
+        )
+    completed, last = {}, fitted[0] if fitted else None
+    for name, water in waters.items():
+        last = water or last
+        assert last is not None
+        completed[name] = water or replace(last, warnings=(NO_RANGE,))
+    return completed

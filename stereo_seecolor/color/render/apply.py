@@ -13,6 +13,8 @@ from stereo_seecolor.color.table.measure import check_pair
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Correction, Image, Map, Water
 
+NOTHING_KNOWN = "no pixel with a known range: the picture is empty"
+
 
 def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig) -> Correction:
     """The image without its water, at its own size and bit depth; black where the range is unknown, unless the config says else."""
@@ -33,7 +35,7 @@ def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorC
         water=water,
         exposure=tone.exposure,
         highlights=tone.highlights,
-        warnings=water.warnings,
+        warnings=(*water.warnings, *([NOTHING_KNOWN] if unknown.all() else [])),
     )
 
 
