@@ -4,7 +4,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from calibration.geometry import RectifiedPair
+
 Array = NDArray[np.float64]
+Map = NDArray[np.float32]
+
+DISPARITY_STD_PX = 0.1
+"""Standard error of a disparity, pixels: the median that the matcher states on the sample dive is 0.09."""
 
 
 def pose(R: ArrayLike, position_m: ArrayLike) -> Array:
@@ -51,6 +57,13 @@ def interpolate(before: Array, after: Array, fraction: float) -> Array:
     T[:3, :3] = before[:3, :3] @ rotation_from_vector(fraction * turn)
     T[:3, 3] = (1 - fraction) * before[:3, 3] + fraction * after[:3, 3]
     return T
+
+
+def estimated_range_std_m(range_m: Map, geometry: RectifiedPair) -> Map:
+    """Standard error of ranges (H, W) of which nothing else is known: range depth error / (f B), DISPARITY_STD_PX as the error."""
+    depth_m = range_m / geometry.ray_length
+    scale = np.float32(DISPARITY_STD_PX / (geometry.focal_px * geometry.baseline_m))
+    return (range_m * depth_m * scale).astype(np.float32)
 
 
 def rotation_to_z(direction: Array) -> Array:

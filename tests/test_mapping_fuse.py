@@ -1,6 +1,7 @@
 """Fusing a run's folder: whose poses they are, who else writes there, and what is damaged in it."""
 
 import json
+import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -22,8 +23,9 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.errors import DeviceError, FrameError, InputError, MappingError, OutputError
+from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.files.tum import write_tum
-from stereo_seecolor.geometry import inverse, rotation_from_vector
+from stereo_seecolor.geometry import DISPARITY_STD_PX, estimated_range_std_m, inverse, rotation_from_vector
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
 from stereo_seecolor.mapping import survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -206,6 +208,33 @@ def test_two_programs_never_write_one_folder(small_run: Path) -> None:
     assert fuse_small(small_run, poses).placed == 4
     with held(small_run):
         pass
+
+
+def test_a_run_without_standard_errors_is_fused(small_run: Path) -> None:
+    shutil.rmtree(small_run / "range_std")
+    assert fuse(small_run, small_run.with_name("track.tum")).placed == 4
+    np.testing.assert_allclose(read_cloud(small_run / "map" / "cloud.ply")["position"][:, 2], 0, atol=1e-3)
+
+
+def test_the_standard_error_of_a_range_is_that_of_its_disparity() -> None:
+    range_m = np.full((128, 160), 2.0, np.float32) * PAIR.ray_length
+    disparity = PAIR.disparity_from_depth(range_m / PAIR.ray_length)
+    off_m = PAIR.range_from_depth(PAIR.depth_from_disparity(disparity - DISPARITY_STD_PX)) - range_m
+    np.testing.assert_allclose(estimated_range_std_m(range_m, PAIR), off_m, rtol=0.02)
+
+
+@pytest.mark.parametrize("kind", ["linear", "monochrome"])
+def test_linear_and_monochrome_images_are_fused(small_run: Path, kind: str) -> None:
+    for path in sorted((small_run / "corrected").iterdir()):
+        image = cv2.imread(str(path))
+        path.unlink()
+        if kind == "linear":
+            cv2.imwrite(str(path.with_suffix(".tiff")), decode_srgb(image.astype(np.float32) / 255) + np.float32(0))
+        else:
+            cv2.imwrite(str(path), image[..., 1])
+    fuse(small_run, small_run.with_name("track.tum"))
+    colors = read_cloud(small_run / "map" / "cloud.ply")["color"]
+    np.testing.assert_array_equal(np.unique(colors, axis=0), [[200, 120, 40] if kind == "linear" else [120, 120, 120]])
 
 
 def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:

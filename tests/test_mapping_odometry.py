@@ -164,6 +164,23 @@ def test_the_pose_graph_spreads_drift_and_rejects_a_false_loop() -> None:
     assert np.abs(solved[:, :3, 3] - T[:, :3, 3]).max() < 0.03
 
 
+def test_frames_whose_files_are_out_of_order_lose_no_loop_and_keep_their_track(
+    reef: ReefFrames, frames: list[SurveyFrame], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every second file first: neighbors in time are six files apart, and neighbors among the files are loops."""
+    pytest.importorskip("gtsam")
+    shuffle = [0, 2, 4, 6, 8, 10, 1, 3, 5, 7, 9, 11]
+    graphs = []
+    real = pose_graph.solve
+    monkeypatch.setattr(pose_graph, "solve", lambda *args: graphs.append(args[2]) or real(*args))
+    placement = estimate([frames[i] for i in shuffle], reef, MappingConfig())
+    assert placement.components.tolist() == [0] * 12
+    for edge in graphs[-1]:
+        assert edge.loop == (abs(shuffle[edge.i] - shuffle[edge.j]) > odometry.SETTINGS.window)
+    error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3])
+    assert error.share < 0.002
+
+
 def test_priors_hold_the_map_to_navigation() -> None:
     T = ring()
     T[:, :3, 3] += [100, 200, -8]

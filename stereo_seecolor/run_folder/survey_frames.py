@@ -9,12 +9,10 @@ from calibration import RectifiedPair
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.srgb import encode_srgb
+from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map, SurveyFrame
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.products import MASK_CODES
-
-NOMINAL_DISPARITY_STD_PX = 0.2
-"""Standard error of a disparity where the run wrote none: the median of the sample dive's own."""
 
 
 class SurveyFrames(Lazy[SurveyFrame]):
@@ -57,14 +55,10 @@ class SurveyFrames(Lazy[SurveyFrame]):
             timestamp_s=frame.timestamp_s,
             color=_eight_bit(self._pixels(frame, "corrected")),
             range_m=range_m,
-            range_std_m=self._pixels(frame, "range_std") if "range_std" in frame.products else self._nominal_std_m(range_m),
+            range_std_m=self._pixels(frame, "range_std") if "range_std" in frame.products else estimated_range_std_m(range_m, self.geometry),
             confidence=(confidence / np.float32(255)).astype(np.float32),
             unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
         )
-
-    def _nominal_std_m(self, range_m: Map) -> Map:
-        per_disparity = NOMINAL_DISPARITY_STD_PX / (self.geometry.focal_px * self.geometry.baseline_m)
-        return np.asarray(range_m**2 * np.float32(per_disparity), dtype=np.float32)
 
     def _pixels(self, frame: FinishedFrame, product: str) -> NDArray[Any]:
         pixels = frame.read(product)
