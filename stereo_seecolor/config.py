@@ -229,16 +229,25 @@ class MappingConfig(_Stage):
         default=True, description="Own odometry: recognize places seen before (needs the slam extra, GTSAM)."
     )
     poses: Literal["given", "prior"] = Field(
-        default="given",
-        description="A trajectory's poses are the map's; or prior: own odometry, fitted to them by the errors below.",
+        default="prior",
+        description="How a trajectory is used. prior: frames are placed by its poses and by the pictures, each weighted by its "
+        "errors (needs the slam extra, GTSAM; without it as given). given: its poses are the map's, for poses that are exact.",
     )
     poses_of: Literal["format", "raw", "rectified"] = Field(
         default="format",
         description="A trajectory's poses are the left camera's as calibrated (raw), or the rectified one's; format: its own way.",
     )
-    prior_position_std_m: float = Field(default=0.5, gt=0, description="Standard error of a prior's position, east and north.")
-    prior_depth_std_m: float = Field(default=0.05, gt=0, description="Standard error of a prior's depth: its pressure sensor's.")
-    prior_attitude_std_deg: float = Field(default=1.0, gt=0, description="Standard error of a prior's roll, pitch and heading.")
+    prior_position_std_m: float | None = Field(
+        default=None, gt=0, description="Standard error of a prior's position, east and north. Not set: estimated from the dive."
+    )
+    prior_depth_std_m: float | None = Field(
+        default=None,
+        gt=0,
+        description="Standard error of a prior's depth, its pressure sensor's. Not set: from the dive.",
+    )
+    prior_attitude_std_deg: float | None = Field(
+        default=None, gt=0, description="Standard error of a prior's roll, pitch and heading. Not set: estimated from the dive."
+    )
     mosaic_m: float | None = Field(
         default=None, gt=0, allow_inf_nan=False, description="Pixel of the orthomosaic, meters. Not set: half a voxel."
     )

@@ -39,8 +39,9 @@ def map_content(made: "MapSummary") -> Content:
 
 
 def map_exit_code(made: "MapSummary") -> int:
-    """Done, or frames are missing from the map."""
-    return EXIT_SOME_FAILED if made.unplaced else EXIT_DONE
+    """Done; or frames are missing from the map, or poses were given that contradict the pictures or could not be measured."""
+    contradicted = made.navigation is not None and not (made.navigation.fits and made.navigation.relative_poses)
+    return EXIT_SOME_FAILED if made.unplaced or contradicted else EXIT_DONE
 
 
 def charts_content(report: "ChartReport") -> Content:

@@ -1,5 +1,6 @@
 """START HERE: a survey's finished frames into the map of a reef."""
 
+import csv
 import json
 import shutil
 import time
@@ -14,7 +15,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import in_order
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
@@ -28,10 +29,10 @@ from stereo_seecolor.mapping.surface.join import write_map
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, cut
-from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import odometry, pose_graph
-from stereo_seecolor.mapping.track.placement import place
-from stereo_seecolor.mapping.track.upright import upright
+from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.track import pose_graph
+from stereo_seecolor.mapping.track.navigation import Navigation
+from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 
@@ -41,7 +42,7 @@ class MapSummary:
 
     frames, placed: how many there were, and how many found their place. components: frames in each, the main one first.
     unplaced: the others, each with the reason, and those whose files were lost on the way. files: all that was written.
-    points: of the main cloud.
+    points: of the main cloud. navigation: given poses against the pictures, None where there were none.
     """
 
     frames: int
@@ -52,6 +53,7 @@ class MapSummary:
     points: int
     seconds: float
     warnings: tuple[str, ...]
+    navigation: Navigation | None = None
 
     def moved(self, old: Path, new: Path) -> "MapSummary":
         """The summary of a map that was built in one folder and moved to another."""
@@ -75,7 +77,7 @@ def check(config: MappingConfig, with_poses: bool) -> None:
     Raises DeviceError, with the command that installs it, where a library is missing.
     """
     extraction.check_available()
-    if with_poses and config.poses == "prior":
+    if with_poses and config.poses == "prior" and "poses" in config.model_fields_set:  # asked for, not by default
         pose_graph.check_available()
 
 
@@ -105,8 +107,9 @@ def build_map(
     if len(index.lost) == len(frames):
         raise MappingError(f"none of the {len(frames)} frames can be read: {next(iter(index.lost.values()), 'there are none')}")
     survey = Survey(found, geometry, index, workspace.progress)
-    placement = _place(survey, config, trajectory)
-    builder = _Builder(survey, placement, config, trajectory, workspace.tiles or out_dir / ".tiles")
+    placed = place_survey(survey, config, trajectory)
+    placement = placed.placement
+    builder = _Builder(survey, placed, config, trajectory, workspace.tiles or out_dir / ".tiles")
     built = [builder.build(number, out_dir / f"piece_{number}" if number else out_dir) for number in range(len(placement.sizes))]
     shutil.rmtree(builder.tiles, ignore_errors=True)
     lost_on_the_way = [frame for i, frame in found.lost.items() if placement.components[i] >= 0]
@@ -119,18 +122,8 @@ def build_map(
         points=next((points for _, points in built if points), 0),
         seconds=time.perf_counter() - started,
         warnings=placement.warnings,
+        navigation=placed.navigation,
     )
-
-
-def _place(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placement:
-    """By the trajectory, by our own odometry, or by our own odometry fitted to the trajectory."""
-    index = survey.index
-    if trajectory is None:
-        return upright(odometry.solve(odometry.follow(survey), config.loop_closure), index, "unknown")
-    given = upright(place(index, trajectory, config), index, trajectory.up)
-    if config.poses == "given":
-        return given
-    return odometry.solve(odometry.follow(survey), config.loop_closure, pose_graph.priors_from(given, config))
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,19 +131,20 @@ class _Builder:
     """Makes the maps of a survey's components. tiles: where finished tiles are kept."""
 
     survey: Survey
-    placement: Placement
+    placed: Placed
     config: MappingConfig
     trajectory: Trajectory | None
     tiles: Path
 
     def build(self, number: int, folder: Path) -> tuple[list[Path], int]:
         """Write the map of a component; its files, and the points of its cloud."""
-        component = Component.of(self.survey, self.placement, number)
+        component = Component.of(self.survey, self.placed.placement, number)
         check_extent(component, self.config.voxel_m)
         tiling = cut(component, self.config.voxel_m, self.config.tile_edge_m)
         check_tiling(tiling, self.config)
         place = Georeference(component.offset_m, self.trajectory.origin if self.trajectory else None)
-        files = [_write_track(folder / "trajectory.tum", component), _write_description(folder / "map.json", place, self.config)]
+        files = [_write_track(folder / "trajectory.tum", component), _write_poses(folder / "poses.csv", component, self.placed)]
+        files += [_write_description(folder / "map.json", place, self.config)]
         store = TileStore(self.tiles / f"{number}", tiling, component)
         for done, tile in enumerate(tiling.tiles):
             if not store.has(tile):
@@ -181,6 +175,20 @@ def _write_track(path: Path, component: Component) -> Path:
     T[:, :3, 3] += component.offset_m
     times = np.where(np.isfinite(index.timestamps_s[chosen]), index.timestamps_s[chosen], chosen)
     write_tum(path, Trajectory(tuple(index.names[i] for i in chosen), times, T))
+    return path
+
+
+def _write_poses(path: Path, component: Component, placed: Placed) -> Path:
+    """Each frame's position, and how far the pose that was given for it is from what the pictures show."""
+    index = component.survey.index
+    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["name", "timestamp_s", "x_m", "y_m", "z_m", "position_residual_m", "attitude_residual_deg"])
+        for i in component.frames:
+            position = component.T_local_camera[i, :3, 3] + component.offset_m
+            residuals = placed.position_residual_m[i], placed.attitude_residual_deg[i]
+            numbers = [f"{value:.4f}" if np.isfinite(value) else "" for value in (index.timestamps_s[i], *position, *residuals)]
+            writer.writerow([index.names[i], *numbers])
     return path
 
 

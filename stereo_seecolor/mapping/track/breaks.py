@@ -36,7 +36,7 @@ def break_up(T: NDArray[np.float64], index: FrameIndex, config: MappingConfig) -
         if k == 0 or _distance_m(T, placed[k - 1], i) > limit(placed[k - 1], i):
             if k:
                 jump_m, before = _distance_m(T, placed[k - 1], i), index.names[placed[k - 1]]
-                warnings.append(f"the track jumps {jump_m:.1f} m between {before} and {index.names[i]}: the map breaks there")
+                warnings.append(f"the poses jump {jump_m:.1f} m between {before} and {index.names[i]}")
             stretches.append([])
         stretches[-1].append(i)
     components = np.full(len(T), -1)

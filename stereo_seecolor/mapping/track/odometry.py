@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +36,14 @@ SETTINGS = OdometrySettings()
 class Track:
     """What is known while the track grows. features: of every frame, in the order of time. edges: measured so far.
 
-    reasons: why a frame has no edge, by number.
+    reasons: why a frame has no edge, by number. links: edges that only say which frames are connected, by navigation.
     """
 
     survey: Survey
     features: list[Features] = field(default_factory=list)
     edges: list[Edge] = field(default_factory=list)
     reasons: dict[int, str] = field(default_factory=dict)
+    links: list[Edge] = field(default_factory=list)
     tried: set[tuple[int, int]] = field(default_factory=set)
 
     def measure(self, a: int, b: int, loop: bool = False) -> Edge | None:
@@ -107,6 +109,28 @@ def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) ->
     return placement
 
 
+def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> Placement:
+    """Place the frames by all edges that were measured, loops included, and by priors: those of ``given``'s frames.
+
+    Frames that the pictures do not connect keep their place by their priors, in the components of ``given``.
+    """
+    index = track.survey.index
+    for component in range(len(given.sizes)):
+        frames = given.frames_of(component)
+        frames = frames[np.argsort(index.rank[frames])]
+        for i, j in pairwise(frames.tolist()):
+            T_i_j = inverse(given.T_world_camera[i]) @ given.T_world_camera[j]
+            track.links.append(Edge(i, j, T_i_j, np.eye(6), 0))
+    guess = _settle(track, _Guess(*chain(track.edges + track.links, index.rank)), priors)
+    for prior in priors:  # a single frame is no component of the chain
+        if guess.components[prior.frame] < 0:
+            guess.T[prior.frame] = prior.T_world_camera
+            guess.components[prior.frame] = guess.components.max() + 1
+    lost = {frame.name: frame.reason for frame in given.unplaced}
+    names = [index.names[i] for i in np.flatnonzero(guess.components < 0)]
+    return Placement(guess.T, guess.components, tuple(Unplaced(name, lost[name]) for name in names), given.warnings)
+
+
 def _close_loops(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior], rounds: int) -> _Guess:
     """Solve; then find loops by appearance and by overlap and solve again, so often, since overlap is better known each time."""
     rank = track.survey.index.rank
@@ -150,7 +174,7 @@ def _settle(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior]) -> 
         return _Guess(T, guess.components)
     dropped = {id(edge) for edge in false}
     track.edges = [edge for edge in track.edges if id(edge) not in dropped]
-    _, components = chain(track.edges, track.survey.index.rank)
+    _, components = chain(track.edges + track.links, track.survey.index.rank)
     T = np.where((components >= 0)[:, None, None], T, np.nan)
     return _Guess(_solve(_Guess(T, components), track.edges, priors)[0], components)
 

@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 REJECT_SIGMAS = 6.0
@@ -42,14 +40,6 @@ def available() -> bool:
 def check_available() -> None:
     """Raise DeviceError, with the command that installs it, where GTSAM is missing."""
     _gtsam()
-
-
-def priors_from(placement: Placement, config: MappingConfig) -> list[Prior]:
-    """What navigation says of each frame, with the errors that the configuration gives it."""
-    position = np.array([config.prior_position_std_m, config.prior_position_std_m, config.prior_depth_std_m])
-    attitude = float(np.radians(config.prior_attitude_std_deg))
-    placed = np.flatnonzero(placement.components >= 0)
-    return [Prior(int(i), placement.T_world_camera[i], position, attitude) for i in placed]
 
 
 def solve(

@@ -1,0 +1,82 @@
+"""Where a survey's frames are: by their pictures, by given poses, or by both."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.track import odometry, pose_graph
+from stereo_seecolor.mapping.track.navigation import Navigation, Verdict, examine, priors
+from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.mapping.track.upright import upright
+from stereo_seecolor.records import Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A survey's placement; what became of given poses, None without any; and each frame's residuals (N,), NaN where unknown."""
+
+    placement: Placement
+    navigation: Navigation | None
+    position_residual_m: NDArray[np.float64]
+    attitude_residual_deg: NDArray[np.float64]
+
+
+def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
+    """Place the frames.
+
+    Without a trajectory by the pictures alone. With one, its poses are measured against the pictures; then they are taken as
+    they are (config.poses "given", or where GTSAM is missing), or the frames are placed by pictures and poses together, each
+    weighted by its errors ("prior"), or, where the poses contradict the pictures, by the pictures alone.
+
+    Raises MappingError if nothing can be placed, or for given poses upside down.
+    """
+    unknown = np.full(len(survey.index.names), np.nan)
+    if trajectory is None:
+        own = odometry.solve(odometry.follow(survey), config.loop_closure)
+        return Placed(upright(own, survey.index, "unknown"), None, unknown, unknown)
+    given = place(survey.index, trajectory, config)
+    track = odometry.follow(survey)
+    verdict = examine(given, survey, track.edges, trajectory, config)
+    if config.poses == "given" or not verdict.navigation.relative_poses:
+        placed = _as_given(given, survey, trajectory), verdict.navigation
+    elif not pose_graph.available():
+        missing = "the given poses were taken as they are: to fit them to the pictures, pip install 'stereo-seecolor[slam]' (GTSAM)"
+        placed = _as_given(verdict.placement, survey, trajectory).with_warnings(missing), verdict.navigation
+    else:
+        placed = _fitted(track, verdict, trajectory, config)
+    placement, navigation = placed
+    if navigation.advice:
+        placement = placement.with_warnings(navigation.advice)
+    return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg)
+
+
+def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
+    return upright(given, survey.index, trajectory.up)
+
+
+def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig) -> tuple[Placement, Navigation]:
+    """By pictures and poses together, or by pictures alone where the poses contradict them or are upside down."""
+    navigation, index = verdict.navigation, track.survey.index
+    own = odometry.solve(track, config.loop_closure)
+    if navigation.fits:
+        try:
+            upright(verdict.placement, index, trajectory.up)
+        except MappingError:
+            down = "the given poses' z axis points down: they would fit as north-east-down, or with z negated"
+            navigation = replace(navigation, fits=False, advice=down)
+    if not navigation.fits:
+        alone = "the map was made by the pictures alone"
+        return upright(own, index, "unknown").with_warnings(alone), navigation
+    known = priors(own, verdict.placement, config)
+    position, _, depth = known[0].position_std_m
+    navigation = replace(
+        navigation,
+        position_std_m=float(position),
+        depth_std_m=float(depth),
+        attitude_std_deg=float(np.degrees(known[0].attitude_std_rad)),
+    )
+    return upright(odometry.fit(track, verdict.placement, known), index, trajectory.up), navigation

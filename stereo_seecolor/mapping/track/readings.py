@@ -1,0 +1,111 @@
+"""Other ways to read a trajectory's numbers, tried where the pictures contradict it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.geometry import inverse, quaternion
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.track.assignment import assign
+from stereo_seecolor.mapping.track.relative_pose import Edge
+from stereo_seecolor.mapping.track.residuals import Motions
+from stereo_seecolor.records import Trajectory
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ReadingSettings:
+    """When another reading is believed."""
+
+    min_edges: int = 5  # fewer fit anything
+    attitude_rad: float = 0.2  # a turn off by this counts as much as a shift off by a whole step
+    better: float = 0.5  # another reading must leave at most this fraction of the misfit
+    misfit: float = 0.03  # poses that fit to a thirtieth of a step are read rightly
+    frames: int = 3  # poses may belong to frames so far on
+    clock_steps: int = 12  # clocks may differ by so many times between frames,
+    clock_parts: int = 4  # searched in so many parts of it
+    edges: int = 200  # that a reading is judged by
+
+
+SETTINGS = ReadingSettings()
+
+
+def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:
+    """How badly poses fit the edges: the median, shifts in steps and turns in SETTINGS.attitude_rad; infinite for too few."""
+    motions = Motions.of(T_world_camera, edges)
+    if len(motions.given) < SETTINGS.min_edges:
+        return float("inf")
+    return float(np.median(np.hypot(motions.position_m / motions.step_m, motions.attitude_rad / SETTINGS.attitude_rad)))
+
+
+def better_reading(plain: float, edges: Sequence[Edge], others: Iterator[tuple[str, Array]]) -> str | None:
+    """The reading that fits best, if it fits clearly better than the poses as read, whose misfit is ``plain``; else None."""
+    if not np.isfinite(plain) or plain < SETTINGS.misfit:
+        return None
+    chosen = edges[:: max(1, len(edges) // SETTINGS.edges)]
+    found, name = min(((misfit(T, chosen), name) for name, T in others), key=lambda pair: pair[0])
+    return name if found < SETTINGS.better * plain else None
+
+
+def readings(T: Array, index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Iterator[tuple[str, Array]]:
+    """All that are known; T: (N, 4, 4) as read."""
+    if not any(trajectory.names) and np.isfinite(trajectory.timestamps_s).all():
+        yield from _at_other_times(index, trajectory, config)
+    for turned, start in (("", T), ("the quaternion's w first", w_first(T))):
+        for name, positions in _POSITIONS.items():
+            if turned or name:
+                yield " and ".join(text for text in (turned, name) if text), _with_positions(start, positions)
+        names = [text for text in (turned, "world-to-camera poses") if text]
+        yield " and ".join(names), inverse(start)
+    yield from _on_other_frames(T, index)
+
+
+def w_first(T: Array) -> Array:
+    """Poses whose quaternions were written w x y z, and read as x y z w."""
+    result = np.full_like(T, np.nan)
+    known = np.isfinite(T).all(axis=(1, 2))
+    result[known] = T[known]
+    result[known, :3, :3] = Rotation.from_quat(np.roll(quaternion(T[known, :3, :3]), -1, axis=1)).as_matrix()
+    return result
+
+
+_POSITIONS: dict[str, Callable[[Array], Array]] = {
+    "": lambda p: p,
+    "x and y swapped": lambda p: p[:, [1, 0, 2]],
+    "x mirrored": lambda p: p * [-1, 1, 1],
+    "y mirrored": lambda p: p * [1, -1, 1],
+    "z pointing down": lambda p: p * [1, 1, -1],
+    "positions north-east-down": lambda p: p[:, [1, 0, 2]] * [1, 1, -1],
+}
+
+
+def _with_positions(T: Array, change: Callable[[Array], Array]) -> Array:
+    result = T.copy()
+    result[:, :3, 3] = change(T[:, :3, 3])
+    return result
+
+
+def _on_other_frames(T: Array, index: FrameIndex) -> Iterator[tuple[str, Array]]:
+    for steps in (s for n in range(1, SETTINGS.frames + 1) for s in (n, -n)):
+        result = np.full_like(T, np.nan)
+        source, target = index.order[max(steps, 0) :], index.order[max(-steps, 0) :]
+        result[target[: len(source)]] = T[source[: len(target)]]
+        yield f"each pose {abs(steps)} frame(s) {'earlier' if steps > 0 else 'later'}", result
+    result = np.full_like(T, np.nan)
+    result[index.order] = T[index.order[::-1]]
+    yield "the poses in the opposite order", result
+
+
+def _at_other_times(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Iterator[tuple[str, Array]]:
+    times = np.sort(index.timestamps_s[np.isfinite(index.timestamps_s)])
+    step_s = float(np.median(np.diff(times))) / SETTINGS.clock_parts if len(times) > 1 else 0.0
+    for number in range(-SETTINGS.clock_steps * SETTINGS.clock_parts, SETTINGS.clock_steps * SETTINGS.clock_parts + 1):
+        shift_s = number * step_s
+        if shift_s:
+            moved = replace(trajectory, timestamps_s=trajectory.timestamps_s + shift_s)
+            yield f"{shift_s:+.2f} s added to the times of the poses", assign(index, moved, config).T_world_camera

@@ -1,0 +1,240 @@
+"""Given poses are held against the pictures: noise is averaged out, and numbers that were read wrongly are named."""
+
+import csv
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, track
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from stereo_seecolor.cli.contents import map_exit_code
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.evaluation.trajectory import trajectory_error
+from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.survey_map import build_map
+from stereo_seecolor.mapping.track import odometry, pose_graph
+from stereo_seecolor.mapping.track.mount import constant_turn
+from stereo_seecolor.mapping.track.placing import Placed, place_survey
+from stereo_seecolor.mapping.track.residuals import Motions, depth_difference_m
+from stereo_seecolor.records import SurveyFrame, Trajectory
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+Poses = NDArray[np.float64]
+R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+
+pytestmark = pytest.mark.skipif(not pose_graph.available(), reason="GTSAM is missing")
+
+
+@pytest.fixture(scope="module")
+def reef() -> ReefFrames:
+    return ReefFrames(SurveySpec(pairs=12, lines=2, image_size=(256, 208), seed=3), noise_px=0.1)
+
+
+@pytest.fixture(scope="module")
+def survey(reef: ReefFrames) -> Survey:
+    frames = [reef[i] for i in range(len(reef))]
+    return Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair))
+
+
+@pytest.fixture
+def placed(survey: Survey, reef: ReefFrames, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Placed]:
+    """Places the survey by poses that were changed; the track is followed once for all tests."""
+    if not hasattr(reef, "track"):
+        reef.track = odometry.follow(survey)  # type: ignore[attr-defined]
+    known: odometry.Track = reef.track  # type: ignore[attr-defined]
+    monkeypatch.setattr(
+        odometry, "follow", lambda _: odometry.Track(survey, list(known.features), list(known.edges), dict(known.reasons))
+    )
+
+    def run(change: Callable[[Poses], Poses], config: MappingConfig | None = None, later_s: float = 0.0) -> Placed:
+        true = reef.trajectory
+        names = ("",) * len(true.names)
+        given = Trajectory(names, true.timestamps_s + later_s, change(true.T_world_camera.copy()))
+        return place_survey(survey, config or MappingConfig(), given)
+
+    return run
+
+
+def noisy(T: Poses, seed: int = 1) -> Poses:
+    rng = np.random.default_rng(seed)
+    T[:, :3, 3] += rng.normal(0, [0.1, 0.1, 0.03], (len(T), 3))
+    T[:, :3, :3] = T[:, :3, :3] @ rotation_from_vector(rng.normal(0, np.radians(2), (len(T), 3)))
+    return T
+
+
+def positions(change: Callable[[Poses], Poses]) -> Callable[[Poses], Poses]:
+    def changed(T: Poses) -> Poses:
+        T[:, :3, 3] = change(T[:, :3, 3])
+        return T
+
+    return changed
+
+
+def w_first(T: Poses) -> Poses:
+    T[:, :3, :3] = Rotation.from_quat(np.roll(quaternion(T[:, :3, :3]), 1, axis=1)).as_matrix()
+    return T
+
+
+def north_east_down(T: Poses) -> Poses:
+    return np.asarray(pose(R_ENU_NED, np.zeros(3)) @ T)
+
+
+def turned(degrees: float) -> Callable[[Poses], Poses]:
+    return lambda T: T @ pose(rotation_from_vector(np.radians([degrees, 0, 0])), np.zeros(3))
+
+
+def off_m(found: Placed, reef: ReefFrames) -> float:
+    T = found.placement.T_world_camera
+    return trajectory_error(T[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3]).rms_m
+
+
+def test_true_poses_fit_and_stay(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+    found = placed(lambda T: T)
+    assert found.navigation is not None
+    assert found.navigation.fits
+    assert not found.navigation.advice
+    assert found.navigation.position_residual_m < 0.005
+    assert found.navigation.depth_residual_m == pytest.approx(found.navigation.depth_noise_m, rel=0.2)
+    np.testing.assert_allclose(found.placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3], atol=0.01)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_is_measured_and_averaged_out(placed: Callable[..., Placed], reef: ReefFrames, seed: int) -> None:
+    found = placed(lambda T: noisy(T, seed))
+    navigation = found.navigation
+    assert navigation is not None
+    assert navigation.fits
+    assert not navigation.advice
+    assert 0.08 < navigation.position_residual_m < 0.25
+    assert 0.05 < navigation.position_std_m < 0.2
+    assert 0.01 < navigation.depth_std_m < 0.08
+    assert 1.0 < navigation.attitude_std_deg < 4.0
+    assert navigation.depth_residual_m > 2 * navigation.depth_noise_m
+    assert off_m(found, reef) < 0.005
+    assert np.isfinite(found.position_residual_m).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "advice"),
+    [
+        (w_first, "the quaternion's w first"),
+        (inverse, "world-to-camera poses"),
+        (positions(lambda p: p[:, [1, 0, 2]]), "x and y swapped"),
+        (positions(lambda p: p * [-1, 1, 1]), "x mirrored"),
+        (positions(lambda p: p * [1, -1, 1]), "y mirrored"),
+        (positions(lambda p: p * [1, 1, -1]), "z pointing down"),
+        (positions(lambda p: p @ R_ENU_NED.T), "positions north-east-down"),
+        (north_east_down, "as north-east-down"),
+        (lambda T: T[::-1], "the poses in the opposite order"),
+        (lambda T: w_first(noisy(T)), "the quaternion's w first"),
+        (lambda T: inverse(noisy(T)), "world-to-camera poses"),
+    ],
+)
+def test_poses_read_wrongly_are_named_and_left_out(
+    placed: Callable[..., Placed], reef: ReefFrames, change: Callable[[Poses], Poses], advice: str
+) -> None:
+    found = placed(change)
+    assert found.navigation is not None
+    assert not found.navigation.fits
+    assert advice in found.navigation.advice
+    assert found.navigation.advice in found.placement.warnings
+    assert off_m(found, reef) < 0.005
+
+
+@pytest.mark.parametrize("later_s", [1.0, -0.5])
+def test_clocks_apart_are_named_with_the_difference(placed: Callable[..., Placed], later_s: float) -> None:
+    found = placed(lambda T: T, later_s=later_s)
+    assert found.navigation is not None
+    assert f"{-later_s:+.2f} s added to the times of the poses" in found.navigation.advice
+
+
+def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+    for change in (turned(14.0), lambda T: turned(14.0)(noisy(T))):
+        found = placed(change)
+        assert found.navigation is not None
+        assert found.navigation.fits
+        assert "the camera is turned by 14." in found.navigation.advice or "by 13." in found.navigation.advice
+        assert "mapping.mount={roll_deg: -1" in found.navigation.advice
+        assert off_m(found, reef) < 0.005
+        down = found.placement.T_world_camera[:, 2, 2] - reef.trajectory.T_world_camera[:, 2, 2]
+        assert np.abs(down).mean() < 0.03
+
+
+def test_poses_of_another_dive_are_not_used(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+    rng = np.random.default_rng(0)
+    found = placed(lambda T: np.stack([pose(rotation_from_vector(rng.normal(0, 2, 3)), rng.normal(0, 2, 3)) for _ in T]))
+    assert found.navigation is not None
+    assert "are they of this dive?" in found.navigation.advice
+    assert off_m(found, reef) < 0.005
+
+
+def test_given_poses_are_the_maps_but_measured(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+    found = placed(noisy, MappingConfig(poses="given"))
+    np.testing.assert_array_equal(found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy()))
+    assert found.navigation is not None
+    assert found.navigation.position_residual_m > 0.08
+    with pytest.raises(MappingError, match="z axis points down"):
+        placed(north_east_down, MappingConfig(poses="given"))
+
+
+def test_standard_errors_of_the_configuration_are_used(placed: Callable[..., Placed]) -> None:
+    config = MappingConfig(prior_position_std_m=0.3, prior_depth_std_m=0.2, prior_attitude_std_deg=5.0)
+    navigation = placed(noisy, config).navigation
+    assert navigation is not None
+    assert (navigation.position_std_m, navigation.depth_std_m) == (0.3, 0.2)
+    assert navigation.attitude_std_deg == pytest.approx(5.0)
+
+
+def test_without_gtsam_poses_are_taken_as_given_and_it_is_said(
+    placed: Callable[..., Placed], monkeypatch: pytest.MonkeyPatch, reef: ReefFrames
+) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "gtsam", None)
+    found = placed(noisy)
+    assert "pip install 'stereo-seecolor[slam]'" in found.placement.warnings[-1]
+    np.testing.assert_array_equal(found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy()))
+
+
+@pytest.mark.usefixtures("open3d")
+def test_poses_that_cannot_be_measured_are_used_and_end_with_3(tmp_path: Path) -> None:
+    summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
+    assert summary.placed == 4
+    assert summary.navigation is not None
+    assert "could not be held against the pictures" in str(summary.navigation)
+    assert map_exit_code(summary) == 3
+
+
+@pytest.mark.usefixtures("open3d")
+def test_frames_that_show_nothing_keep_their_place_by_navigation(tmp_path: Path, reef: ReefFrames, survey: Survey) -> None:
+    frames = [replace(f, color=np.full_like(f.color, 90)) if i in (0, 5, 6) else f for i, f in enumerate(survey.frames)]  # type: ignore[arg-type, type-var]
+    good: list[SurveyFrame] = frames[:9]  # type: ignore[assignment]
+    summary = build_map(good, reef.pair, tmp_path, CONFIG, reef.trajectory)
+    assert summary.components == (9,)
+    with (tmp_path / "poses.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows if not row["position_residual_m"]] == [good[i].name for i in (0, 5, 6)]
+    x_m = [float(row["x_m"]) for row in rows]
+    np.testing.assert_allclose(x_m, reef.trajectory.T_world_camera[:9, 0, 3], atol=0.02)
+
+
+def test_a_constant_turn_is_found_from_shifts_and_turns() -> None:
+    rng = np.random.default_rng(4)
+    X = rotation_from_vector(np.array([0.1, -0.25, 0.3]))
+    measured = np.stack([pose(rotation_from_vector(rng.normal(0, 0.2, 3)), rng.normal(0, 0.5, 3)) for _ in range(20)])
+    turn = constant_turn(Motions(pose(X, np.zeros(3)) @ measured @ pose(X.T, np.zeros(3)), measured))
+    assert np.degrees(np.linalg.norm(Rotation.from_matrix(turn.R @ X.T).as_rotvec())) < 0.01
+    assert turn.believed
+    assert not constant_turn(Motions(measured, measured)).believed
+
+
+def test_depths_of_overlapping_frames_differ_by_what_a_pose_is_off() -> None:
+    frame = FrameIndex.build([flat_frame(0)], PAIR).points_m[0]
+    assert depth_difference_m(frame, frame, np.eye(4)) == pytest.approx(0, abs=1e-6)
+    assert depth_difference_m(frame, frame, pose(np.eye(3), [0.1, 0, 0.07])) == pytest.approx(0.07, abs=1e-3)
+    assert np.isnan(depth_difference_m(frame, frame, pose(np.eye(3), [9.0, 0, 0])))
