@@ -56,7 +56,7 @@ RUNS: dict[str, dict[str, tuple[tuple[str, ...], Callable[[Path], Numbers]]]] = 
 """By the file of the numbers, then by a name in it: the command without --out, and what is kept of its folder."""
 MAPS = {
     "map, own track": ((), OWN_TRACK),
-    "map, given poses": (("--poses", str(REEF / "trajectory.tum")), SAME_FILES),
+    "map, given poses": (("--poses", str(REEF / "trajectory.tum"), "--set", "mapping.poses=given"), SAME_FILES),
 }
 """Of the sample dive's first run, in the same file: what is typed after ``fuse OUT``, and the tolerances."""
 

@@ -108,7 +108,7 @@ def test_a_raw_cameras_navigation_gives_the_true_reef(tmp_path: Path, poses_of: 
     write_run(tmp_path, frames, frames.pair, T)
     poses = tmp_path / "stereo_pose_est.data"
     poses.write_text(acfr_text(frames.trajectory.names, frames.trajectory.T_world_camera @ T))
-    config = RunConfig(mapping=MAPPING.model_copy(update={"poses_of": poses_of}))
+    config = RunConfig(mapping=MAPPING.model_copy(update={"poses_of": poses_of, "poses": "given"}))
     fuse(tmp_path, poses, config)
     position = read_cloud(tmp_path / "map" / "cloud.ply")["position"]
     error_m = np.median(np.abs(position[:, 2] - height_at(frames.reef, position)))

@@ -1,20 +1,17 @@
 """Settings and coordinates at the edge of what can be held: refused with the number, or right."""
 
 import json
-import sys
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import rasterio
-from mapping_scene import CONFIG, PAIR, flat_frame, read_cloud, track, write_run
+from mapping_scene import CONFIG, PAIR, flat_frame, read_cloud, track
 
-from stereo_seecolor.commands.fuse import check_fusion
-from stereo_seecolor.config import MappingConfig, RunConfig
+from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.config_file import load_config
-from stereo_seecolor.errors import ConfigError, DeviceError, MappingError
-from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.errors import ConfigError, MappingError
 from stereo_seecolor.mapping import limits
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
@@ -149,12 +146,3 @@ def test_each_pass_of_a_map_in_components_has_its_own_progress(tmp_path: Path) -
         steps = [(done, total) for name, done, total in told if name == what]
         assert steps == [(i + 1, len(steps)) for i in range(len(steps))], what
     assert "fusing tiles, component 2 of 2" in {what for what, _, _ in told}
-
-
-def test_a_prior_without_gtsam_is_refused_before_the_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "gtsam", None)
-    write_tum(tmp_path / "track.tum", track(2))
-    write_run(tmp_path / "out", [flat_frame(i) for i in range(2)], PAIR)
-    config = RunConfig(mapping=CONFIG.model_copy(update={"poses": "prior"}))
-    with pytest.raises(DeviceError, match=r"pip install 'stereo-seecolor\[slam\]'"):
-        check_fusion(tmp_path / "track.tum", config)

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 
 def check_fusion(poses: Path | None, config: RunConfig) -> None:
-    """Look at all that fusion needs before the first frame: the libraries, the settings, and the trajectory.
+    """Look at all that fusion needs before the first frame: the libraries and the trajectory.
 
     Raises DeviceError if a library cannot be loaded, with the command that fixes it; InputError for a bad trajectory.
     """
     from stereo_seecolor.mapping.survey_map import check
 
-    check(config.mapping, poses is not None)
+    check()
     if poses:
         read_trajectory(poses, config.mapping.mount)
 

@@ -30,7 +30,6 @@ from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, cut
 from stereo_seecolor.mapping.survey import Survey
-from stereo_seecolor.mapping.track import pose_graph
 from stereo_seecolor.mapping.track.navigation import Navigation
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.records import SurveyFrame, Trajectory
@@ -71,14 +70,12 @@ class Workspace:
     progress: Progress = silent
 
 
-def check(config: MappingConfig, with_poses: bool) -> None:
-    """Look at all that a map needs before the first frame.
+def check() -> None:
+    """Look at all that a map needs before the first frame; what else is missing (GTSAM, rasterio) is done without, and said.
 
     Raises DeviceError, with the command that installs it, where a library is missing.
     """
     extraction.check_available()
-    if with_poses and config.poses == "prior" and "poses" in config.model_fields_set:  # asked for, not by default
-        pose_graph.check_available()
 
 
 def build_map(
@@ -98,7 +95,7 @@ def build_map(
     Raises DeviceError before the first frame, see ``check``; MappingError if nothing can be read or placed, or if the settings
     would take more memory or disk than there is; OutputError if the disk is full: finished tiles are kept.
     """
-    check(config, trajectory is not None)
+    check()
     workspace = workspace or Workspace()
     started = time.perf_counter()
     found = RecoveredFrames(frames)

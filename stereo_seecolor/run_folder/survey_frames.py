@@ -55,7 +55,9 @@ class SurveyFrames(Lazy[SurveyFrame]):
             timestamp_s=frame.timestamp_s,
             color=_eight_bit(self._pixels(frame, "corrected")),
             range_m=range_m,
-            range_std_m=self._pixels(frame, "range_std") if "range_std" in frame.products else estimated_range_std_m(range_m, self.geometry),
+            range_std_m=self._pixels(frame, "range_std")
+            if "range_std" in frame.products
+            else estimated_range_std_m(range_m, self.geometry),
             confidence=(confidence / np.float32(255)).astype(np.float32),
             unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
         )

@@ -37,11 +37,6 @@ def available() -> bool:
     return True
 
 
-def check_available() -> None:
-    """Raise DeviceError, with the command that installs it, where GTSAM is missing."""
-    _gtsam()
-
-
 def solve(
     T_world_camera: NDArray[np.float64], frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior] = ()
 ) -> tuple[NDArray[np.float64], list[Edge]]:
