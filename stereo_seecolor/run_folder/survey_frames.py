@@ -50,14 +50,13 @@ class SurveyFrames(Lazy[SurveyFrame]):
     def _read(self, frame: FinishedFrame) -> SurveyFrame:
         confidence = self._pixels(frame, "confidence")
         range_m: Map = np.where(confidence > 0, self._pixels(frame, "range"), np.float32(np.nan))
+        has_std = "range_std" in frame.products
         return SurveyFrame(
             name=frame.name,
             timestamp_s=frame.timestamp_s,
             color=_eight_bit(self._pixels(frame, "corrected")),
             range_m=range_m,
-            range_std_m=self._pixels(frame, "range_std")
-            if "range_std" in frame.products
-            else estimated_range_std_m(range_m, self.geometry),
+            range_std_m=self._pixels(frame, "range_std") if has_std else estimated_range_std_m(range_m, self.geometry),
             confidence=(confidence / np.float32(255)).astype(np.float32),
             unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
         )
