@@ -65,8 +65,9 @@ def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_r
 
 def save_frame(folder: RunFolder, frame: SurveyFrame) -> None:
     name, mask = frame.name, np.zeros(frame.range_m.shape, np.uint8)
-    ranges = {"range": encode_map(frame.range_m), "range_std": encode_map(frame.range_std_m)}
-    ranges |= {"confidence": encode_confidence(frame.confidence)}
+    ranges = {"range": encode_map(frame.range_m), "confidence": encode_confidence(frame.confidence)}
+    if np.isfinite(frame.range_std_m).any():  # else as with output.range_std=false
+        ranges["range_std"] = encode_map(frame.range_std_m)
     colors = {"corrected": encode_image(frame.color, "png"), "mask": encode_mask(mask)}
     record = folder.frame(name, frame.timestamp_s, {})
     for stage, record_of_stage, contents in (

@@ -1,7 +1,7 @@
 """Fusing a run's folder: whose poses they are, who else writes there, and what is damaged in it."""
 
+import dataclasses
 import json
-import shutil
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -35,6 +35,7 @@ from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.folder import held
+from stereo_seecolor.run_folder.survey_frames import _eight_bit
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 try:
@@ -210,10 +211,12 @@ def test_two_programs_never_write_one_folder(small_run: Path) -> None:
         pass
 
 
-def test_a_run_without_standard_errors_is_fused(small_run: Path) -> None:
-    shutil.rmtree(small_run / "range_std")
-    assert fuse(small_run, small_run.with_name("track.tum")).placed == 4
-    np.testing.assert_allclose(read_cloud(small_run / "map" / "cloud.ply")["position"][:, 2], 0, atol=1e-3)
+def test_a_run_without_standard_errors_is_fused(small_run: Path, tmp_path: Path) -> None:
+    bare = [dataclasses.replace(frame, range_std_m=np.full_like(frame.range_m, np.nan)) for frame in map(flat_frame, range(4))]
+    write_run(tmp_path / "bare", bare, PAIR)
+    assert not (tmp_path / "bare" / "range_std").exists()
+    assert fuse_small(tmp_path / "bare", small_run.with_name("track.tum")).placed == 4
+    np.testing.assert_allclose(read_cloud(tmp_path / "bare" / "map" / "cloud.ply")["position"][:, 2], 0, atol=1e-3)
 
 
 def test_the_standard_error_of_a_range_is_that_of_its_disparity() -> None:
@@ -223,18 +226,12 @@ def test_the_standard_error_of_a_range_is_that_of_its_disparity() -> None:
     np.testing.assert_allclose(estimated_range_std_m(range_m, PAIR), off_m, rtol=0.02)
 
 
-@pytest.mark.parametrize("kind", ["linear", "monochrome"])
-def test_linear_and_monochrome_images_are_fused(small_run: Path, kind: str) -> None:
-    for path in sorted((small_run / "corrected").iterdir()):
-        image = cv2.imread(str(path))
-        path.unlink()
-        if kind == "linear":
-            cv2.imwrite(str(path.with_suffix(".tiff")), decode_srgb(image.astype(np.float32) / 255) + np.float32(0))
-        else:
-            cv2.imwrite(str(path), image[..., 1])
-    fuse(small_run, small_run.with_name("track.tum"))
-    colors = read_cloud(small_run / "map" / "cloud.ply")["color"]
-    np.testing.assert_array_equal(np.unique(colors, axis=0), [[200, 120, 40] if kind == "linear" else [120, 120, 120]])
+def test_linear_and_monochrome_images_become_colors_of_the_map() -> None:
+    encoded = np.array([[[200, 120, 40]]], np.uint8)
+    linear = decode_srgb(encoded.astype(np.float32) / 255)
+    np.testing.assert_array_equal(_eight_bit(linear + np.float32([0, 0, 0])), encoded)
+    np.testing.assert_array_equal(_eight_bit(np.float32([[[2.0, -1.0, 1.0]]])), [[[255, 0, 255]]])
+    np.testing.assert_array_equal(_eight_bit(encoded[..., 1].astype(np.uint16) * 257), [[[120, 120, 120]]])
 
 
 def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
@@ -242,17 +239,17 @@ def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
     broken = track(4)
     broken.T_world_camera[2:, 1, 3] += 50
     write_tum(poses, broken)
-    assert fuse(small_run, poses).components == (2, 2)
+    assert fuse_small(small_run, poses).components == (2, 2)
     assert (small_run / "map" / "piece_1" / "cloud.ply").exists()
     write_tum(poses, track(4))
-    summary = fuse(small_run, poses)
+    summary = fuse_small(small_run, poses)
     assert not (small_run / "map" / "piece_1").exists()
     assert sorted(path.name for path in summary.files) == sorted(path.name for path in (small_run / "map").iterdir())
 
 
 def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     poses = small_run.with_name("track.tum")
-    fuse(small_run, poses)
+    fuse_small(small_run, poses)
     before = {path.name: path.read_bytes() for path in (small_run / "map").iterdir()}
 
     def stop(*_: object) -> None:

@@ -197,7 +197,7 @@ def test_a_jump_makes_two_maps(tmp_path: Path) -> None:
     trajectory.T_world_camera[4:, 1, 3] += 50
     summary = build_map([flat_frame(i) for i in range(7)], PAIR, tmp_path, CONFIG, trajectory)
     assert summary.components == (4, 3)
-    assert "jumps 50.0 m between f3 and f4" in summary.warnings[0]
+    assert "jump 50.0 m between f3 and f4" in summary.warnings[0]
     assert read_cloud(tmp_path / "cloud.ply")["position"][:, 1].max() < 1
     assert read_cloud(tmp_path / "piece_1" / "cloud.ply")["position"][:, 1].min() > 49
 

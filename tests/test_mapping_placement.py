@@ -83,7 +83,7 @@ def test_a_jump_that_stays_breaks_the_map() -> None:
     T[6:, 1, 3] += 50
     placement = place(index(), by_name(T), CONFIG)
     assert placement.components.tolist() == [0] * 6 + [1] * 4
-    assert "jumps 50.0 m between f05 and f06" in placement.warnings[0]
+    assert "jump 50.0 m between f05 and f06" in placement.warnings[0]
 
 
 def test_a_pose_that_jumps_away_and_back_is_left_out() -> None:
