@@ -39,6 +39,9 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
         fits.append(solve(replace(bundle, lens=replace(bundle.lens, square_pixels=False)), observations_of(kept, target)))
         scores.append(_cross_validate(fits[-1], kept, target))
         bundle, score = _choose([bundle, fits[-1]], [score, scores[-1]])
+        widened = _with_choice_of_lens(score, scores)
+        scores = [widened if other is score else other for other in scores]
+        score = widened
     try:
         rig = replace(_rig(bundle, size, medium), rms_px=rms(bundle, observations_of(kept, target)))
     except CalibrationError as error:
@@ -46,7 +49,8 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
             f"the {len(kept)} views give no rig that can be ({error}): see whether the folders are swapped, whether pairs were "
             "taken at one moment, and tilt the target more"
         ) from error
-    return rig, _report(bundle, rig, kept, target, dropped + outliers, scores, score)
+    report = _report(bundle, rig, kept, target, scores, score)
+    return rig, replace(report, views=(*report.views, *dropped, *outliers))
 
 
 def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScore:
@@ -63,9 +67,21 @@ def _cross_validate(full: Bundle, views: list[View], target: Target) -> LensScor
         posed = solve(start, observations_of(test, target), poses_only=True)
         squares[left_out] = (view_errors(posed, test, target) ** 2).mean(axis=1)
         rows.append(_row_errors(fitted, test))
-        fits.append([*(intrinsics[:2].mean() for intrinsics in fitted.intrinsics), np.linalg.norm(fitted.T_right_left[:3, 3])])
-    focal_left, focal_right, baseline_m = jackknife(np.array(fits)).tolist()
-    return LensScore(full.lens, squares, np.concatenate(rows), (focal_left, focal_right), baseline_m)
+        fits.append(_figures(fitted))
+    return LensScore(full.lens, squares, np.concatenate(rows), _figures(full), jackknife(np.array(fits)))
+
+
+def _figures(bundle: Bundle) -> Array:
+    """(3,) focal length left and right (mean of fx and fy), pixels, and baseline, meters."""
+    return np.array([*(lens[:2].mean() for lens in bundle.intrinsics), np.linalg.norm(bundle.T_right_left[:3, 3])])
+
+
+def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore:
+    """``score``, its standard errors widened by how far other lens models that predict as well lie from it."""
+    best = min(scores, key=lambda other: other.rms_px)
+    alike = [other for other in scores if no_worse(other.squares, best.squares) and np.isfinite(other.row_error_px)]
+    spread = np.max([np.abs(other.figures - score.figures) for other in alike] or [np.zeros(3)], axis=0)
+    return replace(score, std=np.hypot(score.std, spread), spread=spread)
 
 
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:
@@ -97,13 +113,7 @@ def _choose(fits: list[Bundle], scores: list[LensScore]) -> tuple[Bundle, LensSc
 
 
 def _report(
-    bundle: Bundle,
-    rig: StereoRig,
-    views: list[View],
-    target: Target,
-    dropped: list[ViewReport],
-    scores: list[LensScore],
-    score: LensScore,
+    bundle: Bundle, rig: StereoRig, views: list[View], target: Target, scores: list[LensScore], score: LensScore
 ) -> CalibrationReport:
     errors = view_errors(bundle, views, target).tolist()
     sides = [[o for o in observations_of(views, target) if o.side == side] for side in (0, 1)]
@@ -111,7 +121,7 @@ def _report(
         rig=rig,
         scores=tuple(scores),
         lens=score,
-        views=tuple(ViewReport(view.name, *error) for view, error in zip(views, errors, strict=True)) + tuple(dropped),
+        views=tuple(ViewReport(view.name, *error) for view, error in zip(views, errors, strict=True)),
         rms_left_px=rms(bundle, sides[0]),
         rms_right_px=rms(bundle, sides[1]),
         corners_left=np.concatenate([o.pixels for o in sides[0]]),

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.matches import Images, Matches, raw_matches
+from calibration.matches import Images, Matches, raw_matches, rectified_matches
 from calibration.plan import plan_rectification, rectified_points, upright_rotations
 from calibration.readings import settle_matches
 from calibration.refined_rig import Movement, RefinedRig
@@ -51,7 +52,9 @@ def refine_rig(rig: StereoRig, pairs: Iterable[Images]) -> RefinedRig:
     """Estimate what has moved from raw image pairs of a dive, (H, W) or (H, W, C), 8 or 16 bit; twelve spread over it are enough.
 
     The simplest of four models is taken whose vertical disparity on pairs left out of the fit is no worse than the best's; the
-    calibration stays as it is where it is that good itself. Raises CalibrationError for fewer than three pairs with matches.
+    calibration stays as it is where it is that good itself.
+
+    Raises CalibrationError for fewer than three pairs with matches, and for a calibration made in air and used in water.
     """
     return refine_matches(rig, raw_matches(rig, pairs))
 
@@ -66,6 +69,9 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> RefinedRig:
             f"{len(kept)} of {len(raw)} pairs show at least {LIMITS.min_matches} points in both images, and {LIMITS.min_pairs} are "
             "needed to refine a calibration: give more pairs with texture"
         )
+    check = judge_matches(rig, rectified_matches(rig, kept))
+    if check.air_in_water:
+        raise CalibrationError(f"{check.advice[0]}; refined, the rig would fit rows by a wrong yaw, and ranges would be wrong")
     fits = [_Fit.of(rig, kept, names) for names in ((), *MODELS)]
     best = min(fits, key=lambda fit: float(fit.squares.mean()))
     chosen = next(fit for fit in fits if fit is best or no_worse(fit.squares, best.squares))

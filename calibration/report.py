@@ -1,6 +1,6 @@
 """What a calibration is worth: errors by view, coverage of the image, standard deviations, and a verdict in one line."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import cv2
@@ -40,15 +40,17 @@ class LensScore:
     """How well a lens model predicts views left out of its fit.
 
     squares: (views,) mean squared reprojection error, px^2; row_errors: (n,) left minus right row after rectification, px, NaN
-    where the lens model does not reach a corner; focal_std_px: standard deviation of the left and right focal length (the mean of
-    fx and fy); baseline_std_m: of the baseline.
+    where the lens model does not reach a corner. figures: (3,) focal length left and right (the mean of fx and fy), pixels, and
+    baseline, meters; std: (3,) their standard errors; spread: (3,) the part of them that is the choice of the lens model, zero
+    where it is not known.
     """
 
     lens: Lens
     squares: Array
     row_errors: Array
-    focal_std_px: tuple[float, float]
-    baseline_std_m: float
+    figures: Array
+    std: Array
+    spread: Array = field(default_factory=lambda: np.zeros(3))
 
     @property
     def rms_px(self) -> float:
@@ -86,9 +88,9 @@ class CalibrationReport:
 
     @property
     def focal_std(self) -> float:
-        """Standard deviation of the focal length, relative, of the worse camera."""
+        """Standard error of the focal length, relative, of the worse camera."""
         cameras = (self.rig.left, self.rig.right)
-        return max(std / float(camera.K[0, 0]) for std, camera in zip(self.lens.focal_std_px, cameras, strict=True))
+        return max(float(std / camera.K[0, 0]) for std, camera in zip(self.lens.std[:2], cameras, strict=True))
 
     @property
     def coverage(self) -> tuple[float, float]:
@@ -111,7 +113,7 @@ class CalibrationReport:
     @property
     def verdict(self) -> tuple[Verdict, str]:
         """good, usable or do it again; and why, in one line."""
-        focal_std, baseline_std = self.focal_std, self.lens.baseline_std_m / self.rig.baseline_m
+        focal_std, baseline_std = self.focal_std, float(self.lens.std[2]) / self.rig.baseline_m
         rms_px, rows_px = self.rig.rms_px or np.nan, self.lens.row_error_px
         figures = [
             (rows_px, MAX_ROW_ERROR_PX, f"rows differ by {rows_px:.2f} px after rectification"),
@@ -154,9 +156,10 @@ class CalibrationReport:
             "error on views left out of the fit:",
             *tried,
             f"rms: left {self.rms_left_px:.3f} px, right {self.rms_right_px:.3f} px, stereo {rig.rms_px:.3f} px",
-            f"focal length: left {rig.left.K[0, 0]:.1f} +- {lens.focal_std_px[0]:.1f} px, "
-            f"right {rig.right.K[0, 0]:.1f} +- {lens.focal_std_px[1]:.1f} px",
-            f"baseline: {rig.baseline_m * 1000:.2f} +- {lens.baseline_std_m * 1000:.2f} mm",
+            f"focal length: left {rig.left.K[0, 0]:.1f} +- {lens.std[0]:.1f} px, "
+            f"right {rig.right.K[0, 0]:.1f} +- {lens.std[1]:.1f} px",
+            f"baseline: {rig.baseline_m * 1000:.2f} +- {lens.std[2] * 1000:.2f} mm "
+            f"({lens.spread[2] * 1000:.2f} mm between lens models that predict as well)",
             f"rows after rectification, on views left out: {lens.row_error_px:.3f} px",
             coverage + (f"; none in: {'; '.join(self.empty_regions)}" if self.empty_regions else ""),
             *(f"suspicious: {text}" for text in placement_suspicions(rig)),

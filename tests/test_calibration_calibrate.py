@@ -28,7 +28,7 @@ def test_known_rig_is_found_again(rig: StereoRig) -> None:
     assert found.baseline_m == pytest.approx(rig.baseline_m, rel=0.002)
     assert found.rms_px == pytest.approx(0.1 * np.sqrt(2), rel=0.1)
     assert report.lens.row_error_px < 0.25
-    assert abs(found.baseline_m - rig.baseline_m) < 4 * report.lens.baseline_std_m
+    assert abs(found.baseline_m - rig.baseline_m) < 4 * report.lens.std[2]
     assert report.verdict[0] == "good"
 
 

@@ -1,15 +1,17 @@
 """Refining a rig with matches of a dive: what has moved comes back with honest errors, and nothing moves by chance."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 from calibration_boards import fisheye_rig, pinhole_rig
+from scipy.optimize import least_squares
 from test_calibration_port import port_rig
 from test_calibration_rectification import rig_at
 
-from calibration import CalibrationError, StereoRig
+from calibration import CalibrationError, Camera, StereoRig
 from calibration.checks import vertical_disparity
 from calibration.formats import load_rig
 from calibration.matches import Matches
@@ -80,6 +82,30 @@ def test_a_rig_that_fits_is_left_as_it_is(name: str) -> None:
     assert "nothing has moved" in found.lines()[1]
 
 
+def test_a_calibration_made_in_air_is_not_refined() -> None:
+    """Yaw and scale together would hide it, with ranges wrong by a quarter."""
+    rig = port_rig(0.02, toe_in=0.03)
+    with pytest.raises(CalibrationError, match=r"made in air.*by a wrong yaw"):
+        refine_matches(replace(rig, port=None), dive(rig))
+
+
+def in_air(camera: Camera, index: float = 1.34) -> Camera:
+    """The calibration in air of a camera behind a flat window on its center, whose calibration in water is ``camera``."""
+    u, v = np.meshgrid(*(np.linspace(0, size - 1, 21) for size in camera.image_size))
+    pixels = np.column_stack([u.ravel(), v.ravel()])
+    in_water = camera.rays(pixels)
+    sines = in_water[:, :2] / np.linalg.norm(in_water, axis=1, keepdims=True) * index
+    points = np.column_stack([sines / np.sqrt(1 - (sines**2).sum(axis=1))[:, None], np.ones(len(sines))])
+    K = camera.K / [[index], [index], [1]]
+    K[:2, 2] = camera.K[:2, 2]
+
+    def fitted(distortion: np.ndarray) -> Camera:
+        return Camera(K, distortion, camera.image_size)
+
+    start = np.zeros(5)
+    return fitted(least_squares(lambda d: (fitted(d).project(points) - pixels).ravel(), start, x_scale=0.1).x)
+
+
 def test_too_few_pairs() -> None:
     calibrated = pinhole_rig()
     with pytest.raises(CalibrationError, match="2 of 3 pairs"):
@@ -98,4 +124,9 @@ def test_a_real_rig_that_has_drifted(real_data: Path) -> None:
     found = refine_rig(load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024)), pairs[::4])
     assert 0.4 < found.before_px < 0.8
     assert found.after_px < 0.15
-    assert vertical_disparity(found.rig, pairs[2:20:8]).row_error_px < 0.15
+    check = vertical_disparity(found.rig, pairs[2:20:8])
+    assert check.row_error_px < 0.15 and not check.air_in_water
+    left, right = (in_air(camera) for camera in (found.rig.left, found.rig.right))
+    air = vertical_disparity(replace(found.rig, left=left, right=right), pairs[2:20:8])
+    assert air.air_in_water
+    assert air.index == pytest.approx(1.34, abs=0.04)

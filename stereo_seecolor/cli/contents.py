@@ -57,7 +57,7 @@ def calibration_content(result: "CalibrationResult") -> Content:
         "coverage_picture": result.coverage,
         "verdict": report.verdict,
         "baseline_m": report.rig.baseline_m,
-        "baseline_std_m": report.lens.baseline_std_m,
+        "baseline_std_m": float(report.lens.std[2]),
         "focal_std": report.focal_std,
         "rms_left_px": report.rms_left_px,
         "rms_right_px": report.rms_right_px,
