@@ -20,7 +20,7 @@ from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.matching.pair_check import PairCheck
-from stereo_seecolor.records import Correction, FrameResult, Image, Map, Mask, RangeMap, StereoFrame, Water
+from stereo_seecolor.records import Correction, FrameResult, Image, Map, Mask, RangeMap, StereoFrame, Water, is_monochrome
 from stereo_seecolor.version import __version__
 
 
@@ -136,11 +136,15 @@ class RangedImages:
 
 
 def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: RangeMap, water: Water) -> Correction:
-    """A frame in its true colors; with linear light beside it where ``output.image_format`` asks for that. Raises ColorError."""
+    """A frame in its true colors; with linear light beside it where ``output.image_format`` asks for that. Raises ColorError.
+
+    A monochrome camera's frame stays monochrome.
+    """
     correction = corrector.apply(image, range_map.range_m, water)
-    if config.output.image_format != "tiff32":
-        return correction
-    return correction.with_linear(corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure))
+    if config.output.image_format == "tiff32":
+        linear = corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure)
+        correction = correction.with_linear(linear)
+    return correction.one_band() if is_monochrome(image) else correction
 
 
 def ranges_alone(range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> RangeMap:

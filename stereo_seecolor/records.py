@@ -126,6 +126,11 @@ class Correction:
         """The same correction with its linear light, (H, W, 3) float32."""
         return replace(self, linear=linear)
 
+    def one_band(self) -> "Correction":
+        """The same correction of a monochrome camera's image: green, the middle of its band, in all three channels."""
+        linear = None if self.linear is None else self.linear[..., [1, 1, 1]]
+        return replace(self, image=self.image[..., [1, 1, 1]], linear=linear)
+
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
