@@ -1,5 +1,6 @@
 """The typer application: every command, by name and in the order of the help."""
 
+import contextlib
 import sys
 from collections.abc import Callable
 from typing import Annotated
@@ -16,6 +17,7 @@ from stereo_seecolor.cli import (
     water_commands,
 )
 from stereo_seecolor.cli.errors import exit_code_of
+from stereo_seecolor.cli.quiet import quiet_libraries
 from stereo_seecolor.cli.streams import prepare_streams, write_out
 from stereo_seecolor.compute.allocator import keep_freed_memory
 
@@ -62,4 +64,6 @@ def run_command_line() -> int:
     """Run the command that the program was started with and return its exit code."""
     prepare_streams()
     keep_freed_memory()
-    return exit_code_of(lambda: app(standalone_mode=False, prog_name="stereo-seecolor"), as_json="--json" in sys.argv[1:])
+    words = sys.argv[1:]
+    with contextlib.nullcontext() if "--verbose" in words else quiet_libraries():
+        return exit_code_of(lambda: app(standalone_mode=False, prog_name="stereo-seecolor"), as_json="--json" in words)

@@ -1,0 +1,50 @@
+"""What libraries in C write to standard error stays off the terminal; what the program says gets there."""
+
+import os
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import pytest
+
+from stereo_seecolor.cli.quiet import quiet_libraries
+
+
+def with_bad_profile(content: bytes) -> bytes:
+    """A PNG whose color profile libpng complains about; its pixels are good."""
+    kind, data = b"iCCP", b"x\x00\x00" + zlib.compress(bytes(200))
+    chunk = struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+    return content[:33] + chunk + content[33:]
+
+
+@pytest.mark.parametrize("verbose", [False, True])
+def test_libpngs_warnings_are_shown_only_if_asked_for(make_dive, tmp_path: Path, verbose: bool) -> None:
+    dive = make_dive(2)
+    for side in "LR":
+        path = dive.root / side / "0000.png"
+        path.write_bytes(with_bad_profile(path.read_bytes()))
+    (dive.root / "L" / "0001.png").write_bytes(b"damaged")
+    words = dive.command(tmp_path / "out", *(["--verbose"] if verbose else []))
+    done = subprocess.run([sys.executable, "-m", "stereo_seecolor", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 3
+    assert ("libpng warning" in done.stderr) == verbose
+    assert "1 pairs done, 1 failed" in done.stdout
+
+
+def test_errors_of_the_program_get_to_standard_error() -> None:
+    words = ["check", "--left", "nowhere", "--right", "nowhere", "--calib", "cam.yaml"]
+    done = subprocess.run([sys.executable, "-m", "stereo_seecolor", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "nowhere: the folder of left images does not exist" in done.stderr
+
+
+def test_everything_is_as_before_afterwards(capfd: pytest.CaptureFixture[str]) -> None:
+    with quiet_libraries():
+        os.write(2, b"from C")
+        print("from Python", file=sys.stderr)
+    os.write(2, b"C again")
+    said = capfd.readouterr().err
+    assert "from C" not in said
+    assert "C again" in said
