@@ -192,8 +192,10 @@ class ColorConfig(_Stage):
         description="A channel's gain stops where its noise would pass this fraction of full scale (linear light): a third of "
         "mid-gray, the limit of detection. What is missing comes from the other channels, and is marked.",
     )
-    unknown_pixels: Literal["black", "raw"] = Field(
-        default="black", description="What is painted where no range is known: black, or the pixel as the camera saw it."
+    unknown_pixels: Literal["interpolate", "black", "raw"] = Field(
+        default="interpolate",
+        description="What is painted where no range was measured. interpolate: corrected with a range carried over from measured "
+        "neighbors of the same color (mask 2; range/ stays as measured). black: black. raw: the pixel as the camera saw it.",
     )
 
 

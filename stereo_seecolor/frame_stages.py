@@ -20,8 +20,8 @@ from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.pipeline import correct, ranges_alone
-from stereo_seecolor.records import Capture, FrameRow, Image, Map, RangeMap, Water
+from stereo_seecolor.pipeline import correct, ranges_alone, ranges_for_color
+from stereo_seecolor.records import Capture, FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
@@ -39,6 +39,7 @@ class Source(Protocol):
     reader: FrameReader
     geometry: RectifiedPair | None
     makes_ranges: bool
+    seen: Mask | None
     settings: str
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
@@ -174,6 +175,7 @@ class FrameStages:
             config = self._source.config
             image, range_map = self.pixels(ranged, clock)
             with clock("color"):
+                range_map = ranges_for_color(image, range_map, config, self._source.seen)
                 correction = correct(self._source.corrector, config, image, range_map, water)
             facts = {
                 "exposure": correction.exposure,

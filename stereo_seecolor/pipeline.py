@@ -11,6 +11,7 @@ import numpy as np
 
 from calibration import Rectification, RectifiedPair, StereoRig
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -34,7 +35,9 @@ class Pipeline:
         self.config = config or RunConfig()
         self.rectification = Rectification.from_rig(rig)
         self.geometry: RectifiedPair | None = self.rectification.pair
-        self.matcher = Matcher(self.rectification.matching_pair, self.config.matching, self.rectification.seen_left())
+        seen = self.rectification.seen_left()
+        self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
+        self.matcher = Matcher(self.rectification.matching_pair, self.config.matching, seen)
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
         self.corrector = Corrector(self.config.color)
         self.reader = FrameReader(self.config.input)
@@ -97,7 +100,8 @@ class Pipeline:
         rectified, range_map = self._ranged(frame, clock)
         with clock("color"):
             water = water or self.corrector.fit_frame(rectified.left, range_map.measured_m)
-            correction = correct(self.corrector, self.config, rectified.left, range_map, water)
+            ranges = ranges_for_color(rectified.left, range_map, self.config, self.seen)
+            correction = correct(self.corrector, self.config, rectified.left, ranges, water)
         return FrameResult(rectified, range_map, correction, clock.seconds)
 
 
@@ -106,6 +110,7 @@ class RangedImages:
 
     makes_ranges = False
     geometry: RectifiedPair | None = None
+    seen: Mask | None = None
 
     def __init__(self, config: RunConfig) -> None:
         self.config = config
@@ -140,11 +145,23 @@ def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: Ra
 
     A monochrome camera's frame stays monochrome.
     """
-    correction = corrector.apply(image, range_map.range_m, water)
+    table = corrector.measure(image, range_map.measured_m) if water.exposure is None else None
+    correction = corrector.apply(image, range_map.range_m, water, table)
     if config.output.image_format == "tiff32":
         linear = corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure)
         correction = correction.with_linear(linear)
     return correction.one_band() if is_monochrome(image) else correction
+
+
+def ranges_for_color(image: Image, range_map: RangeMap, config: RunConfig, seen: Mask | None = None) -> RangeMap:
+    """The range map that a frame is corrected with: where nothing was measured, carried over from neighbors and marked as filled.
+
+    seen: where the image shows something, None = everywhere.
+    """
+    if config.color.unknown_pixels != "interpolate":
+        return range_map
+    range_m = carry_ranges(image, range_map.range_m, seen)
+    return range_map.with_ranges(range_m, range_map.filled | (np.isfinite(range_m) & ~np.isfinite(range_map.range_m)))
 
 
 def ranges_alone(range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> RangeMap:

@@ -95,6 +95,10 @@ class RangeMap:
         disparity, depth_m, range_m, range_std_m, confidence, filled = (function(values) for values in maps)
         return RangeMap(disparity, depth_m, range_m, range_std_m, confidence, filled, self.warnings)
 
+    def with_ranges(self, range_m: Map, filled: Mask) -> "RangeMap":
+        """The same map with other ranges, of which ``filled`` were not measured."""
+        return replace(self, range_m=range_m, filled=filled)
+
     @property
     def measured_m(self) -> Map:
         """range_m with everything that was filled in taken out again."""

@@ -1,0 +1,64 @@
+"""Ranges for pixels where none was measured, for color alone: carried over from measured neighbors of the same color.
+
+    range = S(w z) / S(w),   w = z^2 where the range z is measured, 0 elsewhere
+
+S smooths along surfaces of one color and stops at edges (fast global smoother; Min et al. 2014, doi:10.1109/TIP.2014.2366600).
+What stereo does not see lies behind what hides it, so farther neighbors weigh more. Water changes color slowly with range, so a
+quarter of the resolution is enough.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.records import Image, Map, Mask
+
+
+@dataclass(frozen=True)
+class Smoother:
+    """step_px: the resolution, in pixels of the image. reach: smoothness; 1000 carries over some 30 steps on one color.
+
+    color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise. least_weight: sums of weights below
+    it are rounding errors; such pixels get the frame's median range.
+    """
+
+    step_px: int = 4
+    reach: float = 1000.0
+    color_sigma: float = 5.0
+    least_weight: float = 1e-6
+
+
+def carry_ranges(image: Image, range_m: Map, seen: Mask | None = None, smoother: Smoother | None = None) -> Map:
+    """The range map with its unknown pixels filled; itself where nothing is known at all, or nothing is missing.
+
+    image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, NaN unknown.
+    seen: (H, W) True where the image shows something; elsewhere the range stays unknown.
+    """
+    smoother = smoother or Smoother()
+    missing = ~np.isfinite(range_m) if seen is None else ~np.isfinite(range_m) & seen
+    if not missing.any() or not np.isfinite(range_m).any():
+        return range_m
+    height, width = range_m.shape
+    carried = cv2.resize(_smoothed(image, range_m, smoother), (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.where(missing, carried, range_m)
+
+
+def _smoothed(image: Image, range_m: Map, smoother: Smoother) -> NDArray[np.float32]:
+    """Measured and carried ranges at the smoother's resolution."""
+    step = smoother.step_px
+    guide = cv2.resize(image, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
+    guide = guide if guide.dtype == np.uint8 else (guide >> 8).astype(np.uint8)
+    known = np.isfinite(range_m)
+    size = guide.shape[1::-1]
+    total = cv2.resize(np.where(known, range_m, np.float32(0)), size, interpolation=cv2.INTER_AREA)
+    density = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    mean_m = np.where(density > 0, total / np.maximum(density, smoother.least_weight), np.float32(0))
+    weight = density * mean_m**2
+    smooth = cv2.ximgproc.createFastGlobalSmootherFilter(guide, smoother.reach, smoother.color_sigma)
+    sums, weights = smooth.filter(weight * mean_m), smooth.filter(weight)
+    reached = weights > smoother.least_weight * float(weight.max())
+    carried = np.where(reached, sums / np.where(reached, weights, 1), np.float32(np.median(range_m[known])))
+    near, far = float(range_m[known].min()), float(range_m[known].max())
+    return np.clip(carried, near, far).astype(np.float32)

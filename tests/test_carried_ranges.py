@@ -1,0 +1,104 @@
+"""Color where no range was measured: carried over from neighbors, from behind and not from in front, and marked."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor.color.render.carried_ranges import carry_ranges
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.config_file import load_config
+
+REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
+RNG = np.random.default_rng(3)
+
+
+def coral_before_sand() -> tuple[np.ndarray, np.ndarray]:
+    """A dark coral 1 m away before bright sand at 2 m, with the noise of a camera."""
+    image = np.full((96, 128, 3), (200, 190, 160), np.uint8)
+    range_m = np.full((96, 128), 2.0, np.float32)
+    image[24:72, 40:88], range_m[24:72, 40:88] = (60, 40, 30), 1.0
+    return np.clip(image + RNG.normal(0, 2, image.shape), 0, 255).astype(np.uint8), range_m
+
+
+def test_a_strip_beside_a_coral_takes_the_range_of_its_own_color() -> None:
+    image, true_m = coral_before_sand()
+    known_m = true_m.copy()
+    known_m[24:72, 32:48] = np.nan  # half on the sand, half on the coral
+    found_m = carry_ranges(image, known_m)
+    np.testing.assert_allclose(found_m[28:68, 34:38], 2.0, atol=0.15)
+    np.testing.assert_allclose(found_m[28:68, 43:46], 1.0, atol=0.15)
+
+
+def test_measured_ranges_stay_and_all_others_are_within_them() -> None:
+    image, true_m = coral_before_sand()
+    known_m = np.where(RNG.uniform(size=true_m.shape) < 0.3, true_m, np.float32(np.nan))
+    found_m = carry_ranges(image, known_m)
+    measured = np.isfinite(known_m)
+    np.testing.assert_array_equal(found_m[measured], known_m[measured])
+    assert np.isfinite(found_m).all()
+    assert found_m.min() >= 1.0
+    assert found_m.max() <= 2.0
+
+
+def test_what_the_camera_did_not_see_and_frames_without_any_range_stay_unknown() -> None:
+    image, range_m = coral_before_sand()
+    range_m[:, :10] = np.nan
+    seen = np.ones(range_m.shape, bool)
+    seen[:, :5] = False
+    found_m = carry_ranges(image, range_m, seen)
+    assert np.isnan(found_m[:, :5]).all()
+    assert np.isfinite(found_m[:, 5:]).all()
+    nothing_m = np.full(range_m.shape, np.nan, np.float32)
+    assert np.isnan(carry_ranges(image, nothing_m)).all()
+
+
+def test_sixteen_bits_give_the_same_ranges_as_eight() -> None:
+    image, range_m = coral_before_sand()
+    range_m[30:60, 20:60] = np.nan
+    np.testing.assert_array_equal(carry_ranges(image, range_m), carry_ranges(image.astype(np.uint16) * 257, range_m))
+
+
+@pytest.fixture(scope="module")
+def sample_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("carried") / "out"
+    run(REEF / "left", REEF / "right", REEF / "cam.yaml", out, load_config(None, ["color.lock=survey"]))
+    return out
+
+
+@pytest.mark.slow
+def test_filled_pixels_of_the_sample_dive_are_nearly_as_true_as_measured_ones(sample_run: Path) -> None:
+    """Angular error to the true color, after one gain a channel, of pixels that are neither dark nor clipped."""
+    measured, filled = [], []
+    for path in sorted((sample_run / "corrected").glob("*.png")):
+        mask = cv2.imread(str(sample_run / "mask" / path.name), cv2.IMREAD_UNCHANGED)
+        assert (mask != 1).all()
+        assert (cv2.imread(str(path)).max(axis=2) > 0).mean() > 0.999
+        error_deg, usable = angular_error(path)
+        measured.append(error_deg[usable & (mask == 0)])
+        filled.append(error_deg[usable & (mask == 2)])
+    assert np.concatenate(filled).size > 10_000
+    assert np.mean(np.concatenate(filled)) <= 2 * np.mean(np.concatenate(measured))
+
+
+@pytest.mark.slow
+def test_range_maps_and_clouds_hold_measured_pixels_alone(sample_run: Path) -> None:
+    for path in sorted((sample_run / "range").glob("*.tiff"))[:3]:
+        known = np.isfinite(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
+        mask = cv2.imread(str(sample_run / "mask" / f"{path.stem}.png"), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(mask == 2, ~known)
+        header = (sample_run / "clouds" / f"{path.stem}.ply").read_bytes()[:600]
+        assert f"element vertex {known.sum()}".encode() in header
+
+
+def angular_error(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    found = linear(cv2.imread(str(path))[..., ::-1])
+    true = linear(cv2.imread(str(REEF / "truth" / "color" / path.name))[..., ::-1])
+    usable = (true.max(axis=2) < 0.98) & (true.min(axis=2) > 0.005) & (found.max(axis=2) < 0.98)
+    cosine = (found * true).sum(axis=2) / np.maximum(np.linalg.norm(found, axis=2) * np.linalg.norm(true, axis=2), 1e-9)
+    return np.degrees(np.arccos(np.clip(cosine, -1, 1))), usable
+
+
+def linear(srgb: np.ndarray) -> np.ndarray:
+    return (srgb / 255.0) ** 2.2
