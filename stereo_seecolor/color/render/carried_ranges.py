@@ -20,8 +20,8 @@ from stereo_seecolor.records import Image, Map, Mask
 class Smoother:
     """step_px: the resolution, in pixels of the image. reach: smoothness; 1000 carries over some 30 steps on one color.
 
-    color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise. least_weight: sums of weights below
-    it are rounding errors; such pixels get the frame's median range.
+    color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise. least_weight: sums of weights
+    below it are rounding errors; such pixels get the frame's median range.
     """
 
     step_px: int = 4
