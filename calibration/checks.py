@@ -16,8 +16,9 @@ from calibration.suspicions import suspicions
 
 Array = NDArray[np.float64]
 __all__ = ["RowCheck", "judge_matches", "suspicions", "vertical_disparity"]
-MIN_MATCHES = 50
-INDICES = np.arange(1.0, 1.4401, 0.02)
+MIN_MATCHES = 50  # fewer do not reach the corners of the image, where roll and scale show
+INDICES = np.arange(1.0, 1.4401, 0.02)  # none to beyond water; found to 0.02 on a real dive
+BEHIND_PX = -0.5  # disparity of a point behind infinity: beyond the noise of matches, about 0.1 px
 
 
 def vertical_disparity(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic], NDArray[np.generic]]]) -> RowCheck:
@@ -54,7 +55,7 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
         scale=float(1 + model[1]),
         roll_deg=float(np.degrees(model[2])),
         unexplained_px=float(np.median(np.abs(unexplained))),
-        behind_share=float((left[:, 0] - right[:, 0] < -0.5).mean()),
+        behind_fraction=float((left[:, 0] - right[:, 0] < BEHIND_PX).mean()),
         index=index,
         index_unexplained_px=index_unexplained,
     )

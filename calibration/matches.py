@@ -14,12 +14,21 @@ from calibration.rig import StereoRig
 
 Array = NDArray[np.float64]
 Images = tuple[NDArray[np.generic], NDArray[np.generic]]
-MAX_FEATURES = 3000
-RATIO = 0.75  # Lowe 2004, sec. 7.1
-MAX_ROW_SHARE = 0.1  # of the image's height: rows may be wrong, but not anywhere
-RETURN_PX = 0.2
-STRAY_PX = 2.0
-WINDOW_PX = (21, 21)
+
+
+@dataclass(frozen=True)
+class MatchLimits:
+    """Decides which features are taken for the same point."""
+
+    max_features: int = 3000  # of an image: 0.6 s, and 1,700 matches a pair on a coral reef
+    ratio: float = 0.75  # nearest to second nearest descriptor (Lowe 2004, Int. J. Comput. Vis. 60, sec. 7.1: 0.8)
+    max_row_fraction: float = 0.1  # of the image's height: rows may be off, but not anywhere
+    return_px: float = 0.2  # flow there and back: more is a place that is not the same in both images
+    stray_px: float = 2.0  # flow from where the features lie, which are good to a pixel
+    window_px: int = 21  # of the flow; OpenCV's default
+
+
+LIMITS = MatchLimits()
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,13 +46,13 @@ def find_matches(rectification: Rectification, left: NDArray[np.generic], right:
         clear.apply(apply(to_gray(image)))
         for apply, image in ((rectification.apply_left, left), (rectification.apply_right, right))
     ]
-    sift = cv2.SIFT.create(nfeatures=MAX_FEATURES)
+    sift = cv2.SIFT.create(nfeatures=LIMITS.max_features)
     points, descriptors = zip(*(sift.detectAndCompute(image, None) for image in images), strict=True)
     if any(len(found) < 2 for found in points):
         return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
     at_left, at_right = (np.array([point.pt for point in found], dtype=np.float32) for found in points)
     pairs = _mutual(descriptors[0], descriptors[1])
-    near = np.abs(at_left[pairs[:, 0], 1] - at_right[pairs[:, 1], 1]) < MAX_ROW_SHARE * images[0].shape[0]
+    near = np.abs(at_left[pairs[:, 0], 1] - at_right[pairs[:, 1], 1]) < LIMITS.max_row_fraction * images[0].shape[0]
     return _refine(images, at_left[pairs[near, 0]], at_right[pairs[near, 1]])
 
 
@@ -65,7 +74,7 @@ def _mutual(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np
     chosen = []
     for a, b in ((left, right), (right, left)):
         both = [found for found in matcher.knnMatch(a, b, k=2) if len(found) == 2]
-        chosen.append({first.queryIdx: first.trainIdx for first, second in both if first.distance < RATIO * second.distance})
+        chosen.append({first.queryIdx: first.trainIdx for first, second in both if first.distance < LIMITS.ratio * second.distance})
     pairs = [(i, j) for i, j in chosen[0].items() if chosen[1].get(j) == i]
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
@@ -75,7 +84,12 @@ def _refine(images: list[NDArray[np.uint8]], left: NDArray[np.float32], right: N
         return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
     there, found = _follow(images[0], images[1], left, right)
     back, found_back = _follow(images[1], images[0], there, left)
-    kept = found & found_back & (np.abs(back - left).max(axis=1) < RETURN_PX) & (np.abs(there - right).max(axis=1) < STRAY_PX)
+    kept = (
+        found
+        & found_back
+        & (np.abs(back - left).max(axis=1) < LIMITS.return_px)
+        & (np.abs(there - right).max(axis=1) < LIMITS.stray_px)
+    )
     return Matches(left[kept].astype(np.float64), there[kept].astype(np.float64))
 
 
@@ -89,7 +103,7 @@ def _follow(
         second,
         points.reshape(-1, 1, 2),
         start.reshape(-1, 1, 2).copy(),
-        winSize=WINDOW_PX,
+        winSize=(LIMITS.window_px, LIMITS.window_px),
         maxLevel=0,
         criteria=criteria,
         flags=cv2.OPTFLOW_USE_INITIAL_FLOW,

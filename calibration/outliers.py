@@ -10,9 +10,10 @@ from calibration.report import ViewReport
 from calibration.targets import Target
 from calibration.views import MIN_VIEWS, SIDES, View, observations_of
 
-OUTLIER_RATIO = 3.0
-OUTLIER_MIN_PX = 0.3
-WRONG_PAIR = 0.03  # of the image's width
+OUTLIER_RATIO = 3.0  # times the median view's error: three sigma of good views
+OUTLIER_MIN_PX = 0.3  # corners are found to 0.1 to 0.2 px; below this a view is no worse than its neighbors
+WRONG_PAIR = 0.03  # of the image's width, from a rig guessed by single views to 1 %: a board that has moved meanwhile
+WRONG_PAIR_RATIO = 5.0  # times the median, where the guess itself is poor
 
 
 def without_outliers(views: list[View], target: Target, lenses: Sequence[Lens]) -> tuple[list[View], list[ViewReport]]:
@@ -41,7 +42,7 @@ def _without_wrong_pairs(views: list[View], target: Target, lenses: Sequence[Len
     """Drop pairs whose right corners lie far from where the left ones and the rig of most views put them."""
     guesses = [view_errors(first_guess(views, target, lens), views, target) for lens in lenses]
     errors = min(guesses, key=lambda guess: float(guess[:, 0].mean()))[:, 1]  # the left camera was fitted alone
-    wrong = errors > max(WRONG_PAIR * views[0].image_size[0], 5 * float(np.median(errors)))
+    wrong = errors > max(WRONG_PAIR * views[0].image_size[0], WRONG_PAIR_RATIO * float(np.median(errors)))
     if wrong.sum() > len(views) - MIN_VIEWS:
         return list(views), []
     reason = "left and right disagree ({:.0f} px): not taken at the same moment, or paired wrongly?"

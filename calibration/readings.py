@@ -35,5 +35,7 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     if not np.isfinite(errors_px[best]):
         raise failure
     others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
-    doubt = f"{readings[best].reading}: images decide: rows differ by {errors_px[best]:.2f} px, and by {others} px otherwise"
+    doubt = (
+        f"{readings[best].reading}: images decide: the vertical disparity is {errors_px[best]:.2f} px, and {others} px otherwise"
+    )
     return replace(readings[best], alternatives=(), doubts=(*readings[best].doubts, doubt))

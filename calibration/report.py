@@ -116,7 +116,7 @@ class CalibrationReport:
         focal_std, baseline_std = self.focal_std, float(self.lens.std[2]) / self.rig.baseline_m
         rms_px, rows_px = self.rig.rms_px or np.nan, self.lens.row_error_px
         figures = [
-            (rows_px, MAX_ROW_ERROR_PX, f"rows differ by {rows_px:.2f} px after rectification"),
+            (rows_px, MAX_ROW_ERROR_PX, f"vertical disparity {rows_px:.2f} px after rectification"),
             (rms_px, MAX_RMS_PX, f"rms {rms_px:.2f} px"),
             (focal_std, MAX_FOCAL_STD, f"focal length known to {focal_std:.2%}: take more views, and tilt the target more"),
             (

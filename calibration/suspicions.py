@@ -1,11 +1,30 @@
 """What looks wrong in a rig that can be used all the same: found in its numbers alone, without images."""
 
+from dataclasses import dataclass
+
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from calibration.plan import DIAGONAL_DEG, plan_rectification, rectified_points
 from calibration.rig import Camera, StereoRig
+from calibration.turns import quarter_turn, quarter_turns_of
 
-MIN_KEPT_SHARE = {"pinhole": 0.4, "fisheye": 0.1}
+
+@dataclass(frozen=True)
+class SuspicionLimits:
+    """Decides what is unusual in a rig, though possible."""
+
+    center_offset: float = 0.2  # of the image: no lens is mounted that far off; K of half the resolution gives 0.25
+    aspect: float = 0.05  # fx / fy off 1: sensors have square pixels, and ports stretch them by 1 or 2 %
+    focal_of_width: tuple[float, float] = (0.2, 10.0)  # 136 degrees across, and 6
+    focal_ratio: tuple[float, float] = (0.8, 1.25)  # left to right: pairs are made of equal lenses
+    angle_deg: float = 30.0  # between the cameras, quarter turns apart: pairs look the same way
+    kept_pinhole: float = 0.4  # of the view after rectification
+    kept_fisheye: float = 0.1  # a flat image shows the middle of a fisheye alone
+    rms_px: float = 1.0  # a calibration is good to 0.3 px
+
+
+LIMITS = SuspicionLimits()
 
 
 def suspicions(rig: StereoRig) -> tuple[str, ...]:
@@ -15,17 +34,17 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
         found.append(f"{rig.reading}: the file can be read in {len(rig.alternatives) + 1} ways, and images of the dive must decide")
     found += [text for side, camera in (("left", rig.left), ("right", rig.right)) for text in _camera_suspicions(side, camera)]
     focal_ratio = rig.left.K[0, 0] / rig.right.K[0, 0]
-    if not 0.8 < focal_ratio < 1.25:
+    if not LIMITS.focal_ratio[0] < focal_ratio < LIMITS.focal_ratio[1]:
         found.append(f"the focal lengths differ: {rig.left.K[0, 0]:.0f} px left and {rig.right.K[0, 0]:.0f} px right")
-    angle_deg = np.degrees(np.arccos(np.clip((np.trace(rig.R) - 1) / 2, -1, 1)))
-    if angle_deg > 30:
+    angle_deg = np.degrees(Rotation.from_matrix(quarter_turn(-quarter_turns_of(rig.R)) @ rig.R).magnitude())
+    if angle_deg > LIMITS.angle_deg:
         found.append(f"the cameras are turned by {angle_deg:.0f} degrees to each other: is the rotation of this rig?")
     found += placement_suspicions(rig)
-    kept = min(kept_shares(rig))
-    if kept < MIN_KEPT_SHARE[rig.left.model]:
+    kept = min(kept_fractions(rig))
+    if kept < (LIMITS.kept_fisheye if rig.left.model == "fisheye" else LIMITS.kept_pinhole):
         found.append(f"rectified images keep {kept:.0%} of what the cameras see: check rotation, focal lengths and distortion")
-    if rig.rms_px is not None and rig.rms_px > 1:
-        found.append(f"the calibration's own error is {rig.rms_px:.2f} px, over 1 px: calibrate again")
+    if rig.rms_px is not None and rig.rms_px > LIMITS.rms_px:
+        found.append(f"the calibration's own error is {rig.rms_px:.2f} px, over {LIMITS.rms_px:g} px: calibrate again")
     if rig.medium == "air" and rig.port is None:
         found.append(
             "calibrated in air: behind a flat port under water, ranges come out about a quarter wrong; calibrate in water, "
@@ -46,7 +65,7 @@ def placement_suspicions(rig: StereoRig) -> list[str]:
         )
     plan = plan_rectification(rig)
     if abs(plan.diagonal_deg) > DIAGONAL_DEG:
-        (width, height), (kept, _) = plan.pair.image_size, kept_shares(rig)
+        (width, height), (kept, _) = plan.pair.image_size, kept_fractions(rig)
         found.append(
             f"the baseline lies {abs(plan.diagonal_deg):.0f} degrees off the axes of the image: the rectified images are turned, "
             f"and {width}x{height} px in size to keep the whole view ({kept:.0%} of the left image)"
@@ -58,14 +77,14 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
     found = []
     (fx, _, cx), (_, fy, cy), _ = camera.K.tolist()
     width, height = camera.image_size
-    if abs(cx / width - 0.5) > 0.2 or abs(cy / height - 0.5) > 0.2:
+    if max(abs(cx / width - 0.5), abs(cy / height - 0.5)) > LIMITS.center_offset:
         found.append(
             f"{side}: the principal point ({cx:.0f}, {cy:.0f}) lies far from the middle of {width}x{height} px: "
             f"is K of another resolution (about {2 * cx:.0f}x{2 * cy:.0f})?"
         )
-    if not 0.95 < fx / fy < 1.05:
+    if abs(fx / fy - 1) > LIMITS.aspect:
         found.append(f"{side}: fx = {fx:.0f} and fy = {fy:.0f} px differ, and pixels are square")
-    if not 0.2 < fx / width < 10:
+    if not LIMITS.focal_of_width[0] < fx / width < LIMITS.focal_of_width[1]:
         found.append(f"{side}: a focal length of {fx:.0f} px for an image {width} px wide: is K of another resolution?")
     if lens_folds(camera):
         found.append(
@@ -91,15 +110,15 @@ def lens_folds(camera: Camera) -> bool:
     return bool(np.isnan(camera.rays(np.column_stack([x.ravel(), y.ravel()]))).any())
 
 
-def kept_shares(rig: StereoRig) -> tuple[float, float]:
-    """Share of the left and of the right raw image that the rectified images show."""
+def kept_fractions(rig: StereoRig) -> tuple[float, float]:
+    """Fraction of the left and of the right raw image that the rectified images show."""
     width, height = rig.left.image_size
     x, y = np.meshgrid(np.linspace(0, width - 1, 40), np.linspace(0, height - 1, 40))
     grid = np.column_stack([x.ravel(), y.ravel()])
     width, height = plan_rectification(rig).matching_pair.image_size
-    shares = []
+    fractions = []
     for pixels in rectified_points(rig, grid, grid):
         with np.errstate(invalid="ignore"):
             inside = ((pixels >= 0) & (pixels <= [width - 1, height - 1])).all(axis=1)
-        shares.append(float(inside.mean()))
-    return shares[0], shares[1]
+        fractions.append(float(inside.mean()))
+    return fractions[0], fractions[1]

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
 from calibration.plan import plan_rectification, rectified_points
-from calibration.suspicions import kept_shares, suspicions
+from calibration.suspicions import kept_fractions, suspicions
 from calibration.turns import quarter_turn, quarter_turns_of
 
 Array = NDArray[np.float64]
@@ -130,7 +130,7 @@ def test_rectified_rig_rectifies_to_itself(angle_deg: float) -> None:
 @pytest.mark.parametrize("angle_deg", [30, 45, -50, 120])
 def test_a_diagonal_rig_keeps_the_whole_view_and_says_so(angle_deg: float) -> None:
     rig = rig_at(angle_deg)
-    assert kept_shares(rig)[0] > 0.99
+    assert kept_fractions(rig)[0] > 0.99
     assert "degrees off the axes of the image" in "; ".join(suspicions(rig))
 
 

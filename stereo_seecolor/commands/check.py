@@ -14,7 +14,7 @@ from calibration.port_error import port_error
 from calibration.readings import settle_matches
 from calibration.refine import refine_matches
 from calibration.refined_rig import RefinedRig
-from calibration.row_check import ACCEPTABLE_ROW_ERROR_PX
+from calibration.row_check import LIMITS
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders
@@ -61,7 +61,7 @@ class CheckResult:
     @property
     def acceptable(self) -> bool:
         """True if rows agree, with the refined rig where there is one."""
-        return self.rows.acceptable if self.refined is None else self.refined.after_px <= ACCEPTABLE_ROW_ERROR_PX
+        return self.rows.acceptable if self.refined is None else self.refined.after_px <= LIMITS.acceptable_px
 
 
 def check(left: Path, right: Path, calib: str, most_pairs: int = 12, refine: Path | None = None) -> CheckResult:
