@@ -18,6 +18,7 @@ from calibration.views import View, detect_views
 BOARD = Chessboard(9, 6, 0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", [pinhole_rig(), fisheye_rig()], ids=["pinhole", "fisheye"])
 def test_known_rig_is_found_again(rig: StereoRig) -> None:
     views = projected_views(rig, BOARD, 16, 0.1, np.random.default_rng(3))
@@ -32,6 +33,7 @@ def test_known_rig_is_found_again(rig: StereoRig) -> None:
     assert report.verdict[0] == "good"
 
 
+@pytest.mark.slow
 def test_eight_coefficients_where_five_do_not_reach() -> None:
     rig = pinhole_rig()
     rational = np.array([0.9, 0.35, 0.0005, -0.0004, 0.02, 1.25, 0.45, 0.06])
@@ -42,6 +44,7 @@ def test_eight_coefficients_where_five_do_not_reach() -> None:
     assert found.baseline_m == pytest.approx(rig.baseline_m, rel=0.002)
 
 
+@pytest.mark.slow
 def test_bad_views_are_dropped_with_the_reason() -> None:
     rng = np.random.default_rng(5)
     views = projected_views(pinhole_rig(), BOARD, 12, 0.1, rng)
@@ -60,6 +63,7 @@ def test_bad_views_are_dropped_with_the_reason() -> None:
     assert found.baseline_m == pytest.approx(0.12, rel=0.003)
 
 
+@pytest.mark.slow
 def test_many_wrong_pairs_are_dropped() -> None:
     views = projected_views(pinhole_rig(), BOARD, 10, 0.1, np.random.default_rng(0))
     other = projected_views(pinhole_rig(), BOARD, 4, 0.1, np.random.default_rng(1))
@@ -77,6 +81,7 @@ def test_swapped_folders_are_suspicious() -> None:
     assert any(line.startswith("suspicious") and "to the LEFT" in line for line in report.lines())
 
 
+@pytest.mark.slow
 def test_views_all_from_the_front_do_not_pass_for_good() -> None:
     views = projected_views(pinhole_rig(), BOARD, 1, 0.1, np.random.default_rng(0))
     try:
@@ -96,6 +101,7 @@ def test_few_views_in_one_corner_are_not_good() -> None:
     assert report.coverage_picture().shape[2] == 3
 
 
+@pytest.mark.slow
 def test_empty_regions_are_named() -> None:
     views = projected_views(pinhole_rig(), BOARD, 24, 0.1, np.random.default_rng(0))
     left_half = [view for view in views if view.left is not None and view.left.pixels[:, 0].max() < 840]
@@ -178,6 +184,7 @@ def test_target_that_cannot_be_meant(text: str, message: str) -> None:
         parse_target(text)
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_real_chessboards(real_data: Path) -> None:
     board = parse_target("chessboard:9x6:24.23mm")

@@ -93,6 +93,7 @@ def test_images_of_another_size_are_refused() -> None:
         vertical_disparity(pinhole_rig(), [(small, small)])
 
 
+@pytest.mark.slow
 def test_flat_pictures_hold_no_matches() -> None:
     gray = np.full((960, 1280, 3), 90, np.uint16)
     with pytest.raises(CalibrationError, match="only 0 points"):
@@ -149,6 +150,7 @@ def test_cameras_without_a_common_view() -> None:
         Rectification.from_rig(replace(rig, T_right_left=T))
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 @pytest.mark.parametrize("name", ["aloe", "teddy"])
 def test_rectified_real_pair_is_acceptable_and_a_shift_is_measured(name: str, real_data: Path) -> None:

@@ -39,6 +39,7 @@ def board_pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StereoR
     return folder, rig
 
 
+@pytest.mark.slow
 def test_calibrate_from_folders(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
     folder, rig = board_pairs
     out = tmp_path / "cam.yaml"
@@ -66,6 +67,7 @@ def test_calibrate_without_folders_is_wrong_usage(cli: Cli) -> None:
     assert "--left" in said
 
 
+@pytest.mark.slow
 def test_target_that_is_not_there(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
     folder, _ = board_pairs
     words = (
@@ -84,6 +86,7 @@ def test_target_that_is_not_there(cli: Cli, board_pairs: tuple[Path, StereoRig],
     assert not (tmp_path / "cam.yaml").exists()
 
 
+@pytest.mark.slow
 def test_check_tells_a_good_calibration_from_a_bad_one(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
     _, rig = board_pairs
     write_rig(rig, tmp_path / "cam.yaml")

@@ -65,6 +65,7 @@ def seen(rig: StereoRig) -> np.ndarray:
     return np.array(pixels)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rig=rigs())
 def test_every_pair_of_formats_reproduces_rays(rig: StereoRig, tmp_path: Path) -> None:

@@ -125,6 +125,7 @@ def test_missing_file_and_empty_folder(tmp_path: Path) -> None:
         load_rig(tmp_path)
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     text=st.sampled_from(sorted(WHOLE_RIGS.values())),

@@ -39,6 +39,7 @@ def read(path: Path) -> np.ndarray:
     return image
 
 
+@pytest.mark.slow
 def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
     code, printed, said = cli(*dive.command(out))
@@ -81,6 +82,7 @@ def test_cloud_holds_the_measured_points_in_the_corrected_colors(make_dive, cli,
     assert (vertices["xyz"][:, 2] > 0).all()
 
 
+@pytest.mark.slow
 def test_sixteen_bits_in_sixteen_bits_out(make_dive, cli, tmp_path) -> None:
     assert cli(*make_dive(1, dtype=np.uint16).command(tmp_path / "out"))[0] == 0
     corrected = read(tmp_path / "out/corrected/0000.png")
@@ -88,6 +90,7 @@ def test_sixteen_bits_in_sixteen_bits_out(make_dive, cli, tmp_path) -> None:
     assert len(np.unique(corrected)) > 1000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("image_format", ["png16", "tiff32", "jpg"])
 def test_image_formats(make_dive, cli, tmp_path, image_format) -> None:
     assert cli(*make_dive(1).command(tmp_path / "out", "--set", f"output.image_format={image_format}"))[0] == 0
@@ -347,6 +350,7 @@ def test_swapped_folders_are_noticed(make_dive, cli, tmp_path) -> None:
     assert "swapped" in printed + said
 
 
+@pytest.mark.slow
 def test_swapped_folders_of_a_rig_that_needs_rectification(cli, tmp_path) -> None:
     reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):
@@ -417,6 +421,7 @@ def test_wrong_usage(cli) -> None:
     assert cli("run", "--left", "L", "--right", "R", "--calib", "c.yaml", "--poses", "p.tum")[0] == 2
 
 
+@pytest.mark.slow
 def test_installed_command_and_version() -> None:
     program = Path(sys.executable).parent / "stereo-seecolor"
     assert subprocess.run([program, "--version"], capture_output=True, text=True, check=True).stdout.strip()
@@ -424,6 +429,7 @@ def test_installed_command_and_version() -> None:
     assert all(command in help_text for command in ("run", "correct", "range", "rectify", "doctor"))
 
 
+@pytest.mark.slow
 def test_help_loads_no_heavy_library() -> None:
     code = (
         "import sys; sys.argv = ['x', '--help']\n"
@@ -436,6 +442,7 @@ def test_help_loads_no_heavy_library() -> None:
     assert "HEAVY []" in printed
 
 
+@pytest.mark.slow
 def test_demo_shows_how_near_the_truth_it_comes(cli, tmp_path) -> None:
     code, printed, _ = cli("demo", "--out", str(tmp_path / "demo"))
     assert code == 0

@@ -116,6 +116,7 @@ def test_gain_stops_where_noise_would_pass_the_stated_level_and_says_where():
     assert not free.unrecoverable.any()
 
 
+@pytest.mark.slow
 def test_unknown_pixels_can_be_left_as_they_were():
     image, range_m = random_frame(5)
     found = Corrector(ColorConfig(unknown_pixels="raw")).apply(image, range_m, some_water())
@@ -148,6 +149,7 @@ def broken_frames():
     yield "no red", image * np.array([0, 1, 1], np.uint8), range_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["robust", "paper"])
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize(("name", "image", "range_m"), [pytest.param(*frame, id=frame[0]) for frame in broken_frames()])

@@ -146,6 +146,7 @@ def backscatter_after_training(loss, steps=250):
         return (network(z) - truth).abs().max().item(), network(z).max().item()
 
 
+@pytest.mark.slow
 def test_printed_sign_of_the_backscatter_penalty_rewards_negative_direct_signals():
     def printed(direct):
         return (direct.clamp(min=0) + 1000 * direct.clamp(max=0)).mean()

@@ -49,6 +49,7 @@ def test_backscatter_is_found_where_every_range_has_something_dark(corrector):
     assert np.abs(water.backscatter(z) - GAMMA * (1 - np.exp(-BETA * z[:, None]))).max() < 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("encoding", ["as-is", "srgb"])
 @pytest.mark.parametrize("seed", range(2))
 def test_table_solver_ends_no_higher_than_five_hundred_adam_steps_on_every_pixel(seed, encoding):

@@ -71,6 +71,7 @@ def test_too_little_to_learn_from() -> None:
         learn_light(blind, "linear")
 
 
+@pytest.mark.slow
 def test_lamps_of_a_rendered_dive_come_out() -> None:
     """Against the reef without any water or lamp, light across the frame varies less than half as much as before."""
     scene = Scene.from_spec(SurveySpec(pairs=16, image_size=(128, 104), lamp_intensity=200.0, bits=16))

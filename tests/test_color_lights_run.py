@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+import pytest
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
@@ -14,6 +15,7 @@ def unevenness(folder, names) -> float:  # type: ignore[no-untyped-def]
     return float(parts.std() / parts.mean())
 
 
+@pytest.mark.slow
 def test_lamps_are_learned_and_taken_out(make_dive, tmp_path) -> None:
     dive = make_dive(16)
     height, width = dive.range_m.shape

@@ -106,6 +106,7 @@ def dive() -> tuple[RectifiedPair, list[KeyFrame]]:
     return rectification.pair, [KeyFrame(*parts) for parts in zip(images, ranges, poses, strict=True)]
 
 
+@pytest.mark.slow
 def test_water_of_the_sample_dive(dive: tuple[RectifiedPair, list[KeyFrame]]) -> None:
     """Two lines at two altitudes: attenuation within 10 % of truth, with no assumption on the reef's colors."""
     geometry, frames = dive

@@ -35,6 +35,7 @@ def test_simple_model_undoes_its_own_water(scene: tuple[np.ndarray, np.ndarray])
     assert angle(baselines.simple_model(image, z), truth) < 2.0 < angle(image, truth) / 4
 
 
+@pytest.mark.slow
 def test_sea_thru_undoes_water_with_a_white_point(scene: tuple[np.ndarray, np.ndarray]) -> None:
     truth, z = scene
     image = through(truth, z, RATE, VEIL, WHITE)
@@ -73,6 +74,7 @@ def test_local_space_average_keeps_to_its_own_range() -> None:
     np.testing.assert_allclose(average[:, 45:75].mean(axis=(0, 1)), 2 * np.array([0.05, 0.2, 0.3]), rtol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", list(baselines.METHODS))
 def test_unknown_ranges_and_a_single_range_are_survived(name: str, scene: tuple[np.ndarray, np.ndarray]) -> None:
     truth, z = scene

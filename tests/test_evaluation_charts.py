@@ -105,6 +105,7 @@ def folders(tmp_path: Path, chart_image: tuple[np.ndarray, np.ndarray]) -> tuple
     return tmp_path / "image", tmp_path / "range"
 
 
+@pytest.mark.slow
 def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(folders: tuple[Path, Path], tmp_path: Path) -> None:
     report = evaluate_charts(*folders, sheet=tmp_path / "sheet.png")
     means = {row.method: row for row in report.means()}
@@ -118,6 +119,7 @@ def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(folders: tuple[Path
     assert sheet.shape[1] == 7 * 320
 
 
+@pytest.mark.slow
 def test_given_corners_are_used(folders: tuple[Path, Path], chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
     file = tmp_path / "targets.json"
     file.write_text(json.dumps({"a": [{"chart": chart_image[1].tolist()}]}))
@@ -183,6 +185,7 @@ def test_bad_targets_are_named(tmp_path: Path, content: str, message: str) -> No
         read_targets(file)
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 def test_white_cards_in_the_sea(real_data: Path) -> None:
     flsea = real_data / "flsea"
@@ -195,6 +198,7 @@ def test_white_cards_in_the_sea(real_data: Path) -> None:
     assert len(report.without_target) == 6
 
 
+@pytest.mark.slow
 def test_unknown_ranges_are_left_out_by_ours(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
     from stereo_seecolor.config import RunConfig
 

@@ -42,6 +42,7 @@ def test_ciede2000_gives_the_published_differences():
     np.testing.assert_allclose(measures.ciede2000(SHARMA[:, 3:6], SHARMA[:, :3]), difference, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_ciede2000_agrees_with_opencv_lab_and_color_science():
     rng = np.random.default_rng(4)
     lab = rng.uniform([0, -80, -80], [100, 80, 80], (500, 3))

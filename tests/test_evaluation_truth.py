@@ -34,6 +34,7 @@ def perfect(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 def test_truth_against_itself(perfect: Path) -> None:
     report = evaluate_truth(perfect, TRUTH)
     assert report.range.median_relative_error == 0.0
@@ -48,6 +49,7 @@ def test_truth_against_itself(perfect: Path) -> None:
     assert len(report.missing) == 10
 
 
+@pytest.mark.slow
 def test_ranges_two_percent_too_long(perfect: Path) -> None:
     for name in NAMES:
         path = perfect / "range" / f"{name}.tiff"
@@ -57,6 +59,7 @@ def test_ranges_two_percent_too_long(perfect: Path) -> None:
     assert report.range.bad_1_px < 0.5 < report.range.coverage
 
 
+@pytest.mark.slow
 def test_what_was_filled_in_does_not_count_as_measured(perfect: Path) -> None:
     (perfect / "mask").mkdir()
     filled = np.zeros((448, 576), np.uint8)
@@ -68,6 +71,7 @@ def test_what_was_filled_in_does_not_count_as_measured(perfect: Path) -> None:
     assert report.color.pixels < 0.55 * 448 * 576
 
 
+@pytest.mark.slow
 def test_one_wrong_gain_is_told_from_a_trend(perfect: Path) -> None:
     for name in NAMES:
         path = perfect / "corrected" / f"{name}.png"
@@ -111,6 +115,7 @@ def test_a_damaged_run_is_not_compared(perfect: Path) -> None:
         evaluate(perfect, TRUTH)
 
 
+@pytest.mark.slow
 def test_sample_dive_meets_its_bar(tmp_path: Path) -> None:
     run(SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"), tmp_path / "out", load_config(), RunOptions())
     report = evaluate_truth(tmp_path / "out", TRUTH)

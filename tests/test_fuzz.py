@@ -171,6 +171,7 @@ KINDS: dict[str, tuple[Callable[[Path], list[Path]], Callable[[Path], object]]] 
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_damaged_files(kind: str, tmp_path: Path) -> None:
     make, load = KINDS[kind]

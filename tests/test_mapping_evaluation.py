@@ -1,6 +1,7 @@
 """The measures by which maps are judged, on cases with known answers."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -10,6 +11,7 @@ from stereo_seecolor.evaluation.trajectory import trajectory_error
 from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
 
 
+@pytest.mark.slow
 @settings(max_examples=20, deadline=None)
 @given(st.integers(0, 1000))
 def test_nearest_agrees_with_brute_force(seed: int) -> None:

@@ -102,6 +102,7 @@ def acfr_text(names: tuple[str, ...], T_world_raw: NDArray[np.float64]) -> str:
     return "\n".join(rows) + "\n"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("poses_of", "true"), [("format", True), ("rectified", False)])
 def test_a_raw_cameras_navigation_gives_the_true_reef(tmp_path: Path, poses_of: str, true: bool) -> None:
     frames = ReefFrames(SurveySpec(pairs=6, lines=2, image_size=(240, 192)), noise_px=0.05)
@@ -178,6 +179,7 @@ def test_a_frame_may_vanish_at_any_moment(tmp_path: Path, reads: int) -> None:
     assert (tmp_path / "orthomosaic_preview.png").exists()
 
 
+@pytest.mark.slow
 def test_a_frame_may_vanish_while_its_own_track_is_followed() -> None:
     reef = ReefFrames(SurveySpec(pairs=5, lines=1, image_size=(256, 208), seed=3), noise_px=0.1)
     frames = RecoveredFrames(Vanishing(list(reef), 2, 1))  # type: ignore[call-overload]

@@ -46,6 +46,7 @@ def test_a_flat_bottom_comes_out_flat_and_in_its_color(tmp_path: Path) -> None:
     assert x.max() == pytest.approx(0.9 + 0.6, abs=0.03)
 
 
+@pytest.mark.slow
 def test_fine_voxels_leave_no_holes_in_what_was_seen(tmp_path: Path) -> None:
     config = CONFIG.model_copy(update={"voxel_m": 0.004})  # pixels of 7.5 mm: every 16th would miss blocks of 32 mm
     build_map([flat_frame(i) for i in range(2)], PAIR, tmp_path, config, track(2))
@@ -57,6 +58,7 @@ def test_fine_voxels_leave_no_holes_in_what_was_seen(tmp_path: Path) -> None:
     assert filled[:40].all()
 
 
+@pytest.mark.slow
 def test_tiles_join_without_seams(tmp_path: Path) -> None:
     frames = [flat_frame(i, altitude_m=1.5) for i in range(4)]
     waves = [dataclasses.replace(f, range_m=f.range_m + 0.05 * np.sin(np.arange(160) / 9).astype(np.float32)) for f in frames]
@@ -88,6 +90,7 @@ def test_sure_measurements_outweigh_unsure_ones(tmp_path: Path) -> None:
     assert np.median(read_cloud(tmp_path / "cloud.ply")["position"][:, 2]) == pytest.approx(0.03 / 10, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_view_counts_by_how_fine_its_pixels_are(tmp_path: Path) -> None:
     near, far = flat_frame(0, 1.0, (100, 100, 100)), flat_frame(1, 4.0, (200, 200, 200))  # pixels of 5 and 20 mm, voxels of 20
     trajectory = track(2, step_m=0.0)
@@ -118,6 +121,7 @@ def test_edges_are_not_darkened_by_voxels_without_a_color(tmp_path: Path) -> Non
     np.testing.assert_array_equal(np.unique(cloud["color"], axis=0), [[200, 120, 40]])
 
 
+@pytest.mark.slow
 def test_a_reef_comes_out_true(tmp_path: Path) -> None:
     frames = ReefFrames(SurveySpec(pairs=6, lines=2, image_size=(240, 192)), noise_px=0.05)
     build_map(frames, frames.pair, tmp_path, MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02), frames.trajectory)
@@ -142,6 +146,7 @@ class Stopping(Sequence[SurveyFrame]):
         return self.frames[i]
 
 
+@pytest.mark.slow
 def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
     frames = [flat_frame(i) for i in range(6)]
     straight, resumed = tmp_path / "straight", tmp_path / "resumed"
@@ -192,6 +197,7 @@ def test_a_disk_too_small_for_the_mosaic_is_named(tmp_path: Path, monkeypatch: p
     assert (tmp_path / "mesh.ply").exists()
 
 
+@pytest.mark.slow
 def test_a_jump_makes_two_maps(tmp_path: Path) -> None:
     trajectory = track(7)
     trajectory.T_world_camera[4:, 1, 3] += 50

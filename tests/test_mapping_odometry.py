@@ -44,6 +44,7 @@ def blank(frame: SurveyFrame) -> SurveyFrame:
     return dataclasses.replace(frame, color=np.full_like(frame.color, 90))
 
 
+@pytest.mark.slow
 def test_two_frames_give_their_relative_pose(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     edge = relative_pose(detect(frames[0], reef.pair), detect(frames[1], reef.pair), reef.pair)
     assert edge is not None
@@ -53,6 +54,7 @@ def test_two_frames_give_their_relative_pose(reef: ReefFrames, frames: list[Surv
     assert np.sqrt(np.trace(edge.covariance[3:, 3:])) < 0.05
 
 
+@pytest.mark.slow
 def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     placement = estimate(frames, reef, ALONE)
     assert placement.components.tolist() == [0] * 12
@@ -60,6 +62,7 @@ def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[Sur
     assert error.share < 0.005
 
 
+@pytest.mark.slow
 def test_frames_out_of_order_are_followed_by_their_times(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     shuffle = [3, 0, 5, 1, 4, 2]
     placement = estimate([frames[i] for i in shuffle], reef, ALONE)
@@ -68,12 +71,14 @@ def test_frames_out_of_order_are_followed_by_their_times(reef: ReefFrames, frame
     assert error.share < 0.005
 
 
+@pytest.mark.slow
 def test_loops_bring_it_to_a_fifth_of_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     placement = estimate(frames, reef, MappingConfig())
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
     assert error.share < 0.002
 
 
+@pytest.mark.slow
 def test_a_frame_that_shows_nothing_is_named_and_the_rest_goes_on(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     placement = estimate([*frames[:3], blank(frames[3]), *frames[4:]], reef, ALONE)
     assert [u.name for u in placement.unplaced] == [frames[3].name]
@@ -100,6 +105,7 @@ def test_a_long_blank_stretch_breaks_the_map_in_two(reef: ReefFrames, frames: li
     assert "broken into 2 components of 5, 2 frames" in placement.warnings[-1]
 
 
+@pytest.mark.slow
 def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked, reef, MappingConfig())
@@ -109,6 +115,7 @@ def test_loops_join_what_a_blank_stretch_broke(reef: ReefFrames, frames: list[Su
     assert error.rms_m < 0.05
 
 
+@pytest.mark.slow
 def test_frames_of_another_reef_are_never_joined(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     other = ReefFrames(SurveySpec(pairs=4, lines=1, image_size=(256, 208), seed=99), noise_px=0.1)
     strangers = [dataclasses.replace(f, name=f"x{i}", timestamp_s=f.timestamp_s + 1e4) for i, f in enumerate(other)]  # type: ignore[operator]

@@ -135,6 +135,7 @@ def georeferenced(count: int) -> Trajectory:
     return Trajectory(plain.names, plain.timestamps_s, plain.T_world_camera, origin=GeoOrigin(-23.5, 152.0))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("open3d")
 def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, georeferenced(4))

@@ -37,6 +37,7 @@ def bad_share(found: RangeMap, scene: Scene, px: float) -> float:
     return float((error > px).mean())
 
 
+@pytest.mark.slow
 def test_clear_water_is_dense_and_right() -> None:
     found = match(scene())
     assert np.isfinite(found.range_m)[scene().both].mean() > 0.93
@@ -57,12 +58,14 @@ def test_maps_agree_with_one_another() -> None:
     assert not found.filled.any()
 
 
+@pytest.mark.slow
 def test_principal_points_may_differ() -> None:
     moved = scene(doffs_px=11.0)
     found = match(moved)
     assert np.nanmedian(np.abs(found.depth_m / moved.depth_m - 1)) < 0.003
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("altitude_m", [1.0, 2.0, 4.0])
 def test_flat_bottom_has_no_bias(altitude_m: float) -> None:
     flat = scene(altitude_m=altitude_m, relief_m=0.0)
@@ -70,6 +73,7 @@ def test_flat_bottom_has_no_bias(altitude_m: float) -> None:
     assert abs(np.nanmedian(found.depth_m / flat.depth_m) - 1) < 0.003
 
 
+@pytest.mark.slow
 def test_fractions_of_disparity_are_not_locked_to_whole_pixels() -> None:
     slope = scene(relief_m=0.05, tilt=0.5)
     found = match(slope)
@@ -78,6 +82,7 @@ def test_fractions_of_disparity_are_not_locked_to_whole_pixels() -> None:
     assert np.all(np.abs(histogram[0] / histogram[1] - 1) < 0.2)
 
 
+@pytest.mark.slow
 def test_standard_error_is_that_of_the_range() -> None:
     hazy = scene(haze_per_m=0.4, noise=2.0)
     found = match(hazy)
@@ -86,6 +91,7 @@ def test_standard_error_is_that_of_the_range() -> None:
     assert 0.5 < 1.4826 * np.median(np.abs(z)) < 1.5
 
 
+@pytest.mark.slow
 def test_confidence_means_what_it_says() -> None:
     hazy = scene(haze_per_m=0.7, noise=2.5, seed=8)
     found = match(hazy, MatchingConfig(min_range_m=0.8, min_confidence=0.0))
@@ -122,6 +128,7 @@ def test_order_and_threads_do_not_matter() -> None:
         np.testing.assert_array_equal(found.confidence, expected.confidence)
 
 
+@pytest.mark.slow
 def test_what_the_left_camera_did_not_see_is_unknown() -> None:
     seen = np.ones(scene().disparity.shape, np.bool_)
     seen[:, 200:230] = False
@@ -198,6 +205,7 @@ def test_rows_that_do_not_correspond_are_reported() -> None:
     assert 1.5 < float(complaint.split()[3]) < 2.5
 
 
+@pytest.mark.slow
 def test_unrelated_images_give_next_to_nothing() -> None:
     found = match(swapped(scene(), scene().frame.left, scene(seed=4).frame.right[::-1]))
     assert np.isfinite(found.range_m).mean() < 0.05

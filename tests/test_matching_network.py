@@ -55,6 +55,7 @@ def config(model: Path | None) -> MatchingConfig:
     return MatchingConfig(engine="onnx", model=model, min_range_m=0.8)
 
 
+@pytest.mark.slow
 def test_a_network_gives_the_ranges(tmp_path: Path) -> None:
     scene = render((320, 256), relief_m=0.2, seed=3, focal_px=450.0)
     found = Matcher(scene.pair, config(export(tmp_path / "net.onnx"))).match(scene.frame)
@@ -64,22 +65,26 @@ def test_a_network_gives_the_ranges(tmp_path: Path) -> None:
     assert found.confidence[known].min() > 0 and not found.confidence[~known].any()
 
 
+@pytest.mark.slow
 def test_a_model_is_needed() -> None:
     with pytest.raises(ConfigError, match=r"needs matching\.model"):
         Matcher(render((64, 48)).pair, config(None))
 
 
+@pytest.mark.slow
 def test_a_file_that_is_no_model_is_refused(tmp_path: Path) -> None:
     (tmp_path / "net.onnx").write_bytes(b"nonsense")
     with pytest.raises(ConfigError, match=r"net\.onnx cannot be loaded"):
         Matcher(render((64, 48)).pair, config(tmp_path / "net.onnx"))
 
 
+@pytest.mark.slow
 def test_other_inputs_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"must take 'left' and 'right'"):
         Matcher(render((64, 48)).pair, config(export(tmp_path / "net.onnx", ("a", "b"))))
 
 
+@pytest.mark.slow
 def test_a_network_for_another_size_fails_on_the_pair(tmp_path: Path) -> None:
     scene = render((320, 256), seed=3)
     with pytest.raises(MatchingError, match="failed on this pair"):

@@ -25,6 +25,7 @@ def test_every_folder_of_code_is_a_package() -> None:
         assert all((folder / "__init__.py").exists() for folder in folders)
 
 
+@pytest.mark.slow
 def test_calibration_needs_nothing_of_the_program() -> None:
     code = "import sys, calibration, calibration.calibrate, calibration.formats; print(sorted(sys.modules))"
     loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout

@@ -21,6 +21,7 @@ def test_readme_has_two_commands_that_use_the_constraints() -> None:
     assert all("-c constraints.txt" in block and block.count("\n") == 1 for block in setups)
 
 
+@pytest.mark.slow
 def test_readme_run_command_does_the_main_job(tmp_path, monkeypatch, capsys) -> None:
     command = next(block for block in blocks(ROOT / "README.md", "sh") if "data_samples" in block)
     words = shlex.split(command.split("&&")[-1])

@@ -68,6 +68,7 @@ def run_in_process(dive, out: Path, listener=None):  # type: ignore[no-untyped-d
     return run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
 
 
+@pytest.mark.slow
 def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
     dive = make_dive(10)
     run_in_process(dive, tmp_path / "whole")
@@ -101,6 +102,7 @@ def test_interrupt_tells_what_was_done_and_resumes(make_dive, tmp_path, at) -> N
     assert contents(out) == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_ctrl_c_on_the_command_line_exits_with_a_summary(make_dive, tmp_path) -> None:
     dive, out = make_dive(40), tmp_path / "out"
     words = [PROGRAM, *dive.command(out)]
@@ -115,6 +117,7 @@ def test_ctrl_c_on_the_command_line_exits_with_a_summary(make_dive, tmp_path) ->
     assert not list(out.rglob(".writing-*"))
 
 
+@pytest.mark.slow
 def test_disk_full_is_one_line_and_resumable(make_dive, tmp_path) -> None:
     dive, out = make_dive(3), tmp_path / "out"
 

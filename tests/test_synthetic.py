@@ -64,11 +64,13 @@ def test_rays_meet_an_inclined_plane_where_geometry_says(slope_x: float, slope_y
     np.testing.assert_allclose(met_m, expected_m, atol=5e-4)
 
 
+@pytest.mark.slow
 def test_a_ray_that_looks_up_meets_nothing(scene: Scene) -> None:
     up = np.array([[[[0.0, 0.0, 1.0]]]], np.float32)
     assert np.isinf(cast(scene.reef, np.eye(4), up)).all()
 
 
+@pytest.mark.slow
 def test_right_image_shows_what_the_true_disparity_says(pair: RenderedPair) -> None:
     """Pulling the right image over by the true disparity gives the left one; half a pixel more or less gives a worse one."""
     rows, columns = np.indices(pair.range_map.disparity.shape, dtype=np.float32)
@@ -103,6 +105,7 @@ def test_truth_is_consistent(scene: Scene, pair: RenderedPair) -> None:
     assert 0.8 < pair.visible.mean() < 1.0
 
 
+@pytest.mark.slow
 def test_same_specification_same_pictures_whatever_the_threads(pair: RenderedPair, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(casting, "cores", lambda: 3)
     again = Scene.from_spec(SPEC).render(1)
@@ -112,6 +115,7 @@ def test_same_specification_same_pictures_whatever_the_threads(pair: RenderedPai
     assert np.array_equal(again.range_map.range_m, pair.range_map.range_m)
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_reef(pair: RenderedPair) -> None:
     other = render_pair(replace(SPEC, seed=8), 1)
     assert np.abs(other.color - pair.color).mean() > 0.03
@@ -136,6 +140,7 @@ def test_chart_has_its_reflectances(scene: Scene) -> None:
     assert worst < 0.5
 
 
+@pytest.mark.slow
 def test_fish_hide_the_reef(scene: Scene, pair: RenderedPair) -> None:
     first, bare = replace(scene, spec=replace(SPEC, fish=3)).render(1), pair
     assert first.moving.any()
@@ -143,6 +148,7 @@ def test_fish_hide_the_reef(scene: Scene, pair: RenderedPair) -> None:
     assert np.array_equal(first.range_map.range_m[~first.moving], bare.range_map.range_m[~first.moving])
 
 
+@pytest.mark.slow
 def test_bare_patch_has_no_texture() -> None:
     reef = build_reef(SurveySpec(pairs=8, lines=1, textureless_patch=True))
     row, column = (round((place - origin) / CELL_M) for place, origin in zip((0.0, 0.85 * 3.5), reef.origin_m[::-1], strict=True))
@@ -152,6 +158,7 @@ def test_bare_patch_has_no_texture() -> None:
     assert patch[20:-20, 20:-20, 3].max() == 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lit", [replace(SPEC, caustic_contrast=0.5), replace(SPEC, lamp_intensity=2.0)])
 def test_caustics_and_lamps_change_the_light_and_not_the_truth(scene: Scene, pair: RenderedPair, lit: SurveySpec) -> None:
     other = replace(scene, spec=lit).render(1)
@@ -159,6 +166,7 @@ def test_caustics_and_lamps_change_the_light_and_not_the_truth(scene: Scene, pai
     assert np.abs(other.frame.left.astype(float) - pair.frame.left).mean() > 2.0
 
 
+@pytest.mark.slow
 def test_sixteen_bits_are_linear(scene: Scene, pair: RenderedPair) -> None:
     deep = replace(scene, spec=replace(SPEC, bits=16)).render(1)
     assert deep.frame.left.dtype == np.uint16
@@ -199,6 +207,7 @@ def test_track_flies_to_and_fro_and_climbs() -> None:
     assert len(set(flown.names)) == 160
 
 
+@pytest.mark.slow
 def test_dive_on_disk_reads_back(tmp_path: Path) -> None:
     spec = SurveySpec(pairs=2, lines=1, image_size=(128, 96))
     finished: list[tuple[int, int]] = []
@@ -214,6 +223,7 @@ def test_dive_on_disk_reads_back(tmp_path: Path) -> None:
     np.testing.assert_allclose(truth_m, scene.render(1).range_map.range_m, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_sample_dive_is_what_its_command_makes() -> None:
     """Rounding differs between processors in the last bit of a float: that may move a pixel in ten thousand by one."""
     made = Scene.from_spec(parse_spec(pairs=12, lines=2, size="576x448", water="blue-ocean", seed=7)).render(3)
@@ -239,6 +249,7 @@ def test_specifications_that_cannot_be(given: dict[str, object], said: str) -> N
         parse_spec(**(usual | given))  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
     (tmp_path / "dive").write_text("a file")
     with pytest.raises(OutputError, match="another folder"):

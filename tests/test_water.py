@@ -16,6 +16,7 @@ SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
 
 
+@pytest.mark.slow
 def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
     """Attenuation within 10 % of truth from matched ranges, and colors no worse for it."""
     config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
@@ -33,6 +34,7 @@ def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
     assert second.color.angle_after_gains_deg < first.color.angle_after_gains_deg + 0.1
 
 
+@pytest.mark.slow
 def test_a_run_with_a_water_for_each_frame_is_refused(tmp_path: Path) -> None:
     config = load_config(overrides=["output.clouds=false"])
     run(*SIDES, tmp_path / "out", config)
