@@ -75,6 +75,7 @@ def test_many_wrong_pairs_are_dropped() -> None:
     assert found.baseline_m == pytest.approx(0.12, rel=0.005)
 
 
+@pytest.mark.slow
 def test_swapped_folders_are_suspicious() -> None:
     views = projected_views(pinhole_rig(), BOARD, 6, 0.1, np.random.default_rng(0))
     _, report = calibrate([replace(view, left=view.right, right=view.left) for view in views], BOARD)
@@ -124,6 +125,7 @@ def test_square_board_is_numbered_alike_in_both_views(turns: int) -> None:
     np.testing.assert_allclose(board.same_labels(view.left, Corners(view.right.ids, turned)).pixels, view.right.pixels)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", ["chessboard:9x6:30mm", "charuco:5X5_100:11x8:30mm:22mm", "charuco:DICT_4X4_50:8x6:3cm:0.02m"])
 def test_printed_board_is_detected_in_rendered_images(target: str, tmp_path: Path) -> None:
     board = parse_target(target)

@@ -148,6 +148,7 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     assert code == 1 and "expected WIDTHxHEIGHT" in said
 
 
+@pytest.mark.slow
 def test_check_refines_a_rig_that_has_moved(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
     _, rig = board_pairs
     rng = np.random.default_rng(0)

@@ -98,6 +98,7 @@ def test_ignoring_the_port_costs_a_quarter() -> None:
     assert error.range_error == pytest.approx([0.26] * 3, abs=0.06)
 
 
+@pytest.mark.slow
 def test_a_picture_seen_through_the_port_is_rectified_exactly() -> None:
     """Rectification.apply on images of a dotted plane at the working range puts each dot where the geometry says."""
     rig = port_rig(0.05, working_range_m=1.0, toe_in=0.02)

@@ -51,6 +51,7 @@ def upright_pixels(rectification: Rectification, points: Array) -> Array:
     return np.column_stack([x / z * pair.focal_px + pair.cx_left_px, y / z * pair.focal_px + pair.cy_px])
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(
     quarter=st.integers(0, 3),
@@ -154,6 +155,7 @@ def test_a_rectified_rig_of_pixels_that_are_not_square_is_resampled(fx: float, s
     np.testing.assert_allclose(left[0], pair.P_left[:2] @ (point[0] / 1.2), atol=1e-3)
 
 
+@pytest.mark.slow
 @given(turns=st.integers(-4, 7), roll_deg=st.floats(-44, 44))
 def test_nearest_quarter_turn(turns: int, roll_deg: float) -> None:
     R = quarter_turn(turns) @ cv2.Rodrigues(np.array([0.05, 0.0, np.radians(roll_deg)]))[0]

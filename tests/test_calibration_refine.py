@@ -43,6 +43,7 @@ def dive(truth: StereoRig, pairs: int = 8, noise_px: float = 0.1) -> list[Matche
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RIGS)
 def test_what_has_moved_comes_back(name: str) -> None:
     calibrated = RIGS[name]

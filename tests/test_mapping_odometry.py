@@ -175,7 +175,6 @@ def test_frames_whose_files_are_out_of_order_lose_no_loop_and_keep_their_track(
     reef: ReefFrames, frames: list[SurveyFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Every second file first: neighbors in time are six files apart, and neighbors among the files are loops."""
-    pytest.importorskip("gtsam")
     shuffle = [0, 2, 4, 6, 8, 10, 1, 3, 5, 7, 9, 11]
     graphs = []
     real = pose_graph.solve

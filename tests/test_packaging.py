@@ -39,6 +39,13 @@ def test_no_test_skips_for_a_missing_package() -> None:
     assert not skipping, "put the package into the dev extra instead"
 
 
+def test_every_exception_from_coverage_has_a_reason() -> None:
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            bare = [line for line in path.read_text("utf-8").splitlines() if re.search(r"pragma: no cover(?!: \w)", line)]
+            assert not bare, f"{path}: write '# pragma: no cover: REASON'"
+
+
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel, built from a copy of the sources: setuptools leaves a build folder where it works."""

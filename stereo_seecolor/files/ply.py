@@ -57,7 +57,7 @@ def encode_cloud(range_m: Map, rays: NDArray[np.float32], rgb: Image) -> memoryv
 
 
 @compiled
-def _fill(range_m, rays, rgb, shift, xyz, colors):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _fill(range_m, rays, rgb, shift, xyz, colors):  # type: ignore[no-untyped-def]
     n = 0
     for row in range(range_m.shape[0]):
         for column in range(range_m.shape[1]):

@@ -172,6 +172,7 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
     return Attack
 
 
+@pytest.mark.slow
 def test_no_sequence_of_events_loses_or_confuses_anything(make_dive: Callable[..., Dive]) -> None:
     run_state_machine_as_test(
         machine(make_dive(3)),

@@ -71,7 +71,7 @@ def _bounds(pixels: int) -> list[tuple[int, int]]:
 
 
 @compiled
-def _rows(bits, rows, unknown):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _rows(bits, rows, unknown):  # type: ignore[no-untyped-def]
     """Where in a ``color_table`` each pixel's fine level begins; 1 where its range is unknown."""
     shift, last = np.int32(_FINE_BITS), np.int32(LAST)
     for i in range(bits.size):
@@ -81,7 +81,7 @@ def _rows(bits, rows, unknown):  # type: ignore[no-untyped-def]  # pragma: no co
 
 
 @compiled
-def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
+def _correct(  # type: ignore[no-untyped-def]
     image, bits, gain, offset, missing, capped, decoded, known, curve, shoulder, out, unknown, beyond
 ):
     rows, factors, codes = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.float32), np.empty(3 * BLOCK, curve.dtype)
@@ -116,7 +116,7 @@ def _correct(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _look_up(image, rows, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _look_up(image, rows, table, out):  # type: ignore[no-untyped-def]
     at = U(0)
     for i in range(rows.size):  # unsigned indices: numba then leaves out its tests for negative ones
         row = U(rows[i])
@@ -127,7 +127,7 @@ def _look_up(image, rows, table, out):  # type: ignore[no-untyped-def]  # pragma
 
 
 @compiled
-def _look_up_words(image, rows, table, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _look_up_words(image, rows, table, out):  # type: ignore[no-untyped-def]
     """``_look_up`` of bytes, four pixels at a time: the processor stores three words as fast as three bytes."""
     whole, at, word, green, blue = rows.size // 4 * 4, U(0), U(0), U(256), U(512)
     words = out[: 3 * whole].view(np.uint32)
@@ -142,14 +142,14 @@ def _look_up_words(image, rows, table, out):  # type: ignore[no-untyped-def]  # 
 
 
 @compiled
-def _word(image, at, table, first, second, third, fourth):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _word(image, at, table, first, second, third, fourth):  # type: ignore[no-untyped-def]
     low = np.uint32(table[first + U(image[at])]) | np.uint32(table[second + U(image[at + U(1)])]) << np.uint32(8)
     high = np.uint32(table[third + U(image[at + U(2)])]) | np.uint32(table[fourth + U(image[at + U(3)])]) << np.uint32(8)
     return low | high << np.uint32(16)
 
 
 @compiled
-def _roll_off(codes, factors, shoulder, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _roll_off(codes, factors, shoulder, out):  # type: ignore[no-untyped-def]
     """8-bit codes as displayed; in two loops, of which the compiler does sixteen pixels at a time."""
     knee, span, bend, unit, zero = shoulder
     for i in range(out.size // 3):
@@ -160,14 +160,14 @@ def _roll_off(codes, factors, shoulder, out):  # type: ignore[no-untyped-def]  #
 
 
 @compiled
-def _factor(code, knee, span, bend):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _factor(code, knee, span, bend):  # type: ignore[no-untyped-def]
     """What scales the codes of a pixel whose greatest is ``code``: 1 to the knee, and less above (``tone.looks``)."""
     over = max(code - knee, np.float32(0))
     return (min(code, knee) + over * (span + over * bend) / (span + over)) / code
 
 
 @compiled
-def _compute(  # type: ignore[no-untyped-def]  # pragma: no cover
+def _compute(  # type: ignore[no-untyped-def]
     image, rows, near, lost, gain, offset, missing, capped, decoded, known, curve, shoulder, out, beyond
 ):
     """Without a table: all pixels of 16 bits, and of 8 bits those where a channel is not what its look-up says: noise has stopped
@@ -195,7 +195,7 @@ def _compute(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _chosen(image, levels, capped, near, full, places, beyond):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _chosen(image, levels, capped, near, full, places, beyond):  # type: ignore[no-untyped-def]
     """Into ``places`` the pixels to compute, and how many: those of 16 bits with a range, and of 8 bits those beyond a look-up.
 
     near, full: the values from which on a pixel may be, and is, one that the camera clipped.
@@ -219,7 +219,7 @@ def _chosen(image, levels, capped, near, full, places, beyond):  # type: ignore[
 
 
 @compiled
-def _lights(red, green, blue, level, gain, offset, missing, decoded, known):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _lights(red, green, blue, level, gain, offset, missing, decoded, known):  # type: ignore[no-untyped-def]
     """A pixel's linear light; a channel that the camera clipped is at least as bright as those that it did not, or as the
     brightest if it clipped all."""
     one, zero = np.float32(1), np.float32(0)
@@ -235,7 +235,7 @@ def _lights(red, green, blue, level, gain, offset, missing, decoded, known):  # 
 
 
 @compiled
-def _unclipped(red, green, blue, level, gain, offset, missing, decoded):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _unclipped(red, green, blue, level, gain, offset, missing, decoded):  # type: ignore[no-untyped-def]
     """A pixel's linear light; what noise leaves out of a channel comes from those that are surer."""
     one = np.float32(1)
     r = gain[0, level] * decoded[red] - offset[0, level]
@@ -249,7 +249,7 @@ def _unclipped(red, green, blue, level, gain, offset, missing, decoded):  # type
 
 
 @compiled
-def _encode(lights, curve):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _encode(lights, curve):  # type: ignore[no-untyped-def]
     """Linear light (3, N) through the curve, in place: of 8 bits the nearest of its values, of 16 between two."""
     zero, half, last = np.float32(0), np.float32(0.5), np.float32(curve.size - (1 if curve.itemsize < 4 else 2))
     nodes = np.empty(lights.shape[1], np.uint32)
@@ -270,7 +270,7 @@ def _encode(lights, curve):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _shoulder(codes, shoulder):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _shoulder(codes, shoulder):  # type: ignore[no-untyped-def]
     """Codes (3, N) rolled off and as displayed, in place."""
     knee, span, bend, unit, zero = shoulder
     red, green, blue = codes[0], codes[1], codes[2]
@@ -282,7 +282,7 @@ def _shoulder(codes, shoulder):  # type: ignore[no-untyped-def]  # pragma: no co
 
 
 @compiled
-def _linear(image, bits, gain, offset, missing, decoded, out):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _linear(image, bits, gain, offset, missing, decoded, out):  # type: ignore[no-untyped-def]
     for i in range(bits.size):
         level, at = U(place_of(bits[i]) >> np.int32(_FINE_BITS)), U(3 * i)
         r, g, b = np.float32(0), np.float32(0), np.float32(0)
@@ -293,7 +293,7 @@ def _linear(image, bits, gain, offset, missing, decoded, out):  # type: ignore[n
 
 
 @compiled
-def _first(true):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _first(true):  # type: ignore[no-untyped-def]
     for i in range(true.size):
         if true[i]:
             return i
@@ -301,7 +301,7 @@ def _first(true):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _highest(values):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _highest(values):  # type: ignore[no-untyped-def]
     highest = values[0]
     for i in range(values.size):
         highest = max(highest, values[i])
@@ -309,7 +309,7 @@ def _highest(values):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _full(image):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _full(image):  # type: ignore[no-untyped-def]
     """How many pixels have a channel at full scale."""
     number, full = np.uint32(0), image.dtype.type((1 << 8 * image.itemsize) - 1)
     for i in range(image.size // 3):
@@ -318,7 +318,7 @@ def _full(image):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _tabulate(gain, offset, decoded, curve, low, high, table):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _tabulate(gain, offset, decoded, curve, low, high, table):  # type: ignore[no-untyped-def]
     """The levels from ``low`` to before ``high`` of a ``color_table``."""
     one, last = np.float32(NODES), np.float32(curve.size - 1)
     nearest = np.empty(256, np.int32)

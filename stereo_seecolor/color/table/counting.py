@@ -67,7 +67,7 @@ def spread(part: Callable[[int], None], parts: int) -> None:
 
 
 @compiled
-def place_of(bits):  # type: ignore[no-untyped-def]  # pragma: no cover
+def place_of(bits):  # type: ignore[no-untyped-def]
     """Where a range is among the levels and inside its own; past the last where it is not known."""
     zero, infinity, first, last = ZERO, np.int32(_INFINITY), np.int32(_FIRST), np.int32(LAST)
     known = (bits > zero) & (bits < infinity)  # NaN, infinities, zero and negative numbers are not
@@ -75,13 +75,13 @@ def place_of(bits):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _places(bits, places):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _places(bits, places):  # type: ignore[no-untyped-def]
     for i in range(bits.size):  # 32-bit arithmetic and no branch: the compiler does eight at a time
         places[i] = np.uint32(place_of(bits[i]))
 
 
 @compiled
-def span(places, none):  # type: ignore[no-untyped-def]  # pragma: no cover
+def span(places, none):  # type: ignore[no-untyped-def]
     """The nearest and the farthest of a block's places that are not ``none``; the nearest is beyond the farthest where all are."""
     nearest, farthest = none, np.uint32(0)
     for i in range(places.size):
@@ -91,7 +91,7 @@ def span(places, none):  # type: ignore[no-untyped-def]  # pragma: no cover
 
 
 @compiled
-def _count(image, bits, width, every, shift, cells):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _count(image, bits, width, every, shift, cells):  # type: ignore[no-untyped-def]
     """Into ``cells``, flat (257, 3, values + GAP), pixels; red's above 40 bits, and below these the sum of places in a level.
 
     Of each ``every`` rows that in the middle is counted.
@@ -122,7 +122,7 @@ def _count(image, bits, width, every, shift, cells):  # type: ignore[no-untyped-
 
 
 @compiled
-def _cleared(cells, row_size, low, high, first, end):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _cleared(cells, row_size, low, high, first, end):  # type: ignore[no-untyped-def]
     """The levels with cleared cells, from ``low`` to before ``high``, grown to hold those from ``first`` to before ``end``."""
     low, high = (first, first) if low == high else (low, high)
     cells[min(first, low) * row_size : low * row_size] = 0
@@ -131,7 +131,7 @@ def _cleared(cells, row_size, low, high, first, end):  # type: ignore[no-untyped
 
 
 @compiled
-def _add_up(cells, met, counts, place_sum):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _add_up(cells, met, counts, place_sum):  # type: ignore[no-untyped-def]
     for part in range(cells.shape[0]):
         for level in range(met[part, 0], met[part, 1]):
             for value in range(counts.shape[2]):
