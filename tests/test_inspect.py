@@ -14,6 +14,7 @@ from test_inputs_video import smooth_frames, write_video
 
 from stereo_seecolor.cli import main
 from stereo_seecolor.commands.inspect import inspect
+from stereo_seecolor.errors import InputError
 
 
 @pytest.fixture
@@ -104,3 +105,8 @@ def test_videos_are_named_and_not_unpacked(tmp_path: Path) -> None:
     found = inspect([tmp_path])
     assert found.sides.left == found.sides.right == video
     assert f"--left {video} --right {video}" in found.run_command
+
+
+def test_a_place_that_is_missing_is_named(make_dive, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"cam2\.yaml: does not exist"):
+        inspect([make_dive(1).root, tmp_path / "cam2.yaml"])

@@ -69,8 +69,11 @@ class Inspection:
 def inspect(places: Sequence[Path]) -> Inspection:
     """Look at folders and files: images or videos of both sides, and a calibration, anywhere in them.
 
-    Raises InputError where no two sides are found, or none of their images can be read.
+    Raises InputError for a place that is missing, where no two sides are found, or none of their images can be read.
     """
+    for place in places:
+        if not place.exists():
+            raise InputError(f"{place}: does not exist")
     sides = find_sides([path for path in places if path.is_dir() or is_video(path)])
     if is_video(sides.left):
         return _of_videos(sides, find_calibration(places, _video_size(sides)))

@@ -20,7 +20,7 @@ from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameResult, Image
 
 STROBE_CENTER_TO_CORNER = 1.6
-"""Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on three in daylight."""
+"""Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on two sets in daylight."""
 
 PASSES_THAT_READ = 2
 """A run reads every pair once to measure and once to correct."""
