@@ -12,7 +12,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import savemat
 
 from calibration.errors import CalibrationError
 from calibration.formats.ros import make_camera
@@ -69,6 +68,8 @@ def write(rig: StereoRig, path: Path) -> None:
         content |= {f"fc_{side}": [[fx], [fy]], f"cc_{side}": [[cx], [cy]], f"alpha_c_{side}": skew / fx}
         content[f"kc_{side}"] = _five(camera, side)[:, None]
     width, height = rig.left.image_size
+    from scipy.io import savemat  # half a second, which reading need not wait for
+
     savemat(path, content | {"nx": width, "ny": height}, do_compression=True, appendmat=False)
 
 

@@ -52,8 +52,6 @@ def run(
     log_file: LogFile = None,
 ) -> None:
     """The whole job: stereo pairs in; range maps, true-color images and colored clouds out."""
-    from stereo_seecolor.commands.fuse import check_fusion
-    from stereo_seecolor.commands.fuse import fuse as fuse_frames
     from stereo_seecolor.commands.run import run as run_dive
     from stereo_seecolor.config_file import load_config
 
@@ -63,6 +61,8 @@ def run(
     with report.working() as listener:
         loaded = load_config(config, settings or [])
         if fuse:
+            from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
+
             check_fusion(poses, loaded)
         options = run_options(workers, overwrite, strict, verify, config, listener)
         summary = run_dive(left, right, calib, out, loaded, options, water=water)
@@ -70,6 +70,8 @@ def run(
         _end(report, summary, out)
     report.say(run_text(summary, out))
     with report.working() as listener:
+        from stereo_seecolor.commands.fuse import fuse as fuse_frames
+
         made = fuse_frames(out, poses, loaded, listener)
     content = {**run_content(summary, out), "map": map_content(made)}
     report.end(content, map_text(made), max(run_exit_code(summary), map_exit_code(made)))
