@@ -1,5 +1,6 @@
 """Fixtures that many tests share."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,10 +11,13 @@ import pytest
 
 from calibration import Camera, StereoRig
 from calibration.formats import native
+from stereo_seecolor.cli import main
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.mapping.surface.extraction import check_available
 
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+Cli = Callable[..., tuple[int, str, str]]
 
 
 def contents(out: Path) -> dict[str, bytes]:
@@ -21,6 +25,19 @@ def contents(out: Path) -> dict[str, bytes]:
     products = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
     found = {str(path.relative_to(out)): path.read_bytes() for product in products for path in (out / product).glob("*")}
     return found | {"water.json": (out / "water.json").read_bytes()}
+
+
+@pytest.fixture
+def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
+    """Run a command in this process; (exit code, what was printed, what was said on standard error)."""
+
+    def call(*words: str | Path) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["stereo-seecolor", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+        return (int(end.value.code or 0), *capsys.readouterr())
+
+    return call
 
 
 @pytest.fixture

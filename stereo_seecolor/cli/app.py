@@ -17,41 +17,50 @@ from stereo_seecolor.cli import (
     water_commands,
 )
 from stereo_seecolor.cli.errors import exit_code_of
+from stereo_seecolor.cli.examples import epilog
 from stereo_seecolor.cli.quiet import quiet_libraries
 from stereo_seecolor.cli.streams import prepare_streams, write_out
 from stereo_seecolor.compute.allocator import keep_freed_memory
 
-COMMANDS: dict[str, Callable[..., None]] = {
-    "inspect": inspect_command.inspect,
-    "run": dive_commands.run,
-    "correct": dive_commands.correct,
-    "range": dive_commands.range_,
-    "rectify": dive_commands.rectify,
-    "fuse": map_commands.fuse,
-    "view": map_commands.view,
-    "demo": score_commands.demo,
-    "synthesize": score_commands.synthesize,
-    "evaluate": score_commands.evaluate,
-    "calibrate": rig_commands.calibrate,
-    "convert-calib": rig_commands.convert_calib,
-    "check": rig_commands.check,
-    "water": water_commands.water,
-    "config": machine_commands.config,
-    "doctor": machine_commands.doctor,
+COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
+    "A dive": {
+        "inspect": inspect_command.inspect,
+        "run": dive_commands.run,
+        "fuse": map_commands.fuse,
+        "view": map_commands.view,
+    },
+    "Single steps of run": {
+        "rectify": dive_commands.rectify,
+        "range": dive_commands.range_,
+        "correct": dive_commands.correct,
+        "water": water_commands.water,
+    },
+    "Calibration": {
+        "calibrate": rig_commands.calibrate,
+        "check": rig_commands.check,
+        "convert-calib": rig_commands.convert_calib,
+    },
+    "Accuracy": {"demo": score_commands.demo, "evaluate": score_commands.evaluate, "synthesize": score_commands.synthesize},
+    "This program": {"config": machine_commands.config, "doctor": machine_commands.doctor},
 }
+"""Panel of the help -> command -> function."""
 
 app = typer.Typer(
     name="stereo-seecolor",
     help="Stereo pairs of a reef in, metric range maps, true-color images and colored 3-D maps out.",
+    epilog="Begin with: stereo-seecolor demo",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
-for name, command in COMMANDS.items():
-    app.command(name)(command)
+for panel, commands in COMMANDS.items():
+    for name, command in commands.items():
+        app.command(name, epilog=epilog(name), rich_help_panel=panel)(command)
 
 
 @app.callback(invoke_without_command=True)
-def version_option(version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False) -> None:
+def version_option(
+    version: Annotated[bool, typer.Option("--version", metavar="", help="Print the version and exit.")] = False,
+) -> None:
     """Options before a command."""
     if version:
         from stereo_seecolor.version import __version__

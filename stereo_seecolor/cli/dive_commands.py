@@ -37,7 +37,7 @@ def run(
     right: Right,
     calib: Calib,
     out: Out = Path("out"),
-    fuse: Annotated[bool, typer.Option("--fuse", help="Fuse the frames into one map of the dive, OUT/map.")] = False,
+    fuse: Annotated[bool, typer.Option("--fuse", metavar="", help="Fuse the frames into one map of the dive, OUT/map.")] = False,
     poses: PosesFile = None,
     water: WaterFile = None,
     config: ConfigFile = None,
@@ -78,8 +78,10 @@ def run(
 
 
 def correct(
-    images: Annotated[Path, typer.Option("--images", help="Folder of images.")],
-    ranges: Annotated[Path, typer.Option("--range", help="Folder of range maps: float32 TIFF in meters, or 16-bit PNG in mm.")],
+    images: Annotated[Path, typer.Option("--images", metavar="FOLDER", help="Folder of images.")],
+    ranges: Annotated[
+        Path, typer.Option("--range", metavar="FOLDER", help="Folder of range maps: float32 TIFF in meters, or 16-bit PNG in mm.")
+    ],
     out: Out = Path("out"),
     water: WaterFile = None,
     config: ConfigFile = None,

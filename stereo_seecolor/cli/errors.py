@@ -4,7 +4,7 @@ Exit codes: 0 all done; 1 a known error; 2 wrong usage; 3 finished, but with nam
 An error that is not known is a defect of this program and keeps its traceback.
 """
 
-import sys
+import contextlib
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +12,8 @@ import typer
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
 from stereo_seecolor.cli.json_output import json_line
-from stereo_seecolor.cli.streams import discard, write_error, write_out
+from stereo_seecolor.cli.streams import write_error, write_out
+from stereo_seecolor.errors import OutputError
 
 EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_USAGE, EXIT_SOME_FAILED = 0, 1, 2, 3
 
@@ -24,8 +25,7 @@ def exit_code_of(command_line: Callable[[], Any], as_json: bool) -> int:
         return code if isinstance(code, int) else EXIT_DONE
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted", EXIT_INTERRUPTED, as_json)
-    except BrokenPipeError:
-        discard(sys.stdout)
+    except BrokenPipeError:  # the reader of the output has gone, as head does when it has seen enough
         return EXIT_KNOWN_ERROR
     except Exception as error:
         if _is_usage_error(error):
@@ -47,10 +47,8 @@ def is_known(error: Exception) -> bool:
 def _fail(message: str, code: int, as_json: bool) -> int:
     write_error(f"stereo-seecolor: {message}\n")
     if as_json:
-        try:
+        with contextlib.suppress(OutputError, BrokenPipeError):
             write_out(json_line({"error": message, "exit_code": code}))
-        except OSError:
-            discard(sys.stdout)
     return code
 
 

@@ -41,8 +41,10 @@ def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
 
 def _file_handler(path: Path) -> logging.Handler:
     try:
-        if path.is_file() and b"\0" in path.open("rb").read(4096):
-            raise OutputError(f"--log-file {path}: is not a text file: give another name for the log")
+        if path.is_file():
+            with path.open("rb") as file:
+                if b"\0" in file.read(4096):
+                    raise OutputError(f"--log-file {path}: is not a text file: give another name for the log")
         path.parent.mkdir(parents=True, exist_ok=True)
         return logging.FileHandler(path, mode="a", encoding="utf-8", errors="backslashreplace")
     except OSError as error:

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.doctor import Finding
     from stereo_seecolor.config_file import Setting
 
-Show = Annotated[bool, typer.Option("--show", help="Print every setting with its origin (what this command does anyway).")]
+Show = Annotated[
+    bool, typer.Option("--show", metavar="", help="Print every setting with its origin (what this command does anyway).")
+]
 
 
 def doctor(as_json: AsJson = False) -> None:

@@ -15,42 +15,65 @@ DEFAULT_WORKERS = min(cores(), 8)
 
 COLOR, SETTINGS, EXECUTION, REPORTING = "Color and map", "Settings", "Execution", "Reporting"
 
-Left = Annotated[Path, typer.Option("--left", help="Folder of left images, or a video.")]
+Left = Annotated[Path, typer.Option("--left", metavar="FOLDER", help="Folder of left images, or a video.")]
 Right = Annotated[
     Path,
-    typer.Option("--right", help="Folder of right images, or a video; the left video again if it shows both."),
+    typer.Option("--right", metavar="FOLDER", help="Folder of right images, or a video; the left video again if it shows both."),
 ]
-Calib = Annotated[str, typer.Option("--calib", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")]
-Out = Annotated[Path, typer.Option("--out", help="Output folder. Run again with the same folder to resume a stopped run.")]
-Finished = Annotated[Path, typer.Argument(help="Output folder of a finished run.")]
+Calib = Annotated[
+    str, typer.Option("--calib", metavar="FILE", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")
+]
+Out = Annotated[
+    Path, typer.Option("--out", metavar="FOLDER", help="Output folder. Run again with the same folder to resume a stopped run.")
+]
+Finished = Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of a finished run.")]
 WaterFile = Annotated[
     Path | None,
-    typer.Option("--water", help="water.json of an earlier run, used instead of fitting the water.", rich_help_panel=COLOR),
+    typer.Option(
+        "--water", metavar="FILE", help="water.json of an earlier run, used instead of fitting the water.", rich_help_panel=COLOR
+    ),
 ]
 PosesFile = Annotated[
-    Path | None, typer.Option("--poses", help="Trajectory of the dive: TUM, KITTI, COLMAP, or AUV tables.", rich_help_panel=COLOR)
+    Path | None,
+    typer.Option(
+        "--poses", metavar="FILE", help="Trajectory of the dive: TUM, KITTI, COLMAP, or AUV tables.", rich_help_panel=COLOR
+    ),
 ]
 ConfigFile = Annotated[
     Path | None,
-    typer.Option("--config", help="YAML file of settings (docs/configuration.md).", rich_help_panel=SETTINGS),
+    typer.Option("--config", metavar="FILE", help="YAML file of settings (docs/configuration.md).", rich_help_panel=SETTINGS),
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", help="One setting, written section.key=value. May be repeated.", rich_help_panel=SETTINGS),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="One setting, written section.key=value. May be repeated.", rich_help_panel=SETTINGS
+    ),
 ]
 Workers = Annotated[
-    int, typer.Option("--workers", min=1, help="Number of pairs processed at the same time.", rich_help_panel=EXECUTION)
+    int,
+    typer.Option("--workers", metavar="N", min=1, help="Number of pairs processed at the same time.", rich_help_panel=EXECUTION),
 ]
 Overwrite = Annotated[
     bool,
     typer.Option(
-        "--overwrite", help="Remove the results that an earlier run wrote into the output folder.", rich_help_panel=EXECUTION
+        "--overwrite",
+        metavar="",
+        help="Remove the results that an earlier run wrote into the output folder.",
+        rich_help_panel=EXECUTION,
     ),
 ]
-Verify = Annotated[bool, typer.Option("--verify", help="Read every input again, also those whose size and time have not changed.")]
-Strict = Annotated[bool, typer.Option("--strict", help="Stop at the first pair that fails.", rich_help_panel=EXECUTION)]
+Verify = Annotated[
+    bool,
+    typer.Option(
+        "--verify",
+        metavar="",
+        help="Read every input again, also those whose size and time have not changed.",
+        rich_help_panel=EXECUTION,
+    ),
+]
+Strict = Annotated[bool, typer.Option("--strict", metavar="", help="Stop at the first pair that fails.", rich_help_panel=EXECUTION)]
 AsJson = Annotated[
-    bool, typer.Option("--json", help="Print the result as one JSON object (docs/json.md).", rich_help_panel=REPORTING)
+    bool, typer.Option("--json", metavar="", help="Print the result as one JSON object (docs/json.md).", rich_help_panel=REPORTING)
 ]
 Progress = Annotated[
     ProgressKind,
@@ -61,6 +84,11 @@ Progress = Annotated[
     ),
 ]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", help="Write the log to standard error, debugging messages included.", rich_help_panel=REPORTING)
+    bool,
+    typer.Option(
+        "--verbose", metavar="", help="Write the log to standard error, debugging messages included.", rich_help_panel=REPORTING
+    ),
 ]
-LogFile = Annotated[Path | None, typer.Option("--log-file", help="Append the log to this file.", rich_help_panel=REPORTING)]
+LogFile = Annotated[
+    Path | None, typer.Option("--log-file", metavar="FILE", help="Append the log to this file.", rich_help_panel=REPORTING)
+]

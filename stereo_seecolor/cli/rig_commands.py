@@ -24,28 +24,42 @@ from stereo_seecolor.cli.rig_text import calibration_text, check_text
 
 Target = Annotated[
     str,
-    typer.Option("--target", help="chessboard:9x6:24.23mm (inner corners) or charuco:5X5_100:11x8:30mm:22mm (squares, marker)."),
+    typer.Option(
+        "--target",
+        metavar="TARGET",
+        help="chessboard:9x6:24.23mm (inner corners) or charuco:5X5_100:11x8:30mm:22mm (squares, marker).",
+    ),
 ]
-TargetLeft = Annotated[Path | None, typer.Option("--left", help="Folder of left images of the target.")]
-TargetRight = Annotated[Path | None, typer.Option("--right", help="Folder of right images of the target.")]
+TargetLeft = Annotated[Path | None, typer.Option("--left", metavar="FOLDER", help="Folder of left images of the target.")]
+TargetRight = Annotated[Path | None, typer.Option("--right", metavar="FOLDER", help="Folder of right images of the target.")]
 CalibrationOut = Annotated[
-    Path, typer.Option("--out", help="Calibration file to write; a picture of the coverage is written beside it.")
+    Path, typer.Option("--out", metavar="FILE", help="Calibration file to write; a picture of the coverage is written beside it.")
 ]
 Medium = Annotated[Literal["water", "air"], typer.Option("--medium", help="Where the images were taken; water is best.")]
 PrintTarget = Annotated[
     Path | None,
-    typer.Option("--print-target", help="Draw the target into this .pdf or .png and stop.", rich_help_panel=SETTINGS),
+    typer.Option(
+        "--print-target", metavar="FILE", help="Draw the target into this .pdf or .png and stop.", rich_help_panel=SETTINGS
+    ),
 ]
-Dpi = Annotated[int, typer.Option("--dpi", min=10, help="Resolution of a .png target.", rich_help_panel=SETTINGS)]
-Pairs = Annotated[int, typer.Option("--pairs", min=1, help="How many pairs to test, spread evenly over the dive.")]
+Dpi = Annotated[int, typer.Option("--dpi", metavar="N", min=10, help="Resolution of a .png target.", rich_help_panel=SETTINGS)]
+Pairs = Annotated[int, typer.Option("--pairs", metavar="N", min=1, help="How many pairs to test, spread evenly over the dive.")]
 Refine = Annotated[
     Path | None,
-    typer.Option("--refine", help="Estimate what has moved since the calibration, and write the refined rig to this file."),
+    typer.Option(
+        "--refine",
+        metavar="FILE",
+        help="Estimate what has moved since the calibration, and write the refined rig to this file.",
+    ),
 ]
-Source = Annotated[str, typer.Argument(help="Any calibration of docs/calibration.md: a file, a folder, or left.yaml,right.yaml.")]
-Converted = Annotated[str, typer.Argument(help="File to write; for ros a folder, or left.yaml,right.yaml.")]
+Source = Annotated[
+    str, typer.Argument(metavar="SOURCE", help="Any calibration of docs/calibration.md: a file, a folder, or left.yaml,right.yaml.")
+]
+Converted = Annotated[str, typer.Argument(metavar="OUT", help="File to write; for ros a folder, or left.yaml,right.yaml.")]
 Format = Annotated[Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"], typer.Option("--to", help="Format to write.")]
-Size = Annotated[str | None, typer.Option("--size", help="WIDTHxHEIGHT, for a source that does not state it (OpenCV).")]
+Size = Annotated[
+    str | None, typer.Option("--size", metavar="WIDTHxHEIGHT", help="WIDTHxHEIGHT, for a source that does not state it (OpenCV).")
+]
 
 
 def calibrate(

@@ -22,23 +22,29 @@ from stereo_seecolor.cli.run_text import run_text
 from stereo_seecolor.cli.score_text import charts_text, truth_text
 
 CHARTS = "Color charts"
-FinishedRun = Annotated[Path | None, typer.Argument(help="Output folder of a finished run (with --truth).")]
-Truth = Annotated[Path | None, typer.Option("--truth", help="The truth/ folder of a dive made by synthesize.")]
+FinishedRun = Annotated[Path | None, typer.Argument(metavar="OUT", help="Output folder of a finished run (with --truth).")]
+Truth = Annotated[Path | None, typer.Option("--truth", metavar="FOLDER", help="The truth/ folder of a dive made by synthesize.")]
 ByChart = Annotated[
-    bool, typer.Option("--chart", help="Score every method on color charts or white targets.", rich_help_panel=CHARTS)
+    bool, typer.Option("--chart", metavar="", help="Score every method on color charts or white targets.", rich_help_panel=CHARTS)
 ]
-Images = Annotated[Path | None, typer.Option("--images", help="Folder of images as the camera saw them.", rich_help_panel=CHARTS)]
-Ranges = Annotated[Path | None, typer.Option("--range", help="Folder of their range maps.", rich_help_panel=CHARTS)]
+Images = Annotated[
+    Path | None, typer.Option("--images", metavar="FOLDER", help="Folder of images as the camera saw them.", rich_help_panel=CHARTS)
+]
+Ranges = Annotated[
+    Path | None, typer.Option("--range", metavar="FOLDER", help="Folder of their range maps.", rich_help_panel=CHARTS)
+]
 Targets = Annotated[
     Path | None,
-    typer.Option("--targets", help="JSON of chart corners and polygons; without it charts are found.", rich_help_panel=CHARTS),
+    typer.Option(
+        "--targets", metavar="FILE", help="JSON of chart corners and polygons; without it charts are found.", rich_help_panel=CHARTS
+    ),
 ]
-Sheet = Annotated[Path, typer.Option("--sheet", help="Contact sheet to write, PNG.", rich_help_panel=CHARTS)]
-PairCount = Annotated[int, typer.Option("--pairs", min=1, help="Number of stereo pairs.")]
-LineCount = Annotated[int, typer.Option("--lines", min=1, help="Number of survey lines, flown to and fro.")]
-ImageSize = Annotated[str, typer.Option("--size", help="Image size in pixels, as WIDTHxHEIGHT.")]
-WaterName = Annotated[str, typer.Option("--water", help="blue-ocean, coastal-green or turbid.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, help="Another number gives another reef and another track.")]
+Sheet = Annotated[Path, typer.Option("--sheet", metavar="FILE", help="Contact sheet to write, PNG.", rich_help_panel=CHARTS)]
+PairCount = Annotated[int, typer.Option("--pairs", metavar="N", min=1, help="Number of stereo pairs.")]
+LineCount = Annotated[int, typer.Option("--lines", metavar="N", min=1, help="Number of survey lines, flown to and fro.")]
+ImageSize = Annotated[str, typer.Option("--size", metavar="WIDTHxHEIGHT", help="Image size in pixels, as WIDTHxHEIGHT.")]
+WaterName = Annotated[str, typer.Option("--water", metavar="NAME", help="blue-ocean, coastal-green or turbid.")]
+Seed = Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Another number gives another reef and another track.")]
 
 
 def evaluate(

@@ -25,6 +25,7 @@ def write_out(text: str) -> None:
         sys.stdout.write(text)
         sys.stdout.flush()
     except BrokenPipeError:
+        discard(sys.stdout)
         raise
     except OSError as error:
         discard(sys.stdout)

@@ -12,7 +12,7 @@ from stereo_seecolor.cli.report import Report
 if TYPE_CHECKING:
     from stereo_seecolor.commands.water import MeasuredWater
 
-Poses = Annotated[Path, typer.Option("--poses", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")]
+Poses = Annotated[Path, typer.Option("--poses", metavar="FILE", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")]
 
 
 def water(

@@ -1,14 +1,14 @@
 """Compare a finished run with the known truth of the dive it was made from."""
 
 import hashlib
-import json
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.evaluation.truth import TruthReport, evaluate_truth
+from stereo_seecolor.evaluation.truth import FrameFiles, TruthReport, evaluate_truth
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, open_run
 
 GEOMETRY_TOLERANCE = 1e-6
 """Relative difference of focal length, center and baseline up to which two cameras are one: rounding in files is far below it."""
@@ -17,54 +17,38 @@ GEOMETRY_TOLERANCE = 1e-6
 def evaluate(out: Path, truth: Path) -> TruthReport:
     """Errors of the run in ``out`` against ``truth``, beside which the dive's left/ and cam.yaml lie (docs/synthetic.md).
 
-    Raises InputError if there is nothing to compare, or ``out`` was made from another dive or another calibration.
+    Raises InputError if there is nothing to compare, or ``out`` was made from another dive or another calibration: dives number
+    their images alike, so names do not tell.
     """
-    run = _run_content(out)
-    if run is not None:
-        _check_same_geometry(run, out, truth)
-        _check_same_images(run, out, truth)
-    return evaluate_truth(out, truth)
+    run = open_run(out)
+    if run.geometry is not None:
+        _check_geometry(run.geometry, out, truth)
+    _check_images(run.frames, out, truth)
+    return evaluate_truth(
+        {frame.name: _files(frame) for frame in run.frames if {"range", "corrected"} <= frame.products.keys()}, truth
+    )
 
 
-def _run_content(out: Path) -> dict[str, Any] | None:
-    """run.json of ``out``; None where results of another program lie without one."""
-    try:
-        content = json.loads((out / "run.json").read_bytes())
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        raise InputError(f"{out / 'run.json'}: cannot be read: {error}: run again") from error
-    return content if isinstance(content, dict) else None
+def _files(frame: FinishedFrame) -> FrameFiles:
+    return FrameFiles(frame.products["range"], frame.products["corrected"], frame.products.get("mask"))
 
 
-def _check_same_geometry(run: dict[str, Any], out: Path, truth: Path) -> None:
-    found = run.get("geometry")
-    if not isinstance(found, dict):
-        return  # made by correct, which knows no camera
-    dive = _numbers(Rectification.from_rig(load_rig(truth.parent / "cam.yaml")).pair)
-    for name, expected in dive.items():
-        value = found.get(name)
-        if not isinstance(value, (int, float)) or abs(value - expected) > GEOMETRY_TOLERANCE * abs(expected):
+def _check_geometry(found: RectifiedPair, out: Path, truth: Path) -> None:
+    dive = Rectification.from_rig(load_rig(truth.parent / "cam.yaml")).pair
+    for name in ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px"):
+        value, expected = float(getattr(found, name)), float(getattr(dive, name))
+        if abs(value - expected) > GEOMETRY_TOLERANCE * abs(expected):
             raise InputError(
-                f"{out}: was made with another calibration than that of {truth}: its {name} is {value}, not {expected:.9g}: "
+                f"{out}: was made with another calibration than that of {truth}: its {name} is {value:.9g}, not {expected:.9g}: "
                 "give the truth of the dive that was run"
             )
 
 
-def _numbers(pair: RectifiedPair) -> dict[str, float]:
-    names = ("focal_px", "baseline_m", "cx_left_px", "cx_right_px", "cy_px")
-    return {name: float(getattr(pair, name)) for name in names}
-
-
-def _check_same_images(run: dict[str, Any], out: Path, truth: Path) -> None:
-    """Names say nothing: two dives number their images alike. The hashes that the run recorded tell."""
-    inputs = run.get("inputs")
-    recorded = inputs.get("files") if isinstance(inputs, dict) else None
-    for name, sides in (recorded if isinstance(recorded, dict) else {}).items():
-        image = truth.parent / "left" / f"{name}.png"
-        known = sides.get("left", sides.get("image")) if isinstance(sides, dict) else None
-        if known and image.is_file() and hashlib.sha256(image.read_bytes()).hexdigest() != known:
+def _check_images(frames: Iterable[FinishedFrame], out: Path, truth: Path) -> None:
+    for frame in frames:
+        image = truth.parent / "left" / f"{frame.name}.png"
+        if frame.sha256 and image.is_file() and hashlib.sha256(image.read_bytes()).hexdigest() != frame.sha256:
             raise InputError(
-                f"{out}: was made from other images than those beside {truth}: {image} is not the image {name} of the run: "
+                f"{out}: was made from other images than those beside {truth}: {image} is not the image {frame.name} of the run: "
                 "give the truth of the dive that was run"
             )

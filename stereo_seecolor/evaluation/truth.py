@@ -1,6 +1,7 @@
 """A finished run against known truth: how far off its ranges and its colors are, beside the raw images' own error."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TypeVar
@@ -37,6 +38,15 @@ class RangeScore:
 
 
 @dataclass(frozen=True)
+class FrameFiles:
+    """The results of one frame. mask: its codes, as run writes them; None: every known range counts as measured."""
+
+    range_m: Path
+    corrected: Path
+    mask: Path | None = None
+
+
+@dataclass(frozen=True)
 class FrameScore:
     """One frame against truth. color, raw_color: the corrected and the raw image, over the same pixels."""
 
@@ -57,26 +67,25 @@ class TruthReport:
     raw_color: TruthScore
 
 
-def evaluate_truth(out: Path, truth: Path) -> TruthReport:
-    """Compare the run folder ``out`` with the truth of a dive (docs/synthetic.md), whose left/ and cam.yaml lie beside ``truth``.
+def evaluate_truth(results: Mapping[str, FrameFiles], truth: Path) -> TruthReport:
+    """Compare results, by frame name, with the truth of a dive (docs/synthetic.md), whose left/ and cam.yaml lie beside ``truth``.
 
     Colors are compared as displayed (sRGB), over pixels whose range was measured and whose true color is neither clipped nor so
     dark (brightest channel below 6 % of full scale, encoded) that noise makes its hue.
 
-    Raises InputError if a folder holds no such files, or a result has another size than its truth.
+    Raises InputError if ``truth`` is no such folder, holds none of these frames, or a result has another size than its truth.
     """
     names = sorted(path.stem for path in (truth / "range").glob("*.tiff"))
     if not names:
         raise InputError(f"{truth}: holds no range/*.tiff: give the truth folder of a dive made by 'stereo-seecolor synthesize'")
-    present = [name for name in names if (out / "range" / f"{name}.tiff").exists() and _corrected_path(out, name)]
-    if not present:
-        raise InputError(f"{out}: holds no result for any of the {len(names)} frames of {truth}: run the same dive first")
+    if results.keys().isdisjoint(names):
+        raise InputError(f"there is no result for any of the {len(names)} frames of {truth}: run the same dive first")
     rectification = Rectification.from_rig(load_rig(truth.parent / "cam.yaml"))
     linear = _is_linear(truth)
-    frames = tuple(_score_frame(out, truth, name, rectification, linear) for name in present)
+    frames = tuple(_score_frame(results[name], truth, name, rectification, linear) for name in names if name in results)
     return TruthReport(
         frames,
-        tuple(name for name in names if name not in present),
+        tuple(name for name in names if name not in results),
         _mean(RangeScore, [frame.range for frame in frames]),
         _mean(TruthScore, [frame.color for frame in frames]),
         _mean(TruthScore, [frame.raw_color for frame in frames]),
@@ -98,29 +107,24 @@ def score_range(range_m: Map, true_m: Map, visible: Mask, geometry: RectifiedPai
     )
 
 
-def _score_frame(out: Path, truth: Path, name: str, rectification: Rectification, linear: bool) -> FrameScore:
+def _score_frame(result: FrameFiles, truth: Path, name: str, rectification: Rectification, linear: bool) -> FrameScore:
     true_m = read_range_map(truth / "range" / f"{name}.tiff")
-    range_m = read_range_map(out / "range" / f"{name}.tiff")
+    range_m = read_range_map(result.range_m)
     if range_m.shape != true_m.shape:
-        raise InputError(f"{out / 'range' / name}.tiff: is {_size(range_m)} pixels, but its truth is {_size(true_m)}")
-    mask = cv2.imread(str(out / "mask" / f"{name}.png"), cv2.IMREAD_UNCHANGED) if (out / "mask").is_dir() else None
-    measured = np.isfinite(range_m) if mask is None else np.isfinite(range_m) & ~np.isin(mask, NOT_MEASURED)
+        raise InputError(f"{result.range_m}: is {_size(range_m)} pixels, but its truth is {_size(true_m)}")
+    measured = np.isfinite(range_m)
+    if result.mask is not None:
+        measured &= ~np.isin(read_image(result.mask)[..., 0], NOT_MEASURED)
     measured_m = np.where(measured, range_m, np.float32(np.nan))
     visible = read_image(truth / "visible" / f"{name}.png")[..., 0] > 0
 
     color = _displayed(truth / "color" / f"{name}.png", linear)
-    corrected_path = _corrected_path(out, name)
-    assert corrected_path is not None
-    raw = rectification.apply_left(read_image(truth.parent / "left" / f"{name}.png"))
+    raw = rectification.upright(rectification.apply_left(read_image(truth.parent / "left" / f"{name}.png")))
     scores = []
-    for image in (_displayed(corrected_path, linear=False), _as_displayed(raw, linear)):
+    for image in (_displayed(result.corrected, linear=False), _as_displayed(raw, linear)):
         known = np.where(measured[..., None], image, np.nan)
         scores.append(score_truth(known, color, true_m))
     return FrameScore(name, score_range(measured_m, true_m, visible, rectification.pair), *scores)
-
-
-def _corrected_path(out: Path, name: str) -> Path | None:
-    return next((p for suffix in (".png", ".tiff", ".jpg") if (p := out / "corrected" / f"{name}{suffix}").exists()), None)
 
 
 def _displayed(path: Path, linear: bool) -> NDArray[np.float64]:

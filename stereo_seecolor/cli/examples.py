@@ -1,0 +1,40 @@
+"""Examples in the help of each command, as a user types them."""
+
+SIDES = "--left DIVE/left --right DIVE/right --calib cam.yaml"
+PROGRAM = "stereo-seecolor"
+
+EXAMPLES = {
+    "inspect": ("inspect DIVE", "inspect DIVE/left DIVE/right stereo.mat"),
+    "run": (
+        f"run {SIDES} --out OUT --fuse",
+        f"run {SIDES} --out OUT --fuse --poses nav.tum --set color.lock=survey",
+        f"run {SIDES} --out OUT --water EARLIER/water.json --workers 8",
+        "run --left dive.mp4 --right dive.mp4 --calib cam.yaml --out OUT --config settings.yaml",
+    ),
+    "correct": ("correct --images IMAGES --range RANGES --out OUT",),
+    "range": (f"range {SIDES} --out OUT --set matching.max_range_m=8",),
+    "rectify": (f"rectify {SIDES} --out OUT",),
+    "fuse": ("fuse OUT", "fuse OUT --poses nav.tum --set mapping.voxel_m=0.005"),
+    "view": ("view OUT",),
+    "demo": ("demo --out demo",),
+    "synthesize": ("synthesize --out dive --pairs 20 --lines 2 --water turbid",),
+    "evaluate": (
+        "evaluate OUT --truth dive/truth",
+        "evaluate --chart --images IMAGES --range RANGES --sheet charts.png",
+    ),
+    "calibrate": (
+        "calibrate --target chessboard:9x6:24mm --print-target board.pdf",
+        "calibrate --target chessboard:9x6:24mm --left TARGET/left --right TARGET/right --out cam.yaml",
+    ),
+    "check": (f"check {SIDES}", f"check {SIDES} --refine refined.yaml"),
+    "convert-calib": ("convert-calib stereo.mat cam.yaml", "convert-calib cam.yaml ROS --to ros"),
+    "water": ("water OUT --poses nav.tum",),
+    "config": ("config --show --set color.lock=survey", "config --config OUT/run.json > settings.yaml"),
+    "doctor": ("doctor",),
+}
+"""Command -> what follows the program's name. Names in capitals are folders."""
+
+
+def epilog(command: str) -> str:
+    """The examples of a command as paragraphs, each of which typer prints on a line of its own."""
+    return "\n\n".join(["Examples:", *(f"  {PROGRAM} {words}" for words in EXAMPLES[command])])

@@ -1,0 +1,158 @@
+"""What --json prints of each command: the keys and types that docs/json.md promises to scripts."""
+
+from typing import Any
+
+Shape = Any  # a type, a tuple of types and None, [shape], {key: shape}, or {str: shape} for any keys
+NUMBER = (int, float)
+UNKNOWN = (int, float, None)
+"""A number, or null where it is not known."""
+
+
+def mismatch(value: Any, shape: Shape, where: str = "$") -> str | None:
+    """Where a parsed JSON value differs from a shape; None if it does not. Keys beyond those of the shape are a difference, too."""
+    if isinstance(shape, dict):
+        return _object_mismatch(value, shape, where)
+    if isinstance(shape, list):
+        if not isinstance(value, list):
+            return f"{where} is no list: {value!r}"
+        return next((found for i, item in enumerate(value) if (found := mismatch(item, shape[0], f"{where}[{i}]"))), None)
+    allowed = shape if isinstance(shape, tuple) else (shape,)
+    fits = type(value) in allowed or (value is None and None in allowed)
+    return None if fits else f"{where} is {value!r}, not {allowed}"
+
+
+def _object_mismatch(value: Any, shape: dict[Any, Shape], where: str) -> str | None:
+    if not isinstance(value, dict):
+        return f"{where} is no object: {value!r}"
+    if set(shape) == {str}:
+        return next((found for key, item in value.items() if (found := mismatch(item, shape[str], f"{where}.{key}"))), None)
+    if value.keys() != shape.keys():
+        return f"{where}: missing {sorted(shape.keys() - value.keys())}, unexpected {sorted(value.keys() - shape.keys())}"
+    return next((found for key in shape if (found := mismatch(value[key], shape[key], f"{where}.{key}"))), None)
+
+
+END = {"command": str, "exit_code": int}
+ERROR = {"error": str, "exit_code": int}
+ROW = {
+    "name": str,
+    "status": str,
+    "left": str,
+    "right": str,
+    "timestamp_s": UNKNOWN,
+    "error": str,
+    "warnings": [str],
+    "kept": bool,
+    "hashes": {str: str},
+    "seconds": {str: NUMBER},
+    "facts": {str: UNKNOWN},
+}
+RUN = {
+    "out": str,
+    "pairs": int,
+    "ok": int,
+    "failed": int,
+    "unpaired_files": int,
+    "pending": int,
+    "kept": int,
+    "stopped": bool,
+    "wall_seconds": NUMBER,
+    "stage_seconds": {str: NUMBER},
+    "notes": [str],
+    "failed_pairs": [ROW],
+    "products": [{"path": str, "what": str, "source": str}],
+}
+MAP = {
+    "frames": int,
+    "placed": int,
+    "components": [int],
+    "unplaced": [{"name": str, "reason": str}],
+    "files": [str],
+    "points": int,
+    "seconds": NUMBER,
+    "warnings": [str],
+}
+RANGE_SCORE = {"median_relative_error": UNKNOWN, "bad_1_px": UNKNOWN, "bad_2_px": UNKNOWN, "coverage": UNKNOWN}
+COLOR_SCORE = {
+    "angle_deg": UNKNOWN,
+    "angle_after_gains_deg": UNKNOWN,
+    "ciede2000": UNKNOWN,
+    "range_consistency": UNKNOWN,
+    "clipped_fraction": UNKNOWN,
+    "pixels": UNKNOWN,
+}
+SCORES = {"range": RANGE_SCORE, "color": COLOR_SCORE, "raw_color": COLOR_SCORE}
+TRUTH = {"frames": [{"name": str, **SCORES}], "missing": [str], **SCORES}
+CHART_ROW = {
+    "frame": str,
+    "target": str,
+    "method": str,
+    "range_m": UNKNOWN,
+    "psi_deg": UNKNOWN,
+    "psi_linear_deg": UNKNOWN,
+    "ciede2000": UNKNOWN,
+    "clipped_fraction": UNKNOWN,
+    "pixels": int,
+}
+FINDING = {"what": str, "ok": bool, "detail": str, "needed": bool, "without": str, "fix": str}
+SETTING_VALUE = (str, int, float, bool, list, None)
+
+SHAPES: dict[str, Shape] = {
+    "inspect": {
+        **END,
+        "sides": {"left": str, "right": str, "guessed": bool},
+        "left": (dict, None),
+        "right": (dict, None),
+        "pairs": int,
+        "unpaired": int,
+        "interval_s": UNKNOWN,
+        "exposure_recorded": bool,
+        "calibrations": [str],
+        "calibration": (dict, None),
+        "measured": (dict, None),
+        "misfits": [{"pair": str, "fits": (str, None)}],
+        "problems": [str],
+        "run_command": str,
+    },
+    "run": {**END, **RUN},
+    "run --fuse": {**END, **RUN, "map": MAP},
+    "range": {**END, **RUN},
+    "correct": {**END, **RUN},
+    "rectify": {**END, **RUN},
+    "fuse": {**END, "out": str, "map": MAP},
+    "view": {**END, "out": str, "mesh": str, "viewer": str},
+    "water": {**END, "out": str, "path": str, "water": dict},
+    "evaluate": {**END, **TRUTH},
+    "evaluate --chart": {**END, "rows": [CHART_ROW], "means": [CHART_ROW], "without_target": [str], "sheet": str},
+    "synthesize": {**END, "out": str, "spec": dict},
+    "demo": {**END, **RUN, "truth": TRUTH},
+    "calibrate": {
+        **END,
+        "calibration": str,
+        "coverage_picture": str,
+        "verdict": [str],
+        "baseline_m": NUMBER,
+        "baseline_std_m": UNKNOWN,
+        "focal_std": UNKNOWN,
+        "rms_left_px": NUMBER,
+        "rms_right_px": NUMBER,
+        "row_error_px": UNKNOWN,
+        "coverage": [NUMBER],
+        "views": [{"name": str, "left_px": UNKNOWN, "right_px": UNKNOWN, "reason": (str, None)}],
+    },
+    "calibrate --print-target": {**END, "target": str},
+    "check": {
+        **END,
+        "rig": dict,
+        "rows": dict,
+        "suspicions": [str],
+        "acceptable": bool,
+        "advice": [str],
+        "refined": (dict, None),
+    },
+    "convert-calib": {**END, "source": str, "out": str, "format": str, "baseline_m": NUMBER},
+    "config": {
+        **END,
+        "settings": [{"key": str, "value": SETTING_VALUE, "default": SETTING_VALUE, "origin": str, "description": str}],
+    },
+    "doctor": {**END, "ready": bool, "findings": [FINDING]},
+}
