@@ -70,6 +70,7 @@ MAP = {
     "points": int,
     "seconds": NUMBER,
     "warnings": [str],
+    "navigation": (dict, None),
 }
 RANGE_SCORE = {"median_relative_error": UNKNOWN, "bad_1_px": UNKNOWN, "bad_2_px": UNKNOWN, "coverage": UNKNOWN}
 COLOR_SCORE = {

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from json_shapes import ERROR, SHAPES, mismatch
 from stereo_seecolor.cli.app import COMMANDS
 from stereo_seecolor.cli.json_output import json_line, plain
 
+ROOT = Path(__file__).resolve().parents[1]
 TRACK = "# timestamp tx ty tz qx qy qz qw\n" + "".join(f"{i:04d} {0.01 * i} 0 0 1 0 0 0\n" for i in range(2))
 
 
@@ -176,3 +178,18 @@ def test_a_shape_notices_what_is_missing_and_what_is_new() -> None:
     assert mismatch(content, SHAPES["view"]) == "$: missing ['viewer'], unexpected []"
     assert mismatch({**content, "viewer": 3}, SHAPES["view"]) == "$.viewer is 3, not (<class 'str'>,)"
     assert "unexpected ['more']" in str(mismatch({**content, "viewer": "v", "more": 1}, SHAPES["view"]))
+
+
+def test_the_documentation_names_every_key() -> None:
+    text = (ROOT / "docs/json.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(\w+)`", text))
+    assert {key for shape in SHAPES.values() for key in keys(shape)} <= named
+
+
+def keys(shape: Any) -> set[str]:
+    """All keys of a shape, at any depth."""
+    if isinstance(shape, list):
+        return keys(shape[0])
+    if not isinstance(shape, dict):
+        return set()
+    return {key for key in shape if isinstance(key, str)} | {key for value in shape.values() for key in keys(value)}
