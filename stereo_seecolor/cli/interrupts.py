@@ -47,5 +47,5 @@ def interrupts() -> Iterator[None]:
 
 def _tell(text: str) -> None:
     """Write past the buffer of standard error, which the interrupted code may be writing to just now."""
-    with contextlib.suppress(OSError):
-        os.write(2, text.encode())
+    with contextlib.suppress(OSError, ValueError):
+        os.write(sys.stderr.fileno(), text.encode())
