@@ -13,7 +13,7 @@ from calibration import Camera, StereoRig
 from calibration.formats import native
 from stereo_seecolor.cli import main
 from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.mapping.surface.extraction import check_available
+from stereo_seecolor.mapping.surface.open3d_extractor import open3d as open3d_library
 
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -52,7 +52,7 @@ def real_data() -> Path:
 def open3d() -> None:
     """Skips where Open3D cannot be imported, for want of a system library say."""
     try:
-        check_available()
+        open3d_library()
     except DeviceError as error:
         pytest.skip(str(error))
 

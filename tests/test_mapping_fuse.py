@@ -22,7 +22,7 @@ from stereo_seecolor.cli import main
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import MappingConfig, RunConfig
-from stereo_seecolor.errors import DeviceError, FrameError, InputError, MappingError, OutputError
+from stereo_seecolor.errors import FrameError, InputError, MappingError, OutputError
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import DISPARITY_STD_PX, estimated_range_std_m, inverse, rotation_from_vector
@@ -30,18 +30,12 @@ from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
 from stereo_seecolor.mapping import survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
-from stereo_seecolor.mapping.surface import extraction
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.folder import held
 from stereo_seecolor.run_folder.survey_frames import _eight_bit
 from stereo_seecolor.synthetic.survey import SurveySpec
-
-try:
-    extraction.check_available()
-except DeviceError as error:
-    pytest.skip(str(error), allow_module_level=True)
 
 MAPPING = MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02)
 

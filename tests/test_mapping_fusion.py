@@ -2,8 +2,9 @@
 
 import dataclasses
 import errno
+import importlib.util
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,17 +14,13 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, OutputError
+from stereo_seecolor.evaluation.nearest import nearest_distance_m
 from stereo_seecolor.files.ply import VERTEX
-from stereo_seecolor.mapping import survey_map
-from stereo_seecolor.mapping.surface import extraction
+from stereo_seecolor.mapping.surface import extraction, marching_cubes, open3d_extractor
+from stereo_seecolor.mapping.surface.volume import Volume
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.synthetic.survey import SurveySpec
-
-try:
-    extraction.check_available()
-except DeviceError as error:
-    pytest.skip(str(error), allow_module_level=True)
 
 
 def read_triangles(path: Path) -> NDArray[np.int32]:
@@ -214,20 +211,70 @@ def test_a_frame_without_ranges_does_no_harm(tmp_path: Path) -> None:
     assert build_map(frames, PAIR, tmp_path, CONFIG, track(3)).placed == 3
 
 
-@pytest.mark.parametrize(
-    ("error", "command"), [(OSError("libGL.so.1: cannot open"), "apt-get install"), (None, "pip install open3d")]
-)
-def test_missing_open3d_is_named_before_the_first_frame(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception | None, command: str
+@pytest.mark.parametrize("error", [OSError("libGL.so.1: cannot open"), None])
+def test_where_open3d_is_missing_scikit_image_makes_the_same_map(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception | None
 ) -> None:
     class Finder:
         def find_spec(self, name: str, *_: object) -> None:
             if name == "open3d" and error:
                 raise error
 
-    monkeypatch.setitem(sys.modules, "open3d", None) if error is None else monkeypatch.delitem(sys.modules, "open3d")
+    waves = [
+        dataclasses.replace(f, range_m=f.range_m + 0.05 * np.sin(np.arange(160) / 9).astype(np.float32))
+        for f in map(flat_frame, range(4))
+    ]
+    build_map(waves, PAIR, tmp_path / "open3d", CONFIG, track(4))
+    monkeypatch.setitem(sys.modules, "open3d", None) if error is None else monkeypatch.delitem(sys.modules, "open3d", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
+    extraction.open3d_available.cache_clear()
+    with pytest.raises(DeviceError, match=r"apt-get install" if error else "pip install open3d"):
+        open3d_extractor.open3d()
+    build_map(waves, PAIR, tmp_path / "skimage", CONFIG, track(4))
+    extraction.open3d_available.cache_clear()
+    a, b = (read_cloud(tmp_path / name / "cloud.ply") for name in ("open3d", "skimage"))
+    assert len(b) == pytest.approx(len(a), rel=5e-3)
+    for one, other in ((a, b), (b, a)):
+        apart_m = nearest_distance_m(one["position"], other["position"], 0.1)
+        assert np.quantile(apart_m, 0.999) < 0.1 * CONFIG.voxel_m
+    up_a, up_b = (read_cloud(tmp_path / name / "cloud.ply")["normal"][:, 2] for name in ("open3d", "skimage"))
+    assert np.median(up_b) == pytest.approx(np.median(up_a), abs=0.02)
+    triangles = [len(read_triangles(tmp_path / name / "mesh.ply")) for name in ("open3d", "skimage")]
+    assert triangles[1] == pytest.approx(triangles[0], rel=0.01)
+
+
+def test_without_any_extractor_it_is_named_before_the_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(extraction, "open3d_available", lambda: False)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     frames = Stopping([flat_frame(0)], fails_at=1)
-    with pytest.raises(DeviceError, match=command):
-        survey_map.build_map(frames, PAIR, tmp_path, CONFIG, track(1))
+    with pytest.raises(DeviceError, match="pip install scikit-image"):
+        build_map(frames, PAIR, tmp_path, CONFIG, track(1))
     assert frames.reads == 0
+
+
+def volume_of(distance_m: Callable[[NDArray, NDArray, NDArray], NDArray], seed: int) -> Volume:
+    """All blocks of a cube from -3 to 2 blocks, some voxels unknown."""
+    voxel_m = 0.02
+    blocks = np.stack(np.meshgrid(*[np.arange(-3, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.int32)
+    volume = Volume.empty(blocks, voxel_m)
+    k, j, i = np.indices((8, 8, 8))
+    x, y, z = ((blocks[:, axis, None, None, None] * 8 + index) * voxel_m for axis, index in enumerate((i, j, k)))
+    volume.tsdf[:] = np.clip(distance_m(x, y, z) / (4 * voxel_m), -1, 1)
+    volume.weight[:] = np.random.default_rng(seed).random(volume.weight.shape) > 0.02
+    return volume
+
+
+@pytest.mark.usefixtures("open3d")
+@pytest.mark.parametrize("seed", [0, 1])
+def test_both_extractors_find_the_same_points(seed: int) -> None:
+    rough = np.random.default_rng(seed).normal(0, 0.01, (216, 8, 8, 8))
+    volume = volume_of(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 0.3 + rough, seed)
+    one, other = open3d_extractor.extract(volume), marching_cubes.extract(volume)
+    assert one is not None
+    assert other is not None
+    for a, b in ((one, other), (other, one)):
+        assert nearest_distance_m(a.points_m, b.points_m, 0.1).max() < 1e-3 * volume.voxel_m
+    center = other.points_m[other.indices].mean(axis=1)
+    across = np.cross(*(other.points_m[other.indices[:, k]] - other.points_m[other.indices[:, 0]] for k in (1, 2)))
+    assert ((across * center).sum(axis=1) > 0).mean() > 0.95  # outwards, as Open3D's
+    assert len(np.unique(other.points_m, axis=0)) == len(other.points_m)

@@ -18,8 +18,6 @@ from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
 from stereo_seecolor.mapping.track import loop_closure
 from stereo_seecolor.records import Trajectory
 
-pytestmark = pytest.mark.usefixtures("open3d")
-
 
 def build(folder: Path, trajectory: Trajectory | None = None, **settings: Any) -> MapSummary:
     config = CONFIG.model_copy(update=settings)

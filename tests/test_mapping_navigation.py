@@ -201,7 +201,6 @@ def test_without_gtsam_poses_are_taken_as_given_and_it_is_said(
     np.testing.assert_array_equal(found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy()))
 
 
-@pytest.mark.usefixtures("open3d")
 def test_poses_that_cannot_be_measured_are_used_and_end_with_3(tmp_path: Path) -> None:
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     assert summary.placed == 4
@@ -210,7 +209,6 @@ def test_poses_that_cannot_be_measured_are_used_and_end_with_3(tmp_path: Path) -
     assert map_exit_code(summary) == 3
 
 
-@pytest.mark.usefixtures("open3d")
 def test_frames_that_show_nothing_keep_their_place_by_navigation(tmp_path: Path, reef: ReefFrames, survey: Survey) -> None:
     frames = [replace(f, color=np.full_like(f.color, 90)) if i in (0, 5, 6) else f for i, f in enumerate(survey.frames)]  # type: ignore[arg-type, type-var]
     good: list[SurveyFrame] = frames[:9]  # type: ignore[assignment]

@@ -136,7 +136,6 @@ def georeferenced(count: int) -> Trajectory:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("open3d")
 def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, georeferenced(4))
     assert {path.name for path in summary.files} >= {"dem.tif", "orthomosaic.tif", "reef_metrics.tif", "cloud.laz"}
@@ -156,7 +155,6 @@ def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
     assert (int(cloud.red[0]), int(cloud.green[0])) == (200 * 257, 120 * 257)
 
 
-@pytest.mark.usefixtures("open3d")
 def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     frames = [flat_frame(i, fish=i == 1) for i in range(4)]
     build_map(frames, PAIR, tmp_path, CONFIG, track(4, step_m=0.15))
@@ -171,7 +169,6 @@ def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     assert (rgba[:3, ~painted] == 0).all()
 
 
-@pytest.mark.usefixtures("open3d")
 def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
     build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     lines = (tmp_path / "reef_metrics.csv").read_text().splitlines()

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from stereo_seecolor.compute.threads import cores
 from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.mapping.surface.extraction import LIBRARIES, check_available
+from stereo_seecolor.mapping.surface.open3d_extractor import LIBRARIES, open3d
 
 OLDEST_PYTHON = (3, 11)
 INSTALL = "pip install -c constraints.txt"
@@ -32,6 +32,7 @@ class Library:
 CORE = (
     Library("numpy", "numpy"),
     Library("scipy", "scipy"),
+    Library("skimage", "scikit-image"),
     Library("cv2", "opencv-contrib-python-headless"),
     Library("torch", "torch"),
     Library("numba", "numba"),
@@ -131,8 +132,8 @@ def _cuda() -> Finding:
 
 def _open3d() -> Finding:
     with contextlib.suppress(DeviceError):
-        check_available()  # starts numba's threads first, which must come before Open3D's older TBB
-    found = examine(Library("open3d", "open3d", without="no map (--fuse, fuse)"))
+        open3d()  # starts numba's threads first, which must come before Open3D's older TBB
+    found = examine(Library("open3d", "open3d", without="no window onto a map (view); scikit-image makes its surface"))
     fix = ""
     if found.detail == "not installed":
         fix = f"{INSTALL} open3d"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.mapping.surface.extraction import check_available
+from stereo_seecolor.mapping.surface.open3d_extractor import open3d
 
 
 @dataclass(frozen=True)
@@ -64,12 +64,10 @@ def _open_in_rerun(program: str, mesh: Path) -> None:
 
 
 def _open_in_open3d(mesh: Path) -> None:
-    check_available()
-    import open3d
-
-    window = open3d.visualization.Visualizer()
+    library = open3d()
+    window = library.visualization.Visualizer()
     if not window.create_window(window_name=str(mesh)):
         raise _no_screen(mesh)
-    window.add_geometry(open3d.io.read_triangle_mesh(mesh))
+    window.add_geometry(library.io.read_triangle_mesh(mesh))
     window.run()
     window.destroy_window()

@@ -8,10 +8,11 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse
-from stereo_seecolor.mapping.surface.extraction import Triangles, Volume, extract
+from stereo_seecolor.mapping.surface.extraction import extract
 from stereo_seecolor.mapping.surface.kernels import colors_at, integrate, packed
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import TRUNCATION_VOXELS, Tile, Tiling
+from stereo_seecolor.mapping.surface.volume import Triangles, Volume
 from stereo_seecolor.records import SurveyFrame
 
 PlacedFrame = tuple[SurveyFrame, NDArray[np.float64]]
