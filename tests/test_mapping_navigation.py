@@ -19,7 +19,7 @@ from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_ve
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.survey_map import build_map
-from stereo_seecolor.mapping.track import odometry, pose_graph
+from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.track.mount import constant_turn
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.mapping.track.residuals import Motions, depth_difference_m
@@ -28,8 +28,6 @@ from stereo_seecolor.synthetic.survey import SurveySpec
 
 Poses = NDArray[np.float64]
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-
-pytestmark = pytest.mark.skipif(not pose_graph.available(), reason="GTSAM is missing")
 
 
 @pytest.fixture(scope="module")
