@@ -16,21 +16,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, PIXELS, TILE, WINDOW
-from stereo_seecolor.matching.sgm.steps import (
-    add,
-    add_wide,
-    claim,
-    fold,
-    hamming,
-    scatter,
-    slide,
-    smallest,
-    smallest_but,
-    step,
-    step_of_many,
-    steps,
-    winners,
-)
+from stereo_seecolor.matching.sgm.steps import steps
 from stereo_seecolor.records import Map
 
 NOWHERE, FLOOR, ALONG = 0, BLOCK, 2 * BLOCK
@@ -147,7 +133,7 @@ def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int)
                 place = row * most + band[PLACE, tile] + k * TILE
                 met = origin + band[LOW, tile] + k
                 for x in range(tile * TILE, min(tile * TILE + TILE, width)):
-                    hamming(bits[row, x], others[row], met - x, cost, place + LANES * (x % TILE))
+                    steps.hamming(bits[row, x], others[row], met - x, cost, place + LANES * (x % TILE))
                 if tile * TILE + TILE > width:
                     cost[place + LANES * (width % TILE) : place + LANES * TILE] = 0
 
@@ -170,7 +156,7 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: 
         place = band[PLACE, tile] + column * LANES
         j = y * p2_stride + tile * TILE + column + sweep
         if count == LANES:
-            steps(paths, before, cost, place, along, onward * LANES, most, p2, j, onward, p2_stride, P1)
+            steps.steps(paths, before, cost, place, along, onward * LANES, most, p2, j, onward, p2_stride, P1)
             continue
         for _ in range(TILE):
             for half in range(0, TILE, PIXELS):
@@ -180,7 +166,7 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: 
                     cost, place + half * most, most, p2, j + half * p2_stride, p2_stride, P1,
                 )  # fmt: skip
                 for k in range(0, count, LANES):
-                    scatter(paths, now + at + k * TILE, along, place + half * most + k * TILE, most)
+                    steps.scatter(paths, now + at + k * TILE, along, place + half * most + k * TILE, most)
             before, now = now, before
             place, j = place + onward * LANES, j + onward
 
@@ -204,16 +190,16 @@ def _advance(
 ) -> None:  # fmt: skip
     """Four pixels' paths take one step."""
     if count == LANES:
-        step(paths, before, now, cost, c, cost_stride, p2, j, p2_stride, P1)
+        steps.step(paths, before, now, cost, c, cost_stride, p2, j, p2_stride, P1)
         return
     last = before + (count // LANES - 1) * NEXT
-    fold(paths, before, last, FLOOR)
+    steps.fold(paths, before, last, FLOOR)
     for block in range(before + NEXT, last, NEXT):
-        fold(paths, block, FLOOR, FLOOR)
+        steps.fold(paths, block, FLOOR, FLOOR)
     for on in range(0, last - before + NEXT, NEXT):
         block = before + on
         below, above = block - NEXT if on else NOWHERE, block + NEXT if block < last else NOWHERE
-        step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, p2, j, p2_stride, P1)
+        steps.step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, p2, j, p2_stride, P1)
 
 
 @compiled
@@ -221,9 +207,9 @@ def _sum(sweep: int, paths: Any, now: int, along: Any, row: int, total: Any, pla
     """Sum a row's paths: those of sweep 0 to total, all four to sums."""
     for k in range(0, length, BLOCK):
         if sweep == 0:
-            add(paths, now + k, along, row + k, total, place + k)
+            steps.add(paths, now + k, along, row + k, total, place + k)
         else:
-            add_wide(paths, now + k, along, row + k, total, place + k, sums, MARGIN + k)
+            steps.add_wide(paths, now + k, along, row + k, total, place + k, sums, MARGIN + k)
 
 
 @compiled
@@ -244,7 +230,7 @@ def _slide(paths: Any, source: int, target: int, low: int, count: int, new_low: 
             piece = source + (block * TILE + pixel) * LANES
             lower = piece if 0 <= block < count // LANES else NOWHERE
             upper = piece + NEXT if -1 <= block < count // LANES - 1 else NOWHERE
-            slide(paths, lower, upper, first - block * LANES, target + k * TILE + pixel * LANES)
+            steps.slide(paths, lower, upper, first - block * LANES, target + k * TILE + pixel * LANES)
 
 
 @compiled
@@ -256,14 +242,14 @@ def _choose(sums: Any, band: Any, origin: int, winner: Any, claims: Any) -> None
         low, count = band[LOW, tile], band[COUNT, tile]
         place, first = MARGIN + band[PLACE, tile], tile * TILE
         if count == LANES:
-            winners(sums, place, np.int16(low), winner, first, winner.shape[1])
+            steps.winners(sums, place, np.int16(low), winner, first, winner.shape[1])
         else:
             for x in range(TILE):
                 _winner(sums, place + LANES * x, low, count, winner, first + x)
         for k in range(0, count, LANES):
             if tile == band.shape[1] - 1:
                 sums[place + k * TILE + LANES * (width - first) : place + (k + LANES) * TILE] = 0xFFFF
-            claim(sums, place + k * TILE, np.int16(low + k), claims, MARGIN + origin - first + low + k)
+            steps.claim(sums, place + k * TILE, np.int16(low + k), claims, MARGIN + origin - first + low + k)
 
 
 @compiled(inline=True)
@@ -271,12 +257,12 @@ def _winner(sums: Any, at: int, low: int, count: int, winner: Any, x: int) -> No
     """What ``winners`` notes, for a pixel with more than LANES disparities."""
     least, best = 0xFFFF, 0
     for k in range(0, count, LANES):
-        key = int(smallest(sums, at + k * TILE))
+        key = int(steps.smallest(sums, at + k * TILE))
         if key >> 4 < least:
             least, best = key >> 4, k + (key & 15)
     second = 0xFFFF
     for k in range(0, count, LANES):
-        second = min(second, int(smallest_but(sums, at + k * TILE, np.int16(best - k))))
+        second = min(second, int(steps.smallest_but(sums, at + k * TILE, np.int16(best - k))))
     winner[BEST, x], winner[LEAST, x], winner[SECOND, x] = low + best, least, second
     winner[BELOW, x] = sums[_place(at, best - 1)] if best > 0 else -1
     winner[ABOVE, x] = sums[_place(at, best + 1)] if best < count - 1 else -1

@@ -1,61 +1,17 @@
 """The steps that the search is made of: vector code where numba is a version that it was tested with, plain loops elsewhere.
 
-``vectors.py`` builds on numba's and llvmlite's internal interfaces, which may change with any version. The loops give the same
+``vectors.py`` builds on internal interfaces of numba and llvmlite, which may change with any version. The loops give the same
 results and take about twenty times as long.
 """
 
 from importlib.metadata import version
 
-TESTED_NUMBA = ((0, 61), (0, 69))
-"""The first version that ``vectors.py`` was tested with, and the first after them (pyproject.toml has the same)."""
+FIRST_NUMBA, NEXT_NUMBA = (0, 61), (0, 69)
+"""``vectors.py`` was tested with 0.61.2 and 0.68.1: the first minor version, and the first after them (as in pyproject.toml)."""
 
-_installed = tuple(int(part) for part in version("numba").split(".")[:2])
-
-if TESTED_NUMBA[0] <= _installed < TESTED_NUMBA[1]:
-    from stereo_seecolor.matching.sgm.vectors import (
-        add,
-        add_wide,
-        claim,
-        fold,
-        hamming,
-        scatter,
-        slide,
-        smallest,
-        smallest_but,
-        step,
-        step_of_many,
-        steps,
-        winners,
-    )
+if FIRST_NUMBA <= tuple(int(part) for part in version("numba").split(".")[:2]) < NEXT_NUMBA:
+    from stereo_seecolor.matching.sgm import vectors as steps
 else:
-    from stereo_seecolor.matching.sgm.loops import (
-        add,
-        add_wide,
-        claim,
-        fold,
-        hamming,
-        scatter,
-        slide,
-        smallest,
-        smallest_but,
-        step,
-        step_of_many,
-        steps,
-        winners,
-    )
+    from stereo_seecolor.matching.sgm import loops as steps  # type: ignore[no-redef]
 
-__all__ = [
-    "add",
-    "add_wide",
-    "claim",
-    "fold",
-    "hamming",
-    "scatter",
-    "slide",
-    "smallest",
-    "smallest_but",
-    "step",
-    "step_of_many",
-    "steps",
-    "winners",
-]
+__all__ = ["steps"]

@@ -296,7 +296,7 @@ def _step(builder: Any, under: Any, same: Any, over: Any, floor: Any, here: Any,
 
 
 def _beside(lanes: list[int]) -> list[int]:
-    """Of two blocks end to end: ``lanes``, told for a block's first pixel, for each of its pixels."""
+    """Of two blocks end to end: ``lanes``, given for a block's first pixel, for each of its pixels."""
     return [pixel * LANES + lane for pixel in range(PIXELS) for lane in lanes]
 
 
