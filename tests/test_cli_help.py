@@ -1,0 +1,87 @@
+"""What a newcomer reads: help, examples, completion, the version, and the merged settings."""
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import typer
+import yaml
+from conftest import Cli
+
+from stereo_seecolor.cli.app import COMMANDS, app
+from stereo_seecolor.cli.examples import EXAMPLES
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.config_file import load_config
+
+NAMES = [name for commands in COMMANDS.values() for name in commands]
+GROUP = typer.main.get_command(app)
+
+
+@pytest.fixture
+def wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A terminal on which no line of the help is broken."""
+    monkeypatch.setenv("COLUMNS", "300")
+    monkeypatch.setenv("TERM", "dumb")
+
+
+@pytest.mark.usefixtures("wide")
+def test_help_lists_every_command_and_its_panel(cli: Cli) -> None:
+    code, printed, _ = cli("--help")
+    assert code == 0
+    assert all(f" {panel} " in printed for panel in COMMANDS)
+    assert all(re.search(rf"^\W+{name}\s", printed, re.M) for name in NAMES)
+    code, printed, said = cli()
+    assert (code, said) == (2, "")
+    assert "Begin with: stereo-seecolor demo" in printed
+
+
+@pytest.mark.usefixtures("wide")
+def test_the_options_that_everybody_needs_come_first(cli: Cli) -> None:
+    _, printed, _ = cli("run", "--help")
+    first_panel = printed.split("Color and map")[0]
+    assert re.findall(r"(--[\w-]+) ", first_panel) == ["--left", "--right", "--calib", "--out", "--fuse", "--help"]
+    assert printed.index("Reporting") > printed.index("--workers")
+
+
+def test_every_command_has_examples() -> None:
+    assert set(EXAMPLES) == set(NAMES)
+
+
+@pytest.mark.parametrize("line", [line for lines in EXAMPLES.values() for line in lines])
+def test_the_examples_are_understood(line: str) -> None:
+    command, *words = shlex.split(line.split(" > ")[0])
+    parser = GROUP.commands[command]  # type: ignore[attr-defined]
+    assert parser.make_context(command, words, resilient_parsing=False).params
+
+
+@pytest.mark.usefixtures("wide")
+@pytest.mark.parametrize("command", NAMES)
+def test_the_examples_are_in_the_help(cli: Cli, command: str) -> None:
+    code, printed, _ = cli(command, "--help")
+    assert code == 0
+    assert all(f" stereo-seecolor {line}" in printed for line in EXAMPLES[command])
+    assert "--json" in printed
+
+
+def test_python_m_completion_and_version() -> None:
+    for words in (("--version",), ("--show-completion", "bash")):
+        program = [sys.executable, "-m", "stereo_seecolor", *words]
+        assert subprocess.run(program, capture_output=True, text=True, check=True).stdout.strip()
+
+
+def test_the_settings_are_printed_as_a_file_that_gives_them_again(cli: Cli, tmp_path: Path) -> None:
+    file = tmp_path / "settings.yaml"
+    file.write_text("mapping: {voxel_m: 0.02}\ncolor: {lock: survey}")
+    changes = ("--set", "color.lock=sliding", "--set", "mapping.mount={yaw_deg: 90}")
+    _, printed, _ = cli("config", "--show", "--config", file, *changes)
+    assert f"  voxel_m: 0.02  # {file}\n" in printed
+    assert "  lock: sliding  # --set\n" in printed
+    assert "    yaw_deg: 90.0  # --set\n" in printed
+    assert "  fill: false  # default\n" in printed
+    again = tmp_path / "again.yaml"
+    again.write_text(printed)
+    assert load_config(again) == load_config(file, ["color.lock=sliding", "mapping.mount.yaw_deg=90"])
+    assert yaml.safe_load(cli("config")[1]) == RunConfig().model_dump(mode="json")
