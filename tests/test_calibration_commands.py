@@ -111,6 +111,16 @@ def test_check_tells_a_good_calibration_from_a_bad_one(cli: Cli, board_pairs: tu
     assert "NOT acceptable" in printed
 
 
+def test_check_reads_images_as_the_settings_say(cli: Cli, tmp_path: Path) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        cv2.imwrite(str(tmp_path / side / "0.png"), np.full((40, 60), 60_000, np.uint16))
+    folders = ("--left", tmp_path / "left", "--right", tmp_path / "right", "--calib", tmp_path / "cam.yaml")
+    code, _, said = cli("check", *folders, "--set", "input.significant_bits=12")
+    assert code == 1
+    assert "12" in said and "0.png" in said
+
+
 def test_convert(cli: Cli, tmp_path: Path) -> None:
     (tmp_path / "left.yaml").write_text(ROS_LEFT)
     (tmp_path / "right.yaml").write_text(ROS_RIGHT)

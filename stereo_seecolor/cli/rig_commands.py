@@ -12,10 +12,12 @@ from stereo_seecolor.cli.options import (
     SETTINGS,
     AsJson,
     Calib,
+    ConfigFile,
     Left,
     LogFile,
     Progress,
     Right,
+    Settings,
     Verbose,
     Workers,
 )
@@ -97,16 +99,19 @@ def check(
     calib: Calib,
     pairs: Pairs = 12,
     refine: Refine = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
     """Test a calibration against the images of a dive; exit code 3 if they disagree."""
     from stereo_seecolor.commands.check import check as test
+    from stereo_seecolor.config_file import load_config
 
     report = Report("check", as_json, "none", verbose, log_file)
     with report.working():
-        result = test(left, right, calib, pairs, refine)
+        result = test(left, right, calib, pairs, refine, load_config(config, settings or []).input)
     code = EXIT_DONE if result.acceptable else EXIT_SOME_FAILED
     report.end(check_content(result), check_text(result), code)
 

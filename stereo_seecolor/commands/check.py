@@ -64,17 +64,26 @@ class CheckResult:
         return self.rows.acceptable if self.refined is None else self.refined.after_px <= LIMITS.acceptable_px
 
 
-def check(left: Path, right: Path, calib: str, most_pairs: int = 12, refine: Path | None = None) -> CheckResult:
+def check(
+    left: Path,
+    right: Path,
+    calib: str,
+    most_pairs: int = 12,
+    refine: Path | None = None,
+    images: InputConfig | None = None,
+) -> CheckResult:
     """Test a calibration against ``most_pairs`` pairs spread evenly over a dive.
 
-    refine: write the rig to this file, in the native format, with what has moved since its calibration estimated from the pairs.
+    images: how the files are paired and read. refine: write the rig to this file, in the native format, with what has moved since
+    its calibration estimated from the pairs.
     Raises CalibrationError, InputError.
     """
-    pairs = pair_folders(left, right, InputConfig()).pairs
+    images = images or InputConfig()
+    pairs = pair_folders(left, right, images).pairs
     chosen = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most_pairs, len(pairs))).round().astype(int))]
-    height, width = read_image(chosen[0].left).shape[:2]
+    height, width = read_image(chosen[0].left, images).shape[:2]
     rig = load_rig(calib, (width, height))
-    raw = raw_matches(rig, ((read_image(pair.left), read_image(pair.right)) for pair in chosen))
+    raw = raw_matches(rig, ((read_image(pair.left, images), read_image(pair.right, images)) for pair in chosen))
     rig = settle_matches(rig, raw)
     rows = judge_matches(rig, rectified_matches(rig, raw))
     refined = refine_matches(rig, raw) if refine else None
