@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from calibration import Rectification, StereoRig
-from calibration.checks import suspicions
+from calibration import CalibrationError, Rectification, StereoRig
+from calibration.checks import suspicions, vertical_disparity
 from calibration.formats import load_rig
 from calibration.readings import settle_reading
 from stereo_seecolor.config import RunConfig
@@ -174,7 +174,22 @@ def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> Ster
     raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")
 
 
-def first_images(pairing: Pairing, config: RunConfig) -> Iterator[tuple[Image, Image]]:
+def rows_note(rig: StereoRig, pairing: Pairing, config: RunConfig) -> tuple[str, ...]:
+    """What the first pairs say of the calibration: a note where rows disagree by over half a pixel.
+
+    One pair is measured, and two more only where that one disagrees: each takes as long as matching a pair.
+    """
+    for most in (1, DECIDING_PAIRS):
+        try:
+            warning = vertical_disparity(rig, first_images(pairing, config, most)).warning
+        except CalibrationError:
+            return ()  # too few points to tell
+        if warning is None:
+            return ()
+    return (f"calibration: {warning} (stereo-seecolor check --refine)",)
+
+
+def first_images(pairing: Pairing, config: RunConfig, most: int = DECIDING_PAIRS) -> Iterator[tuple[Image, Image]]:
     """The images of the first pairs that can be read."""
     found = 0
     for pair in pairing.pairs:
@@ -183,5 +198,5 @@ def first_images(pairing: Pairing, config: RunConfig) -> Iterator[tuple[Image, I
         except InputError:
             continue
         found += 1
-        if found == DECIDING_PAIRS:
+        if found == most:
             return

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.over_pairs import Job, StereoInputs, claim, describe, with_rig
+from stereo_seecolor.commands.over_pairs import Job, StereoInputs, claim, describe, rows_note, with_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
 from stereo_seecolor.inputs.pairing import Pairing
@@ -60,6 +60,8 @@ class StereoCommand:
         owner = self.inputs.owner("stereo", opened[0] if opened else None)
         with RunFolder(out, claim(owner, self.options, [*self.inputs.paths, water])) as folder:
             pairing, pipeline = opened or self.inputs.unpacked(folder, self.config).open(self.config)
+            if not folder.manifest.names():  # a rerun has been told
+                pairing = pairing.with_notes(rows_note(pipeline.rig, pairing, self.config))
             return self._job(pairing, pipeline, passes).conduct(folder, self.options)
 
     def _job(self, pairing: Pairing, pipeline: Pipeline, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:

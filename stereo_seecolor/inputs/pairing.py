@@ -41,6 +41,10 @@ class Pairing:
     unpaired: tuple[Unpaired, ...]
     notes: tuple[str, ...] = ()
 
+    def with_notes(self, notes: tuple[str, ...]) -> "Pairing":
+        """The same pairing with more to say of it."""
+        return replace(self, notes=self.notes + notes)
+
 
 @dataclass
 class _Matching:

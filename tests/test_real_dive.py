@@ -1,0 +1,46 @@
+"""A real reef dive as it was published: a vertical pair, color on the left, monochrome on the right, calibrated with MATLAB."""
+
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor.cli import main
+from stereo_seecolor.run_folder.finished_run import open_run
+
+PAIRS = 3
+SAME_SCENE = 0.6
+"""Correlation of a corrected frame with its raw image: 0.85 to 0.95 upright, about 0 turned."""
+
+
+@pytest.mark.real_data
+@pytest.mark.slow
+def test_the_first_pairs_run_as_they_are(
+    real_data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for image in sorted((real_data / "acfr" / side).iterdir())[:PAIRS]:
+            shutil.copy(image, tmp_path / side)
+    calib, out = real_data / "acfr" / "stereo_calib.mat", tmp_path / "out"
+    words = ["run", "--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(calib), "--out", str(out)]
+    monkeypatch.setattr("sys.argv", ["stereo-seecolor", *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"{PAIRS} pairs done, 0 failed" in printed
+    assert "a vertical disparity of 0.5" in printed
+    finished = open_run(out)
+    assert finished.rig.baseline_m == pytest.approx(0.08035, abs=1e-5)
+    for frame in finished.frames:
+        assert frame.facts["coverage"] > 0.85
+        assert 1.4 < frame.facts["median_range_m"] < 2.8
+        corrected = frame.read("corrected")
+        raw = cv2.imread(str(frame.left))
+        assert corrected.shape == raw.shape
+        assert (corrected.max(axis=2) > 0).all()
+        small = [cv2.resize(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (68, 51)).ravel() for image in (corrected, raw)]
+        assert np.corrcoef(*small)[0, 1] > SAME_SCENE
