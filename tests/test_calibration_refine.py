@@ -57,6 +57,7 @@ def test_what_has_moved_comes_back(name: str) -> None:
     assert found.rig.baseline_m == pytest.approx(calibrated.baseline_m)
 
 
+@pytest.mark.slow
 def test_the_simplest_explanation_is_taken() -> None:
     calibrated = pinhole_rig()
     found = refine_matches(calibrated, dive(moved_rig(calibrated, np.array([0.001, 0, 0, 0]))))
@@ -66,6 +67,7 @@ def test_the_simplest_explanation_is_taken() -> None:
     assert "not seen by vertical disparity: the length of the baseline" in text
 
 
+@pytest.mark.slow
 def test_yaw_comes_with_a_warning() -> None:
     calibrated = pinhole_rig()
     found = refine_matches(calibrated, dive(moved_rig(calibrated, np.array([0.001, 0.001, 0.001, 0.02]))))
@@ -74,6 +76,7 @@ def test_yaw_comes_with_a_warning() -> None:
     assert "yaw shifts every disparity" in "\n".join(found.lines())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RIGS)
 def test_a_rig_that_fits_is_left_as_it_is(name: str) -> None:
     calibrated = RIGS[name]
@@ -83,6 +86,7 @@ def test_a_rig_that_fits_is_left_as_it_is(name: str) -> None:
     assert "nothing has moved" in found.lines()[1]
 
 
+@pytest.mark.slow
 def test_a_calibration_made_in_air_is_not_refined() -> None:
     """Yaw and scale together would hide it, with ranges wrong by a quarter."""
     rig = port_rig(0.02, toe_in=0.03)
@@ -113,6 +117,7 @@ def test_too_few_pairs() -> None:
         refine_matches(calibrated, [*dive(calibrated, 2), Matches(np.zeros((0, 2)), np.zeros((0, 2)))])
 
 
+@pytest.mark.slow
 @pytest.mark.real_data
 @pytest.mark.timeout(600)
 def test_a_real_rig_that_has_drifted(real_data: Path) -> None:

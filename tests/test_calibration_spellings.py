@@ -96,6 +96,7 @@ def test_viame_json(scale: float, more: dict[str, float], tmp_path: Path) -> Non
     assert bool(found.doubts) == (not more)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("transposed", [True, False])
 def test_images_settle_the_convention_of_matlab(transposed: bool, tmp_path: Path) -> None:
     rig = load_rig(write_mat5(tmp_path / "calib.mat", stereo_objects(RIG, transposed=transposed)))

@@ -38,6 +38,7 @@ def random_frame(seed, depth=8, shape=(40, 60)):
     return image, range_m
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.sampled_from([8, 16]), st.sampled_from(ENCODINGS))
 @settings(max_examples=30, deadline=None)
 def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):

@@ -166,6 +166,7 @@ def test_printed_final_sigmoid_keeps_backscatter_above_a_half():
     assert network(z).max() < 0.01
 
 
+@pytest.mark.slow
 def test_a_clamped_rate_never_comes_back_and_ours_does():
     z, wanted = torch.linspace(1, 5, 100), torch.exp(-0.5 * torch.linspace(1, 5, 100))
 

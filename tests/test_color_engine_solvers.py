@@ -43,6 +43,7 @@ def one_thread():
     torch.set_num_threads(threads)
 
 
+@pytest.mark.slow
 def test_backscatter_is_found_where_every_range_has_something_dark(corrector):
     image, range_m = scene(0, (200, 300))
     water, z = corrector.fit(corrector.measure(image, range_m)), np.linspace(1.5, 5, 20)
@@ -68,6 +69,7 @@ def test_table_solver_ends_no_higher_than_five_hundred_adam_steps_on_every_pixel
     assert same <= dimming
 
 
+@pytest.mark.slow
 def test_adam_goes_down_and_a_warm_start_needs_few_steps():
     config = ColorConfig(method="paper-adam", input_encoding="as-is", device="cpu")
     corrector = Corrector(config)
@@ -95,6 +97,7 @@ def test_a_start_from_another_world_does_no_harm(corrector):
     assert warm <= 1.03 * cold
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["robust", "paper"])
 def test_same_result_whatever_the_number_of_threads(method, monkeypatch):
     corrector = Corrector(ColorConfig(method=method))

@@ -237,6 +237,7 @@ def drawn_from_the_prior(rng: np.random.Generator, range_m: NDArray[np.float64])
     return RangeQuantiles(range_m, np.full(range_m.size, 1e5), light, np.zeros(light.shape, np.bool_)), x[:WATER].reshape(5, 3)
 
 
+@pytest.mark.slow
 def test_standard_errors_are_marginal() -> None:
     """Over waters and scenes drawn from the prior, errors against their standard errors have a spread of one."""
     rng = np.random.default_rng(5)

@@ -60,6 +60,7 @@ def call(package: Path, tmp_path: Path) -> Callable[..., tuple[int, int]]:
     return run
 
 
+@pytest.mark.slow
 def test_machine_code_is_kept_until_a_source_that_it_was_made_of_changes(
     package: Path, call: Callable[..., tuple[int, int]]
 ) -> None:
@@ -78,6 +79,7 @@ def test_machine_code_is_kept_until_a_source_that_it_was_made_of_changes(
     assert set((package / "__pycache__" / "compiled").iterdir()) == files
 
 
+@pytest.mark.slow
 def test_the_users_cache_folder_serves_where_the_package_cannot_be_written(
     package: Path, call: Callable[..., tuple[int, int]], tmp_path: Path
 ) -> None:
@@ -86,6 +88,7 @@ def test_the_users_cache_folder_serves_where_the_package_cannot_be_written(
     assert call(XDG_CACHE_HOME=str(tmp_path / "cache")) == (60, 1)
 
 
+@pytest.mark.slow
 def test_the_users_cache_folder_stays_bounded(package: Path, call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
     (package / "__pycache__").write_text("no folder can be made here")
     for number in range(20):
@@ -95,6 +98,7 @@ def test_the_users_cache_folder_stays_bounded(package: Path, call: Callable[...,
     assert call(XDG_CACHE_HOME=str(tmp_path / "cache")) == (60, 1)
 
 
+@pytest.mark.slow
 def test_runs_without_a_place_for_machine_code(package: Path, call: Callable[..., tuple[int, int]], tmp_path: Path) -> None:
     (package / "__pycache__").write_text("no folder can be made here")
     (tmp_path / "file").write_text("")
@@ -103,6 +107,7 @@ def test_runs_without_a_place_for_machine_code(package: Path, call: Callable[...
     assert call(HOME="~", XDG_CACHE_HOME="") == (60, 0)
 
 
+@pytest.mark.slow
 def test_damaged_machine_code_is_compiled_again(package: Path, call: Callable[..., tuple[int, int]]) -> None:
     call()
     for file in (package / "__pycache__" / "compiled").iterdir():

@@ -70,6 +70,7 @@ def test_bad_overrides(override: str, message: str) -> None:
         load_config(None, [override])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("content", "message"),
     [

@@ -127,6 +127,7 @@ def test_given_corners_are_used(folders: tuple[Path, Path], chart_image: tuple[n
     assert {row.target for row in report.rows} == {"chart 1"}
 
 
+@pytest.mark.slow
 def test_a_target_without_usable_pixels_is_named_and_no_mean_is_lost(
     folders: tuple[Path, Path], chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path
 ) -> None:

@@ -115,6 +115,7 @@ def small_dive(tmp_path: Path) -> Path:
     return dive
 
 
+@pytest.mark.slow
 def test_a_run_is_compared_with_the_truth_of_its_own_dive_only(small_dive: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     config = load_config(overrides=["output.clouds=false"])

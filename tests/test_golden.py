@@ -100,6 +100,7 @@ def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_the_sample_dive(dive: Path) -> None:
     assert not differences(golden("sample_dive")["run"], run_numbers(dive))
 

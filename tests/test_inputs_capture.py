@@ -84,6 +84,7 @@ def test_the_kept_block_is_upright_and_holds_what_the_camera_wrote() -> None:
     assert len(block) < 1000
 
 
+@pytest.mark.slow
 @settings(max_examples=200)
 @given(st.sampled_from(["JPEG", "PNG", "TIFF"]), st.lists(st.tuples(st.integers(0, 400), st.integers(0, 255)), max_size=6))
 def test_damaged_exif_never_fails_a_frame(kind: str, changes: list[tuple[int, int]]) -> None:

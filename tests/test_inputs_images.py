@@ -129,6 +129,7 @@ def test_float_images_are_refused(tmp_path: Path) -> None:
         read_image(save(tmp_path / "a.tiff", RGB8[..., 0].astype(np.float32)))
 
 
+@pytest.mark.slow
 @settings(max_examples=300)
 @given(
     st.sampled_from([".png", ".jpg", ".tiff"]),

@@ -36,6 +36,7 @@ def test_the_neighbor_that_fits_is_named(make_dive, by: int, fits: int | None) -
         assert int(found.name) == int(middle.name) + fits
 
 
+@pytest.mark.slow
 def test_true_pairs_agree_a_hundred_times_better_than_false_ones() -> None:
     pairs = pair_folders(SAMPLES / "left", SAMPLES / "right", InputConfig()).pairs
     rectification = Rectification.from_rig(load_rig(SAMPLES / "cam.yaml"))

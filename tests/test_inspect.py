@@ -55,6 +55,7 @@ def test_the_printed_command_works_and_inspect_writes_nothing(make_dive, cli, tm
     assert (tmp_path / "out" / "corrected" / "0000.png").exists()
 
 
+@pytest.mark.slow
 def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
     dive = make_dive(5)
     renumber(dive.root / "L", 0)
@@ -64,6 +65,7 @@ def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
     assert "not a pair: 0022: its images do not show the same scene; the left image of 0022 fits the right one of 0023" in printed
 
 
+@pytest.mark.slow
 def test_disk_space_is_what_a_run_takes(make_dive, cli, tmp_path) -> None:
     dive = make_dive(3)
     found = inspect([dive.root])
@@ -93,6 +95,7 @@ def test_several_calibrations_and_lonely_files_are_named(make_dive) -> None:
     assert "2 calibrations were found, the first was taken: cam.yaml, old.yaml" in problems
 
 
+@pytest.mark.slow
 def test_deep_images_get_their_bits_set(make_dive) -> None:
     dive = make_dive(1, dtype=np.uint16)
     for path in (dive.root / "L" / "0000.png", dive.root / "R" / "0000.png"):

@@ -93,6 +93,7 @@ def off_m(found: Placed, reef: ReefFrames) -> float:
     return trajectory_error(T[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3]).rms_m
 
 
+@pytest.mark.slow
 def test_true_poses_fit_and_stay(placed: Callable[..., Placed], reef: ReefFrames) -> None:
     found = placed(lambda T: T)
     assert found.navigation is not None
