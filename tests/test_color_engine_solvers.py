@@ -9,7 +9,6 @@ from stereo_seecolor.color.fitting import table_solver
 from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, raw_rates
 from stereo_seecolor.color.fitting.table_losses import attenuation_loss
 from stereo_seecolor.color.render import kernels
-from stereo_seecolor.color.table import counting
 from stereo_seecolor.config import ColorConfig, PaperAdamConfig, PaperConfig
 from stereo_seecolor.errors import DeviceError
 
@@ -104,8 +103,8 @@ def test_same_result_whatever_the_number_of_threads(method, monkeypatch):
     image, range_m = scene(3, (150, 200))
 
     def result(parts):
-        monkeypatch.setattr(counting, "divisions", lambda pixels: parts)
-        monkeypatch.setattr(kernels, "divisions", lambda pixels: parts)
+        monkeypatch.setattr(kernels, "cores", lambda: parts)
+        monkeypatch.setattr(kernels, "PART_PIXELS", 1000)
         table = corrector.measure(image, range_m)
         water = corrector.fit(table)
         return water, corrector.apply(image, range_m, water, table)

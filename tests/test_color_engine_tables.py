@@ -6,7 +6,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.color.corrector import SAMPLING, Corrector
-from stereo_seecolor.color.table import counting
 from stereo_seecolor.color.table.bins import RANGE_BINS, range_edges_m
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -47,17 +46,6 @@ def test_tables_add_and_subtract():
     assert np.array_equal(both.range_m, whole.range_m)
     assert np.array_equal((whole - top).counts, bottom.counts)
     assert np.array_equal((MomentTable.empty() + top).offset_sum, top.offset_sum)
-
-
-def test_same_table_whatever_the_number_of_cores(monkeypatch):
-    image, range_m = random_frame(2, (701, 613))
-    tables = []
-    for cores in (1, 5):
-        monkeypatch.setattr(counting, "cores", lambda cores=cores: cores)
-        tables.append(measure(image, range_m))
-    one, many = tables
-    assert np.array_equal(one.counts, many.counts)
-    assert np.array_equal(one.offset_sum, many.offset_sum)
 
 
 def test_a_large_frame_is_measured_from_some_of_its_rows():

@@ -7,7 +7,7 @@ import torch
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render import kernels, torch_apply
 from stereo_seecolor.color.render.gains import gains
-from stereo_seecolor.color.render.tone import looks
+from stereo_seecolor.color.render.tone import display
 from stereo_seecolor.color.table import torch_counting
 from stereo_seecolor.color.table.bins import VALUE_BINS, range_bits
 from stereo_seecolor.color.table.measure import measure
@@ -41,15 +41,18 @@ def test_corrections_are_equal(depth, encoding, highlights):
     image, range_m = frame(depth)
     corrector = Corrector(ColorConfig(input_encoding=encoding))
     table = corrector.measure(image, range_m)
-    by_level = gains(corrector.fit(table), corrector.config, 1.3)
-    bits, flat = range_bits(range_m), image.reshape(-1)
-    look = looks(depth, encoding, highlights)
-    on_cores, in_torch = kernels.apply(flat, bits, by_level, look), torch_apply.apply(flat, bits, by_level, look, DEVICE)
+    by_range = gains(corrector.fit(table), corrector.config, 1.3)
+    bits, flat, shown = range_bits(range_m), image.reshape(-1, 3), display(depth, encoding, highlights)
+    (on_cores, clipped), (in_torch, also) = (
+        kernels.apply(flat, bits, by_range, shown),
+        torch_apply.apply(flat, bits, by_range, shown, DEVICE),
+    )
     most = 1 if DEVICE.type == "cuda" else 0  # CUDA may fuse a product and a sum
-    assert np.abs(on_cores[0].astype(int) - in_torch[0].astype(int)).max() <= most
-    for a, b in zip(on_cores[1:], in_torch[1:], strict=True):
-        assert np.array_equal(a, b)
-    lights = kernels.linear(flat, bits, by_level, look.decoded), torch_apply.linear(flat, bits, by_level, look.decoded, DEVICE)
+    assert np.abs(on_cores.image.astype(int) - in_torch.image.astype(int)).max() <= most
+    assert np.array_equal(on_cores.unknown, in_torch.unknown)
+    assert np.array_equal(on_cores.unrecoverable, in_torch.unrecoverable)
+    assert clipped == pytest.approx(also, abs=1e-3 * most)
+    lights = kernels.linear(flat, bits, by_range, shown.decoded), torch_apply.linear(flat, bits, by_range, shown.decoded, DEVICE)
     assert np.allclose(*lights, rtol=1e-6, atol=1e-6)
 
 

@@ -5,8 +5,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.render import kernels
 from stereo_seecolor.color.render.gains import Gains, gains
-from stereo_seecolor.color.render.tone import Looks, Tone, looks
+from stereo_seecolor.color.render.tone import Display, Tone, display
 from stereo_seecolor.color.table.bins import range_bits
 from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.color.table.measure import check_pair
@@ -20,17 +21,16 @@ def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorC
     """The image without its water, at its own size and bit depth; black where the range is unknown, unless the config says else."""
     check_pair(image, range_m)
     bits, shape = range_bits(range_m), image.shape[:2]
-    flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
-    by_level = gains(water, config, tone.exposure)
-    look = looks(8 * image.dtype.itemsize, config.input_encoding, tone.highlights)
-    out, unknown, beyond, clipped = _apply(flat, bits, by_level, look, config)
-    corrected, unknown = out.reshape(image.shape), unknown.reshape(shape)
+    flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
+    by_range = gains(water, config, tone.exposure)
+    shown, clipped = _apply(flat, bits, by_range, display(8 * image.dtype.itemsize, config.input_encoding, tone.highlights), config)
+    corrected, unknown = shown.image.reshape(image.shape), shown.unknown.reshape(shape)
     if config.unknown_pixels == "raw":
         corrected[unknown] = image[unknown]
     return Correction(
         image=corrected,
         unknown=unknown,
-        unrecoverable=beyond.reshape(shape),
+        unrecoverable=shown.unrecoverable.reshape(shape),
         clipped_fraction=clipped,
         water=water,
         exposure=tone.exposure,
@@ -42,30 +42,26 @@ def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorC
 def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, config: ColorConfig) -> NDArray[np.float32]:
     """(H, W, 3) float32 linear J, unclipped, 1 = full scale; 0 where the range is unknown."""
     check_pair(image, range_m)
-    by_level, bits = gains(water, config, exposure), range_bits(range_m)
-    flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1)
+    by_range, bits = gains(water, config, exposure), range_bits(range_m)
+    flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
     decoded = decoded_values(8 * image.dtype.itemsize, config.input_encoding)
     if config.device == "cuda":
         from stereo_seecolor.color.device import find_device
         from stereo_seecolor.color.render import torch_apply
 
-        light = torch_apply.linear(flat, bits, by_level, decoded, find_device("cuda"))
+        light = torch_apply.linear(flat, bits, by_range, decoded, find_device("cuda"))
     else:
-        from stereo_seecolor.color.render import kernels
-
-        light = kernels.linear(flat, bits, by_level, decoded)
+        light = kernels.linear(flat, bits, by_range, decoded)
     return light.reshape(image.shape)
 
 
 def _apply(
-    flat: NDArray[Any], bits: NDArray[np.int32], by_level: Gains, look: Looks, config: ColorConfig
-) -> tuple[NDArray[Any], NDArray[np.bool_], NDArray[np.bool_], float]:
+    flat: NDArray[Any], bits: NDArray[np.int32], by_range: Gains, shown: Display, config: ColorConfig
+) -> tuple[kernels.Shown, float]:
     """Where the config wants it done: see ``kernels.apply``."""
     if config.device == "cuda":
         from stereo_seecolor.color.device import find_device
         from stereo_seecolor.color.render import torch_apply
 
-        return torch_apply.apply(flat, bits, by_level, look, find_device("cuda"))
-    from stereo_seecolor.color.render import kernels
-
-    return kernels.apply(flat, bits, by_level, look)
+        return torch_apply.apply(flat, bits, by_range, shown, find_device("cuda"))
+    return kernels.apply(flat, bits, by_range, shown)

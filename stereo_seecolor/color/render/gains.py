@@ -1,7 +1,7 @@
 """The gain and offset that take a water out, by channel and range, and how far noise lets a gain go."""
 
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,16 +15,15 @@ MID_GRAY = 0.18
 """Linear light of a surface in the middle of the grays."""
 
 FINE = 4
-FINE_LEVELS = FINE * RANGE_BINS
-"""Levels of gain: 128 an octave, steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
+FINE_BINS = FINE * RANGE_BINS
+"""Bins of gain: 128 an octave, steps of 0.4 to 0.8 % in range, too fine to be seen as bands."""
 
 
-@dataclass(frozen=True, eq=False)
-class Gains:
-    """J = gain I - offset for each channel and fine level of range; capped: where noise allowed no more gain.
+class Gains(NamedTuple):
+    """J = gain I - offset for each channel and fine bin of range; capped: where noise allowed no more gain.
 
-    gain, offset: (3, 1024) float32, of full scale. missing: (3, 1024) float32, the share of a channel's light that its cap leaves
-    out, against that of the channel least capped. capped: (1024,) bool.
+    gain, offset: (3, 1024) float32, of full scale. missing: (3, 1024) float32, the fraction of a channel's light that its cap
+    leaves out, against that of the channel least capped. capped: (1025,) bool, the last for unknown range: False.
     """
 
     gain: NDArray[np.float32]
@@ -35,7 +34,7 @@ class Gains:
 
 @cache
 def fine_ranges_m() -> NDArray[np.float64]:
-    """(1024,) the middle of each fine level, meters: 128 an octave from 1/8 m to 32 m."""
+    """(1024,) the middle of each fine bin, meters: 128 an octave from 1/8 m to 32 m."""
     edges = range_edges_m()
     steps = (np.arange(FINE) + 0.5) / FINE
     return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())
@@ -46,14 +45,14 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
 
     Against the channel least capped, one that is more so counts by the square of its cap, as noise does in Wiener's filter.
     """
-    wanted, veil = unexposed(water, fine_ranges_m())
-    most = config.output_noise / exposure / _noise(wanted, veil, config, exposure)
-    share = np.minimum(1.0, most / wanted)
-    best = share.max(axis=0)
-    trust = (share / best) ** 2
+    wanted, subtracted = unexposed(water, fine_ranges_m())
+    most = config.output_noise / exposure / _noise(wanted, subtracted, config, exposure)
+    allowed = np.minimum(1.0, most / wanted)
+    best = allowed.max(axis=0)
+    trust = (allowed / best) ** 2
     shown = best * trust * exposure
-    gain, offset, missing = (part.astype(np.float32) for part in (wanted * shown, veil * shown, 1 - trust))
-    return Gains(gain, offset, missing, np.any(share < 1, axis=0))
+    gain, offset, missing = (part.astype(np.float32) for part in (wanted * shown, subtracted * shown, 1 - trust))
+    return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False))
 
 
 def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,11 +1,11 @@
 """How bright a picture is shown: its exposure, and where light goes that is then beyond full scale.
 
-A few white cards or flashes of sun set the exposure of a picture whose brightest may not clip, and leave a shaded reef black. So
-a scene that is dark against its own brightest is shown brighter, and what is above mid-gray is then compressed: all channels of a
-pixel by one factor, which depends on its brightest channel alone. Chromaticity stays, and all up to mid-gray stays linear.
+A few white targets or specular reflections set the exposure of a picture whose brightest may not clip, and leave a shaded reef
+black. So a scene that is dark against its own brightest is shown brighter, and what is above mid-gray is then compressed: all
+channels of a pixel by one factor, which depends on its brightest channel alone. Chromaticity stays, and all up to mid-gray stays
+linear.
 """
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -13,19 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import MID_GRAY
-from stereo_seecolor.color.table.encoding import (
-    CODES,
-    InputEncoding,
-    code_curve,
-    decode,
-    decoded_values,
-    encoding_curve,
-    known_values,
-)
+from stereo_seecolor.color.table.encoding import InputEncoding, decode, decoded_values, encode
 from stereo_seecolor.files import srgb
 
 BRIGHTEST_SHOWN = 0.97
-"""Of full scale, as displayed: where the brightest pixel that may not clip comes to lie; a white card's noise needs the rest."""
+"""Of full scale, as displayed: where the brightest pixel that may not clip comes to lie; a white target's noise needs the rest."""
+NODES = 16384
+"""Steps of the encoding curve from light 0 to 1: where it is steepest, in the dark, one is a fifth of an 8-bit step."""
+REACH = 4
+"""Light up to this many times full scale keeps its order before it rolls off: as much as a scene is lifted."""
+CODES = {8: 128, 16: 1}
+"""Codes a value, by bit depth: 8-bit values are rounded from codes, in 16 bits."""
+FULL_FROM, FULL_AT = 0.95, 0.99
+"""Fractions of full scale, encoded: from the second on, a value is only a lower bound of the light; between, in part."""
 
 
 class Tone(NamedTuple):
@@ -35,35 +35,42 @@ class Tone(NamedTuple):
     highlights: float = 1.0
 
 
-@dataclass(frozen=True, eq=False)
-class Looks:
-    """The look-ups between a camera's values and a picture's, V = 256 or 65536.
+class Display(NamedTuple):
+    """What turns a camera's values into light, and light into a picture's values; V = 256 or 65536.
 
     decoded (V,): linear light of a value. known (V,): 1, and less where the value is so high that the light may have been anything
-    above. curve: what linear light becomes in a file (``encoding_curve``); where it rolls off, its code (``code_curve``). shoulder:
-    empty, or where light rolls off (5,) float32: knee, length and bend in codes; values a code, and the value of code 0, negated.
+    above. curve (65538,): codes of linear light 0, 1/NODES .. REACH, the last twice. shoulder (5,): knee, length and bend of the
+    roll-off, in codes; values a code; the value of code 0, negated, less a half for rounding.
     """
 
     decoded: NDArray[np.float32]
     known: NDArray[np.float32]
-    curve: NDArray[np.uint8] | NDArray[np.uint16] | NDArray[np.float32]
+    curve: NDArray[np.float32]
     shoulder: NDArray[np.float32]
 
 
 @lru_cache(maxsize=8)
-def looks(bit_depth: int, encoding: InputEncoding, highlights: float) -> Looks:
-    """The look-ups for images of 8 or 16 bits.
+def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Display:
+    """For images of 8 or 16 bits.
 
     Up to mid-gray all is shown in proportion. Above, the code of a pixel's brightest channel follows Reinhard's curve (2002, eq.
     4), of slope 1 at mid-gray, by which ``highlights`` times the brightest light shown becomes that; the others keep their ratios
-    to it.
+    to it. Codes are sRGB counted from where its power law begins, so that a factor on codes is one on light (but for the darkest).
     """
-    decoded, known = decoded_values(bit_depth, encoding), known_values(bit_depth)
-    if highlights <= 1:
-        return Looks(decoded, known, encoding_curve(bit_depth, encoding), np.empty(0, np.float32))
-    values, codes = 2**bit_depth - 1, CODES if bit_depth == 8 else 1
-    brightest = float(decode(np.array(BRIGHTEST_SHOWN), "srgb"))
-    light = np.array([MID_GRAY, brightest, highlights * brightest])
-    knee, top, most = values * codes * srgb.SCALE * light ** (1 / srgb.POWER)
-    shoulder = [knee, top - knee, ((top - knee) / (most - knee)) ** 2, 1 / codes, values * srgb.OFFSET - 0.5]
-    return Looks(decoded, known, code_curve(bit_depth), np.array(shoulder, np.float32))
+    values, codes = 2**bit_depth - 1, CODES[bit_depth]
+    zero = 0.0 if encoding == "as-is" else srgb.OFFSET
+    shoulder = [np.inf, 1.0, 0.0, 1 / codes, values * zero - 0.5]
+    if highlights > 1:
+        brightest = float(decode(np.array(BRIGHTEST_SHOWN), "srgb"))
+        light = np.array([MID_GRAY, brightest, highlights * brightest])
+        knee, top, most = values * codes * srgb.SCALE * light ** (1 / srgb.POWER)
+        shoulder[:3] = knee, top - knee, ((top - knee) / (most - knee)) ** 2
+    known = np.clip((FULL_AT - np.arange(values + 1) / values) / (FULL_AT - FULL_FROM), 0, 1).astype(np.float32)
+    curve = _code_curve(bit_depth, encoding, zero)
+    return Display(decoded_values(bit_depth, encoding), known, curve, np.array(shoulder, np.float32))
+
+
+@lru_cache
+def _code_curve(bit_depth: int, encoding: InputEncoding, zero: float) -> NDArray[np.float32]:
+    codes = (encode(np.linspace(0, REACH, REACH * NODES + 1), encoding) + zero) * (2**bit_depth - 1) * CODES[bit_depth]
+    return np.append(codes, codes[-1]).astype(np.float32)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from stereo_seecolor.color.table.bins import LOW_BITS, NEAREST_M, RANGE_BINS, range_bits
+from stereo_seecolor.color.table.counting import LAST
 
 _FIRST = int(np.float32(NEAREST_M).view(np.int32))
 _INFINITY = int(np.float32(np.inf).view(np.int32))
-_LAST = (RANGE_BINS << LOW_BITS) - 1
 
 
 def count(
@@ -26,23 +26,22 @@ def count(
     return counts.cpu().numpy(), offset_sum.cpu().numpy()
 
 
-def levels(bits: Tensor, shift: int) -> Tensor:
-    """(N,) int32 bits of ranges -> their places among the levels, without ``shift`` low bits; past the last where not known."""
+def positions(bits: Tensor) -> Tensor:
+    """``counting.position_of`` of (N,) int32 bits of ranges."""
     known = (bits > 0) & (bits < _INFINITY)
-    place = (bits - _FIRST).clamp(0, _LAST)
-    return torch.where(known, place, _LAST + 1) >> shift
+    return torch.where(known, (bits - _FIRST).clamp(0, LAST), LAST + 1)
 
 
 def count_pixels(pixels: Tensor, bits: Tensor, values: int) -> tuple[Tensor, Tensor]:
     """Counts (3, 256, values) and offset sums (256,), both int64, of (N, 3) pixels with the (N,) int32 bits of their ranges."""
-    place = levels(bits, 0)
-    level = place >> LOW_BITS
+    position = positions(bits)
+    range_bin = position >> LOW_BITS
     channel = torch.arange(3, device=pixels.device, dtype=torch.int32)
     value = pixels.to(torch.int32) >> (0 if pixels.dtype == torch.uint8 else 4)
-    cell = (channel * (RANGE_BINS + 1) + level[:, None]) * values + value
+    cell = (channel * (RANGE_BINS + 1) + range_bin[:, None]) * values + value
     counts = torch.bincount(cell.reshape(-1), minlength=3 * (RANGE_BINS + 1) * values).reshape(3, RANGE_BINS + 1, values)
     sums = torch.zeros(RANGE_BINS + 1, dtype=torch.int64, device=pixels.device)
-    sums.index_add_(0, level, (place & ((1 << LOW_BITS) - 1)).to(torch.int64))  # integers: the order does not matter
+    sums.index_add_(0, range_bin, (position & ((1 << LOW_BITS) - 1)).to(torch.int64))  # integers: the order does not matter
     return counts[:, :RANGE_BINS], sums[:RANGE_BINS]
 
 
