@@ -29,6 +29,7 @@ from stereo_seecolor.cli.report import Report, run_options
 from stereo_seecolor.cli.run_text import map_text, run_text
 
 if TYPE_CHECKING:
+    from stereo_seecolor.config import RunConfig
     from stereo_seecolor.run_folder.frames_table import RunSummary
 
 
@@ -68,13 +69,7 @@ def run(
         summary = run_dive(left, right, calib, out, loaded, options, water=water)
     if not fuse or summary.stopped:
         _end(report, summary, out)
-    report.say(run_text(summary, out))
-    with report.working() as listener:
-        from stereo_seecolor.commands.fuse import fuse as fuse_frames
-
-        made = fuse_frames(out, poses, loaded, listener)
-    content = {**run_content(summary, out), "map": map_content(made)}
-    report.end(content, map_text(made), max(run_exit_code(summary), map_exit_code(made)))
+    _end_with_map(report, summary, out, poses, loaded)
 
 
 def correct(
@@ -162,3 +157,13 @@ def rectify(
 
 def _end(report: Report, summary: "RunSummary", out: Path) -> NoReturn:
     report.end(run_content(summary, out), run_text(summary, out), run_exit_code(summary))
+
+
+def _end_with_map(report: Report, summary: "RunSummary", out: Path, poses: Path | None, config: "RunConfig") -> NoReturn:
+    from stereo_seecolor.commands.fuse import fuse
+
+    report.say(run_text(summary, out))
+    with report.working() as listener:
+        made = fuse(out, poses, config, listener)
+    content = {**run_content(summary, out), "map": map_content(made)}
+    report.end(content, map_text(made), max(run_exit_code(summary), map_exit_code(made)))
