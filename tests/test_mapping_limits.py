@@ -1,6 +1,7 @@
 """Settings and coordinates at the edge of what can be held: refused with the number, or right."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import ConfigError, MappingError
 from stereo_seecolor.mapping import limits
+from stereo_seecolor.mapping.frame_index import FrameIndex, Sampling
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
 from stereo_seecolor.mapping.track import loop_closure
@@ -144,3 +146,22 @@ def test_each_pass_of_a_map_in_components_has_its_own_progress(tmp_path: Path) -
         steps = [(done, total) for name, done, total in told if name == what]
         assert steps == [(i + 1, len(steps)) for i in range(len(steps))], what
     assert "fusing tiles, component 2 of 2" in {what for what, _, _ in told}
+
+
+def test_ranges_too_uncertain_for_the_voxels_take_no_memory(tmp_path: Path) -> None:
+    """An oblique view: the bottom near, and far away a wall whose ranges are off by meters."""
+    near = flat_frame(0)
+    far_m = 20 * PAIR.ray_length
+    rows = np.arange(128)[:, None] < 50
+    range_m = np.where(rows, far_m, near.range_m).astype(np.float32)
+    oblique = replace(near, range_m=range_m, range_std_m=(0.004 * range_m**2).astype(np.float32))
+    certain = replace(oblique, range_std_m=near.range_std_m)
+    reach_m = []
+    for frame in (oblique, certain):
+        index = FrameIndex.build([frame], PAIR, Sampling(0.08, max_std_m=0.09))
+        reach_m.append(float(index.points_m[0][index.certain[0], 2].max()))
+    assert reach_m == pytest.approx([1.5, 20.0], rel=1e-3)
+    noisy = replace(near, range_std_m=np.full_like(near.range_std_m, 5.0))
+    assert FrameIndex.build([noisy], PAIR, Sampling(0.08, max_std_m=0.09)).certain[0].all()  # all alike: none is left out
+    build_map([oblique], PAIR, tmp_path, CONFIG, track(1))
+    assert read_cloud(tmp_path / "cloud.ply")["position"][:, 2].min() > -0.1

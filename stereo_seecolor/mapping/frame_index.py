@@ -26,6 +26,8 @@ class Sampling:
 
     spacing_m: float = 0.04  # on the bottom, meters: half a block of default voxels, so that no block is missed
     max_stride_px: int = 16  # pixels: coarser would miss what stands up from the bottom
+    max_std_m: float = float("inf")  # of a range, meters: voxels made for points less certain than they can show would hold air
+    usual_stds: float = 3.0  # but never fewer than those within so many of the frame's median standard error
     far_fraction: float = 0.95  # the spacing holds up to this quantile of the ranges: the last few may be mismatches
 
 
@@ -38,6 +40,7 @@ class FrameIndex:
 
     points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels. lost: the frames that could not
     be read, and why. checksums: (N,) of colors and points, to tell whether a frame was made anew.
+    certain: (n,) for each frame, False for points that are too uncertain to make voxels for; () where all are.
     """
 
     names: tuple[str, ...]
@@ -45,13 +48,14 @@ class FrameIndex:
     points_m: tuple[NDArray[np.float32], ...]
     lost: dict[int, str] = field(default_factory=dict)
     checksums: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    certain: tuple[NDArray[np.bool_], ...] = ()
 
     @classmethod
     def build(
         cls, frames: Frames, geometry: RectifiedPair, sampling: Sampling = SAMPLING, progress: Progress = silent
     ) -> "FrameIndex":
         """Read every frame once; memory grows by some 50 KB a frame at the default spacing."""
-        names, times, points, lost, checksums = [], [], [], {}, []
+        names, times, points, lost, checksums, certain = [], [], [], {}, [], []
         for i in range(len(frames)):
             frame = frames[i]
             names.append(frame.name)
@@ -59,13 +63,17 @@ class FrameIndex:
                 lost[i] = frame.reason
                 times.append(np.nan)
                 points.append(np.zeros((0, 3), np.float32))
+                certain.append(np.zeros(0, np.bool_))
                 checksums.append(0)
             else:
                 times.append(np.nan if frame.timestamp_s is None else frame.timestamp_s)
-                points.append(_coarse_points(frame, geometry, sampling))
+                own, trusted = _coarse_points(frame, geometry, sampling)
+                points.append(own)
+                certain.append(trusted)
                 checksums.append(crc32(frame.color[:: sampling.max_stride_px].tobytes(), crc32(points[-1].tobytes())))
             progress("reading the frames", i + 1, len(frames))
-        return cls(tuple(names), np.array(times, dtype=np.float64), tuple(points), lost, np.array(checksums, np.int64))
+        numbers = np.array(checksums, np.int64)
+        return cls(tuple(names), np.array(times, dtype=np.float64), tuple(points), lost, numbers, tuple(certain))
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
@@ -83,7 +91,10 @@ class FrameIndex:
         return rank
 
 
-def _coarse_points(frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampling) -> NDArray[np.float32]:
+def _coarse_points(
+    frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampling
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """(n, 3) points, and (n,) which are certain enough to make voxels for."""
     sample = frame.range_m[:: sampling.max_stride_px, :: sampling.max_stride_px]
     sample = sample[np.isfinite(sample)]
     far_m = float(np.quantile(sample, sampling.far_fraction)) if sample.size else 1.0
@@ -92,7 +103,10 @@ def _coarse_points(frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampli
     rows, columns = np.mgrid[start : frame.range_m.shape[0] : stride, start : frame.range_m.shape[1] : stride]
     range_m = frame.range_m[rows, columns]
     known = np.isfinite(range_m) & (frame.confidence[rows, columns] > 0)
+    std_m = frame.range_std_m[rows, columns][known]
+    stated = std_m[np.isfinite(std_m)]
+    limit_m = max(sampling.max_std_m, sampling.usual_stds * float(np.median(stated))) if stated.size else np.inf
     depth_m = range_m[known] / geometry.ray_length[rows, columns][known]
     x = (columns[known] - geometry.cx_left_px) / geometry.focal_px * depth_m
     y = (rows[known] - geometry.cy_px) / geometry.focal_px * depth_m
-    return np.stack([x, y, depth_m], axis=-1).astype(np.float32)
+    return np.stack([x, y, depth_m], axis=-1).astype(np.float32), ~(std_m > limit_m)

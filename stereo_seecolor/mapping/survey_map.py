@@ -29,6 +29,7 @@ from stereo_seecolor.mapping.surface.join import write_map
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, cut
+from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.navigation import Navigation
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
@@ -100,7 +101,7 @@ def build_map(
     started = time.perf_counter()
     found = RecoveredFrames(frames)
     check_voxel(found, geometry, config.voxel_m)
-    index = FrameIndex.build(found, geometry, Sampling(BLOCK * config.voxel_m / 2), workspace.progress)
+    index = FrameIndex.build(found, geometry, _sampling(config.voxel_m), workspace.progress)
     if len(index.lost) == len(frames):
         raise MappingError(f"none of the {len(frames)} frames can be read: {next(iter(index.lost.values()), 'there are none')}")
     survey = Survey(found, geometry, index, workspace.progress)
@@ -121,6 +122,11 @@ def build_map(
         warnings=placement.warnings,
         navigation=placed.navigation,
     )
+
+
+def _sampling(voxel_m: float) -> Sampling:
+    """Points half a block apart, so that no block is missed; those that one view can place well enough to weigh anything."""
+    return Sampling(spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -64,7 +64,8 @@ def cut(component: Component, voxel_m: float, tile_m: float) -> Tiling:
             continue
         around = np.concatenate([points, component.T_local_camera[i, None, :3, 3]])
         boxes[int(i)] = np.floor((around.min(axis=0) - reach_m) / block_m), np.floor((around.max(axis=0) + reach_m) / block_m)
-        pending.append(_blocks_near(points, reach_m, block_m))
+        certain = component.survey.index.certain
+        pending.append(_blocks_near(points[certain[i]] if certain else points, reach_m, block_m))
         if len(pending) == FRAMES_AT_ONCE:
             found, pending = np.unique(np.concatenate([found, *pending])), []
     if not boxes:
