@@ -79,11 +79,11 @@ class Bench:
         return ["--images", self.work / "rectified" / "rectified_left", "--range", self.work / "finished" / "range"]
 
 
-def make_dive(kind: str, tree: Path, folder: Path) -> Path:
+def make_dive(kind: str, tree: Path, dive: Path) -> Path:
     if kind == "sample":
         return SAMPLE
-    dive = folder / "dive"
-    execute(tree, "synthesize", "--pairs", LARGE_PAIRS, "--size", LARGE_SIZE, "--out", dive)
+    if not dive.is_dir():
+        execute(tree, "synthesize", "--pairs", LARGE_PAIRS, "--size", LARGE_SIZE, "--out", dive)
     return dive
 
 
@@ -111,13 +111,14 @@ def main() -> None:
     parser.add_argument("--dives", nargs="+", choices=("sample", "large"), default=("sample", "large"))
     parser.add_argument("--commands", nargs="+", choices=COMMANDS, default=COMMANDS)
     parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--large-dive", type=Path, help="where the large dive lies, or is to be rendered and kept")
     options = parser.parse_args()
     trees = [tree.resolve() for tree in (options.base, options.new)]
     print("| dive | command | base, s | new, s | ratio | base, processor s | new | ratio | base, peak MiB | new |", flush=True)
     print("|---|---|---|---|---|---|---|---|---|---|", flush=True)
     for kind in options.dives:
         with tempfile.TemporaryDirectory() as folder:
-            dive = make_dive(kind, trees[0], Path(folder))
+            dive = make_dive(kind, trees[0], (options.large_dive or Path(folder) / "dive").resolve())
             benches = [Bench(tree, dive, Path(folder) / name) for name, tree in zip(("base", "new"), trees, strict=True)]
             for bench in benches:
                 bench.prepare()
