@@ -101,9 +101,7 @@ def build_map(
     started = time.perf_counter()
     found = RecoveredFrames(frames)
     check_voxel(found, geometry, config.voxel_m)
-    index = FrameIndex.build(found, geometry, _sampling(config.voxel_m), workspace.progress)
-    if len(index.lost) == len(frames):
-        raise MappingError(f"none of the {len(frames)} frames can be read: {next(iter(index.lost.values()), 'there are none')}")
+    index = _index(found, geometry, config.voxel_m, workspace.progress)
     survey = Survey(found, geometry, index, workspace.progress)
     placed = place_survey(survey, config, trajectory)
     placement = placed.placement
@@ -124,9 +122,13 @@ def build_map(
     )
 
 
-def _sampling(voxel_m: float) -> Sampling:
-    """Points half a block apart, so that no block is missed; those that one view can place well enough to weigh anything."""
-    return Sampling(spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT)))
+def _index(frames: RecoveredFrames, geometry: RectifiedPair, voxel_m: float, progress: Progress) -> FrameIndex:
+    """With points half a block apart, so that no block is missed; voxels are made for those that weigh anything in one view."""
+    sampling = Sampling(spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT)))
+    index = FrameIndex.build(frames, geometry, sampling, progress)
+    if len(index.lost) == len(frames):
+        raise MappingError(f"none of the {len(frames)} frames can be read: {next(iter(index.lost.values()), 'there are none')}")
+    return index
 
 
 @dataclass(frozen=True, eq=False)
