@@ -1,26 +1,84 @@
 """Stereo pairs of a reef in, metric range maps, true-color images and colored 3-D maps out.
 
->>> from stereo_seecolor import Pipeline, run  # doctest: +SKIP
+>>> from stereo_seecolor import Pipeline, open_run, run  # doctest: +SKIP
 """
 
 import logging
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from stereo_seecolor.version import __version__
 
-__all__ = ["Pipeline", "__version__", "run"]
+if TYPE_CHECKING:
+    from stereo_seecolor.color.corrector import Corrector
+    from stereo_seecolor.commands.correct import correct
+    from stereo_seecolor.commands.fuse import fuse
+    from stereo_seecolor.commands.rectify import rectify
+    from stereo_seecolor.commands.run import range_maps, run
+    from stereo_seecolor.config import RunConfig
+    from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.errors import SeeColorError
+    from stereo_seecolor.matching.matcher import Matcher
+    from stereo_seecolor.pipeline import Pipeline
+    from stereo_seecolor.progress import RunOptions
+    from stereo_seecolor.records import Correction, FrameResult, RangeMap, StereoFrame, Water
+    from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
+
+_PLACES = {
+    "Corrector": "color.corrector",
+    "Correction": "records",
+    "FinishedRun": "run_folder.finished_run",
+    "FrameResult": "records",
+    "Matcher": "matching.matcher",
+    "Pipeline": "pipeline",
+    "RangeMap": "records",
+    "RunConfig": "config",
+    "RunOptions": "progress",
+    "SeeColorError": "errors",
+    "StereoFrame": "records",
+    "Water": "records",
+    "correct": "commands.correct",
+    "fuse": "commands.fuse",
+    "load_config": "config_file",
+    "open_run": "run_folder.finished_run",
+    "range_maps": "commands.run",
+    "rectify": "commands.rectify",
+    "run": "commands.run",
+}
+"""Where each public name is defined; OpenCV, torch and numba are loaded when a name that needs them is used."""
+
+__all__ = [
+    "Correction",
+    "Corrector",
+    "FinishedRun",
+    "FrameResult",
+    "Matcher",
+    "Pipeline",
+    "RangeMap",
+    "RunConfig",
+    "RunOptions",
+    "SeeColorError",
+    "StereoFrame",
+    "Water",
+    "__version__",
+    "correct",
+    "fuse",
+    "load_config",
+    "open_run",
+    "range_maps",
+    "rectify",
+    "run",
+]
 
 logging.getLogger(__name__).addHandler(logging.NullHandler())  # quiet until a program configures logging
 
 
 def __getattr__(name: str) -> Any:
-    """Load the pipeline (OpenCV, torch, numba) only when it is used, so that ``--help`` answers at once."""
-    if name == "Pipeline":
-        from stereo_seecolor.pipeline import Pipeline
+    """Load a public name when it is used, so that ``--help`` answers at once."""
+    if name not in _PLACES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_PLACES[name]}"), name)
 
-        return Pipeline
-    if name == "run":
-        from stereo_seecolor.commands.run import run
 
-        return run
-    raise AttributeError(name)
+def __dir__() -> list[str]:
+    return sorted(__all__)
