@@ -1,5 +1,6 @@
 """What the stages exchange: frozen, units and shapes on every field, NaN for unknown."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -72,7 +73,7 @@ def is_monochrome(image: NDArray[np.generic]) -> bool:
     return bool((image[:1, :1] != image).any())
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class RangeMap:
     """What stereo knows of the distance of each pixel of the rectified left image.
 
@@ -88,6 +89,13 @@ class RangeMap:
     confidence: Map
     filled: Mask
     warnings: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        """Size, how much was measured, and the ranges that it spans."""
+        known_m = self.measured_m[np.isfinite(self.measured_m)]
+        span = f", {known_m.min():.2f} to {known_m.max():.2f} m" if known_m.size else ""
+        height, width = self.range_m.shape
+        return f"RangeMap({width}x{height}, {known_m.size / max(self.range_m.size, 1):.1%} measured{span})"
 
     def each(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "RangeMap":
         """The range map of ``function`` of every map, such as one that turns them."""
@@ -105,13 +113,13 @@ class RangeMap:
         return np.where(self.filled, np.float32(np.nan), self.range_m)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Correction:
     """A frame in its true colors.
 
     image: J at the input's bit depth; where the range is unknown see ``unknown``.
     unknown: True where no range was known. unrecoverable: True where a channel's gain hit its noise-tied cap, or the camera had
-    clipped a channel. clipped_fraction: share of valid pixels with a channel at full scale. water: the water that was taken out.
+    clipped a channel. clipped_fraction: fraction of valid pixels with a channel at full scale. water: the water that was taken out.
     exposure, highlights: as a Water's.
     linear: (H, W, 3) float32 linear light, unclipped, where it was asked for.
     """
@@ -125,6 +133,13 @@ class Correction:
     highlights: float = 1.0
     warnings: tuple[str, ...] = ()
     linear: NDArray[np.float32] | None = None
+
+    def __repr__(self) -> str:
+        """Shape, how much is known, clipped and unrecoverable, and the exposure."""
+        pixels = max(math.prod(self.unknown.shape), 1)
+        known, lost = 1 - float(self.unknown.sum()) / pixels, float(self.unrecoverable.sum()) / pixels
+        fractions = f"{known:.1%} known, {self.clipped_fraction:.2%} clipped, {lost:.1%} unrecoverable"
+        return f"Correction({tuple(self.image.shape)} {self.image.dtype}, {fractions}, exposure {self.exposure:.3g})"
 
     def with_linear(self, linear: NDArray[np.float32]) -> "Correction":
         """The same correction with its linear light, (H, W, 3) float32."""

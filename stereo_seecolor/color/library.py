@@ -1,0 +1,84 @@
+"""The color core as two functions of arrays or tensors: ``fit`` a water, ``correct`` images."""
+
+import sys
+from dataclasses import replace
+from typing import Any, TypeVar, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.render.exposure import choose
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.errors import ColorError
+from stereo_seecolor.records import Correction, Water
+
+ArrayLike = TypeVar("ArrayLike")
+"""A numpy array or a torch tensor, on any device."""
+
+
+def fit(image: ArrayLike, range_m: ArrayLike, config: ColorConfig | None = None, start: Water | None = None) -> Water:
+    """The water between the camera and what it saw; of a batch one water, from all its frames together.
+
+    image: (H, W, 3) or (N, H, W, 3) RGB, uint8 or uint16. range_m: (H, W) or (N, H, W) meters along the ray, unknown where not
+    finite or not above 0. config: the method and its settings. start: a water to begin from.
+    Raises ColorError for other shapes or types, and where no pixel has a known range; DeviceError for CUDA where there is none.
+    """
+    corrector, (images, ranges) = Corrector(config), _frames(image, range_m)
+    if len(images) == 1:
+        return corrector.fit_frame(images[0], ranges[0], start)
+    return corrector.fit(_table(corrector, images, ranges), start)
+
+
+def correct(image: ArrayLike, range_m: ArrayLike, water: Water | None = None, config: ColorConfig | None = None) -> Correction:
+    """The image, or each image of a batch, in its true colors; what it holds is of the same kind, and on the same device, as given.
+
+    image, range_m: as in ``fit``. water: what ``fit`` gave, or None to fit it now; a batch shares it, and its exposure.
+    Returns a Correction whose image, unknown and unrecoverable have the batch's first axis, if there is one; clipped_fraction is
+    the mean over the batch. Raises as ``fit``, and ColorError for a water of another encoding.
+    """
+    corrector, (images, ranges) = Corrector(config), _frames(image, range_m)
+    water = water or fit(image, range_m, config)
+    exposure, highlights = water.exposure, water.highlights
+    if exposure is None:
+        exposure, highlights = choose(_table(corrector, images, ranges), water, corrector.config)
+    frames = [
+        corrector.apply(*frame, water, exposure=exposure, highlights=highlights) for frame in zip(images, ranges, strict=True)
+    ]
+    return _like(image, frames)
+
+
+def _frames(image: Any, range_m: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+    """(N, H, W, 3) and (N, H, W) numpy arrays, N = 1 for a single frame."""
+    images, ranges = (part.detach().cpu().numpy() if _is_tensor(part) else np.asarray(part) for part in (image, range_m))
+    if images.ndim not in (3, 4) or images.shape[-1] != 3 or images.dtype not in (np.uint8, np.uint16):
+        raise ColorError(f"image of shape {images.shape} and type {images.dtype}: needs (H, W, 3) or (N, H, W, 3), uint8 or uint16")
+    if ranges.shape != images.shape[:-1]:
+        raise ColorError(f"range of shape {ranges.shape} for an image of shape {images.shape}: needs {images.shape[:-1]}")
+    return (images, ranges) if images.ndim == 4 else (images[None], ranges[None])
+
+
+def _table(corrector: Corrector, images: NDArray[Any], ranges: NDArray[Any]) -> MomentTable:
+    tables = [corrector.measure(*frame) for frame in zip(images, ranges, strict=True)]
+    return sum(tables[1:], tables[0]) if tables else MomentTable.empty()
+
+
+def _like(image: Any, frames: list[Correction]) -> Correction:
+    """One Correction of all frames, of arrays or tensors as the image is."""
+    if not frames:
+        raise ColorError("an empty batch: there is nothing to correct")
+
+    def joined(parts: list[NDArray[Any]]) -> Any:
+        whole = np.stack(parts) if image.ndim == 4 else parts[0]
+        return sys.modules["torch"].from_numpy(whole).to(image.device) if _is_tensor(image) else whole
+
+    maps = {name: joined([getattr(frame, name) for frame in frames]) for name in ("image", "unknown", "unrecoverable")}
+    clipped = float(np.mean([frame.clipped_fraction for frame in frames]))
+    warnings = tuple(dict.fromkeys(warning for frame in frames for warning in frame.warnings))
+    return replace(frames[0], **maps, clipped_fraction=clipped, warnings=warnings)
+
+
+def _is_tensor(value: Any) -> bool:
+    torch = sys.modules.get("torch")  # whoever has a tensor has imported torch
+    return torch is not None and isinstance(value, cast(Any, torch).Tensor)
