@@ -5,10 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor import run
-from stereo_seecolor.config_file import load_config
-from stereo_seecolor.evaluation.truth import evaluate_truth
-from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor import load_config, open_run, run
+from stereo_seecolor.commands.evaluate import evaluate
 
 DIVE = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 
@@ -26,7 +24,7 @@ def main(out: Path) -> None:
             f"{frame.name}: median range {np.nanmedian(range_m):.2f} m, known for {np.isfinite(range_m).mean():.0%} of the pixels"
         )
 
-    report = evaluate_truth(out, DIVE / "truth")
+    report = evaluate(out, DIVE / "truth")
     print(f"range: median error {report.range.median_relative_error:.2%}")
     print(f"color: mean angular error {report.color.angle_deg:.1f} degrees, raw images {report.raw_color.angle_deg:.1f} degrees")
 
