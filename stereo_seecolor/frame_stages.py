@@ -167,8 +167,8 @@ class FrameStages:
 
     def corrected(self, ranged: Ranged, water: Water, clock: Clock) -> FrameRow:
         """The frame in its true colors: an earlier run's, or corrected and written now. Returns its row."""
-        water_hash = water_key(water)
-        key = content_key(ranged.key, self.color_settings, water_hash)
+        settings, water_hash = self.color_settings, water_key(water)
+        key = content_key(ranged.key, settings, water_hash)
         record = self._folder.finished("corrected", ranged.pair.name, key)
         kept = record is not None and ranged.kept
         if record is None:
@@ -182,7 +182,7 @@ class FrameStages:
                 "clipped_fraction": correction.clipped_fraction,
                 "unrecoverable_fraction": float(correction.unrecoverable.mean()),
             }
-            record = StageRecord(key, self.color_settings, water_hash, facts=facts, warnings=correction.warnings)
+            record = StageRecord(key, settings, water_hash, facts=facts, warnings=correction.warnings)
             with clock("write"):
                 exif = self._source.reader.capture(ranged.pair.left).exif
                 files = correction_files(ranged.pair.name, correction, range_map, self._source.geometry, config.output, exif)

@@ -90,7 +90,7 @@ class Job:
     passes: Callable[[Dive, RunFolder], None]
 
     def conduct(self, folder: RunFolder, options: RunOptions) -> RunSummary:
-        """All passes; Ctrl-C ends them early. run.json and frames.csv tell at any time what was done."""
+        """All passes; Ctrl-C ends them early. run.json and frames.csv are written at the end, however it comes."""
         start, dive, complete = time.perf_counter(), Dive(self.source, folder, options), False
         earlier = earlier_config(folder)
         folder.update(replace(folder.dive, state="running"))

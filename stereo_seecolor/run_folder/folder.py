@@ -229,7 +229,7 @@ class RunFolder:
             place = self.root / path
             with output_errors(place):
                 if (place.exists() or place.is_symlink()) and not _is_ours(self.root, path, files):
-                    self._set_aside(path)
+                    self.keep_aside(place, path)
                 move_into_place(temporary, place)
         for folder in {(self.root / path).parent for path in temporaries}:
             flush_folder(folder)
@@ -242,10 +242,13 @@ class RunFolder:
                 with output_errors(place):
                     place.unlink()
             elif place.exists() or place.is_symlink():
-                self._set_aside(path)
+                self.keep_aside(place, path)
 
-    def _set_aside(self, path: str) -> None:
-        """Move a file that somebody changed to a place where nothing overwrites it."""
+    def keep_aside(self, place: Path, path: str) -> None:
+        """Move a file that is not, or no longer, the program's to where nothing overwrites it. Raises OutputError.
+
+        place: where it is now. path: what it is called in OUT.
+        """
         target = self.root / SET_ASIDE / path
         number = 1
         while target.exists() or target.is_symlink():
@@ -253,7 +256,7 @@ class RunFolder:
             number += 1
         with output_errors(target):
             target.parent.mkdir(parents=True, exist_ok=True)
-            (self.root / path).rename(target)
+            place.rename(target)
         self.set_aside.append(target)
 
     def _delete_everything(self) -> None:

@@ -6,10 +6,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
-from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import files_below, flush_folder, output_errors
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import MAP, SET_ASIDE, state
+from stereo_seecolor.run_folder.layout import MAP, state
 from stereo_seecolor.run_folder.manifest import DiveRecord
 from stereo_seecolor.run_folder.stamp import Stamp
 
@@ -79,10 +78,5 @@ def _remove_old(folder: RunFolder) -> None:
         if any(stamp.matches(path) for stamp in folder.dive.files.get(name, ())):
             path.unlink()
         else:
-            target = folder.root / SET_ASIDE / name
-            if target.exists():
-                raise OutputError(f"{target}: lies where a file of yours would be kept: move it elsewhere")
-            target.parent.mkdir(parents=True, exist_ok=True)
-            path.rename(target)
-            folder.set_aside.append(target)
+            folder.keep_aside(path, name)
     shutil.rmtree(old)  # empty folders alone
