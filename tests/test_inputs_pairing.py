@@ -54,6 +54,39 @@ def test_names_beginning_with_a_side_letter_are_left_alone(tmp_path: Path) -> No
     assert [n for n, _, _ in names(tmp_path, files, ["reef_r_1.png", "rock_2.png"])] == ["reef_1", "rock_2"]
 
 
+def test_patterns_name_the_sides_of_one_folder(tmp_path: Path) -> None:
+    for name in ("left1.png", "right1.png", "left2.png", "right2.png", "left_map.txt", ".left3.png", "disparity.png"):
+        (tmp_path / name).touch()
+    pairing = pair_folders(tmp_path / "left*.png", tmp_path / "right*.png", InputConfig())
+    assert [(pair.name, pair.left.name, pair.right.name) for pair in pairing.pairs] == [
+        ("1", "left1.png", "right1.png"),
+        ("2", "left2.png", "right2.png"),
+    ]
+
+
+def test_two_images_are_a_pair(tmp_path: Path) -> None:
+    for name in ("teddy.png", "teddy2.png", "other.png"):
+        (tmp_path / name).touch()
+    pairing = pair_folders(tmp_path / "teddy.png", tmp_path / "teddy2.png", InputConfig())
+    assert [(pair.name, pair.left.name, pair.right.name) for pair in pairing.pairs] == [("teddy", "teddy.png", "teddy2.png")]
+    assert not pairing.unpaired
+
+
+def test_a_pattern_that_fits_no_image(tmp_path: Path) -> None:
+    (tmp_path / "left1.png").touch()
+    with pytest.raises(InputError, match=r"holds no right images named right\*\.png"):
+        list_images(tmp_path / "right*.png", "right images")
+    with pytest.raises(InputError, match="gone: the folder of right images does not exist"):
+        list_images(tmp_path / "gone" / "right*.png", "right images")
+
+
+def test_a_folder_whose_name_looks_like_a_pattern_is_a_folder(tmp_path: Path) -> None:
+    folder = tmp_path / "dive[1]"
+    folder.mkdir()
+    (folder / "a.png").touch()
+    assert [path.name for path in list_images(folder, "images").files] == ["a.png"]
+
+
 def test_unpaired_files_are_named_with_the_reason(tmp_path: Path) -> None:
     pairing = pair_folders(*folders(tmp_path, ["1.png", "2.png", "2.jpg"], ["1.png", "2.png", "3.png"]), InputConfig())
     assert [pair.name for pair in pairing.pairs] == ["1"]
@@ -101,9 +134,15 @@ def test_missing_or_empty_folder(tmp_path: Path, make: bool, message: str) -> No
 
 
 def test_a_file_instead_of_a_folder(tmp_path: Path) -> None:
-    (tmp_path / "x.png").touch()
+    (tmp_path / "x.txt").touch()
     with pytest.raises(InputError, match="is a file"):
-        list_images(tmp_path / "x.png", "left images")
+        list_images(tmp_path / "x.txt", "left images")
+
+
+def test_one_image_and_its_range_map_by_pattern(tmp_path: Path) -> None:
+    for name in ("3374.png", "3374_range.tiff"):
+        (tmp_path / name).touch()
+    assert [pair.name for pair in pair_by_stem(tmp_path / "*.png", tmp_path / "*.tiff").pairs] == ["3374"]
 
 
 def test_own_range_maps_pair_by_stem(tmp_path: Path) -> None:

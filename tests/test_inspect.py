@@ -55,6 +55,31 @@ def test_the_printed_command_works_and_inspect_writes_nothing(make_dive, cli, tm
     assert (tmp_path / "out" / "corrected" / "0000.png").exists()
 
 
+def test_sides_that_share_a_folder_and_run_by_pattern(make_dive, cli, tmp_path, monkeypatch) -> None:
+    dive, both = make_dive(2), tmp_path / "both"
+    both.mkdir()
+    for side in ("L", "R"):
+        for path in (dive.root / side).iterdir():
+            path.rename(both / f"{path.stem}_{side}{path.suffix}")
+        (dive.root / side).rmdir()
+    code, printed = cli("inspect", str(both), str(dive.root / "cam.yaml"))
+    command = shlex.split(printed.splitlines()[-1])
+    assert (code, command[3], command[5]) == (0, str(both / "*_L.png"), str(both / "*_R.png"))
+    monkeypatch.chdir(tmp_path)
+    assert cli(*command[1:])[0] == 0
+    assert (tmp_path / "out" / "corrected" / "0000.png").exists()
+    assert cli(*command[1:-1], str(both), "--overwrite")[0] == 1, "the folder of the images taken for OUT"
+    assert len(list(both.iterdir())) == 4
+
+
+def test_range_maps_are_not_taken_for_a_side(tmp_path: Path) -> None:
+    for folder, pixels in (("rgb", np.zeros((4, 6, 3), np.uint8)), ("range", np.ones((4, 6), np.float32))):
+        (tmp_path / folder).mkdir()
+        cv2.imwrite(str(tmp_path / folder / "1.tiff"), pixels)
+    with pytest.raises(InputError, match=r"range: holds floating-point numbers.*correct --images .*rgb --range .*range"):
+        inspect([tmp_path])
+
+
 @pytest.mark.slow
 def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
     dive = make_dive(5)

@@ -15,10 +15,12 @@ DEFAULT_WORKERS = min(cores(), 8)
 
 COLOR, SETTINGS, EXECUTION, REPORTING = "Color and map", "Settings", "Execution", "Reporting"
 
-Left = Annotated[Path, typer.Option("--left", metavar="FOLDER", help="Folder of left images, or a video.")]
+Left = Annotated[
+    Path, typer.Option("--left", metavar="FOLDER", help="Folder of left images, a quoted pattern ('DIVE/*_L.png'), or a video.")
+]
 Right = Annotated[
     Path,
-    typer.Option("--right", metavar="FOLDER", help="Folder of right images, or a video; the left video again if it shows both."),
+    typer.Option("--right", metavar="FOLDER", help="The same of the right side; the left video again if it shows both."),
 ]
 Calib = Annotated[
     str, typer.Option("--calib", metavar="FILE", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")

@@ -5,6 +5,7 @@ from pathlib import Path
 from stereo_seecolor.commands.over_pairs import Job, claim, describe, sample
 from stereo_seecolor.commands.run import color
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.pairing import pair_by_stem
 from stereo_seecolor.pipeline import RangedImages
 from stereo_seecolor.progress import RunOptions
@@ -31,5 +32,5 @@ def correct(
     owner = Owner("ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left))
     description = describe({"images": str(images), "range": str(ranges)}, config, pairing, "corrected", options)
     job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, water))
-    with RunFolder(out, claim(owner, options, [images, ranges, water])) as folder:
+    with RunFolder(out, claim(owner, options, [folder_of(images), folder_of(ranges), water])) as folder:
         return job.conduct(folder, options)

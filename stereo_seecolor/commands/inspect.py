@@ -25,6 +25,9 @@ from stereo_seecolor.inputs.video import is_video
 SAMPLE_PAIRS = 6
 """Pairs, spread over the dive, that are looked at."""
 
+FLOAT_BITS = 32
+"""A camera's images have 8 or 16 bits a channel; range maps are floating-point."""
+
 
 @dataclass(frozen=True)
 class CalibrationFacts:
@@ -79,6 +82,7 @@ def inspect(places: Sequence[Path]) -> Inspection:
         return _of_videos(sides, find_calibration(places, _video_size(sides)))
     pairing = pair_folders(sides.left, sides.right, RunConfig().input)
     left, right = image_facts(pairing.pairs[0].left), image_facts(pairing.pairs[0].right)
+    _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
     config = RunConfig.model_validate({"input": {"bayer": "rggb"}} if left.kind == "mosaic" else {})
     rig, facts = _tested(found, pairing, config) if found else (None, None)
@@ -99,6 +103,14 @@ def inspect(places: Sequence[Path]) -> Inspection:
         problems=(*_problems_of_images(sides, (left, right), pairing), *_problems_of_calibration(found, facts)),
         run_command=command_line(sides, found, left),
     )
+
+
+def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> None:
+    """Images with a range map each are no stereo pairs, and another command is for them."""
+    maps, images = (sides.left, sides.right) if left.bits == FLOAT_BITS else (sides.right, sides.left)
+    if FLOAT_BITS in (left.bits, right.bits):
+        command = shlex.join(["stereo-seecolor", "correct", "--images", str(images), "--range", str(maps)])
+        raise InputError(f"{maps}: holds floating-point numbers, no images: if these are range maps in meters, run: {command}")
 
 
 def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFacts | None) -> str:

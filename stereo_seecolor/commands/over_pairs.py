@@ -16,6 +16,7 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.frame_stages import Source
 from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing, pair_folders
 from stereo_seecolor.inputs.video import is_video, unpack
@@ -38,7 +39,7 @@ SAMPLE_BYTES = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class StereoInputs:
-    """What a command over stereo pairs is given. left, right: folders of images, or videos. calib: what load_rig reads."""
+    """What a command over stereo pairs is given. left, right: folders of images, patterns, videos. calib: as for load_rig."""
 
     left: Path
     right: Path
@@ -52,7 +53,7 @@ class StereoInputs:
     @property
     def paths(self) -> tuple[Path, ...]:
         """Every file and folder that is read."""
-        return (self.left, self.right, *(Path(part) for part in str(self.calib).split(",")))
+        return (folder_of(self.left), folder_of(self.right), *(Path(part) for part in str(self.calib).split(",")))
 
     @property
     def is_video(self) -> bool:

@@ -29,7 +29,7 @@ def run(
 ) -> RunSummary:
     """Stereo pairs in; range maps, true-color frames, clouds and tables out, in ``out``.
 
-    left, right: folders of images, or one video a side, or twice the same video that shows both side by side.
+    left, right: folders of images, patterns (``DIVE/*_L.png``), or one video a side, or twice the same video that shows both.
     calib: any calibration that load_rig reads. water: the water.json of an earlier dive, to be used instead of a fit.
     Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
     """

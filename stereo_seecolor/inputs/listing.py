@@ -1,7 +1,8 @@
-"""The image files of a folder."""
+"""The image files of a folder, or those of them that a pattern names."""
 
 import os
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
@@ -32,14 +33,28 @@ class Listing:
     unreadable: tuple[Unpaired, ...] = ()
 
 
-def list_images(folder: Path, what: str) -> Listing:
-    """The files directly in ``folder`` with the extension of an image; hidden files are none of them.
+def is_pattern(source: Path) -> bool:
+    """True for ``DIVE/left*.png``: a last part that holds ``*``, ``?`` or ``[``, and is not the name of something that is there."""
+    return any(mark in source.name for mark in "*?[") and not source.exists()
 
-    Raises InputError if the folder is missing, cannot be read, or holds no image.
+
+def folder_of(source: Path) -> Path:
+    """What a source's files lie in: the folder that a pattern is to be looked for in, else the source itself."""
+    return source.parent if is_pattern(source) else source
+
+
+def list_images(source: Path, what: str) -> Listing:
+    """The files directly in a folder with the extension of an image; hidden files are none of them.
+
+    source: a folder, one image, or a folder and a pattern for the names in it, for rigs whose sides share one: ``DIVE/*_L.png``.
+    Raises InputError if the folder is missing, cannot be read, or holds no such image.
     """
+    if source.is_file() and _is_image(source.name, "*"):
+        return Listing((source,))
+    folder, pattern = folder_of(source), source.name if is_pattern(source) else "*"
     try:
         with os.scandir(folder) as entries:
-            problems = {entry.name: entry_problem(entry) for entry in entries if _is_named_like_an_image(entry.name)}
+            problems = {entry.name: entry_problem(entry) for entry in entries if _is_image(entry.name, pattern)}
     except FileNotFoundError as error:
         raise InputError(f"{folder}: the folder of {what} does not exist") from error
     except NotADirectoryError as error:
@@ -49,9 +64,10 @@ def list_images(folder: Path, what: str) -> Listing:
     names = sorted(problems, key=natural_key)
     files = tuple(folder / name for name in names if not problems[name])
     if not files:
-        raise InputError(f"{folder}: holds no {what} ({', '.join(sorted(EXTENSIONS))})")
+        named = f" named {pattern}" if is_pattern(source) else ""
+        raise InputError(f"{folder}: holds no {what}{named} ({', '.join(sorted(EXTENSIONS))})")
     return Listing(files, tuple(Unpaired(folder / name, problems[name]) for name in names if problems[name]))
 
 
-def _is_named_like_an_image(name: str) -> bool:
-    return Path(name).suffix.lower() in EXTENSIONS and not name.startswith(".")
+def _is_image(name: str, pattern: str) -> bool:
+    return Path(name).suffix.lower() in EXTENSIONS and not name.startswith(".") and fnmatchcase(name, pattern)

@@ -65,7 +65,7 @@ class _Matching:
             else:
                 reason = f"several files are called {key!r}: which one is meant?"
                 self.unpaired += [Unpaired(path, reason) for path in (*lefts, *rights)]
-        self._drop_settled()
+        self.drop_settled()
 
     def add(self, name: str, left: Path, right: Path) -> None:
         """One pair."""
@@ -79,9 +79,10 @@ class _Matching:
             j = _nearest(right_times, time_s)
             if j is not None and abs(right_times[j] - time_s) <= tolerance_s and _nearest(left_times, right_times[j]) == i:
                 self.add(left.stem, left, rights[j][1])
-        self._drop_settled()
+        self.drop_settled()
 
-    def _drop_settled(self) -> None:
+    def drop_settled(self) -> None:
+        """Leave only the files that wait for a partner."""
         settled = {path for pair in self.pairs for path in (pair.left, pair.right)} | {file.path for file in self.unpaired}
         self.lefts = [path for path in self.lefts if path not in settled]
         self.rights = [path for path in self.rights if path not in settled]
@@ -90,9 +91,11 @@ class _Matching:
 def pair_folders(left: Path, right: Path, config: InputConfig) -> Pairing:
     """Pair the images of two folders by name, by time stamp, or (auto) by name and then the rest by time stamp.
 
+    left, right: as in list_images; two single images are a pair, whatever their names.
     Raises InputError if a folder is missing or empty, or if no pair is found.
     """
     matching = _list(left, "left images", right, "right images")
+    _settle_single(matching, left, right)
     if config.pairing != "timestamp":
         _settle_by_name(matching)
     if config.pairing != "name":
@@ -110,6 +113,7 @@ def pair_by_stem(images: Path, ranges: Path) -> Pairing:
     """Pair images with the range maps of the same stem, for people who bring their own; ``right`` is the range map."""
     matching = _list(images, "images", ranges, "range maps")
     example = f"{matching.lefts[0].name} and {matching.rights[0].name}"
+    _settle_single(matching, images, ranges)
     _settle_by_name(matching)
     if not matching.pairs:
         raise InputError(f"{images} and {ranges}: no image has a range map of the same name, for example {example}")
@@ -125,6 +129,13 @@ def in_dive_order(pairs: Sequence[Pair]) -> list[Pair]:
 def _list(left: Path, left_what: str, right: Path, right_what: str) -> _Matching:
     lefts, rights = list_images(left, left_what), list_images(right, right_what)
     return _Matching(list(lefts.files), list(rights.files), [], [*lefts.unreadable, *rights.unreadable])
+
+
+def _settle_single(matching: _Matching, left: Path, right: Path) -> None:
+    """One image a side, given by name or pattern and not by folder, is a pair whatever the names are."""
+    if len(matching.lefts) == len(matching.rights) == 1 and not left.is_dir() and not right.is_dir():
+        matching.add(matching.lefts[0].stem, matching.lefts[0], matching.rights[0])
+        matching.drop_settled()
 
 
 def _settle_by_name(matching: _Matching) -> None:

@@ -1,6 +1,8 @@
-"""Which of the folders or videos that came off a boat is the left side, and which the right."""
+"""Which of the folders, files or videos that came off a boat is the left side, and which the right."""
 
 import os
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -10,7 +12,7 @@ from pathlib import Path
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key
-from stereo_seecolor.inputs.listing import EXTENSIONS
+from stereo_seecolor.inputs.listing import EXTENSIONS, list_images
 from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.video import is_video
@@ -21,10 +23,16 @@ DEPTH = 3
 MAX_FOLDERS = 12
 """Folders with the most images that are tried as sides, each with each."""
 
+_NUMBER = re.compile(r"(?P<side>cam[01](?!\d))|\d+", re.IGNORECASE)
+"""A number in a name; that of ``cam0`` and ``cam1`` tells the side."""
+
 
 @dataclass(frozen=True)
 class Sides:
-    """Two folders of images, or two videos; the same video twice shows both. guessed: no name says which side is which."""
+    """Two folders of images (or patterns for the names in one), or two videos; the same video twice shows both.
+
+    guessed: no name says which side is which.
+    """
 
     left: Path
     right: Path
@@ -49,7 +57,7 @@ def find_sides(places: Sequence[Path]) -> Sides:
         return _of_videos(sorted(set(videos), key=lambda path: natural_key(path.name)))
     if images:
         (folder,) = images
-        raise InputError(f"{folder}: holds all images in one folder: move the left and the right ones into folders of their own")
+        return _in_one_folder(folder)
     raise InputError(f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos were found")
 
 
@@ -68,6 +76,18 @@ def _look_through(root: Path) -> tuple[dict[Path, int], list[Path]]:
     return images, videos
 
 
+def _in_one_folder(folder: Path) -> Sides:
+    """Patterns for the two sides of a folder that holds both: names that differ in more than their numbers."""
+    shapes = Counter(_NUMBER.sub(lambda found: found["side"] or "*", path.name) for path in list_images(folder, "images").files)
+    patterns = {folder / shape: count for shape, count in shapes.items()}
+    if len(patterns) < 2:
+        raise InputError(
+            f"{folder}: holds all images in one folder, and no name says which side it is of: move the left and the right ones "
+            "into folders of their own"
+        )
+    return _best_pair(patterns)
+
+
 def _best_pair(images: dict[Path, int]) -> Sides:
     """The two folders whose names say their sides and which give the most pairs; where no names do, in natural order."""
     largest = sorted(images, key=lambda path: -images[path])[:MAX_FOLDERS]
@@ -80,7 +100,9 @@ def _best_pair(images: dict[Path, int]) -> Sides:
         if pairs:
             return Sides(*sides, guessed=not known)
     first, second = both[0]
-    raise InputError(f"{first} and {second}: no two of the {len(images)} folders with images hold pairs: give the two of one dive")
+    raise InputError(
+        f"{first} and {second}: no two of the {len(images)} folders or groups of images hold pairs: give the two of one dive"
+    )
 
 
 def _left_first(first: Path, second: Path) -> tuple[Path, Path]:
