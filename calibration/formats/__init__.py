@@ -6,7 +6,21 @@ from typing import Literal, get_args
 
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
-from calibration.formats import bouguet, kalibr, matlab, middlebury, native, opencv, oplab, orbslam, ros, seagis, viame
+from calibration.formats import (
+    bouguet,
+    euroc,
+    kalibr,
+    kitti,
+    matlab,
+    middlebury,
+    native,
+    opencv,
+    oplab,
+    orbslam,
+    ros,
+    seagis,
+    viame,
+)
 from calibration.formats.document import load_document
 from calibration.formats.folder import calibration_files, left_first, merged
 from calibration.formats.section import Section, naming
@@ -16,8 +30,8 @@ __all__ = ["WritableFormat", "format_name", "load_rig", "parse_size", "write_rig
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
 SIZED = (native, kalibr, oplab, orbslam, middlebury)  # these store the size of the images
-WHOLE_RIG = (*SIZED, matlab, bouguet, viame)  # these hold a rig in one file
-ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis}  # these hold a camera in each of two files
+WHOLE_RIG = (*SIZED, kitti, matlab, bouguet, viame)  # these hold a rig in one file
+ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}  # these hold a camera in each of two files
 Size = tuple[int, int]
 
 
@@ -100,7 +114,7 @@ def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:
         return opencv.parse(both, image_size)
     raise CalibrationError(
         f"is {_kind(first)}, and {second.where} is {_kind(second)}: two files must be the left and right camera_info of ROS, "
-        "the left and right .cam of SeaGIS, or OpenCV's intrinsics and extrinsics"
+        ".cam of SeaGIS or sensor.yaml of EuRoC, or OpenCV's intrinsics and extrinsics"
     )
 
 
@@ -121,6 +135,9 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
 
 def _of_folder(folder: Path) -> list[Section]:
     """The one rig in a folder, or the files that make one, left before right."""
+    euroc_files = [folder / camera / "sensor.yaml" for camera in ("cam0", "cam1")]
+    if all(file.is_file() for file in euroc_files):
+        return [load_document(file) for file in euroc_files]
     documents = [document for document in map(_try_load, calibration_files(folder)) if document is not None]
     whole = [d for d in documents if any(reader.matches(d) for reader in WHOLE_RIG) or _is_opencv_rig(d)]
     if len(whole) == 1:

@@ -77,7 +77,9 @@ def _parse(text: str) -> dict[str, Any]:
     elif start.startswith("{"):
         content = _parse_json(start)
     elif re.search(r"^cam0\s*=\s*\[", text, re.MULTILINE):
-        content = _parse_lines(text)
+        content = _parse_lines(text, "=")
+    elif re.search(r"^P(_rect_0)?[0-3]:\s*[-+.\d]", text, re.MULTILINE):
+        content = _parse_lines(text, ":")
     else:
         content = _parse_yaml(_repair(text))
     if not isinstance(content, dict):
@@ -161,9 +163,9 @@ def _xml_value(element: ElementTree.Element, depth: int = 0) -> Any:
     return words[0] if len(words) == 1 else words
 
 
-def _parse_lines(text: str) -> dict[str, Any]:
-    """Middlebury's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``."""
-    pairs = (line.split("=", 1) for line in text.splitlines() if "=" in line)
+def _parse_lines(text: str, mark: str) -> dict[str, Any]:
+    """Middlebury's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0: 718.8 0 607.1 ...``."""
+    pairs = (line.split(mark, 1) for line in text.splitlines() if mark in line)
     return {key.strip(): value.strip().strip("[]").replace(";", " ").replace(",", " ").split() for key, value in pairs}
 
 

@@ -1,0 +1,74 @@
+"""KITTI's calib.txt (P0 to P3) and calib_cam_to_cam.txt: projections of rectified cameras, gray 0 and 1, color 2 and 3.
+
+Geiger et al., Vision meets Robotics: The KITTI Dataset, 2013, section 4: x = P R X with P = K [I | t], meters.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.formats.ros import make_camera, rig_from_projections
+from calibration.formats.section import Section, naming
+from calibration.rig import Camera, StereoRig
+
+COLOR, GRAY = ("2", "3"), ("0", "1")
+Size = tuple[int, int]
+
+
+def matches(document: Section) -> bool:
+    """True for either file."""
+    return any(document.has(f"P{a}", f"P{b}") or document.has(f"P_rect_0{a}", f"P_rect_0{b}") for a, b in (COLOR, GRAY))
+
+
+def parse(document: Section, image_size: Size | None) -> StereoRig:
+    """The color cameras where the file holds them, else the gray ones; a file that holds both gives a doubt.
+
+    image_size: (width, height). calib.txt stores none, and calib_cam_to_cam.txt one before and one after rectification.
+    Raises CalibrationError if it is needed and missing.
+    """
+    raw = document.has("P_rect_00") or document.has("P_rect_02")
+    prefix = "P_rect_0" if raw else "P"
+    pairs = [pair for pair in (COLOR, GRAY) if document.has(*(prefix + camera for camera in pair))]
+    rigs = [_of_raw(document, pair, image_size) if raw else _of_projections(document, pair, image_size) for pair in pairs]
+    if len(rigs) == 1:
+        return rigs[0]
+    color_mm, gray_mm = (1000 * rig.baseline_m for rig in rigs)
+    doubt = (
+        f"holds the color cameras 2 and 3 (baseline {color_mm:.1f} mm) and the gray ones 0 and 1 ({gray_mm:.1f} mm): color is "
+        f"taken; for gray images delete the lines of cameras 2 and 3"
+    )
+    return replace(rigs[0], doubts=(*rigs[0].doubts, doubt))
+
+
+def _of_projections(document: Section, pair: tuple[str, str], size: Size | None) -> StereoRig:
+    if size is None:
+        raise CalibrationError(f"{document.where}: stores no image size: give it, as WIDTHxHEIGHT")
+    return _rectified(document, [f"P{camera}" for camera in pair], size)
+
+
+def _of_raw(document: Section, pair: tuple[str, str], size: Size | None) -> StereoRig:
+    """Images of the size before rectification have K, D and R_rect; all others are rectified."""
+    first = pair[0]
+    if size is None or not document.has(f"S_0{first}") or size != document.image_size(f"S_0{first}"):
+        stored = document.image_size(f"S_rect_0{first}") if document.has(f"S_rect_0{first}") else size
+        if stored is None:
+            raise CalibrationError(f"{document.where}: no 'S_rect_0{first}': the file is incomplete")
+        return _rectified(document, [f"P_rect_0{camera}" for camera in pair], stored)
+    cameras = [_camera(document, camera, size) for camera in pair]
+    rotations = [document.matrix(f"R_rect_0{camera}", 3, 3) for camera in pair]
+    projections = [document.matrix(f"P_rect_0{camera}", 3, 4) for camera in pair]
+    with naming(document.where):
+        return replace(rig_from_projections(cameras[0], cameras[1], rotations, projections), medium="air")
+
+
+def _camera(document: Section, camera: str, size: Size) -> Camera:
+    K, distortion = document.matrix(f"K_0{camera}", 3, 3), document.numbers(f"D_0{camera}", 5)
+    return make_camera(document.where, K, distortion, size, "pinhole")
+
+
+def _rectified(document: Section, keys: list[str], size: Size) -> StereoRig:
+    projections = [document.matrix(key, 3, 4) for key in keys]
+    left, right = (make_camera(document.where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections)
+    with naming(document.where):
+        return replace(rig_from_projections(left, right, [np.eye(3), np.eye(3)], projections), medium="air")
