@@ -19,7 +19,7 @@ from calibration.errors import CalibrationError
 from calibration.matches import Images, Matches, raw_matches, rectified_matches
 from calibration.plan import plan_rectification, rectified_points, upright_rotations
 from calibration.readings import settle_matches
-from calibration.refined_rig import Movement, RefinedRig
+from calibration.refinement import Movement, Refinement
 from calibration.refraction import cameras_in_water
 from calibration.resampling import jackknife, no_worse
 from calibration.rig import StereoRig
@@ -48,8 +48,10 @@ SCALE_STEP = 1e-3  # of the derivative of rays by the scale
 MODELS = tuple(PARAMETERS[:count] for count in range(1, len(PARAMETERS) + 1))  # simplest first; yaw last, since it moves ranges
 
 
-def refine_rig(rig: StereoRig, pairs: Iterable[Images]) -> RefinedRig:
-    """Estimate what has moved from raw image pairs of a dive, (H, W) or (H, W, C), 8 or 16 bit; twelve spread over it are enough.
+def refine_rig(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
+    """The rig with what has moved estimated from raw image pairs of a dive, (H, W) or (H, W, C), 8 or 16 bit.
+
+    Twelve pairs spread over the dive are enough. The rig's ``refinement`` says what has moved, with standard errors.
 
     The simplest of four models is taken whose vertical disparity on pairs left out of the fit is no worse than the best's; the
     calibration stays as it is where it is that good itself.
@@ -59,7 +61,7 @@ def refine_rig(rig: StereoRig, pairs: Iterable[Images]) -> RefinedRig:
     return refine_matches(rig, raw_matches(rig, pairs))
 
 
-def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> RefinedRig:
+def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
     """As refine_rig, from matches in raw pixels of each pair."""
     rig = settle_matches(rig, raw)
     kept = [_usable(rig, matches) for matches in raw]
@@ -75,15 +77,15 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> RefinedRig:
     fits = [_Fit.of(rig, kept, names) for names in ((), *MODELS)]
     best = min(fits, key=lambda fit: float(fit.squares.mean()))
     chosen = next(fit for fit in fits if fit is best or no_worse(fit.squares, best.squares))
-    return RefinedRig(
-        rig=moved_rig(rig, chosen.values) if chosen.names else rig,
+    refinement = Refinement(
         movements=tuple(Movement(name, float(chosen.values[PARAMETERS.index(name)]), float(std)) for name, std in chosen.errors()),
         before_px=float(np.median(np.abs(np.concatenate([_residuals(rig, matches) for matches in kept])))),
         after_px=float(np.median(np.abs(chosen.left_out))),
         pairs=len(kept),
         matches=sum(len(matches.left) for matches in kept),
-        focal_px=plan_rectification(rig).pair.focal_px,
+        focal_px=float(plan_rectification(rig).pair.focal_px),
     )
+    return replace(moved_rig(rig, chosen.values) if chosen.names else rig, refinement=refinement)
 
 
 def moved_rig(rig: StereoRig, values: Array) -> StereoRig:
@@ -92,7 +94,7 @@ def moved_rig(rig: StereoRig, values: Array) -> StereoRig:
     turn = rigid(to_matching.T @ _turn(values) @ to_matching, np.zeros(3))
     K = rig.right.K.copy()
     K[:2, :2] *= np.exp(values[2])
-    return replace(rig, right=replace(rig.right, K=K), T_right_left=turn @ rig.T_right_left, rms_px=None)
+    return replace(rig, right=replace(rig.right, K=K), T_right_left=turn @ rig.T_right_left, rms_px=None, refinement=None)
 
 
 def _turn(values: Array) -> Array:

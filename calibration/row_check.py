@@ -58,6 +58,12 @@ class RowCheck:
         return self.behind_fraction > LIMITS.swapped_fraction
 
     @property
+    def has_moved(self) -> bool:
+        """True if rows disagree as after a movement of a camera, which refining can find."""
+        small = self.unexplained_px <= LIMITS.moved_ratio * self.row_error_px
+        return self.row_error_px > LIMITS.acceptable_px and small and not self.swapped and not self.air_in_water
+
+    @property
     def air_in_water(self) -> bool:
         """True if bending the rays as a flat port in water does explains rows that do not agree without it."""
         gain_px = self.unexplained_px - self.index_unexplained_px

@@ -47,6 +47,11 @@ class InputConfig(_Stage):
         default=None,
         description="CSV with exposure_s and gain of each image by its file's name; what it does not say is read from EXIF.",
     )
+    refine: bool = Field(
+        default=False,
+        description="Estimate what has moved in the rig since its calibration from pairs spread over the dive, before the run. "
+        "Used only where rows of pairs left out agree better for it.",
+    )
     video_every: int = Field(default=1, ge=1, description="Of a video, take every nth frame.")
 
 

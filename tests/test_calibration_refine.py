@@ -48,19 +48,22 @@ def dive(truth: StereoRig, pairs: int = 8, noise_px: float = 0.1) -> list[Matche
 def test_what_has_moved_comes_back(name: str) -> None:
     calibrated = RIGS[name]
     values = np.array([0.002, -0.003, 0.004, 0.0])
-    found = refine_matches(calibrated, dive(moved_rig(calibrated, values)))
+    rig = refine_matches(calibrated, dive(moved_rig(calibrated, values)))
+    found = rig.refinement
+    assert found and found.better
     assert found.after_px < 0.15 < 0.5 < found.before_px
     assert [movement.name for movement in found.movements][:3] == list(PARAMETERS[:3])
     for movement, value in zip(found.movements, values, strict=False):
         assert movement.value == pytest.approx(value, abs=max(5 * movement.std, 2e-5))
         assert movement.std < 4e-4
-    assert found.rig.baseline_m == pytest.approx(calibrated.baseline_m)
+    assert rig.baseline_m == pytest.approx(calibrated.baseline_m)
 
 
 @pytest.mark.slow
 def test_the_simplest_explanation_is_taken() -> None:
     calibrated = pinhole_rig()
-    found = refine_matches(calibrated, dive(moved_rig(calibrated, np.array([0.001, 0, 0, 0]))))
+    found = refine_matches(calibrated, dive(moved_rig(calibrated, np.array([0.001, 0, 0, 0])))).refinement
+    assert found
     assert [movement.name for movement in found.movements] == ["pitch"]
     text = "\n".join(found.lines())
     assert "a vertical offset of +1." in text
@@ -70,7 +73,8 @@ def test_the_simplest_explanation_is_taken() -> None:
 @pytest.mark.slow
 def test_yaw_comes_with_a_warning() -> None:
     calibrated = pinhole_rig()
-    found = refine_matches(calibrated, dive(moved_rig(calibrated, np.array([0.001, 0.001, 0.001, 0.02]))))
+    found = refine_matches(calibrated, dive(moved_rig(calibrated, np.array([0.001, 0.001, 0.001, 0.02])))).refinement
+    assert found
     assert found.movements[-1].name == "yaw"
     assert found.movements[-1].value == pytest.approx(0.02, abs=0.002)
     assert "yaw shifts every disparity" in "\n".join(found.lines())
@@ -80,8 +84,10 @@ def test_yaw_comes_with_a_warning() -> None:
 @pytest.mark.parametrize("name", RIGS)
 def test_a_rig_that_fits_is_left_as_it_is(name: str) -> None:
     calibrated = RIGS[name]
-    found = refine_matches(calibrated, dive(calibrated))
-    assert found.rig is calibrated
+    rig = refine_matches(calibrated, dive(calibrated))
+    assert rig.right is calibrated.right and np.array_equal(rig.T_right_left, calibrated.T_right_left)
+    found = rig.refinement
+    assert found and not found.better
     assert found.movements == ()
     assert "nothing has moved" in found.lines()[1]
 
@@ -127,12 +133,13 @@ def test_a_real_rig_that_has_drifted(real_data: Path) -> None:
         (cv2.imread(str(left), cv2.IMREAD_UNCHANGED), cv2.imread(str(right), cv2.IMREAD_UNCHANGED))
         for left, right in zip(*files, strict=True)
     ]
-    found = refine_rig(load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024)), pairs[::4])
-    assert 0.4 < found.before_px < 0.8
+    rig = refine_rig(load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024)), pairs[::4])
+    found = rig.refinement
+    assert found and 0.4 < found.before_px < 0.8
     assert found.after_px < 0.15
-    check = vertical_disparity(found.rig, pairs[2:20:8])
+    check = vertical_disparity(rig, pairs[2:20:8])
     assert check.row_error_px < 0.15 and not check.air_in_water
-    left, right = (in_air(camera) for camera in (found.rig.left, found.rig.right))
-    air = vertical_disparity(replace(found.rig, left=left, right=right), pairs[2:20:8])
+    left, right = (in_air(camera) for camera in (rig.left, rig.right))
+    air = vertical_disparity(replace(rig, left=left, right=right), pairs[2:20:8])
     assert air.air_in_water
     assert air.index == pytest.approx(1.34, abs=0.04)

@@ -1,5 +1,6 @@
 """The native ``cam.yaml``: one file a rig, versioned, meters, nothing implied."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,6 +12,7 @@ from calibration.errors import CalibrationError
 from calibration.formats.document import load_document
 from calibration.formats.section import Section, naming
 from calibration.port import DomePort, FlatPort, FlatWindow, Port, seawater_index
+from calibration.refinement import UNSEEN, Movement, Refinement
 from calibration.rig import Camera, CameraModel, Medium, StereoRig
 
 FORMAT = "stereo-seecolor/rig"
@@ -55,6 +57,24 @@ class _DomePortModel(_Strict):
     type: Literal["dome"]
 
 
+class _MovementModel(_Strict):
+    name: str
+    value: float
+    std: float
+
+
+class _RefinedModel(_Strict):
+    """What has moved: radians, or a relative change for scale; it is in the cameras and in T_right_left already."""
+
+    movements: list[_MovementModel]
+    before_px: float
+    after_px: float
+    pairs: int
+    matches: int
+    focal_px: float
+    not_seen: str = UNSEEN
+
+
 class _RigModel(_Strict):
     format: Literal["stereo-seecolor/rig"]
     version: Literal[1]
@@ -64,6 +84,7 @@ class _RigModel(_Strict):
     right: _CameraModel
     T_right_left: list[list[float]]
     port: Annotated[_FlatPortModel | _DomePortModel, Field(discriminator="type")] | None = None
+    refined: _RefinedModel | None = None
 
 
 def read(path: Path) -> StereoRig:
@@ -110,6 +131,9 @@ def to_bytes(rig: StereoRig) -> bytes:
     }
     if rig.port is not None:
         content["port"] = _port_content(rig.port)
+    if rig.refinement is not None:
+        content["refined"] = {**asdict(rig.refinement), "not_seen": UNSEEN}
+        content["refined"]["movements"] = [asdict(movement) for movement in rig.refinement.movements]
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode()
 
 
@@ -130,7 +154,15 @@ def _to_rig(content: _RigModel) -> StereoRig:
         medium=content.medium,
         rms_px=content.rms_px,
         port=_to_port(content.port),
+        refinement=_to_refinement(content.refined),
     )
+
+
+def _to_refinement(content: _RefinedModel | None) -> Refinement | None:
+    if content is None:
+        return None
+    figures = content.model_dump(exclude={"movements", "not_seen"})
+    return Refinement(movements=tuple(Movement(**movement.model_dump()) for movement in content.movements), **figures)
 
 
 def _to_port(content: _FlatPortModel | _DomePortModel | None) -> Port | None:

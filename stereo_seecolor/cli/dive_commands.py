@@ -17,6 +17,7 @@ from stereo_seecolor.cli.options import (
     Overwrite,
     PosesFile,
     Progress,
+    RefineRig,
     Right,
     Settings,
     Strict,
@@ -24,6 +25,7 @@ from stereo_seecolor.cli.options import (
     Verify,
     WaterFile,
     Workers,
+    with_refine,
 )
 from stereo_seecolor.cli.report import Report, run_options
 from stereo_seecolor.cli.run_text import map_text, run_text
@@ -38,6 +40,7 @@ def run(
     right: Right,
     calib: Calib,
     out: Out = Path("out"),
+    refine: RefineRig = False,
     fuse: Annotated[bool, typer.Option("--fuse", metavar="", help="Fuse the frames into one map of the dive, OUT/map.")] = False,
     poses: PosesFile = None,
     water: WaterFile = None,
@@ -60,7 +63,7 @@ def run(
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
     report = Report("run", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        loaded = load_config(config, settings or [])
+        loaded = load_config(config, with_refine(settings, refine))
         if fuse:
             from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
 
@@ -106,6 +109,7 @@ def range_(
     right: Right,
     calib: Calib,
     out: Out = Path("out"),
+    refine: RefineRig = False,
     config: ConfigFile = None,
     settings: Settings = None,
     workers: Workers = DEFAULT_WORKERS,
@@ -124,7 +128,7 @@ def range_(
     report = Report("range", as_json, progress, verbose, log_file)
     with report.working() as listener:
         options = run_options(workers, overwrite, strict, verify, config, listener)
-        summary = range_maps(left, right, calib, out, load_config(config, settings or []), options)
+        summary = range_maps(left, right, calib, out, load_config(config, with_refine(settings, refine)), options)
     _end(report, summary, out)
 
 
@@ -133,6 +137,7 @@ def rectify(
     right: Right,
     calib: Calib,
     out: Out = Path("out"),
+    refine: RefineRig = False,
     config: ConfigFile = None,
     settings: Settings = None,
     workers: Workers = DEFAULT_WORKERS,
@@ -151,7 +156,7 @@ def rectify(
     report = Report("rectify", as_json, progress, verbose, log_file)
     with report.working() as listener:
         options = run_options(workers, overwrite, strict, verify, config, listener)
-        summary = rectify_pairs(left, right, calib, out, load_config(config, settings or []), options)
+        summary = rectify_pairs(left, right, calib, out, load_config(config, with_refine(settings, refine)), options)
     _end(report, summary, out)
 
 

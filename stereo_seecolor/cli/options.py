@@ -29,6 +29,14 @@ Out = Annotated[
     Path, typer.Option("--out", metavar="FOLDER", help="Output folder. Run again with the same folder to resume a stopped run.")
 ]
 Finished = Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of a finished run.")]
+RefineRig = Annotated[
+    bool,
+    typer.Option(
+        "--refine",
+        metavar="",
+        help="First estimate what has moved in the rig since its calibration, from pairs of the dive (input.refine).",
+    ),
+]
 WaterFile = Annotated[
     Path | None,
     typer.Option(
@@ -94,3 +102,8 @@ Verbose = Annotated[
 LogFile = Annotated[
     Path | None, typer.Option("--log-file", metavar="FILE", help="Append the log to this file.", rich_help_panel=REPORTING)
 ]
+
+
+def with_refine(settings: list[str] | None, refine: bool) -> list[str]:
+    """The settings of a command line with ``--refine``."""
+    return [*(settings or []), *(["input.refine=true"] if refine else [])]

@@ -7,16 +7,16 @@ import numpy as np
 
 from calibration import Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches, suspicions
-from calibration.formats import load_rig, write_rig
+from calibration.formats import write_rig
 from calibration.matches import raw_matches, rectified_matches
 from calibration.port import FlatPort
 from calibration.port_error import port_error
 from calibration.readings import settle_matches
 from calibration.refine import refine_matches
-from calibration.refined_rig import RefinedRig
+from calibration.refinement import Refinement
 from calibration.row_check import LIMITS
+from stereo_seecolor.commands.dive_rig import load_unsettled, read_both, spread
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import pair_folders
 
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
@@ -55,7 +55,7 @@ class CheckResult:
     rig: RigFacts
     rows: RowCheck
     suspicions: tuple[str, ...]
-    refined: RefinedRig | None = None
+    refined: Refinement | None = None
     refined_file: Path | None = None
 
     @property
@@ -80,16 +80,14 @@ def check(
     """
     images = images or InputConfig()
     pairs = pair_folders(left, right, images).pairs
-    chosen = [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most_pairs, len(pairs))).round().astype(int))]
-    height, width = read_image(chosen[0].left, images).shape[:2]
-    rig = load_rig(calib, (width, height))
-    raw = raw_matches(rig, ((read_image(pair.left, images), read_image(pair.right, images)) for pair in chosen))
+    rig = load_unsettled(calib, pairs, images)
+    raw = raw_matches(rig, (read_both(pair, images) for pair in spread(pairs, most_pairs)))
     rig = settle_matches(rig, raw)
     rows = judge_matches(rig, rectified_matches(rig, raw))
     refined = refine_matches(rig, raw) if refine else None
     if refine and refined:
-        write_rig(refined.rig, refine)
-    return CheckResult(rig_facts(rig), rows, suspicions(rig), refined, refine)
+        write_rig(refined, refine)
+    return CheckResult(rig_facts(rig), rows, suspicions(rig), refined.refinement if refined else None, refine)
 
 
 def rig_facts(rig: StereoRig) -> RigFacts:

@@ -12,7 +12,8 @@ from calibration import CalibrationError, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.readings import settle_reading
 from stereo_seecolor.commands.check import RigFacts, rig_facts
-from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits, spread
+from stereo_seecolor.commands.dive_rig import spread
+from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -101,7 +102,7 @@ def inspect(places: Sequence[Path]) -> Inspection:
         measured=measure(rig, fitting, len(pairing.pairs), config) if rig and fitting else None,
         misfits=wrong,
         problems=(*_problems_of_images(sides, (left, right), pairing), *_problems_of_calibration(found, facts)),
-        run_command=command_line(sides, found, left),
+        run_command=command_line(sides, found, left, refine=bool(facts and facts.rows and facts.rows.has_moved)),
     )
 
 
@@ -113,10 +114,15 @@ def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> Non
         raise InputError(f"{maps}: holds floating-point numbers, no images: if these are range maps in meters, run: {command}")
 
 
-def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFacts | None) -> str:
-    """The ``run`` command for what was found, quoted for a shell; CALIBRATION stands where none was found."""
+def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFacts | None, refine: bool = False) -> str:
+    """The ``run`` command for what was found, quoted for a shell; CALIBRATION stands where none was found.
+
+    refine: rows say that a camera has moved since the calibration.
+    """
     calib = str(found[0].path) if found else "CALIBRATION"
     words = ["stereo-seecolor", "run", "--left", str(sides.left), "--right", str(sides.right), "--calib", calib, "--out", "out"]
+    if refine:
+        words.append("--refine")
     if left and left.kind == "mosaic":
         words += ["--set", "input.bayer=rggb"]
     if left and left.bits == 16 and left.used_bits in (10, 12, 14):

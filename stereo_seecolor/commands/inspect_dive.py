@@ -54,11 +54,6 @@ class Measured:
     seconds: float
 
 
-def spread(pairs: Sequence[Pair], most: int) -> list[Pair]:
-    """At most so many pairs, evenly spread."""
-    return [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int))]
-
-
 def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> tuple[Misfit, ...]:
     """The sample pairs whose two images do not show one scene; none if that is all and no neighbor fits: then the rig is wrong."""
     rectification, reader = Rectification.from_rig(rig), FrameReader(config.input)

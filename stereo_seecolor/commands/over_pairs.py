@@ -1,21 +1,20 @@
 """What the commands over all pairs of a dive share: taking OUT, their passes, and the files that describe the run."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from calibration import CalibrationError, Rectification, StereoRig
-from calibration.checks import suspicions, vertical_disparity
-from calibration.formats import load_rig
-from calibration.readings import settle_reading
+from calibration import Rectification
+from calibration.checks import suspicions
+from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
+from stereo_seecolor.commands.refine_dive import DiveRefinement
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.frame_stages import Source
-from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing, pair_folders
@@ -23,7 +22,7 @@ from stereo_seecolor.inputs.video import is_video, unpack
 from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow, Image
+from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import Claim, RunFolder
@@ -31,8 +30,6 @@ from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import Stage, state
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports
 
-DECIDING_PAIRS = 3
-"""Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
 SAMPLE_BYTES = 1 << 20
 """So much of a video's begin tells it from others."""
 
@@ -65,20 +62,41 @@ class StereoInputs:
         paths = {"left": str(self.left.resolve()), "right": str(self.right.resolve())}
         return Owner(kind, paths, sample(pairing.pairs[0].left if pairing else self.left))
 
-    def open(self, config: RunConfig) -> tuple[Pairing, Pipeline]:
+    def open(self, config: RunConfig) -> "Opened":
         """The pairs of two folders, and the pipeline for their rig. Raises InputError, CalibrationError.
 
         What looks wrong with the rig, though it can be used, is added to the pairing's notes.
         """
         pairing = pair_folders(self.left, self.right, config.input)
-        rig = load_rig_for(self.calib, pairing, config)
-        notes = pairing.notes + tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
-        return replace(pairing, notes=notes), Pipeline(rig, config)
+        rig = load_rig_for(self.calib, pairing.pairs, config.input)
+        return Opened(
+            pairing.with_notes(tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))), Pipeline(rig, config)
+        )
 
     def unpacked(self, folder: RunFolder, config: RunConfig) -> "StereoInputs":
         """The frames of videos as folders of images, in OUT's own folder. Raises InputError, OutputError."""
         left, right = unpack(self.left, self.right, state(folder.root, "video"), config.input.video_every)
         return StereoInputs(left, right, self.calib)
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """What a command over stereo pairs works on."""
+
+    pairing: Pairing
+    pipeline: Pipeline
+
+    def for_dive(self, folder: RunFolder, options: RunOptions) -> "Opened":
+        """The same with the rig held against the first pairs of a dive, and refined where the settings ask for it."""
+        pairing, pipeline = self.pairing, self.pipeline
+        images = pipeline.config.input
+        if images.refine:
+            rig, note = DiveRefinement(folder, pairing, images, options).of(pipeline.rig)
+            pairing = pairing.with_notes((note,))
+            pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
+        if not folder.manifest.names():  # a rerun has been told
+            pairing = pairing.with_notes(rows_note(pipeline.rig, pairing.pairs, images))
+        return Opened(pairing, pipeline)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,47 +175,3 @@ def sample(path: Path) -> str:
         with path.open("rb") as file:
             return content_key(file.read(SAMPLE_BYTES), path.stat().st_size)
     return content_key(read_bytes(path))
-
-
-def load_rig_for(calib: str | Path, pairing: Pairing, config: RunConfig) -> StereoRig:
-    """The rig, for images as large as the first that can be read (some calibration files do not say).
-
-    Where the file can be read in several ways, the first pairs decide. Raises InputError, CalibrationError.
-    """
-    problems = []
-    for pair in pairing.pairs:
-        try:
-            height, width = read_image(pair.left, config.input).shape[:2]
-        except InputError as error:
-            problems.append(str(error))
-            continue
-        return settle_reading(load_rig(calib, (width, height)), first_images(pairing, config))
-    raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")
-
-
-def rows_note(rig: StereoRig, pairing: Pairing, config: RunConfig) -> tuple[str, ...]:
-    """What the first pairs say of the calibration: a note where rows disagree by over half a pixel.
-
-    One pair is measured, and two more only where that one disagrees: each takes as long as matching a pair.
-    """
-    for most in (1, DECIDING_PAIRS):
-        try:
-            warning = vertical_disparity(rig, first_images(pairing, config, most)).warning
-        except CalibrationError:
-            return ()  # too few points to tell
-        if warning is None:
-            return ()
-    return (f"calibration: {warning} (stereo-seecolor check --refine)",)
-
-
-def first_images(pairing: Pairing, config: RunConfig, most: int = DECIDING_PAIRS) -> Iterator[tuple[Image, Image]]:
-    """The images of the first pairs that can be read."""
-    found = 0
-    for pair in pairing.pairs:
-        try:
-            yield read_image(pair.left, config.input), read_image(pair.right, config.input)
-        except InputError:
-            continue
-        found += 1
-        if found == most:
-            return

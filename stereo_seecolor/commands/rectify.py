@@ -29,8 +29,9 @@ def rectify(
     config, options = config or RunConfig(), options or RunOptions()
     inputs = StereoInputs(left, right, calib)
     opened = None if inputs.is_video else inputs.open(config)
-    with RunFolder(out, claim(inputs.owner("rectify", opened[0] if opened else None), options, inputs.paths)) as folder:
-        pairing, pipeline = opened or inputs.unpacked(folder, config).open(config)
+    with RunFolder(out, claim(inputs.owner("rectify", opened.pairing if opened else None), options, inputs.paths)) as folder:
+        opened = (opened or inputs.unpacked(folder, config).open(config)).for_dive(folder, options)
+        pairing, pipeline = opened.pairing, opened.pipeline
         description = with_rig(describe(inputs.names, config, pairing, "rectified", options), pipeline.rectification)
 
         def passes(dive: Dive, folder: RunFolder) -> None:

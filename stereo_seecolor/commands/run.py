@@ -5,11 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.over_pairs import Job, StereoInputs, claim, describe, rows_note, with_rig
+from stereo_seecolor.commands.over_pairs import Job, Opened, StereoInputs, claim, describe, with_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
@@ -57,14 +56,13 @@ class StereoCommand:
     def into(self, out: Path, passes: Callable[[Dive, RunFolder, Pairing], None], water: Path | None = None) -> RunSummary:
         """Do ``passes`` into ``out``. Folders are looked at before OUT is touched; videos are unpacked into it."""
         opened = None if self.inputs.is_video else self.inputs.open(self.config)
-        owner = self.inputs.owner("stereo", opened[0] if opened else None)
+        owner = self.inputs.owner("stereo", opened.pairing if opened else None)
         with RunFolder(out, claim(owner, self.options, [*self.inputs.paths, water])) as folder:
-            pairing, pipeline = opened or self.inputs.unpacked(folder, self.config).open(self.config)
-            if not folder.manifest.names():  # a rerun has been told
-                pairing = pairing.with_notes(rows_note(pipeline.rig, pairing, self.config))
-            return self._job(pairing, pipeline, passes).conduct(folder, self.options)
+            opened = opened or self.inputs.unpacked(folder, self.config).open(self.config)
+            return self._job(opened.for_dive(folder, self.options), passes).conduct(folder, self.options)
 
-    def _job(self, pairing: Pairing, pipeline: Pipeline, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:
+    def _job(self, opened: Opened, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:
+        pairing, pipeline = opened.pairing, opened.pipeline
         description = describe(self.inputs.names, self.config, pairing, self.last, self.options)
 
         def with_rig_file(dive: Dive, folder: RunFolder) -> None:

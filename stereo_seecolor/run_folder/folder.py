@@ -25,6 +25,7 @@ from stereo_seecolor.run_folder.claim import (
     refuse_links,
     refuse_used,
 )
+from stereo_seecolor.run_folder.kept_refinement import forget_refinement
 from stereo_seecolor.run_folder.layout import MAP, PRODUCTS, SET_ASIDE, Stage, state, table_file
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.stamp import Stamp
@@ -265,6 +266,7 @@ class RunFolder:
             self.discard(frame.name)
         dive = self.manifest.dive()
         self._delete(dive.files, dive.files)
+        forget_refinement(self.root)
         self.manifest.save_dive(DiveRecord(identity=dive.identity))
         for folder in (MAP, *PRODUCTS):
             remove_empty_folders(self.root / folder)

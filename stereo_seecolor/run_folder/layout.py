@@ -62,6 +62,11 @@ def state(root: Path, *parts: str) -> Path:
     return root.joinpath(STATE, *parts)
 
 
+def refinement_files(root: Path) -> tuple[Path, Path]:
+    """Where the rig that a run refined is kept, and what it was refined from."""
+    return state(root, "refined_rig.yaml"), state(root, "refinement.json")
+
+
 def table_file(name: str) -> str:
     """Where the moment table of a frame is kept, relative to OUT."""
     return f"{STATE}/tables/{name}.npz"

@@ -1,10 +1,8 @@
-"""A refined rig, and what can be said of it."""
+"""What was found to have moved in a rig since its calibration, and how well that is known."""
 
 from dataclasses import dataclass
 
 import numpy as np
-
-from calibration.rig import StereoRig
 
 UNSEEN = (
     "not seen by vertical disparity: the length of the baseline, and a focal length wrong in both cameras alike; measure something "
@@ -22,16 +20,15 @@ class Movement:
     std: float
 
 
-@dataclass(frozen=True, eq=False)
-class RefinedRig:
-    """A rig refined with matches of a dive.
+@dataclass(frozen=True)
+class Refinement:
+    """How a rig was refined with matches of a dive.
 
-    rig: refined, or as it was where nothing has moved. movements: what has moved, with standard errors. before_px, after_px: median
+    movements: what has moved, with standard errors; none where the calibration was left as it is. before_px, after_px: median
     absolute vertical disparity before, and after on pairs left out of the fit. pairs, matches: what it rests on.
     focal_px: focal length of the rectified images.
     """
 
-    rig: StereoRig
     movements: tuple[Movement, ...]
     before_px: float
     after_px: float
@@ -39,12 +36,22 @@ class RefinedRig:
     matches: int
     focal_px: float
 
-    def lines(self) -> list[str]:
-        """All of it for a person to read."""
-        said = [
+    @property
+    def better(self) -> bool:
+        """True if something has moved, and rows of pairs left out agree better for it."""
+        return bool(self.movements) and self.after_px < self.before_px
+
+    @property
+    def summary(self) -> str:
+        """What it rests on, and what it gained, in one line."""
+        return (
             f"{self.matches} points in {self.pairs} pairs: vertical disparity {self.before_px:.2f} px as calibrated, "
             f"{self.after_px:.2f} px refined, on pairs left out of the fit (median)"
-        ]
+        )
+
+    def lines(self) -> list[str]:
+        """All of it for a person to read."""
+        said = [self.summary]
         if not self.movements:
             return [*said, "nothing has moved beyond doubt: the calibration is left as it is", UNSEEN]
         for movement in self.movements:

@@ -1,0 +1,65 @@
+"""The rig that a run uses where it refines its calibration: an earlier run's, or refined now and kept in OUT."""
+
+from dataclasses import dataclass
+
+from calibration import CalibrationError, StereoRig
+from calibration.formats import native
+from stereo_seecolor.commands.dive_rig import REFINING_PAIRS, refined_rig, spread
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.kept_refinement import KeptRefinement
+from stereo_seecolor.version import __version__
+
+
+@dataclass(frozen=True, eq=False)
+class DiveRefinement:
+    """Refines the rig of one dive into one output folder."""
+
+    folder: RunFolder
+    pairing: Pairing
+    images: InputConfig
+    options: RunOptions
+
+    def of(self, rig: StereoRig) -> tuple[StereoRig, str]:
+        """The rig refined, or as it is where that does not make it better; and what to say of it. Raises OutputError.
+
+        An earlier run's rig is used again while the calibration and the pairs that it rests on are the same, also where the dive
+        has grown since: all frames of a folder have one rig.
+        """
+        key = content_key(__version__, native.to_bytes(rig), self.images.model_dump())
+        earlier = KeptRefinement.load(self.folder.root)
+        if earlier and earlier[0].key == key and self._holds(earlier[0]):
+            return earlier[1], earlier[0].note
+        used, note = self._refined(rig)
+        pairs = {pair.name: self._hashes(pair) for pair in spread(self.pairing.pairs, REFINING_PAIRS)}
+        KeptRefinement(key, pairs, note).save(self.folder.root, used)
+        return used, note
+
+    def _refined(self, rig: StereoRig) -> tuple[StereoRig, str]:
+        try:
+            refined = refined_rig(rig, self.pairing.pairs, self.images, self.options)
+        except CalibrationError as error:
+            return rig, f"calibration: used as it is, since it could not be refined: {error}"
+        found = refined.refinement
+        assert found
+        if not found.better:
+            return rig, f"calibration: used as it is, since refined it is no better: {found.summary}"
+        return refined, f"calibration: refined, as rig.yaml records: {found.summary}"
+
+    def _holds(self, kept: KeptRefinement) -> bool:
+        """True if all pairs that it rests on are as they were, and a refinement now would not rest on more."""
+        pairs = {pair.name: pair for pair in self.pairing.pairs}
+        enough = len(kept.pairs) >= len(spread(self.pairing.pairs, REFINING_PAIRS))
+        return enough and all(name in pairs and self._hashes(pairs[name]) == hashes for name, hashes in kept.pairs.items())
+
+    def _hashes(self, pair: Pair) -> dict[str, str]:
+        """SHA-256 of a pair's files; none for one that cannot be read, which the run names."""
+        try:
+            files = self.folder.inputs(pair.name, {"left": pair.left, "right": pair.right}, self.options.verify)
+        except InputError:
+            return {}
+        return {side: file.sha256 for side, file in files.items()}
