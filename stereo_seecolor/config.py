@@ -152,9 +152,11 @@ class ColorConfig(_Stage):
     robust: RobustConfig = RobustConfig()
     paper: PaperConfig = PaperConfig()
     paper_adam: PaperAdamConfig = PaperAdamConfig()
-    lock: Literal["frame", "sliding", "survey"] = Field(
-        default="frame",
-        description="frame: each frame its own water. sliding: the water of the last frames. survey: one water for all frames.",
+    lock: Literal["auto", "frame", "sliding", "survey"] = Field(
+        default="auto",
+        description="auto: one water for all frames that share it; where they do not (several sites, a change of depth), one for "
+        "each stretch of the dive. In correct, whose pictures may be unrelated, as frame. frame: each frame its own water. "
+        "sliding: the water of the last frames. survey: one water for all frames.",
     )
     sliding_frames: int = Field(default=20, ge=1, description="Frames that share a water where lock is sliding.")
     camera_exposure: Literal["fixed", "auto"] = Field(

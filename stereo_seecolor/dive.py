@@ -31,11 +31,12 @@ LIGHT_FRAMES = 60
 class Dive:
     """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
 
-    table: what became of each pair so far.
+    table: what became of each pair so far. notes: what concerns the dive as a whole.
     """
 
     def __init__(self, source: Source, folder: RunFolder, options: RunOptions) -> None:
         self.table = FrameTable()
+        self.notes: tuple[str, ...] = ()
         self._config, self._corrector = source.config, source.corrector
         self._folder, self._options = folder, options
         self._stages = FrameStages(source, folder, options.verify)
@@ -57,7 +58,9 @@ class Dive:
         fitter = self._corrector.survey_fitter()
         for row, (ranged, table) in self._pass("ranges", pairs, count):
             fitter.add(row.name, table, self._stages.reader(ranged))
-        return fitter.waters()
+        waters = fitter.waters()
+        self.notes += fitter.notes()
+        return waters
 
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
         """The second pass: each frame that has a water without it, and its cloud."""

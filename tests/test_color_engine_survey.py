@@ -91,7 +91,7 @@ def test_a_camera_that_exposes_by_itself_is_followed():
     assert np.ptp(brightness) < 0.06 * np.mean(brightness)
 
 
-@pytest.mark.parametrize("lock", ["frame", "sliding", "survey"])
+@pytest.mark.parametrize("lock", ["auto", "frame", "sliding", "survey"])
 def test_frames_without_a_known_range_get_another_s_water_and_a_warning(lock):
     image, range_m = reef(0)
     nothing = np.full_like(range_m, np.nan)
@@ -108,14 +108,14 @@ def test_black_frames_get_the_survey_s_water():
     assert same(waters["0"], waters["1"])
 
 
-@pytest.mark.parametrize("lock", ["frame", "sliding", "survey"])
+@pytest.mark.parametrize("lock", ["auto", "frame", "sliding", "survey"])
 def test_a_dive_without_light_says_so_in_every_frame(lock):
     image, range_m = reef(0)
     _, waters = waters_of([(image * 0, range_m)] * 2, lock=lock)
     assert all("the frame is black where the range is known" in water.warnings[0] for water in waters.values())
 
 
-@pytest.mark.parametrize("lock", ["frame", "sliding", "survey"])
+@pytest.mark.parametrize("lock", ["auto", "frame", "sliding", "survey"])
 def test_a_dive_without_a_known_range_is_refused(lock):
     image, range_m = reef(0)
     with pytest.raises(ColorError, match="none of the 2 frames has a pixel with a known range"):

@@ -144,7 +144,7 @@ def test_every_setting_tells_where_its_value_comes_from(tmp_path: Path) -> None:
     assert settings.keys() == set(known_keys())
     found = {key: (s.value, s.default, s.origin) for key, s in settings.items() if s.origin != "default"}
     assert found == {
-        "color.lock": ("survey", "frame", str(tmp_path / "run.yaml")),
+        "color.lock": ("survey", "auto", str(tmp_path / "run.yaml")),
         "mapping.mount.yaw_deg": (0, 90, str(tmp_path / "run.yaml")),
         "mapping.voxel_m": (0.05, 0.01, "--set"),
     }

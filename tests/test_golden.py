@@ -45,7 +45,7 @@ REAL_FRAMES = ("--images", str(FLSEA / "rgb"), "--range", str(FLSEA / "range"))
 RUNS: dict[str, dict[str, tuple[tuple[str, ...], Callable[[Path], Numbers]]]] = {
     "sample_dive": {
         "run": (("run", *SAMPLE_DIVE), run_numbers),
-        "run, one water": (("run", *SAMPLE_DIVE, "--set", "color.lock=survey"), color_run_numbers),
+        "run, a water a frame": (("run", *SAMPLE_DIVE, "--set", "color.lock=frame"), color_run_numbers),
         "range, filled": (("range", *SAMPLE_DIVE, "--set", "matching.fill=true"), range_run_numbers),
     },
     "flsea": {

@@ -36,7 +36,7 @@ def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_run_with_a_water_for_each_frame_is_refused(tmp_path: Path) -> None:
-    config = load_config(overrides=["output.clouds=false"])
+    config = load_config(overrides=["color.lock=frame", "output.clouds=false"])
     run(*SIDES, tmp_path / "out", config)
     with pytest.raises(InputError, match=r"color\.lock=survey"):
         measure_water(tmp_path / "out", SAMPLES / "trajectory.tum")

@@ -7,7 +7,7 @@ EXAMPLES = {
     "inspect": ("inspect DIVE", "inspect DIVE/left DIVE/right stereo.mat"),
     "run": (
         f"run {SIDES} --out OUT --fuse",
-        f"run {SIDES} --out OUT --fuse --poses nav.tum --set color.lock=survey",
+        f"run {SIDES} --out OUT --fuse --poses nav.tum",
         f"run {SIDES} --out OUT --water EARLIER/water.json --workers 8",
         "run --left dive.mp4 --right dive.mp4 --calib cam.yaml --out OUT --config settings.yaml",
     ),

@@ -91,6 +91,10 @@ class Corrector:
         """Frames in, one at a time and in their order; a water for each of them out, by ``color.lock``."""
         if self.config.lock == "frame":
             return FrameFitter(self._fit_measured)
+        from stereo_seecolor.color.photometry.stretches import AutoFitter  # loads numba
+
+        if self.config.lock == "auto":
+            return AutoFitter(self.config, self.fit)
         return (SurveyFitter if self.config.lock == "survey" else SlidingFitter)(self.config, self.fit)
 
     def apply(

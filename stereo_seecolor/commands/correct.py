@@ -25,12 +25,20 @@ def correct(
 ) -> RunSummary:
     """Images and their range maps (float32 TIFF in meters or 16-bit PNG in millimeters) in, corrected images out.
 
+    The images may be unrelated: ``color.lock: auto`` is ``frame`` here.
     Raises SeeColorError for what concerns the whole folder; a bad image is named in the summary's rows.
     """
-    config, options = config or RunConfig(), options or RunOptions()
+    config, options = _unrelated(config or RunConfig()), options or RunOptions()
     pairing = pair_by_stem(images, ranges)
     owner = Owner("ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left))
     description = describe({"images": str(images), "range": str(ranges)}, config, pairing, "corrected", options)
     job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, water))
     with RunFolder(out, claim(owner, options, [folder_of(images), folder_of(ranges), water])) as folder:
         return job.conduct(folder, options)
+
+
+def _unrelated(config: RunConfig) -> RunConfig:
+    """The settings for pictures that may be unrelated: each has a water of its own, unless one is asked for."""
+    if config.color.lock != "auto":
+        return config
+    return config.model_copy(update={"color": config.color.model_copy(update={"lock": "frame"})})

@@ -123,17 +123,18 @@ class Job:
             if description.last == "range" and "corrected" in folder.dive.settings and earlier:
                 description = replace(description, config=earlier)  # corrected frames of an earlier run are still current
             close_run(folder, description, complete)
-            summary = self._summary(folder, dive.table.rows, time.perf_counter() - start, not complete)
+            summary = self._summary(folder, dive, time.perf_counter() - start, not complete)
             write_reports(folder, description, summary)
         return replace(summary, products=products(folder))
 
-    def _summary(self, folder: RunFolder, rows: Sequence[FrameRow], seconds: float, stopped: bool) -> RunSummary:
+    def _summary(self, folder: RunFolder, dive: Dive, seconds: float, stopped: bool) -> RunSummary:
+        rows = dive.table.rows
         unpaired = [
             FrameRow(file.name, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}")
             for file in self.pairing.unpaired
         ]
         aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
-        notes = (*self.pairing.notes, *aside, *folder.removed, *self._misfit_notes(rows))
+        notes = (*self.pairing.notes, *dive.notes, *aside, *folder.removed, *self._misfit_notes(rows))
         return RunSummary(final_rows(folder, self.description, [*rows, *unpaired]), notes, seconds, stopped)
 
     def _misfit_notes(self, rows: Sequence[FrameRow]) -> tuple[str, ...]:

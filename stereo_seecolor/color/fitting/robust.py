@@ -49,10 +49,9 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
     x = mean.copy()
     x[12:WATER] = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
     if start is not None and (start.v == RATE_OF_CHANGE).all():
-        x[:WATER] = _parameters(start, scale)
-    _begin_content(x, seen.range_m, light)
-    trust = seen.pixels / (seen.pixels + FEW_PIXELS) * (not seen.clipped.all())
-    x, curvature = minimize(x, Data(seen.range_m, light, seen.clipped, trust), Prior(mean, precision), NOISE)
+        x[:WATER] = parameters(start, scale)
+    begin_content(x, seen.range_m, light)
+    x, curvature = minimize(x, Data(seen.range_m, light, seen.clipped, trust_in(seen)), Prior(mean, precision), NOISE)
     covariance = np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER]
     learned = deviations(covariance) < NOTHING_LEARNED * prior_error
     water = _water(x[:WATER].reshape(5, 3), scale, config)
@@ -93,7 +92,12 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
     return (f"little relief, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; use color.lock=survey",)
 
 
-def _begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
+def trust_in(seen: RangeQuantiles) -> Vector:
+    """(G,) weight of each range, 0..1; none where all is at full scale."""
+    return np.asarray(seen.pixels / (seen.pixels + FEW_PIXELS) * (not seen.clipped.all()))
+
+
+def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
     """Reflectances and brightnesses that suit the water in ``x``: means over ranges and over the rest of the direct signal."""
     log_far, log_near, log_beta, log_backscatter, log_white = x[:WATER].reshape(5, 3, 1)
     backscatter = np.exp(log_backscatter + log_white) * -np.expm1(-np.exp(log_beta) * range_m)
@@ -105,7 +109,7 @@ def _begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> No
     x[WATER : WATER + reflectance.size] = (direct - x[WATER + reflectance.size :, None]).mean(axis=1).ravel()
 
 
-def _parameters(water: Water, scale: float) -> Vector:
+def parameters(water: Water, scale: float) -> Vector:
     """(15,) the logarithms of a water, its intensities as fractions of ``scale``."""
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
     return np.concatenate(

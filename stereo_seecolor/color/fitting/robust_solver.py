@@ -98,6 +98,13 @@ def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, A
     return x, normal.matrix
 
 
+def cost_at(x: Array, data: Data, prior: Prior, noise: Noise) -> float:
+    """Half the weighted sum of squares at ``x``, the prior's included."""
+    weights = np.empty(data.light.shape)
+    _weigh(x, data, noise, weights)
+    return float(_cost(x, data, prior, weights, noise, Normal(np.zeros((0, 0)), np.zeros(0))))
+
+
 @compiled
 def _at(x: Any, c: int, z: float) -> Any:
     """Of channel c at range z: optical depth, what of it falls with log(near / far), backscatter, what of that is still to come."""

@@ -36,8 +36,12 @@ class Fitter(Protocol):
     def waters(self) -> dict[str, Water]:
         """Name of a frame -> its water, for all frames added. Raises ColorError where no frame has a pixel with a known range."""
 
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know of the dive as a whole, once ``waters`` has been asked for."""
+        return ()
 
-class FrameFitter:
+
+class FrameFitter(Fitter):
     """``color.lock: frame``. Each frame its own water, begun from the frame's before it."""
 
     def __init__(self, fit: FitFrame) -> None:
@@ -53,10 +57,10 @@ class FrameFitter:
 
     def waters(self) -> dict[str, Water]:
         """Each frame's own; a frame without a known range gets that of the frame before it."""
-        return _completed(self._waters)
+        return completed(self._waters)
 
 
-class SlidingFitter:
+class SlidingFitter(Fitter):
     """``color.lock: sliding``. Each frame the water and the exposure of the last few together."""
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
@@ -78,21 +82,21 @@ class SlidingFitter:
 
     def waters(self) -> dict[str, Water]:
         """Each frame's window's; a frame without a known range gets that of the frame before it."""
-        return _completed(self._waters)
+        return completed(self._waters)
 
 
 @dataclass(frozen=True, eq=False)
-class _Class:
+class ExposureClass:
     """Frames of one brightness together."""
 
     table: MomentTable
     brightness: Brightness
 
-    def __add__(self, other: "_Class") -> "_Class":
-        return _Class(self.table + other.table, self.brightness + other.brightness)
+    def __add__(self, other: "ExposureClass") -> "ExposureClass":
+        return ExposureClass(self.table + other.table, self.brightness + other.brightness)
 
 
-class SurveyFitter:
+class SurveyFitter(Fitter):
     """``color.lock: survey``. One water and one exposure for all frames.
 
     Where the camera holds its exposure, frames that are far darker or brighter than most take no part, and get the survey's water
@@ -102,7 +106,7 @@ class SurveyFitter:
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
         self._frames: dict[str, bytes] = {}
-        self._classes: dict[int, _Class] = {}
+        self._classes: dict[int, ExposureClass] = {}
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame."""
@@ -110,42 +114,57 @@ class SurveyFitter:
         self._frames[name] = brightness.packed()
         if not table.pixels.any():
             return
-        kind = self._class_of(brightness)
+        kind = class_of(brightness, self._config)
         reference = self._classes.get(0)
         if self._config.camera_exposure == "auto" and reference and kind != BLACK:
             table = darkened(table, brightness.ratio(reference.brightness), self._config.input_encoding)
-        frame = _Class(table, Brightness.of(table, self._config.input_encoding))
+        frame = ExposureClass(table, Brightness.of(table, self._config.input_encoding))
         self._classes[kind] = self._classes[kind] + frame if kind in self._classes else frame
 
     def waters(self) -> dict[str, Water]:
         """The survey's, as each frame's camera exposure shows it."""
-        if not self._classes:
-            return _completed(dict.fromkeys(self._frames))
-        lit = [kind for kind in self._classes if kind != BLACK] or [BLACK]
-        most = max(lit, key=lambda kind: int(self._classes[kind].brightness.pixels.sum()))
-        survey = reduce(add, (frames for kind, frames in self._classes.items() if abs(kind - most) <= 1))
-        water = _fitted(survey.table, self._config, self._fit, None)
-        frames = ((name, Brightness.unpacked(packed)) for name, packed in self._frames.items())
-        return {name: self._as_exposed(water, frame, survey.brightness, most) for name, frame in frames}
+        return survey_waters(self._frames, self._classes, self._config, self._fit)
 
-    def _as_exposed(self, water: Water, frame: Brightness, survey: Brightness, most: int) -> Water:
-        if not frame.pixels.any():
-            return replace(water, warnings=(NO_RANGE,))
-        kind = self._class_of(frame)
-        if kind == BLACK:
-            return water
-        if self._config.camera_exposure == "auto":
-            return exposed(water, frame.ratio(survey))
-        if abs(kind - most) <= 1:
-            return water
-        factor = frame.ratio(survey)
-        warning = f"{factor:.3g} times the survey's brightness: another camera exposure, followed"
-        return replace(exposed(water, factor), warnings=(*water.warnings, warning))
 
-    def _class_of(self, brightness: Brightness) -> int:
-        if not np.isfinite(brightness.stops):
-            return BLACK
-        return 0 if self._config.camera_exposure == "auto" else int(np.floor(brightness.stops / CLASS_STOPS))
+def survey_waters(
+    frames: Mapping[str, bytes], classes: Mapping[int, ExposureClass], config: ColorConfig, fit: FitTable
+) -> dict[str, Water]:
+    """One water for ``frames`` (name -> packed Brightness), as each one's exposure shows it. classes: their tables."""
+    if not classes:
+        return completed(dict.fromkeys(frames))
+    most, survey = usual_exposure(classes)
+    water = _fitted(survey.table, config, fit, None)
+    unpacked = ((name, Brightness.unpacked(packed)) for name, packed in frames.items())
+    return {name: _as_exposed(water, frame, survey.brightness, most, config) for name, frame in unpacked}
+
+
+def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
+    """The class that most pixels are of, and the sum of all frames that are about as bright."""
+    lit = [kind for kind in classes if kind != BLACK] or [BLACK]
+    most = max(lit, key=lambda kind: int(classes[kind].brightness.pixels.sum()))
+    return most, reduce(add, (frames for kind, frames in classes.items() if abs(kind - most) <= 1))
+
+
+def class_of(brightness: Brightness, config: ColorConfig) -> int:
+    """The class of a frame of that brightness."""
+    if not np.isfinite(brightness.stops):
+        return BLACK
+    return 0 if config.camera_exposure == "auto" else int(np.floor(brightness.stops / CLASS_STOPS))
+
+
+def _as_exposed(water: Water, frame: Brightness, survey: Brightness, most: int, config: ColorConfig) -> Water:
+    if not frame.pixels.any():
+        return replace(water, warnings=(NO_RANGE,))
+    kind = class_of(frame, config)
+    if kind == BLACK:
+        return water
+    if config.camera_exposure == "auto":
+        return exposed(water, frame.ratio(survey))
+    if abs(kind - most) <= 1:
+        return water
+    factor = frame.ratio(survey)
+    warning = f"{factor:.3g} times the survey's brightness: another camera exposure, followed"
+    return replace(exposed(water, factor), warnings=(*water.warnings, warning))
 
 
 def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water | None) -> Water:
@@ -154,7 +173,7 @@ def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water
     return replace(water, exposure=exposure, highlights=highlights)
 
 
-def _completed(waters: Mapping[str, Water | None]) -> dict[str, Water]:
+def completed(waters: Mapping[str, Water | None]) -> dict[str, Water]:
     """Frames that have no water get the last before them, or else the first there is."""
     fitted = [water for water in waters.values() if water is not None]
     if waters and not fitted:

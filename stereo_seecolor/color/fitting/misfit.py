@@ -1,0 +1,48 @@
+"""How badly the colors of a frame fit a water that was fitted to others, against a water of its own."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stereo_seecolor.color.fitting.robust import begin_content, parameters, trust_in
+from stereo_seecolor.color.fitting.robust_solver import NOISE, Data, Prior, cost_at, minimize
+from stereo_seecolor.color.fitting.scene_prior import WATER, whole_prior
+from stereo_seecolor.color.table.range_quantiles import RangeQuantiles
+from stereo_seecolor.config import RobustConfig
+from stereo_seecolor.records import Water
+
+
+@dataclass(frozen=True)
+class MisfitSettings:
+    """What counts as the same water."""
+
+    tolerance: float = 0.05
+    """Standard deviation of the logarithms of a shared water's parameters from frame to frame: what cannot be seen in a color."""
+    exposure: float = 2.0
+    """Standard deviation of the logarithm of a frame's exposure: it says nothing of the water."""
+
+
+SETTINGS = MisfitSettings()
+
+
+def quality(seen: RangeQuantiles, settings: RobustConfig, water: Water | None = None) -> float:
+    """The least cost of a frame's quantiles under ``water``, up to the exposure; without one, under the water that suits it best.
+
+    Half a sum of squares, in standard deviations, priors included: 0 or above.
+    water: of the robust method, or any other whose attenuation far away is above 0.
+    """
+    scale = max(float(seen.light[..., -2].max()), 1e-6)
+    light = seen.light / scale
+    mean, precision, _ = (part.copy() for part in whole_prior(len(seen.range_m), settings))
+    brightest = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)
+    if water is not None:
+        mean[:WATER] = parameters(water, scale)
+        covariance = np.eye(WATER) * SETTINGS.tolerance**2
+        covariance[12:, 12:] += SETTINGS.exposure**2
+        precision[:WATER, :WATER] = np.linalg.inv(covariance)
+    x = mean.copy()
+    x[12:WATER] = brightest if water is None else x[12:WATER] + (brightest - x[12:WATER]).mean()
+    begin_content(x, seen.range_m, light)
+    data, prior = Data(seen.range_m, light, seen.clipped, trust_in(seen)), Prior(mean, precision)
+    x, _ = minimize(x, data, prior, NOISE)
+    return cost_at(x, data, prior, NOISE)

@@ -1,0 +1,208 @@
+"""``color.lock: auto``. One water for the dive, or one for each stretch of it where frames do not share a water.
+
+Frames are collected in chunks of neighbors, at most 64, each with the sum of its frames' tables. Neighboring chunks are joined, the
+most alike first, as long as they fit the water of both together about as well as they fit waters of their own.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import pairwise
+from operator import add
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.fitting import robust
+from stereo_seecolor.color.fitting.misfit import quality
+from stereo_seecolor.color.photometry.exposure import Brightness
+from stereo_seecolor.color.photometry.survey import (
+    BLACK,
+    ExposureClass,
+    FitTable,
+    Fitter,
+    ReadPixels,
+    class_of,
+    completed,
+    survey_waters,
+    usual_exposure,
+)
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.records import Water
+
+
+@dataclass(frozen=True)
+class StretchSettings:
+    """When stretches are joined. Costs are those of ``misfit.quality``, a mean over the chunks of the smaller one."""
+
+    most_chunks: int = 64
+    """Then neighbors are joined: memory stays bounded, and a cut is found to a 32nd of the dive."""
+    worse: float = 25.0
+    """Cost that a shared water may add. Halves of one dive add up to 24 (sample dive, two altitudes; 4 on a real reef), two sites
+    26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive)."""
+    bad: float = 50.0
+    """Cost under a shared water at which frames do not share it, however bad their own stretch's was."""
+    worse_alone: float = 25.0
+    """So much more for a single chunk against many: one frame may show something odd (up to 47 within one dive)."""
+
+
+SETTINGS = StretchSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class _PackedClass:
+    """An ExposureClass with its table packed: 16-bit ones would not fit into memory 64 times."""
+
+    table: bytes
+    brightness: Brightness
+
+    @classmethod
+    def of(cls, frames: ExposureClass) -> "_PackedClass":
+        return cls(frames.table.packed(), frames.brightness)
+
+    @property
+    def unpacked(self) -> ExposureClass:
+        return ExposureClass(MomentTable.unpacked(self.table), self.brightness)
+
+    def __add__(self, other: "_PackedClass") -> "_PackedClass":
+        return _PackedClass.of(self.unpacked + other.unpacked)
+
+
+@dataclass(frozen=True, eq=False)
+class _Chunk:
+    """Neighboring frames. frames: name -> packed Brightness. classes: their tables, by brightness."""
+
+    frames: dict[str, bytes]
+    classes: dict[int, _PackedClass]
+
+    def __add__(self, other: "_Chunk") -> "_Chunk":
+        classes = dict(self.classes)
+        for kind, frames in other.classes.items():
+            classes[kind] = classes[kind] + frames if kind in classes else frames
+        return _Chunk(self.frames | other.frames, classes)
+
+    def table(self) -> MomentTable | None:
+        """Of its frames of usual exposure; None where there is no light, or no known range."""
+        lit = {kind: frames.unpacked for kind, frames in self.classes.items() if kind != BLACK}
+        return usual_exposure(lit)[1].table if lit else None
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """What a chunk says of its water. table: of its frames. seen: its quantiles. own: the cost under a water of its own."""
+
+    table: MomentTable
+    seen: RangeQuantiles
+    own: float
+
+
+class AutoFitter(Fitter):
+    """Frames in, one at a time and in their order; the water of its stretch for each of them out."""
+
+    def __init__(self, config: ColorConfig, fit: FitTable) -> None:
+        self._config, self._fit = config, fit
+        self._chunks: list[_Chunk] = []
+        self._chunk_frames = 1
+        self.stretches: list[list[str]] = []
+
+    def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
+        """One more frame."""
+        brightness = Brightness.of(table, self._config.input_encoding)
+        known = table.pixels.any()
+        classes = {class_of(brightness, self._config): _PackedClass(table.packed(), brightness)} if known else {}
+        chunk = _Chunk({name: brightness.packed()}, classes)
+        if self._chunks and len(self._chunks[-1].frames) < self._chunk_frames:
+            self._chunks[-1] += chunk
+            return
+        self._chunks.append(chunk)
+        if len(self._chunks) > SETTINGS.most_chunks:
+            self._chunk_frames *= 2
+            self._chunks = [reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)]
+
+    def waters(self) -> dict[str, Water]:
+        """Each frame's, by its stretch; a stretch without a known range gets the water of that before it."""
+        evidence = [self._evidence(chunk) for chunk in self._chunks]
+        parts = _parts(evidence, self._config)
+        waters: dict[str, Water | None] = {}
+        for part in parts:
+            whole = reduce(add, self._chunks[part.start : part.stop], _Chunk({}, {}))
+            classes = {kind: frames.unpacked for kind, frames in whole.classes.items()}
+            found: Mapping[str, Water | None] = dict.fromkeys(whole.frames)
+            waters |= survey_waters(whole.frames, classes, self._config, self._fit) if classes else found
+            self.stretches.append(list(whole.frames))
+        return completed(waters)
+
+    def notes(self) -> tuple[str, ...]:
+        """Where the dive was cut; nothing where all frames share a water."""
+        if len(self.stretches) < 2:
+            return ()
+        named = [f"{names[0]} to {names[-1]}" if len(names) > 1 else names[0] for names in self.stretches]
+        return (f"the frames do not share one water: {len(named)} waters were fitted, one each for {'; '.join(named)}",)
+
+    def _evidence(self, chunk: _Chunk) -> _Evidence | None:
+        table = chunk.table()
+        if table is None:
+            return None
+        seen = quantiles_by_range(table, self._config.input_encoding)
+        return _Evidence(table, seen, quality(seen, self._config.robust))
+
+
+def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[range]:
+    """Stretches of chunks that share a water, in their order; chunks without evidence go with those before them."""
+    known = [i for i, chunk in enumerate(chunks) if chunk is not None]
+    stretches = _joined([_Stretch.of([chunk], config) for chunk in chunks if chunk is not None], config)
+    sizes = np.cumsum([len(stretch.chunks) for stretch in stretches[:-1]], dtype=int)
+    edges = [0, *(known[cut] for cut in sizes), len(chunks)]
+    return [range(a, b) for a, b in pairwise(edges)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """Neighboring chunks. table: of all. costs (N,): how much worse each fits the water of all than one of its own."""
+
+    chunks: tuple[_Evidence, ...]
+    table: MomentTable
+    costs: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, chunks: Sequence[_Evidence], config: ColorConfig, table: MomentTable | None = None) -> "_Stretch":
+        table = table or reduce(add, (chunk.table for chunk in chunks))
+        water = robust.fit(table, config)
+        costs = [quality(chunk.seen, config.robust, water) - chunk.own for chunk in chunks]
+        return cls(tuple(chunks), table, np.array(costs))
+
+    def joined(self, later: "_Stretch", config: ColorConfig) -> "_Join":
+        """With the next, and what that costs."""
+        both = _Stretch.of(self.chunks + later.chunks, config, self.table + later.table)
+        number = len(self.chunks)
+        fewer, more = sorted((number, len(later.chunks)))
+        alone = SETTINGS.worse_alone * (1 - fewer / more) / fewer
+        added = (both.costs.sum() - self.costs.sum() - later.costs.sum()) / fewer
+        smaller = both.costs[:number] if number == fewer else both.costs[number:]
+        strain = max(added / (SETTINGS.worse + alone), smaller.mean() / (SETTINGS.bad + alone))
+        return _Join(both, float(strain))
+
+
+class _Join(NamedTuple):
+    """Two stretches as one. strain: the cost that this adds, as a fraction of what is allowed."""
+
+    stretch: _Stretch
+    strain: float
+
+
+def _joined(stretches: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
+    """Neighbors joined as long as a shared water costs little, the most alike first."""
+    joins = [a.joined(b, config) for a, b in pairwise(stretches)]
+    while joins:
+        best = min(range(len(joins)), key=lambda i: joins[i].strain)
+        if joins[best].strain > 1:
+            break
+        stretches[best : best + 2] = [joins[best].stretch]
+        joins[best : best + 1] = []
+        for i in (best - 1, best):
+            if 0 <= i < len(joins):
+                joins[i] = stretches[i].joined(stretches[i + 1], config)
+    return stretches

@@ -1,0 +1,72 @@
+"""``color.lock: auto``: frames that share a water get one, and where they do not the dive is cut."""
+
+import numpy as np
+import pytest
+from test_color_engine_survey import reef, same
+
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.photometry import stretches
+from stereo_seecolor.config import ColorConfig
+
+CLEAR = np.array([0.9, 0.95, 1.0])
+GREEN = np.array([0.12, 0.9, 0.35])
+BLUE = np.array([0.1, 0.45, 1.0])
+
+
+def frames_under(*lights):
+    """A frame of one reef under each light."""
+    frames = []
+    for seed, light in enumerate(lights):
+        image, range_m = reef(seed)
+        frames.append((np.clip(image * light + 0.5, 0, 255).astype(np.uint8), range_m))
+    return frames
+
+
+def fitted(frames, lock="auto"):
+    corrector = Corrector(ColorConfig(input_encoding="as-is", lock=lock))
+    fitter = corrector.survey_fitter()
+    for i, (image, range_m) in enumerate(frames):
+        fitter.add(str(i), corrector.measure(image, range_m), lambda: None)
+    return fitter, fitter.waters()
+
+
+def test_frames_that_share_a_water_get_that_of_the_survey():
+    frames = frames_under(*[CLEAR] * 6)
+    fitter, waters = fitted(frames)
+    assert fitter.notes() == ()
+    assert all(same(waters[name], survey) for name, survey in fitted(frames, "survey")[1].items())
+
+
+@pytest.mark.parametrize("lights", [(CLEAR, GREEN), (GREEN, BLUE), (BLUE, CLEAR, BLUE)])
+def test_the_dive_is_cut_where_the_water_changes(lights):
+    fitter, waters = fitted(frames_under(*(light for light in lights for _ in range(4))))
+    assert [names[0] for names in fitter.stretches] == [str(4 * i) for i in range(len(lights))]
+    assert fitter.notes()[0].startswith(
+        f"the frames do not share one water: {len(lights)} waters were fitted, one each for 0 to 3; 4 to 7"
+    )
+    alone = fitted(frames_under(*[lights[0]] * 4), "survey")[1]
+    assert same(waters["0"], alone["3"])
+    assert not same(waters["4"], waters["3"])
+
+
+def test_unrelated_pictures_are_not_forced_into_one_water():
+    frames = frames_under(CLEAR, GREEN, BLUE)
+    fitter, waters = fitted(frames)
+    assert fitter.stretches == [["0"], ["1"], ["2"]]
+    own = fitted(frames[1:2], "survey")[1]["0"]
+    assert same(waters["1"], own)
+
+
+def test_long_dives_are_held_in_a_bounded_number_of_chunks(monkeypatch):
+    monkeypatch.setattr(stretches, "SETTINGS", stretches.StretchSettings(most_chunks=4))
+    fitter, waters = fitted(frames_under(*[CLEAR] * 8, *[GREEN] * 5))
+    assert [len(names) for names in fitter.stretches] == [8, 5]
+    assert list(waters) == [str(i) for i in range(13)]
+
+
+def test_frames_without_a_known_range_go_with_those_before_them():
+    frames = frames_under(CLEAR, CLEAR, CLEAR, GREEN, GREEN, GREEN)
+    frames[3] = (frames[3][0], np.full_like(frames[3][1], np.nan))
+    fitter, waters = fitted(frames)
+    assert fitter.stretches == [["0", "1", "2", "3"], ["4", "5"]]
+    assert waters["3"].warnings == ("no pixel with a known range: another frame's water is used",)
