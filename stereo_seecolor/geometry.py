@@ -1,8 +1,10 @@
-"""Rigid transforms: invert, interpolate, turn, as (..., 4, 4) matrices; rotations by scipy."""
+"""Rigid transforms: invert, interpolate, turn, as (..., 4, 4) matrices; rotations by scipy.
+
+scipy.spatial takes as long to import as a pair to match, so only functions that turn something do.
+"""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from calibration.geometry import RectifiedPair
 
@@ -37,16 +39,22 @@ def transformed(T: Array, points: NDArray[np.floating]) -> Array:
 
 def rotation_vector(R: Array) -> Array:
     """(..., 3) axis times angle of rotations (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_matrix(R).as_rotvec()
 
 
 def rotation_from_vector(vector: Array) -> Array:
     """(..., 3, 3) rotations of axis times angle (..., 3)."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_rotvec(vector).as_matrix()
 
 
 def quaternion(R: Array) -> Array:
     """(..., 4) as x, y, z, w with w >= 0, of rotations (..., 3, 3)."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_matrix(R).as_quat(canonical=True)
 
 

@@ -10,11 +10,13 @@ from calibration_boards import fisheye_rig, pinhole_rig
 from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
-from calibration.checks import judge_matches, suspicions, vertical_disparity
+from calibration.checks import judge_matches, rows_agree, suspicions, vertical_disparity
+from calibration.formats import load_rig
 from calibration.matches import Matches, find_matches
 from calibration.plan import rectified_points
 from calibration.refraction import CameraInWater, cameras_in_water
 
+REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]
 
 
@@ -148,6 +150,15 @@ def test_cameras_without_a_common_view() -> None:
     T[:3, 3] = -T[:3, :3] @ [0.12, 0, 0]
     with pytest.raises(CalibrationError, match=r"no field of view|reaches no pixel"):
         Rectification.from_rig(replace(rig, T_right_left=T))
+
+
+def test_a_quick_look_tells_rows_that_agree_from_shifted_and_swapped_ones() -> None:
+    left, right = (cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right"))
+    rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
+    assert rows_agree(rectification, (left, right))
+    assert not rows_agree(rectification, (left, np.roll(right, 1, axis=0)))
+    assert not rows_agree(rectification, (right, left))
+    assert not rows_agree(rectification, (left, np.full_like(right, 90)))
 
 
 @pytest.mark.slow

@@ -172,3 +172,15 @@ def test_read_only_inputs_and_links(make_dive, tmp_path) -> None:
         (linked / "L" / path.name.upper()).symlink_to(path)
     summary = run(linked / "L", linked / "R", dive.root / "cam.yaml", tmp_path / "out é")
     assert summary.all_done
+
+
+def test_kept_tables_that_are_damaged_are_counted_again(make_dive, tmp_path) -> None:
+    dive, out = make_dive(2), tmp_path / "out"
+    run_in_process(dive, out)
+    before = contents(out)
+    cut, wrong = sorted((out / ".state" / "tables").iterdir())
+    cut.write_bytes(cut.read_bytes()[:-20])
+    wrong.write_bytes(wrong.read_bytes()[:64] + b"no table at all")
+    (out / "water.json").unlink()
+    run_in_process(dive, out)
+    assert contents(out) == before

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from calibration.errors import CalibrationError
 from calibration.formats.ros import make_camera
@@ -150,6 +149,8 @@ def _terms(x: Array, y: Array) -> Array:
 
 def _pose(section: Section, to_camera: bool) -> Array:
     """(4, 4) from the rig's axes (mm) to the camera's, x right and y down."""
+    from scipy.spatial.transform import Rotation  # a quarter of a second, which other formats need not wait for
+
     R = Rotation.from_euler("xyz", [-section.number(name) for name in ("omega", "phi", "kappa")], degrees=True).as_matrix()
     R = Y_DOWN @ (R if to_camera else R.T)
     center = np.array([section.number(name) for name in ("X", "Y", "Z")])

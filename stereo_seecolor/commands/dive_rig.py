@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import CalibrationError, StereoRig
-from calibration.checks import vertical_disparity
+from calibration import CalibrationError, Rectification, StereoRig
+from calibration.checks import rows_agree, vertical_disparity
 from calibration.formats import load_rig
 from calibration.matches import Matches, raw_matches
 from calibration.readings import settle_reading
@@ -46,18 +46,21 @@ def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) 
     return settle_reading(load_unsettled(calib, pairs, images), first_images(pairs, images))
 
 
-def rows_note(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> tuple[str, ...]:
+def rows_note(rectification: Rectification, rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> tuple[str, ...]:
     """What the first pairs say of the calibration: a note where rows disagree by over half a pixel.
 
-    One pair is measured, and two more only where that one disagrees: each takes as long as matching a pair.
+    A quick look at one pair is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked
+    at only where that one disagrees.
     """
-    for most in (1, DECIDING_PAIRS):
-        try:
-            warning = vertical_disparity(rig, first_images(pairs, images, most)).warning
-        except CalibrationError:
-            return ()  # too few points to tell
-        if warning is None:
+    try:
+        if all(rows_agree(rectification, both) for both in first_images(pairs, images, 1)):
             return ()
+        for most in (1, DECIDING_PAIRS):
+            warning = vertical_disparity(rig, first_images(pairs, images, most)).warning
+            if warning is None:
+                return ()
+    except CalibrationError:
+        return ()  # too few points to tell
     return (f"calibration: {warning} (stereo-seecolor run --refine)",)
 
 

@@ -69,4 +69,4 @@ def refinement_files(root: Path) -> tuple[Path, Path]:
 
 def table_file(name: str) -> str:
     """Where the moment table of a frame is kept, relative to OUT."""
-    return f"{STATE}/tables/{name}.npz"
+    return f"{STATE}/tables/{name}.table"

@@ -21,7 +21,7 @@ class Smoother:
     """step_px: the resolution, in pixels of the image. reach: smoothness; 1000 carries over some 30 steps on one color.
 
     color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise. least_weight: sums of weights
-    below it are rounding errors; such pixels get the frame's median range.
+    below it are rounding errors; such pixels get the frame's median range (of its means at that resolution).
     """
 
     step_px: int = 4
@@ -37,28 +37,30 @@ def carry_ranges(image: Image, range_m: Map, seen: Mask | None = None, smoother:
     seen: (H, W) True where the image shows something; elsewhere the range stays unknown.
     """
     smoother = smoother or Smoother()
-    missing = ~np.isfinite(range_m) if seen is None else ~np.isfinite(range_m) & seen
-    if not missing.any() or not np.isfinite(range_m).any():
+    known = np.isfinite(range_m)
+    missing = ~known if seen is None else ~known & seen
+    if not missing.any() or not known.any():
         return range_m
     height, width = range_m.shape
-    carried = cv2.resize(_smoothed(image, range_m, smoother), (width, height), interpolation=cv2.INTER_LINEAR)
-    return np.where(missing, carried, range_m)
+    small = _smoothed(image, range_m, known, smoother)
+    carried = cv2.resize(small, (width, height), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(cv2.copyTo(carried, missing.view(np.uint8), range_m.copy()))
 
 
-def _smoothed(image: Image, range_m: Map, smoother: Smoother) -> NDArray[np.float32]:
+def _smoothed(image: Image, range_m: Map, known: Mask, smoother: Smoother) -> NDArray[np.float32]:
     """Measured and carried ranges at the smoother's resolution."""
     step = smoother.step_px
     guide = cv2.resize(image, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
     guide = guide if guide.dtype == np.uint8 else (guide >> 8).astype(np.uint8)
-    known = np.isfinite(range_m)
     size = guide.shape[1::-1]
-    total = cv2.resize(np.where(known, range_m, np.float32(0)), size, interpolation=cv2.INTER_AREA)
+    mask = known.view(np.uint8)
+    total = cv2.resize(cv2.copyTo(range_m, mask), size, interpolation=cv2.INTER_AREA)
     density = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
     mean_m = np.where(density > 0, total / np.maximum(density, smoother.least_weight), np.float32(0))
     weight = density * mean_m**2
     smooth = cv2.ximgproc.createFastGlobalSmootherFilter(guide, smoother.reach, smoother.color_sigma)
     sums, weights = smooth.filter(weight * mean_m), smooth.filter(weight)
     reached = weights > smoother.least_weight * float(weight.max())
-    carried = np.where(reached, sums / np.where(reached, weights, 1), np.float32(np.median(range_m[known])))
-    near, far = float(range_m[known].min()), float(range_m[known].max())
-    return np.clip(carried, near, far).astype(np.float32)
+    carried = np.where(reached, sums / np.where(reached, weights, 1), np.median(mean_m[density > 0]))
+    near, far, *_ = cv2.minMaxLoc(range_m, mask)
+    return np.asarray(np.clip(carried, near, far), np.float32)
