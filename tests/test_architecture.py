@@ -70,3 +70,32 @@ def test_a_circle_through_a_function_is_found(tmp_path, monkeypatch):
     (tmp_path / "b.py").write_text("import a\n")
     monkeypatch.setitem(globals(), "MODULES", {"a": tmp_path / "a.py", "b": tmp_path / "b.py"})
     assert set(circle({name: imported(tmp_path / f"{name}.py") for name in "ab"})) == {"a", "b"}
+
+
+SLOW_TO_IMPORT = {"scipy", "torch", "open3d", "skimage", "rasterio", "gtsam"}
+"""Libraries that take 0.2 s and more, which ``run`` on an ordinary dive does not need; functions that do import them themselves."""
+
+
+def imported_at_once(path: Path) -> set[str]:
+    """Modules that a file imports when it is imported itself, as it names them."""
+    found: set[str] = set()
+    for node in ast.parse(path.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return found
+
+
+def test_run_starts_without_libraries_that_take_long_to_import() -> None:
+    waiting, seen, slow = ["stereo_seecolor.cli.app", "stereo_seecolor.commands.run"], set(), set()
+    while waiting:
+        module = waiting.pop()
+        if module in seen:
+            continue
+        seen.add(module)
+        names = imported_at_once(MODULES[module])
+        slow |= {f"{module} imports {name}" for name in names if name.split(".")[0] in SLOW_TO_IMPORT}
+        waiting += [name for name in names if name in MODULES]
+    assert len(seen) > 100
+    assert not slow

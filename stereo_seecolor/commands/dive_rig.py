@@ -10,7 +10,6 @@ from calibration.checks import rows_agree, vertical_disparity
 from calibration.formats import load_rig
 from calibration.matches import Matches, raw_matches
 from calibration.readings import settle_reading
-from calibration.refine import refine_matches
 from stereo_seecolor.compute.threads import in_order
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -66,6 +65,8 @@ def rows_note(rectification: Rectification, rig: StereoRig, pairs: Sequence[Pair
 
 def refined_rig(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions) -> StereoRig:
     """The rig refined with pairs spread over the dive, those that can be read. Raises CalibrationError if it cannot be."""
+
+    from calibration.refine import refine_matches  # scipy.optimize: half a second that other runs need not wait for
 
     def matched(pair: Pair) -> tuple[Pair, Matches | None]:
         try:
