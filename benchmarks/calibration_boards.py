@@ -13,7 +13,8 @@ import numpy as np
 
 from calibration.calibrate import calibrate
 from calibration.targets import Chessboard, parse_target
-from calibration.views import View, detect_views
+from calibration.views import View, detect_view
+from stereo_seecolor.compute.threads import Threads
 
 SUBSETS = 20
 
@@ -36,12 +37,12 @@ def main() -> None:
     names = [path.stem.removeprefix("left") for path in sorted(folder.glob("left*"))]
     suffix = next(folder.glob("left*")).suffix
 
-    def read(name: str) -> tuple[np.ndarray, np.ndarray]:
+    def detect(name: str) -> View:
         left, right = (cv2.imread(str(folder / f"{side}{name}{suffix}")) for side in ("left", "right"))
-        return left, right
+        return detect_view(name, left, right, board)
 
     start = time.perf_counter()
-    views = detect_views(names, read, board, workers=2)
+    views = list(Threads(2).each(detect, names))
     detected = time.perf_counter()
     rig, report = calibrate(views, board, "air")
     print("\n".join(report.lines()))

@@ -4,15 +4,14 @@ noise stops the gain in a quarter of the pixels.
 python benchmarks/color_speed.py
 """
 
-import os
 import statistics
 import time
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Image, Map, Water
 
@@ -57,8 +56,8 @@ def report(corrector: Corrector) -> None:
         corrector.apply(*following, corrector.fit(table, start), table)
 
     def many(start: Water | None) -> None:
-        with ThreadPoolExecutor(os.cpu_count()) as pool:
-            list(pool.map(lambda _: whole(start), range(FRAMES)))
+        for _ in Threads(cores()).each(lambda _: whole(start), range(FRAMES)):
+            pass
 
     print(f"{name:7} measure               {timed(lambda: corrector.measure(image, range_m), 25)}")
     print(f"{name:7} fit, cold             {timed(lambda: corrector.fit(table), 15)}")

@@ -1,7 +1,6 @@
 """Pairs of images of a target, and the corners found in them."""
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +12,6 @@ from calibration.gray import to_gray
 from calibration.report import ViewReport
 from calibration.targets import MIN_CORNERS, Corners, Target
 
-Read = Callable[[str], tuple[NDArray[np.generic], NDArray[np.generic]]]
 Size = tuple[int, int]
 MIN_VIEWS = 3
 SIDES = ("left", "right")
@@ -29,28 +27,14 @@ class View:
     right: Corners | None
 
 
-def detect_views(
-    names: Sequence[str], read: Read, target: Target, workers: int = 1, progress: Callable[[str], None] = lambda name: None
-) -> list[View]:
-    """Find the target in every pair, in ``workers`` threads.
-
-    read: name -> left and right image, (H, W) or (H, W, 3), 8 or 16 bit. progress: called with each name when it is done.
-    """
-
-    def detect(name: str) -> View:
-        left, right = read(name)
-        if left.shape[:2] != right.shape[:2]:
-            raise CalibrationError(
-                f"{name}: left is {left.shape[1]}x{left.shape[0]} px and right is {right.shape[1]}x{right.shape[0]}"
-            )
-        corners = [target.detect(to_gray(image)) for image in (left, right)]
-        if corners[0] is not None and corners[1] is not None:
-            corners[1] = target.same_labels(corners[0], corners[1])
-        progress(name)
-        return View(name, (left.shape[1], left.shape[0]), corners[0], corners[1])
-
-    with ThreadPoolExecutor(workers) as pool:
-        return list(pool.map(detect, names))
+def detect_view(name: str, left: NDArray[np.generic], right: NDArray[np.generic], target: Target) -> View:
+    """Find the target in a pair of images, (H, W) or (H, W, 3), 8 or 16 bit. Raises CalibrationError if they differ in size."""
+    if left.shape[:2] != right.shape[:2]:
+        raise CalibrationError(f"{name}: left is {left.shape[1]}x{left.shape[0]} px and right is {right.shape[1]}x{right.shape[0]}")
+    corners = [target.detect(to_gray(image)) for image in (left, right)]
+    if corners[0] is not None and corners[1] is not None:
+        corners[1] = target.same_labels(corners[0], corners[1])
+    return View(name, (left.shape[1], left.shape[0]), corners[0], corners[1])
 
 
 def usable_views(views: Sequence[View]) -> tuple[list[View], list[ViewReport]]:

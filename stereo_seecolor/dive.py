@@ -12,7 +12,7 @@ from typing import TypeVar
 from calibration import CalibrationError
 from stereo_seecolor.color.photometry.lights import learn_light
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.threads import Clock, in_order
+from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.errors import DeviceError, OutputError, SeeColorError
 from stereo_seecolor.frame_stages import FrameStages, Ranged, Source, water_key
 from stereo_seecolor.inputs.pairing import Pair
@@ -105,7 +105,7 @@ class Dive:
             return named, result, failure
 
         self._options.listener.begin(stage, len(pairs))
-        for row, result, failure in in_order(one, pairs, self._options.workers):
+        for row, result, failure in self._options.compute.each(one, pairs):
             self.table.add(row)
             self._options.listener.advance(row)
             if failure and self._options.strict:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.records import FrameRow
 
 LOG_EVERY_S = 60.0
@@ -87,3 +89,8 @@ class RunOptions:
     config_file: Path | None = None
     command_line: tuple[str, ...] = ()
     listener: Listener = field(default_factory=LoggingListener)
+
+    @property
+    def compute(self) -> Compute:
+        """Where the work on pairs and tiles runs."""
+        return Threads(self.workers)

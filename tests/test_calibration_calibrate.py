@@ -13,7 +13,8 @@ from calibration.calibrate import calibrate
 from calibration.gray import to_gray
 from calibration.printing import print_target
 from calibration.targets import Charuco, Chessboard, Corners, parse_target
-from calibration.views import View, detect_views
+from calibration.views import View, detect_view
+from stereo_seecolor.compute.threads import Threads
 
 BOARD = Chessboard(9, 6, 0.03)
 
@@ -191,12 +192,11 @@ def test_target_that_cannot_be_meant(text: str, message: str) -> None:
 def test_real_chessboards(real_data: Path) -> None:
     board = parse_target("chessboard:9x6:24.23mm")
 
-    def read(name: str) -> tuple[np.ndarray, np.ndarray]:
-        return tuple(cv2.imread(str(real_data / "chessboard" / f"{side}{name}.jpg")) for side in ("left", "right"))  # type: ignore[return-value]
+    def detect(number: int) -> View:
+        left, right = (cv2.imread(str(real_data / "chessboard" / f"{side}{number}.jpg")) for side in ("left", "right"))
+        return detect_view(str(number), left, right, board)
 
-    done: list[str] = []
-    views = detect_views([str(number) for number in range(1, 30)], read, board, workers=2, progress=done.append)
-    assert len(done) == 29
+    views = list(Threads(2).each(detect, range(1, 30)))
     rig, report = calibrate(views, board, medium="air")
     assert len(report.used) == 29
     assert rig.rms_px is not None and rig.rms_px <= 0.25

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from stereo_seecolor.compute.threads import Clock, in_order
+from stereo_seecolor.compute.threads import Clock, Threads
 
 
 def test_results_in_order_whatever_the_speed() -> None:
@@ -13,7 +13,7 @@ def test_results_in_order_whatever_the_speed() -> None:
         time.sleep(0.002 * (i % 2 == 0))
         return i * i
 
-    assert list(in_order(slow_when_even, range(40), workers=4)) == [i * i for i in range(40)]
+    assert list(Threads(4).each(slow_when_even, range(40))) == [i * i for i in range(40)]
 
 
 def test_few_are_in_hand_at_once() -> None:
@@ -24,7 +24,7 @@ def test_few_are_in_hand_at_once() -> None:
             taken.append(i)
             yield i
 
-    results = in_order(lambda i: i, items(), workers=2)
+    results = Threads(2).each(lambda i: i, items())
     next(results)
     assert len(taken) <= 5
     results.close()  # type: ignore[attr-defined]
@@ -42,8 +42,30 @@ def test_failure_ends_it_and_starts_nothing_more() -> None:
         return i
 
     with pytest.raises(ValueError, match="three"):
-        list(in_order(fails_at_three, range(100), workers=2))
+        list(Threads(2).each(fails_at_three, range(100)))
     assert len(started) < 12
+
+
+def test_sums_are_added_from_the_first_to_the_last() -> None:
+    def slow_when_even(i: int) -> str:
+        time.sleep(0.002 * (i % 2 == 0))
+        return f"{i} "
+
+    assert Threads(4).total(slow_when_even, range(12)) == "0 1 2 3 4 5 6 7 8 9 10 11 "
+    with pytest.raises(ValueError, match="nothing to add"):
+        Threads(4).total(slow_when_even, [])
+
+
+def test_tiles_are_made_one_at_a_time() -> None:
+    under_way: list[int] = []
+
+    def tile(i: int) -> int:
+        under_way.append(i)
+        assert len(under_way) == 1
+        time.sleep(0.002)
+        return under_way.pop()
+
+    assert list(Threads(4).tiles(tile, range(6))) == list(range(6))
 
 
 def test_clock_adds_up() -> None:

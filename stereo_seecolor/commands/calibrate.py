@@ -3,25 +3,20 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from calibration import printing
 from calibration.calibrate import calibrate as fit_rig
 from calibration.formats import write_rig
 from calibration.report import CalibrationReport
 from calibration.rig import Medium
 from calibration.targets import parse_target
-from calibration.views import detect_views
+from calibration.views import View, detect_view
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.inputs.pairing import pair_folders
+from stereo_seecolor.inputs.pairing import Pair, pair_folders
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
-
-Pixels = NDArray[np.generic]
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +38,16 @@ def calibrate(
     """
     options = options or RunOptions()
     board = parse_target(target)
-    pairs = {pair.name: pair for pair in pair_folders(left, right, InputConfig()).pairs}
+    pairs = pair_folders(left, right, InputConfig()).pairs
 
-    def read(name: str) -> tuple[Pixels, Pixels]:
-        return read_image(pairs[name].left), read_image(pairs[name].right)
+    def detect(pair: Pair) -> View:
+        return detect_view(pair.name, read_image(pair.left), read_image(pair.right), board)
 
+    views = []
     options.listener.begin("target", len(pairs))
-    views = detect_views(list(pairs), read, board, options.workers, lambda name: options.listener.advance(FrameRow(name)))
+    for view in options.compute.each(detect, pairs):
+        options.listener.advance(FrameRow(view.name))
+        views.append(view)
     rig, report = fit_rig(views, board, medium)
     write_rig(rig, out)
     coverage = out.with_name(f"{out.stem}_coverage.png")

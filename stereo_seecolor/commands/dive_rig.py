@@ -10,7 +10,6 @@ from calibration.checks import rows_agree, vertical_disparity
 from calibration.formats import load_rig
 from calibration.matches import Matches, raw_matches
 from calibration.readings import settle_reading
-from stereo_seecolor.compute.threads import in_order
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -76,7 +75,7 @@ def refined_rig(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, opti
 
     chosen, found = spread(pairs, REFINING_PAIRS), []
     options.listener.begin("calibration", len(chosen))
-    for pair, matches in in_order(matched, chosen, options.workers):
+    for pair, matches in options.compute.each(matched, chosen):
         options.listener.advance(FrameRow(pair.name))
         found += [matches] if matches else []
     return refine_matches(rig, found)

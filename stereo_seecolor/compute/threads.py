@@ -1,34 +1,52 @@
-"""Work on many pairs at once, and get the results in their order; and the threads among which a stage divides one pair."""
+"""Work by threads of this process: on many pairs at once, with the results in their order; and on the parts of one picture."""
 
 import os
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import cache
-from typing import TypeVar
+from functools import cache, reduce
+from operator import add
 
-Item = TypeVar("Item")
-Result = TypeVar("Result")
+from stereo_seecolor.compute.interface import Item, Result, Sum
+
+Lock = threading.Lock
 
 
-def in_order(function: Callable[[Item], Result], items: Iterable[Item], workers: int) -> Iterator[Result]:
-    """``function`` of each item, in the items' order, by ``workers`` threads; at most two items a worker are under way.
+class Threads:
+    """The ``Compute`` of one machine: ``workers`` threads, and at most two items a worker under way."""
 
-    Closing the iterator, or an exception, lets what is in hand finish and starts nothing more.
-    """
-    waiting: deque[Future[Result]] = deque()
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            for item in items:
-                waiting.append(pool.submit(function, item))
-                if len(waiting) >= 2 * workers:
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+
+    def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+        """``work`` of every item, in the items' order. Closing the iterator lets what is under way finish, and begins no more."""
+        waiting: deque[Future[Result]] = deque()
+        with ThreadPoolExecutor(self._workers) as pool:
+            try:
+                for item in items:
+                    waiting.append(pool.submit(work, item))
+                    if len(waiting) >= 2 * self._workers:
+                        yield waiting.popleft().result()
+                while waiting:
                     yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            finally:
+                pool.shutdown(wait=True, cancel_futures=True)
+
+    def total(self, work: Callable[[Item], Sum], items: Iterable[Item]) -> Sum:
+        """The sum of ``work`` of every item, added from the first to the last. Raises ValueError if there is no item."""
+        results = self.each(work, items)
+        try:
+            first = next(results)
+        except StopIteration:
+            raise ValueError("nothing to add up") from None
+        return reduce(add, results, first)
+
+    def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
+        """``work`` of every tile, one after the other: each fills the memory, and uses all cores."""
+        return map(work, tiles)
 
 
 def cores() -> int:

@@ -5,14 +5,15 @@ import json
 import shutil
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.compute.threads import in_order
+from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
@@ -62,13 +63,15 @@ class MapSummary:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where finished tiles are kept, so that a map that was stopped goes on from them, and who is told of the progress.
+    """Where finished tiles are kept, so that a map that was stopped goes on from them, who is told of the progress, and where
+    the work runs.
 
     tiles: a folder that outlives the map's, whose tiles are used if they were made from the same; None: in the map's folder.
     """
 
     tiles: Path | None = None
     progress: Progress = silent
+    compute: Compute = field(default_factory=lambda: Threads(1))
 
 
 def check() -> None:
@@ -105,9 +108,8 @@ def build_map(
     survey = Survey(found, geometry, index, workspace.progress)
     placed = place_survey(survey, config, trajectory)
     placement = placed.placement
-    builder = _Builder(survey, placed, config, trajectory, workspace.tiles or out_dir / ".tiles")
-    built = [builder.build(number, out_dir / f"piece_{number}" if number else out_dir) for number in range(len(placement.sizes))]
-    shutil.rmtree(builder.tiles, ignore_errors=True)
+    builder = _Builder(survey, placed, config, trajectory, workspace.tiles or out_dir / ".tiles", workspace.compute)
+    built = builder.build_all(out_dir)
     lost_on_the_way = [frame for i, frame in found.lost.items() if placement.components[i] >= 0]
     return MapSummary(
         frames=len(index.names),
@@ -133,13 +135,21 @@ def _index(frames: RecoveredFrames, geometry: RectifiedPair, voxel_m: float, pro
 
 @dataclass(frozen=True, eq=False)
 class _Builder:
-    """Makes the maps of a survey's components. tiles: where finished tiles are kept."""
+    """Makes the maps of a survey's components. tiles: where finished tiles are kept until the last map is done."""
 
     survey: Survey
     placed: Placed
     config: MappingConfig
     trajectory: Trajectory | None
     tiles: Path
+    compute: Compute
+
+    def build_all(self, out_dir: Path) -> list[tuple[list[Path], int]]:
+        """The map of each component; its files, and the points of its cloud."""
+        numbers = range(len(self.placed.placement.sizes))
+        built = [self.build(number, out_dir / f"piece_{number}" if number else out_dir) for number in numbers]
+        shutil.rmtree(self.tiles, ignore_errors=True)
+        return built
 
     def build(self, number: int, folder: Path) -> tuple[list[Path], int]:
         """Write the map of a component; its files, and the points of its cloud."""
@@ -151,10 +161,13 @@ class _Builder:
         files = [_write_track(folder / "trajectory.tum", component), _write_poses(folder / "poses.csv", component, self.placed)]
         files += [_write_description(folder / "map.json", place, self.config)]
         store = TileStore(self.tiles / f"{number}", tiling, component)
-        for done, tile in enumerate(tiling.tiles):
+
+        def fuse(tile: Tile) -> None:
             if not store.has(tile):
                 store.save(tile, fuse_tile(tile, tiling, _read(component, tile), self.survey.geometry))
-            self.survey.progress(f"fusing tiles{component.label}", done + 1, len(tiling.tiles))
+
+        for done, _ in enumerate(self.compute.tiles(fuse, tiling.tiles), 1):
+            self.survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))
         for tile, kept in zip(tiling.tiles, islands.kept_parts(store.surfaces(), tiling.tile_m), strict=True):
             if not kept.all():
                 surface = store.load(tile)
@@ -170,7 +183,7 @@ class _Builder:
 
 def _read(component: Component, tile: Tile) -> Iterator[tuple[SurveyFrame, NDArray[np.float64]]]:
     """The tile's frames that can be read, the next ones being read while one is fused."""
-    return (placed for placed in in_order(component.read, tile.frames, 1) if placed is not None)
+    return (placed for placed in Threads(1).each(component.read, tile.frames) if placed is not None)
 
 
 def _write_track(path: Path, component: Component) -> Path:

@@ -1,11 +1,11 @@
 """Whether the two images of a pair show the same thing, judged by how much of them matched."""
 
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
+from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import MatchingError
 from stereo_seecolor.records import RangeMap, StereoFrame
 
@@ -44,7 +44,7 @@ class PairCheck:
         self._match = match
         self._tries_left = CONSTANTS.swap_tries
         self._swapped_pair: str | None = None
-        self._lock = threading.Lock()
+        self._lock = Lock()
 
     def __call__(self, raw: StereoFrame, range_map: RangeMap) -> None:
         """Raise MatchingError if the sides look swapped, or if so little matched that these are not images of one scene."""

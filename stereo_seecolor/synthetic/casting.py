@@ -5,14 +5,13 @@ Compiled without numba's own threads, whose simplest layer must not be entered t
 
 import itertools
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.compute.threads import cores
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.synthetic.reef import BLOCK_CELLS, CELL_M, DETAIL_TEXEL_M, MAX_STEEPNESS, Reef
 
 Rays = NDArray[np.float32]
@@ -43,9 +42,8 @@ def in_rows(kernel: Callable[..., Any], rows: int, *arguments: Any) -> None:
     """
     threads = min(cores(), 8)
     bounds = np.linspace(0, rows, 4 * threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads) as pool:
-        for part in [pool.submit(kernel, first, end, *arguments) for first, end in itertools.pairwise(bounds)]:
-            part.result()
+    for _ in Threads(threads).each(lambda part: kernel(*part, *arguments), itertools.pairwise(bounds)):
+        pass
 
 
 @compiled

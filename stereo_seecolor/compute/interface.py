@@ -1,0 +1,32 @@
+"""The one interface through which a command's work over pairs and tiles is run, wherever that is."""
+
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any, Protocol, Self, TypeVar
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+
+class Addable(Protocol):
+    """What can be added to its like; the order of additions may matter to its last bit."""
+
+    def __add__(self, other: Any, /) -> Self: ...
+
+
+Sum = TypeVar("Sum", bound=Addable)
+
+
+class Compute(Protocol):
+    """Where work runs. The results are the same wherever that is, whatever the number of workers.
+
+    An exception of ``work`` ends the iteration and is raised in the caller; what is under way is finished, and nothing more begun.
+    """
+
+    def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+        """``work`` of every item, such as a pair, in the items' order; a bounded number is under way, items are taken as needed."""
+
+    def total(self, work: Callable[[Item], Sum], items: Iterable[Item]) -> Sum:
+        """The sum of ``work`` of every item, always added in the same order. Raises ValueError if there is no item."""
+
+    def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
+        """As ``each``, for work that fills the memory and uses all cores of a machine, such as a tile of the map."""
