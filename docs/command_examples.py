@@ -32,6 +32,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     ),
     "fuse": ("stereo-seecolor fuse survey --poses trajectory.tum",),
     "view": ("stereo-seecolor view mapped  # opens a window",),
+    "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),
     "evaluate": (
         "stereo-seecolor evaluate out --truth truth",
         "stereo-seecolor evaluate --chart --images rectified/rectified_left --range truth/range",

@@ -121,6 +121,7 @@ SHAPES: dict[str, Shape] = {
     "rectify": {**END, **RUN},
     "fuse": {**END, "out": str, "map": MAP},
     "view": {**END, "out": str, "mesh": str, "viewer": str},
+    "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int},
     "water": {**END, "out": str, "path": str, "water": dict},
     "evaluate": {**END, **TRUTH},
     "evaluate --chart": {**END, "rows": [CHART_ROW], "means": [CHART_ROW], "without_target": [str], "sheet": str},

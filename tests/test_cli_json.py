@@ -131,6 +131,13 @@ def test_the_viewer(parsed, tmp_path, monkeypatch) -> None:
     assert parsed("view", "view", tmp_path)["viewer"] == "rerun"
 
 
+def test_an_export(parsed, tmp_path, monkeypatch) -> None:
+    from stereo_seecolor.commands import export
+
+    monkeypatch.setattr(export, "export", lambda out, to, folder: export.ExportResult(to, folder, 3, 4, 5))
+    assert parsed("export", "export", tmp_path, "--to", "glb", "--out", tmp_path / "glb")["frames"] == 3
+
+
 def test_settings_and_machine(parsed) -> None:
     settings = {row["key"]: row for row in parsed("config", "config", "--set", "color.lock=survey")["settings"]}
     assert (settings["color.lock"]["value"], settings["color.lock"]["origin"]) == ("survey", "--set")

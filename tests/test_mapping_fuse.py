@@ -23,6 +23,7 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.errors import FrameError, InputError, MappingError, OutputError
+from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import DISPARITY_STD_PX, estimated_range_std_m, inverse, rotation_from_vector
@@ -34,7 +35,6 @@ from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.run_folder.folder import held
-from stereo_seecolor.run_folder.survey_frames import _eight_bit
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 MAPPING = MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02)
@@ -225,9 +225,9 @@ def test_the_standard_error_of_a_range_is_that_of_its_disparity() -> None:
 def test_linear_and_monochrome_images_become_colors_of_the_map() -> None:
     encoded = np.array([[[200, 120, 40]]], np.uint8)
     linear = decode_srgb(encoded.astype(np.float32) / 255)
-    np.testing.assert_array_equal(_eight_bit(linear + np.float32([0, 0, 0])), encoded)
-    np.testing.assert_array_equal(_eight_bit(np.float32([[[2.0, -1.0, 1.0]]])), [[[255, 0, 255]]])
-    np.testing.assert_array_equal(_eight_bit(encoded[..., 1].astype(np.uint16) * 257), [[[120, 120, 120]]])
+    np.testing.assert_array_equal(eight_bit(linear + np.float32([0, 0, 0])), encoded)
+    np.testing.assert_array_equal(eight_bit(np.float32([[[2.0, -1.0, 1.0]]])), [[[255, 0, 255]]])
+    np.testing.assert_array_equal(eight_bit(encoded[..., 1].astype(np.uint16) * 257), [[[120, 120, 120]]])
 
 
 def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:

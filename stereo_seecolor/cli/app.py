@@ -28,6 +28,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "run": dive_commands.run,
         "fuse": map_commands.fuse,
         "view": map_commands.view,
+        "export": map_commands.export,
     },
     "Single steps of run": {
         "rectify": dive_commands.rectify,

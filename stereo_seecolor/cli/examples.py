@@ -16,6 +16,7 @@ EXAMPLES = {
     "rectify": (f"rectify {SIDES} --out OUT",),
     "fuse": ("fuse OUT", "fuse OUT --poses nav.tum --set mapping.voxel_m=0.005"),
     "view": ("view OUT",),
+    "export": ("export --list", "export OUT --to colmap --out COLMAP"),
     "demo": ("demo --out demo",),
     "synthesize": ("synthesize --out dive --pairs 20 --lines 2 --water turbid",),
     "evaluate": (

@@ -1,6 +1,12 @@
-"""Commands on the map of a dive: fuse, view."""
+"""Commands on the map of a dive: fuse, view, export."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from stereo_seecolor.cli.contents import map_content, map_exit_code
+from stereo_seecolor.cli.export_text import export_text, formats_text
 from stereo_seecolor.cli.options import AsJson, ConfigFile, Finished, LogFile, PosesFile, Progress, Settings, Verbose
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.run_text import map_text
@@ -33,3 +39,24 @@ def view(out: Finished, as_json: AsJson = False) -> None:
 
     result = show(out)
     Report("view", as_json).end({"out": out, **vars(result)}, "")
+
+
+def export(
+    out: Annotated[Path | None, typer.Argument(metavar="OUT", help="Output folder of a run that was fused.")] = None,
+    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="What to write; --list says what there is.")] = "",
+    folder: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="A new or empty folder for it.")] = None,
+    listed: Annotated[bool, typer.Option("--list", help="List the formats, and the programs that open them.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a fused run in the form that another program opens."""
+    from stereo_seecolor.commands.export import export as write
+    from stereo_seecolor.export.formats import EXPORT_FORMATS
+
+    report = Report("export", as_json)
+    if listed:
+        report.end({"formats": {name: format.opens for name, format in EXPORT_FORMATS.items()}}, formats_text(EXPORT_FORMATS))
+    if out is None or folder is None or not to:
+        raise typer.BadParameter("give OUT, --to FORMAT and --out FOLDER, or --list")
+    with report.working():
+        written = write(out, to, folder)
+    report.end({"out": out, **vars(written)}, export_text(written))

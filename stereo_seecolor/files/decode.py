@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.srgb import encode_srgb
 
 JPEG_END = b"\xff\xd9"
 
@@ -27,3 +28,13 @@ def read_array(path: Path) -> NDArray[Any]:
     if pixels is None:
         raise InputError(f"{path}: is damaged")
     return np.asarray(cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB)) if pixels.ndim == 3 else pixels
+
+
+def eight_bit(image: NDArray[Any]) -> NDArray[np.uint8]:
+    """A corrected image of any output format, one channel for monochrome cameras, as (H, W, 3) 8-bit sRGB."""
+    if image.dtype == np.uint16:
+        image = image >> 8
+    elif image.dtype == np.float32:
+        image = np.rint(255 * encode_srgb(np.clip(image, 0, 1)))
+    image = image.astype(np.uint8)
+    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image

@@ -45,6 +45,12 @@ def encode_map(values: Map) -> bytes:
     return _encode(".tiff", values.astype(np.float32, copy=False), [cv2.IMWRITE_TIFF_COMPRESSION, TIFF_UNCOMPRESSED])
 
 
+def encode_depth_mm(depth_m: Map) -> bytes:
+    """(H, W) meters, NaN unknown, to a 16-bit PNG in millimeters, 0 where unknown or beyond 65.535 m."""
+    depth_mm = np.round(1000 * np.nan_to_num(depth_m))
+    return _encode(".png", np.where(depth_mm <= np.iinfo(np.uint16).max, depth_mm, 0).astype(np.uint16), PNG)
+
+
 def encode_confidence(confidence: Map) -> bytes:
     """(H, W) in [0, 1] to an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept for what was not measured."""
     return _encode(".png", np.ceil(confidence * 255).astype(np.uint8), PNG)

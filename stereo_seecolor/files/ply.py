@@ -34,12 +34,31 @@ def header(comment: str, vertex: np.dtype[np.void], points: int, triangles: int 
 
 def read_vertices(path: Path) -> NDArray[np.void]:
     """The vertices of a map's cloud or mesh, as VERTEX, read from disk where they are used."""
+    head = _read_header(path)
+    return _records(path, VERTEX, len(head), _count(head, b"vertex"))
+
+
+def read_triangles(path: Path) -> NDArray[np.void]:
+    """The triangles of a map's mesh, as FACE, read from disk where they are used."""
+    head = _read_header(path)
+    return _records(path, FACE, len(head) + _count(head, b"vertex") * VERTEX.itemsize, _count(head, b"face"))
+
+
+def _read_header(path: Path) -> bytes:
+    head = b""
     with path.open("rb") as file:
-        head = b""
         while not head.endswith(b"end_header\n"):
             head += file.readline()
-    count = int(head.split(b"element vertex ")[1].split()[0])
-    return np.memmap(path, VERTEX, "r", len(head), (count,)) if count else np.zeros(0, VERTEX)
+    return head
+
+
+def _count(head: bytes, element: bytes) -> int:
+    _, found, rest = head.partition(b"element " + element + b" ")
+    return int(rest.split()[0]) if found else 0
+
+
+def _records(path: Path, record: np.dtype[np.void], offset: int, count: int) -> NDArray[np.void]:
+    return np.memmap(path, record, "r", offset, (count,)) if count else np.zeros(0, record)
 
 
 def encode_cloud(range_m: Map, rays: NDArray[np.float32], rgb: Image) -> memoryview:

@@ -11,6 +11,8 @@ STATE = ".state"
 SET_ASIDE = "set_aside"
 """Files of ours that somebody changed, moved here before a new one takes their place."""
 MAP = "map"
+CLOUD, MESH, MOSAIC, TERRAIN = "cloud.ply", "mesh.ply", "orthomosaic.tif", "dem.tif"
+"""Files in OUT/map that others read."""
 RIG, WATER, MEASURED_WATER = "rig.yaml", "water.json", "water_measured.json"
 FRAMES_TABLE, RUN, RECTIFIED_RIG = "frames.csv", "run.json", "rectified.yaml"
 

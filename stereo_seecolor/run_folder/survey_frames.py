@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import FrameError, InputError
-from stereo_seecolor.files.srgb import encode_srgb
+from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map, SurveyFrame
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
@@ -54,7 +54,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
         return SurveyFrame(
             name=frame.name,
             timestamp_s=frame.timestamp_s,
-            color=_eight_bit(self._pixels(frame, "corrected")),
+            color=eight_bit(self._pixels(frame, "corrected")),
             range_m=range_m,
             range_std_m=self._pixels(frame, "range_std") if has_std else estimated_range_std_m(range_m, self.geometry),
             confidence=(confidence / np.float32(255)).astype(np.float32),
@@ -66,13 +66,3 @@ class SurveyFrames(Lazy[SurveyFrame]):
         if pixels.shape[1::-1] != self.geometry.image_size:
             raise InputError(f"{frame.products[product]}: is gone or damaged: run again, which makes it again")
         return pixels
-
-
-def _eight_bit(image: NDArray[Any]) -> NDArray[np.uint8]:
-    """A corrected image of any output format, one channel for monochrome cameras, as (H, W, 3) 8-bit sRGB."""
-    if image.dtype == np.uint16:
-        image = image >> 8
-    elif image.dtype == np.float32:
-        image = np.rint(255 * encode_srgb(np.clip(image, 0, 1)))
-    image = image.astype(np.uint8)
-    return np.repeat(image[..., None], 3, axis=2) if image.ndim == 2 else image

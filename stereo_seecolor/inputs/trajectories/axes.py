@@ -12,6 +12,9 @@ R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 _LEAST_QUATERNION = 1e-300
 """Smaller numbers cannot be divided by."""
 
+_STEPS = 8
+"""Of an iteration that gains two digits a step over a few kilometers."""
+
 _SEMI_MAJOR_M = 6378137.0
 _ECCENTRICITY_SQUARED = 0.00669437999014
 
@@ -69,6 +72,18 @@ def north_east_from_degrees(latitude_deg: ArrayLike, longitude_deg: ArrayLike, o
     east = prime_vertical_m * np.cos(latitude) * d_longitude
     north = (latitude - latitude_0) * meridian_m + east * np.sin(latitude) * d_longitude / 2
     return np.stack([north, east], axis=-1)
+
+
+def degrees_from_north_east(north_m: float, east_m: float, origin: GeoOrigin) -> tuple[float, float]:
+    """Latitude and longitude of a point that lies so far from the origin: the inverse of ``north_east_from_degrees``."""
+    latitude_deg, longitude_deg = origin.latitude_deg, origin.longitude_deg
+    latitude_0 = np.radians(origin.latitude_deg)
+    radius_m = _SEMI_MAJOR_M / np.sqrt(_flattened(latitude_0))
+    for _ in range(_STEPS):
+        north, east = north_east_from_degrees(latitude_deg, longitude_deg, origin)
+        latitude_deg += float(np.degrees((north_m - north) / radius_m))
+        longitude_deg += float(np.degrees((east_m - east) / (radius_m * np.cos(latitude_0))))
+    return latitude_deg, longitude_deg
 
 
 def _flattened(latitude: NDArray[np.float64]) -> NDArray[np.float64]:

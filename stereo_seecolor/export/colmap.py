@@ -1,0 +1,62 @@
+"""COLMAP's text model and an images folder: for splat trainers, multi-view stereo, and COLMAP itself.
+
+Poses are world to camera, quaternions w first, pixels with (0.5, 0.5) in the center of the top left one (COLMAP, "Output format").
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.export.images import write_image
+from stereo_seecolor.export.observations import Observations, observe
+from stereo_seecolor.export.posed_run import PosedRun
+from stereo_seecolor.geometry import quaternion
+
+CENTER_PX = 0.5
+UNKNOWN_ERROR = -1
+"""Of a point: its observations are projections, which have no reprojection error."""
+
+
+def write(posed: PosedRun, folder: Path) -> None:
+    """``images/`` and ``sparse/0/`` with cameras.txt, images.txt and points3D.txt."""
+    images, model = folder / "images", folder / "sparse" / "0"
+    images.mkdir()
+    model.mkdir(parents=True)
+    names = [write_image(frame, images) for frame in posed.frames]
+    observations = observe(posed)
+    (model / "cameras.txt").write_text(_camera_text(posed), encoding="utf-8")
+    (model / "images.txt").write_text(_images_text(posed, names, observations), encoding="utf-8")
+    (model / "points3D.txt").write_text(_points_text(observations), encoding="utf-8")
+
+
+def _camera_text(posed: PosedRun) -> str:
+    g = posed.geometry
+    numbers = (g.focal_px, g.focal_px, g.cx_left_px + CENTER_PX, g.cy_px + CENTER_PX)
+    return f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE {g.image_size[0]} {g.image_size[1]} {_text(numbers)}\n"
+
+
+def _images_text(posed: PosedRun, names: Sequence[str], observations: Observations) -> str:
+    lines = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# POINTS2D[] as (X, Y, POINT3D_ID)"]
+    rows = zip(names, posed.T_camera_map, observations.of_frame, strict=True)
+    for number, (name, T, (points, pixels)) in enumerate(rows, 1):
+        x, y, z, w = quaternion(T[:3, :3])
+        lines.append(f"{number} {_text((w, x, y, z, *T[:3, 3]))} 1 {name}")
+        seen = zip(pixels + CENTER_PX, points + 1, strict=True)
+        lines.append(" ".join(f"{column:.2f} {row:.2f} {point}" for (column, row), point in seen))
+    return "\n".join(lines) + "\n"
+
+
+def _points_text(observations: Observations) -> str:
+    tracks: list[list[str]] = [[] for _ in observations.position]
+    for number, (points, _) in enumerate(observations.of_frame, 1):
+        for place, point in enumerate(points.tolist()):
+            tracks[point].append(f"{number} {place}")
+    lines = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
+    for number, (position, color, track) in enumerate(zip(observations.position, observations.color, tracks, strict=True), 1):
+        lines.append(f"{number} {_text(position)} {' '.join(map(str, color))} {UNKNOWN_ERROR} {' '.join(track)}")
+    return "\n".join(lines) + "\n"
+
+
+def _text(numbers: Sequence[float] | np.ndarray) -> str:
+    return " ".join(f"{number:.9g}" for number in numbers)

@@ -1,0 +1,33 @@
+"""Every format that a fused run is exported to: what it is for, and what writes it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from stereo_seecolor.export import colmap, glb, ifdo, metashape, mosaic_tiles, nerfstudio
+from stereo_seecolor.export.posed_run import PosedRun
+
+
+@dataclass(frozen=True)
+class ExportFormat:
+    """what: what is written. opens: the programs it is for."""
+
+    what: str
+    opens: str
+    write: Callable[[PosedRun, Path], None]
+
+
+EXPORT_FORMATS: dict[str, ExportFormat] = {
+    "colmap": ExportFormat(
+        "images, their camera and poses, and points with the frames that see them, as a text model",
+        "COLMAP, gsplat and other splat trainers, OpenMVS",
+        colmap.write,
+    ),
+    "nerfstudio": ExportFormat("images, transforms.json, depth maps, points.ply", "Nerfstudio, Instant-NGP", nerfstudio.write),
+    "metashape": ExportFormat("images and cameras.xml", "Agisoft Metashape", metashape.write),
+    "glb": ExportFormat("the mesh with its colors, glTF 2.0", "Blender, three.js, Windows and phone viewers, Sketchfab", glb.write),
+    "tiles": ExportFormat(
+        "the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each", "CoralNet, BIIGLE", mosaic_tiles.write
+    ),
+    "ifdo": ExportFormat("images and their metadata, iFDO 2.1", "PANGAEA, BIIGLE, FathomNet", ifdo.write),
+}

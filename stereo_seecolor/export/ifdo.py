@@ -1,0 +1,81 @@
+"""iFDO 2.1, the metadata of a set of marine images (Schoening et al., Scientific Data 2022): for PANGAEA, BIIGLE, FathomNet."""
+
+import hashlib
+import uuid
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from stereo_seecolor.export.images import write_image
+from stereo_seecolor.export.posed_run import PosedRun
+from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
+from stereo_seecolor.run_folder.finished_run import FinishedFrame
+from stereo_seecolor.version import __version__
+
+VERSION = "v2.1.0"
+YEAR_2000 = 946_684_800
+"""Time stamps before it are counters, and no dates."""
+HANDLE = "unknown: fill in the handle or DOI when it is published"
+
+
+def write(posed: PosedRun, folder: Path) -> None:
+    """``images/`` and image-set.ifdo.yaml. What the program cannot know (project, licence, creators) is left out: add it."""
+    (folder / "images").mkdir()
+    names = [write_image(frame, folder / "images") for frame in posed.frames]
+    content = {"image-set-header": _header(posed), "image-set-items": {}}
+    for frame, name, T in zip(posed.frames, names, posed.T_map_camera, strict=True):
+        content["image-set-items"][name] = _item(posed, frame, folder / "images" / name, T)
+    (folder / "image-set.ifdo.yaml").write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+
+
+def _header(posed: PosedRun) -> dict[str, Any]:
+    identity = "".join(frame.sha256 for frame in posed.frames)
+    fields = {
+        "image-set-name": posed.run.root.resolve().name,
+        "image-set-uuid": str(uuid.uuid5(uuid.NAMESPACE_OID, identity)),
+        "image-set-handle": HANDLE,
+        "image-set-ifdo-version": VERSION,
+        "image-set-local-path": "images",
+        "image-acquisition": "photo",
+        "image-quality": "processed",
+        "image-navigation": "reconstructed",
+        "image-scale-reference": "3D camera",
+        "image-abstract": "Frames of a stereo camera, their colors corrected for the water from measured ranges "
+        f"(stereo-seecolor {__version__}).",
+    }
+    on_earth = {"image-coordinate-reference-system": "EPSG:4326"} if posed.origin else {}
+    return {**fields, **on_earth, "image-camera-calibration-model": _camera(posed)}
+
+
+def _camera(posed: PosedRun) -> dict[str, Any]:
+    g = posed.geometry
+    return {
+        "calibration-model-type": "rectilinear water",
+        "calibration-focal-length-xy-pixel": [g.focal_px, g.focal_px],
+        "calibration-principal-point-xy-pixel": [g.cx_left_px, g.cy_px],
+        "calibration-distortion-coefficients": [0.0, 0.0, 0.0, 0.0, 0.0],
+        "calibration-approximate-field-of-view-water-xy-degree": [
+            float(np.degrees(2 * np.arctan(side / (2 * g.focal_px)))) for side in g.image_size
+        ],
+    }
+
+
+def _item(posed: PosedRun, frame: FinishedFrame, image: Path, T: np.ndarray) -> dict[str, Any]:
+    item: dict[str, Any] = {
+        "image-uuid": str(uuid.uuid5(uuid.NAMESPACE_OID, frame.sha256)),
+        "image-hash-sha256": hashlib.sha256(image.read_bytes()).hexdigest(),
+    }
+    if frame.timestamp_s is not None and frame.timestamp_s > YEAR_2000:
+        item["image-datetime"] = datetime.fromtimestamp(frame.timestamp_s, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")
+    position_m = T[:3, 3] + posed.offset_m
+    if posed.origin:
+        latitude_deg, longitude_deg = degrees_from_north_east(float(position_m[1]), float(position_m[0]), posed.origin)
+        item |= {"image-latitude": latitude_deg, "image-longitude": longitude_deg, "image-altitude-meters": float(position_m[2])}
+    range_m = frame.measured_range_m()
+    known = np.isfinite(range_m)
+    if known.any():
+        item["image-meters-above-ground"] = float(np.median(posed.geometry.depth_from_range(range_m)[known]))
+    return item

@@ -1,0 +1,69 @@
+"""What every export is made from: corrected frames, the camera they share, and where it stood for each of them."""
+
+import csv
+import json
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import RectifiedPair
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.geometry import inverse
+from stereo_seecolor.inputs.trajectories.axes import poses, rotation_from_quaternion
+from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
+from stereo_seecolor.run_folder.layout import CLOUD, MAP, MESH
+
+
+@dataclass(frozen=True, eq=False)
+class PosedRun:
+    """A finished run and the poses of its map's main component.
+
+    geometry: of the corrected images, pinhole without distortion; pixel (0, 0) is the center of the top left one.
+    frames: those that are in the map. T_map_camera: (N, 4, 4), meters, from the rectified left camera (x right, y down, z forward)
+    to the map's own coordinates (z up), which are those of cloud.ply and mesh.ply. offset_m: (3,), what to add to them to get
+    world coordinates. origin: where the world's origin lies on Earth, or None.
+    """
+
+    run: FinishedRun
+    geometry: RectifiedPair
+    frames: tuple[FinishedFrame, ...]
+    T_map_camera: NDArray[np.float64]
+    offset_m: NDArray[np.float64]
+    origin: GeoOrigin | None
+
+    @property
+    def map_folder(self) -> Path:
+        """OUT/map."""
+        return self.run.root / MAP
+
+    @cached_property
+    def T_camera_map(self) -> NDArray[np.float64]:
+        """(N, 4, 4), the inverse of T_map_camera."""
+        return inverse(self.T_map_camera)
+
+
+def open_posed_run(out: Path) -> PosedRun:
+    """The run in ``out`` with the poses of its map. Raises InputError if it has no map, or one that is damaged."""
+    run = open_run(out)
+    folder = out / MAP
+    if run.geometry is None or not all((folder / name).is_file() for name in ("map.json", CLOUD, MESH)):
+        raise InputError(f"{out}: holds no map, which knows where the frames were taken: make it with stereo-seecolor fuse {out}")
+    try:
+        description = json.loads((folder / "map.json").read_bytes())
+        with (folder / "poses.csv").open(encoding="utf-8", newline="") as file:
+            names = [row["name"] for row in csv.DictReader(file)]
+        rows = np.loadtxt(folder / "trajectory.tum", ndmin=2)
+        offset_m = np.array(description["offset_m"], np.float64)
+        T = poses(rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - offset_m)
+        origin = GeoOrigin(**description["origin"]) if description["origin"] else None
+    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+        raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error
+    if len(names) != len(T):
+        raise InputError(f"{folder}: trajectory.tum and poses.csv differ: make the map again with stereo-seecolor fuse {out}")
+    current = {frame.name: frame for frame in run.frames}
+    chosen = [i for i, name in enumerate(names) if name in current]
+    return PosedRun(run, run.geometry, tuple(current[names[i]] for i in chosen), T[chosen], offset_m, origin)

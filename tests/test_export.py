@@ -1,0 +1,243 @@
+"""A fused run in other programs' formats, read back by those programs or their libraries."""
+
+import csv
+import json
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+
+from stereo_seecolor.commands.export import export
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.config import MountConfig, RunConfig
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.export import mosaic_tiles
+from stereo_seecolor.export.formats import EXPORT_FORMATS
+from stereo_seecolor.export.posed_run import open_posed_run
+from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, north_east_from_degrees
+from stereo_seecolor.records import GeoOrigin
+
+FRAMES = 5
+
+
+@pytest.fixture(scope="module")
+def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A flat bottom at z = 0, seen from 1.5 m."""
+    folder = tmp_path_factory.mktemp("run")
+    write_run(folder / "out", [flat_frame(i) for i in range(FRAMES)], PAIR)
+    write_tum(folder / "nav.tum", track(FRAMES))
+    config = RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"}))
+    fuse(folder / "out", folder / "nav.tum", config)
+    return folder / "out"
+
+
+@pytest.mark.parametrize("format", EXPORT_FORMATS)
+def test_the_run_is_left_as_it_is(fused: Path, tmp_path: Path, format: str) -> None:
+    before = {path: path.stat().st_mtime_ns for path in fused.rglob("*")}
+    result = export(fused, format, tmp_path / "to")
+    assert {path: path.stat().st_mtime_ns for path in fused.rglob("*")} == before
+    assert (result.frames, result.folder) == (FRAMES, tmp_path / "to")
+    assert result.bytes == sum(path.stat().st_size for path in (tmp_path / "to").rglob("*") if path.is_file())
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["to"]
+
+
+def test_colmap_reads_the_model(fused: Path, tmp_path: Path) -> None:
+    import pycolmap
+
+    export(fused, "colmap", tmp_path / "to")
+    model = pycolmap.Reconstruction(tmp_path / "to" / "sparse" / "0")
+    assert (model.num_images(), model.num_cameras()) == (FRAMES, 1)
+    assert model.compute_mean_track_length() > 2
+    (camera,) = model.cameras.values()
+    assert camera.params.tolist() == [PAIR.focal_px, PAIR.focal_px, PAIR.cx_left_px + 0.5, PAIR.cy_px + 0.5]
+    truth = track(FRAMES)
+    for image in model.images.values():
+        number = truth.names.index(Path(image.name).stem)
+        np.testing.assert_allclose(image.projection_center(), truth.T_world_camera[number, :3, 3], atol=1e-6)
+        seen = [point for point in image.points2D if point.has_point3D()]
+        assert len(seen) > 500
+        for point in seen[::50]:
+            position = model.points3D[point.point3D_id]
+            np.testing.assert_allclose(image.project_point(position.xyz), point.xy, atol=0.01)
+            assert abs(position.xyz[2]) < 0.02
+            np.testing.assert_allclose(position.color, (200, 120, 40), atol=2)
+
+
+@pytest.mark.skipif(not shutil.which("colmap"), reason="COLMAP is not installed (Debian: apt-get install colmap)")
+def test_the_colmap_program_analyzes_the_model(fused: Path, tmp_path: Path) -> None:
+    export(fused, "colmap", tmp_path / "to")
+    command = ["colmap", "model_analyzer", "--path", str(tmp_path / "to" / "sparse" / "0")]
+    said = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert f"Registered images: {FRAMES}" in said.stdout + said.stderr
+
+
+def test_nerfstudios_depth_maps_and_poses_give_the_bottom(fused: Path, tmp_path: Path) -> None:
+    export(fused, "nerfstudio", tmp_path / "to")
+    content = json.loads((tmp_path / "to" / "transforms.json").read_text())
+    for frame in content["frames"]:
+        image = cv2.imread(str(tmp_path / "to" / frame["file_path"]))
+        depth_mm = cv2.imread(str(tmp_path / "to" / frame["depth_file_path"]), cv2.IMREAD_UNCHANGED)
+        depth_m = depth_mm * content["depth_unit_scale_factor"]
+        assert image.shape[:2] == depth_m.shape == (content["h"], content["w"])
+        row, column = 20, 100
+        x = (column + 0.5 - content["cx"]) / content["fl_x"]
+        y = (row + 0.5 - content["cy"]) / content["fl_y"]
+        point = np.array([x, -y, -1, 1 / depth_m[row, column]]) * depth_m[row, column]
+        assert (np.array(frame["transform_matrix"]) @ point)[2] == pytest.approx(0, abs=0.005)
+    assert (tmp_path / "to" / content["ply_file_path"]).is_file()
+
+
+def test_metashapes_cameras_are_the_tracks_poses(fused: Path, tmp_path: Path) -> None:
+    export(fused, "metashape", tmp_path / "to")
+    again = read_trajectory(tmp_path / "to" / "cameras.xml", MountConfig())
+    truth = track(FRAMES)
+    assert again.names == truth.names
+    np.testing.assert_allclose(again.T_world_camera, truth.T_world_camera, atol=1e-6)
+    assert sorted(path.stem for path in (tmp_path / "to" / "images").iterdir()) == sorted(truth.names)
+
+
+def test_the_glb_is_the_mesh(fused: Path, tmp_path: Path) -> None:
+    import trimesh
+
+    export(fused, "glb", tmp_path / "to")
+    scene = trimesh.load(tmp_path / "to" / "mesh.glb")
+    (mesh,) = scene.geometry.values()
+    vertices = read_vertices(fused / "map" / "mesh.ply")
+    assert len(mesh.faces) == len(read_triangles(fused / "map" / "mesh.ply")) > 100
+    np.testing.assert_allclose(mesh.vertices, vertices["position"], atol=1e-6)
+    low, high = scene.bounds
+    assert high[1] - low[1] < 0.1 < high[2] - low[2], "y is up, and the bottom is flat"
+
+
+@pytest.mark.skipif(not shutil.which("node"), reason="Node is not installed")
+def test_the_khronos_validator_finds_nothing(fused: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "validator"
+    folder.mkdir()
+    install = ["npm", "install", "--silent", "--prefix", str(folder), "gltf-validator@2.0.0-dev.3.10"]
+    if subprocess.run(install, capture_output=True, check=False).returncode:
+        pytest.skip("npm cannot install gltf-validator here")
+    export(fused, "glb", tmp_path / "to")
+    script = (
+        "const fs=require('fs');require('gltf-validator').validateBytes(new Uint8Array(fs.readFileSync(process.argv[1])))"
+        ".then(r=>console.log(JSON.stringify(r.issues.messages)))"
+    )
+    command = ["node", "-e", script, str(tmp_path / "to" / "mesh.glb")]
+    said = subprocess.run(command, capture_output=True, text=True, check=True, cwd=folder)
+    assert json.loads(said.stdout) == []
+
+
+def test_tiles_put_together_are_the_mosaic(fused: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import rasterio
+
+    monkeypatch.setattr(mosaic_tiles, "MOST_PX", 30)
+    export(fused, "tiles", tmp_path / "to")
+    with rasterio.open(fused / "map" / "orthomosaic.tif") as mosaic:
+        pixels, transform = mosaic.read(), mosaic.transform
+    with (tmp_path / "to" / "tiles.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) > 3
+    for row in rows:
+        tile = cv2.cvtColor(cv2.imread(str(tmp_path / "to" / "tiles" / row["name"])), cv2.COLOR_BGR2RGB)
+        assert max(tile.shape[:2]) <= 30
+        left, top = (round(value) for value in ~transform @ (float(row["west_m"]), float(row["north_m"])))
+        part = np.moveaxis(pixels[:3, top : top + tile.shape[0], left : left + tile.shape[1]], 0, -1)
+        np.testing.assert_array_equal(tile, part)
+        assert float(row["meters_per_pixel"]) == pytest.approx(0.02)
+
+
+def test_ifdo_is_valid(fused: Path, tmp_path: Path) -> None:
+    import ifdo
+
+    export(fused, "ifdo", tmp_path / "to")
+    read = ifdo.iFDO.load(tmp_path / "to" / "image-set.ifdo.yaml")
+    assert set(read.image_set_items) == {path.name for path in (tmp_path / "to" / "images").iterdir()}
+    for item in read.image_set_items.values():
+        assert item.image_meters_above_ground == pytest.approx(1.5, abs=0.01)
+        assert item.image_datetime is None, "a counter is no date"
+        assert item.image_latitude is None
+
+
+def test_ifdo_of_a_map_on_earth_has_positions(fused: Path, tmp_path: Path) -> None:
+    import ifdo
+
+    out = tmp_path / "out"
+    shutil.copytree(fused, out)
+    description = json.loads((out / "map" / "map.json").read_text())
+    description["origin"] = {"latitude_deg": -23.5, "longitude_deg": 152.0}
+    (out / "map" / "map.json").write_text(json.dumps(description))
+    export(out, "ifdo", tmp_path / "to")
+    items = ifdo.iFDO.load(tmp_path / "to" / "image-set.ifdo.yaml").image_set_items
+    origin = GeoOrigin(-23.5, 152.0)
+    for i in range(FRAMES):
+        item = items[f"f{i}.png"]
+        north, east = north_east_from_degrees(item.image_latitude, item.image_longitude, origin)
+        np.testing.assert_allclose((north, east, item.image_altitude_meters), (0, 0.3 * i, 1.5), atol=1e-6)
+
+
+@pytest.mark.parametrize("latitude_deg", [-60.0, 0.0, 23.0, 75.0])
+def test_degrees_are_the_inverse_of_meters(latitude_deg: float) -> None:
+    origin = GeoOrigin(latitude_deg, 179.999)
+    latitude, longitude = degrees_from_north_east(-800.0, 2500.0, origin)
+    np.testing.assert_allclose(north_east_from_degrees(latitude, longitude, origin), (-800.0, 2500.0), atol=1e-5)
+
+
+def test_sixteen_bits_become_eight(fused: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(fused, out)
+    file = out / "corrected" / "f0.png"
+    cv2.imwrite(str(file), cv2.imread(str(file)).astype(np.uint16) * 257)
+    export(out, "metashape", tmp_path / "to")
+    exported = cv2.imread(str(tmp_path / "to" / "images" / "f0.png"), cv2.IMREAD_UNCHANGED)
+    np.testing.assert_array_equal(exported, cv2.imread(str(fused / "corrected" / "f0.png")))
+
+
+def test_nothing_is_written_over(fused: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.txt").write_text("mine")
+    with pytest.raises(OutputError, match="is there already: an export goes into a new or an empty folder"):
+        export(fused, "glb", tmp_path)
+    with pytest.raises(OutputError, match="is there already"):
+        export(fused, "glb", tmp_path / "mine.txt")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+    (tmp_path / "empty").mkdir()
+    assert export(fused, "glb", tmp_path / "empty").files == 1
+
+
+def test_an_export_that_fails_leaves_nothing(fused: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    shutil.copytree(fused, out)
+    (out / "corrected" / "f3.png").write_bytes(b"x")
+    with pytest.raises(InputError, match=r"f3\.png: is gone or damaged"):
+        export(out, "colmap", tmp_path / "to")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_what_cannot_be_exported(fused: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="--to gaussian: is no format known here: one of colmap, "):
+        export(fused, "gaussian", tmp_path / "to")
+    out = tmp_path / "out"
+    shutil.copytree(fused, out)
+    (out / "map" / "trajectory.tum").write_text("nonsense\n")
+    with pytest.raises(InputError, match="map: is damaged"):
+        open_posed_run(out)
+    shutil.rmtree(out / "map")
+    with pytest.raises(InputError, match=r"holds no map, .* make it with stereo-seecolor fuse"):
+        open_posed_run(out)
+
+
+def test_the_command_line(fused: Path, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]) -> None:
+    code, said, _ = cli("export", "--list")
+    assert code == 0
+    assert all(name in said for name in EXPORT_FORMATS)
+    code, said, _ = cli("export", str(fused), "--to", "glb", "--out", str(tmp_path / "to"), "--json")
+    assert (code, json.loads(said)["files"]) == (0, 1)
+    code, _, error = cli("export", str(fused))
+    assert code == 2
+    assert "give OUT, --to FORMAT and --out FOLDER, or --list" in error
