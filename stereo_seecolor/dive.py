@@ -20,6 +20,7 @@ from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable
+from stereo_seecolor.run_folder.kept_fit import KeptFit
 
 Result = TypeVar("Result")
 Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
@@ -47,20 +48,33 @@ class Dive:
         self._folder.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})
         self.each("ranges", pairs, lambda pair, clock: self._stages.ranged(pair, clock).row)
 
-    def fit(self, pairs: Sequence[Pair]) -> dict[str, Water]:
-        """The first pass: range maps, and from all colors over range each frame's water, by name."""
+    def waters(self, pairs: Sequence[Pair]) -> dict[str, Water]:
+        """Each frame's water, by name: an earlier run's where it was fitted to the same, or fitted in a first pass."""
+        self._begin_color(pairs)
+        kept = KeptFit.load(self._folder.root)
+        if kept and not self._options.verify and kept.key == self._stages.fit_key(pairs):
+            waters = kept.waters(self._folder.root, [pair.name for pair in pairs])
+            if waters is not None:
+                self.notes += kept.notes
+                return waters
+        waters, notes = self._fit(pairs)
+        self.notes += notes
+        key = self._stages.fit_key(pairs)
+        if key:
+            KeptFit.of(key, notes, waters).save(self._folder.root)
+        return waters
+
+    def _fit(self, pairs: Sequence[Pair]) -> tuple[dict[str, Water], tuple[str, ...]]:
+        """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
 
         def count(pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
             ranged = self._stages.ranged(pair, clock)
             return ranged.row, (replace(ranged, pixels=None), self._stages.table(ranged, clock))
 
-        self._begin_color(pairs)
         fitter = self._corrector.survey_fitter()
         for row, (ranged, table) in self._pass("ranges", pairs, count):
             fitter.add(row.name, table, self._stages.reader(ranged))
-        waters = fitter.waters()
-        self.notes += fitter.notes()
-        return waters
+        return fitter.waters(), fitter.notes()
 
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
         """The second pass: each frame that has a water without it, and its cloud."""

@@ -1,7 +1,7 @@
 """The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
 
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
@@ -94,19 +94,38 @@ class FrameStages:
     def _light_content(self) -> bytes:
         return self.light.pattern.tobytes() if self.light else b""
 
+    def fit_key(self, pairs: Sequence[Pair]) -> str | None:
+        """Hash of all that the waters of these pairs are fitted to; None unless the ranges of all of them are known."""
+        keys = []
+        for pair in pairs:
+            try:
+                ranged, known = self._known(pair)
+            except InputError:
+                return None
+            if not known:
+                return None
+            keys.append((pair.name, ranged.key))
+        return content_key(self.color_settings, keys)
+
+    def _known(self, pair: Pair) -> tuple[Ranged, bool]:
+        """What OUT knows of a pair as its files are now, and whether its range is known. Raises InputError for one that is gone."""
+        inputs = self._folder.inputs(pair.name, self._source.inputs(pair), self._verify)
+        key = content_key({side: file.sha256 for side, file in inputs.items()}, self.range_settings)
+        known = self._folder.finished("range", pair.name, key) is not None
+        record = self._folder.frame(pair.name, pair.timestamp_s, inputs)
+        return Ranged(pair, record, key, kept=known and pair.name not in self._folder.written["range"]), known
+
     def ranged(self, pair: Pair, clock: Clock) -> Ranged:
         """The pair's range: an earlier run's, or measured and written now."""
         with clock("read"):
-            inputs = self._folder.inputs(pair.name, self._source.inputs(pair), self._verify)
-            key = content_key({side: file.sha256 for side, file in inputs.items()}, self.range_settings)
-            finished = self._folder.finished("range", pair.name, key)
-            record = self._folder.frame(pair.name, pair.timestamp_s, inputs)
-        if finished:
-            return Ranged(pair, record, key, kept=pair.name not in self._folder.written["range"])
+            ranged, known = self._known(pair)
+        if known:
+            return ranged
+        inputs = ranged.record.inputs
         hashes = {file.sha256 for file in inputs.values()}
         if len(hashes) < len(inputs) and all(file.stamp.size for file in inputs.values()):
             raise MatchingError(f"{pair.left} and {pair.right} are the same picture: no range can be had from it")
-        return self._measured(Ranged(pair, record, key, kept=False), clock)
+        return self._measured(ranged, clock)
 
     def _measured(self, ranged: Ranged, clock: Clock) -> Ranged:
         image, range_map = self._source.measure(ranged.pair, clock)

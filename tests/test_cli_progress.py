@@ -49,10 +49,10 @@ def test_progress_can_be_chosen(make_dive, cli: Cli, tmp_path: Path) -> None:
     assert cli(*dive.command(tmp_path / "out"), "--progress", "none")[2] == ""
     assert cli(*dive.command(tmp_path / "out"), "--progress", "json")[2].startswith('{"event": "begin"')
     _, printed, said = cli(*dive.command(tmp_path / "out"), "--progress", "lines", "--json")
-    assert said.startswith("ranges: 0 of 1\n")
+    assert said.startswith("colors: 0 of 1\n")  # the ranges and the water are those of the first run
     assert json.loads(printed)["ok"] == 1
     _, _, said = cli(*dive.command(tmp_path / "out"), "--progress", "bar")
-    assert "ranges" in said
+    assert "colors" in said
 
 
 def test_lines_come_now_and_then(clock: list[float], capsys: pytest.CaptureFixture[str]) -> None:

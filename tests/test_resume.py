@@ -12,9 +12,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import pytest
 from conftest import contents
 
+from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
@@ -184,3 +186,23 @@ def test_kept_tables_that_are_damaged_are_counted_again(make_dive, tmp_path) -> 
     (out / "water.json").unlink()
     run_in_process(dive, out)
     assert contents(out) == before
+
+
+def test_a_rerun_fits_no_water_again_unless_something_changed(make_dive, tmp_path, monkeypatch) -> None:
+    dive, out, fits = make_dive(3), tmp_path / "out", []
+    fit = Corrector.fit
+    monkeypatch.setattr(Corrector, "fit", lambda *arguments: fits.append(1) or fit(*arguments))
+    run_in_process(dive, out)
+    before, first = contents(out), len(fits)
+    assert run_in_process(dive, out).notes == ()
+    assert len(fits) == first
+    (out / ".state" / "fit.json").write_text("{}")
+    run_in_process(dive, out)
+    assert len(fits) > first
+    assert contents(out) == before
+    image = cv2.imread(str(dive.root / "L" / "0001.png"))
+    cv2.imwrite(str(dive.root / "L" / "0001.png"), image // 2)
+    second = len(fits)
+    run_in_process(dive, out)
+    assert len(fits) > second
+    assert contents(out)["water.json"] != before["water.json"]

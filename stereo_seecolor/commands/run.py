@@ -74,7 +74,7 @@ class StereoCommand:
 
 def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None) -> None:
     """Both passes of a dive, and water.json; only the second pass where ``water`` is a file of waters."""
-    waters = read_waters(water, [pair.name for pair in pairing.pairs]) if water else dive.fit(pairing.pairs)
+    waters = read_waters(water, [pair.name for pair in pairing.pairs]) if water else dive.waters(pairing.pairs)
     if waters and (water is None or water.resolve() != (folder.root / WATER).resolve()):
         folder.write(WATER, waters_content(waters))
     dive.correct(pairing.pairs, waters)

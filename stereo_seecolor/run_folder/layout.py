@@ -69,6 +69,11 @@ def refinement_files(root: Path) -> tuple[Path, Path]:
     return state(root, "refined_rig.yaml"), state(root, "refinement.json")
 
 
+def fit_file(root: Path) -> Path:
+    """Where it is kept to what the waters were fitted."""
+    return state(root, "fit.json")
+
+
 def table_file(name: str) -> str:
     """Where the moment table of a frame is kept, relative to OUT."""
     return f"{STATE}/tables/{name}.table"

@@ -1,0 +1,49 @@
+"""To what the waters of water.json were fitted, kept in OUT so that a rerun that changes nothing does not fit them again."""
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.run_folder.layout import WATER, fit_file
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
+from stereo_seecolor.water import Water
+
+
+@dataclass(frozen=True)
+class KeptFit:
+    """key: hash of all that the waters were fitted to. notes: what the run said of the fit. sha256: of water.json after it."""
+
+    key: str
+    notes: tuple[str, ...]
+    sha256: str
+
+    @classmethod
+    def of(cls, key: str, notes: tuple[str, ...], waters: Mapping[str, Water]) -> "KeptFit":
+        """The record of a fit that gave these waters, by frame name."""
+        return cls(key, notes, hashlib.sha256(waters_content(waters)).hexdigest())
+
+    def save(self, root: Path) -> None:
+        """Write it. Raises OutputError."""
+        write_atomic(fit_file(root), json.dumps(asdict(self)).encode())
+
+    @classmethod
+    def load(cls, root: Path) -> "KeptFit | None":
+        """What an earlier run kept; None where there is none, or it is damaged."""
+        try:
+            content = json.loads(fit_file(root).read_bytes())
+            return cls(**{**content, "notes": tuple(content["notes"])})
+        except (OSError, ValueError, TypeError, KeyError):
+            return None
+
+    def waters(self, root: Path, names: list[str]) -> dict[str, Water] | None:
+        """The waters of water.json; None where it is gone, or not what the fit gave."""
+        path = root / WATER
+        try:
+            same = hashlib.sha256(path.read_bytes()).hexdigest() == self.sha256
+            return read_waters(path, names) if same else None
+        except (OSError, InputError):
+            return None
