@@ -305,6 +305,11 @@ class OutputConfig(_Stage):
     image_format: Literal["png", "png16", "tiff32", "jpg"] = Field(
         default="png", description="Corrected images: png keeps the input's bit depth; tiff32 is linear and unclipped."
     )
+    geometry: Literal["rectified", "original"] = Field(
+        default="rectified",
+        description="original: corrected images, ranges and masks also in the left camera's own pixels, named and sized as its "
+        "images are, in OUT/original, for photogrammetry with a calibration of its own.",
+    )
     clouds: bool = Field(default=True, description="Write a colored cloud for each pair.")
     range_std: bool = Field(default=True, description="Write the standard error of each range beside the range maps.")
 

@@ -6,9 +6,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+import cv2
 import numpy as np
 
 from calibration import RectifiedPair
+from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.lights import LightField, even_light
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -24,7 +26,7 @@ from stereo_seecolor.records import Capture, FrameRow, Image, Map, Mask, RangeMa
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
-from stereo_seecolor.run_folder.products import correction_files, range_files
+from stereo_seecolor.run_folder.products import Files, correction_files, original_files, range_files
 
 MEDIAN_STEP_PX = 4
 """The median range is that of every fourth pixel of every fourth row: of all it takes ten times as long, and is no truer."""
@@ -39,10 +41,14 @@ class Source(Protocol):
     geometry: RectifiedPair | None
     makes_ranges: bool
     seen: Mask | None
+    original: OriginalView | None
     settings: str
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
         """The pair's files."""
+
+    def raw(self, pair: Pair, clock: Clock) -> Image:
+        """The left image as the camera gave it."""
 
     def image(self, pair: Pair, clock: Clock) -> Image:
         """The (rectified) left image."""
@@ -191,9 +197,9 @@ class FrameStages:
         kept = record is not None and ranged.kept
         if record is None:
             config = self._source.config
-            image, range_map = self.pixels(ranged, clock)
+            image, measured = self.pixels(ranged, clock)
             with clock("color"):
-                range_map = ranges_for_color(image, range_map, config, self._source.seen)
+                range_map = ranges_for_color(image, measured, config, self._source.seen)
                 correction = correct(self._source.corrector, config, image, range_map, water)
             facts = {
                 "exposure": correction.exposure,
@@ -204,8 +210,33 @@ class FrameStages:
             with clock("write"):
                 exif = self._source.reader.capture(ranged.pair.left).exif
                 files = correction_files(ranged.pair.name, correction, range_map, self._source.geometry, config.output, exif)
+            if self._source.original:
+                as_shown = replace(water, exposure=correction.exposure, highlights=correction.highlights)
+                files |= self._original_files(ranged.pair, measured, as_shown, exif, clock)
+            with clock("write"):
                 self._folder.save(ranged.record.with_stage("corrected", record), "corrected", files)
         return ranged.row.then(FrameRow(ranged.pair.name, kept=kept, warnings=record.warnings, facts=dict(record.facts)))
+
+    def _original_files(self, pair: Pair, rectified: RangeMap, water: Water, exif: bytes, clock: Clock) -> Files:
+        """The frame in the camera's own pixels: its raw image is corrected, not the rectified one turned back, which would blur."""
+        source, view = self._source, self._source.original
+        assert view
+        image = source.raw(pair, clock)
+        with clock("color"):
+            range_m = view.ranges(rectified.range_m)
+            if self.light:
+                image = even_light(image, range_m, _seen_through(self.light, view, rectified), source.config.color.input_encoding)
+            range_map = ranges_alone(range_m, ~view.mask(rectified.filled))
+            for_color = ranges_for_color(image, range_map, source.config)
+            correction = correct(source.corrector, source.config, image, for_color, water)
+        return original_files(pair.left, correction, for_color.with_ranges(range_m, for_color.filled), exif)
+
+
+def _seen_through(light: LightField, view: OriginalView, rectified: RangeMap) -> LightField:
+    """The lights' pattern over the raw image."""
+    height, width = rectified.range_m.shape
+    pattern = cv2.resize(light.pattern.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
+    return replace(light, pattern=view.smooth(pattern).astype(np.float64))
 
 
 def water_key(water: Water) -> str:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from calibration import Rectification, RectifiedPair, StereoRig
+from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.compute.threads import Clock
@@ -37,6 +38,7 @@ class Pipeline:
         self.geometry: RectifiedPair | None = self.rectification.pair
         seen = self.rectification.seen_left()
         self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
+        self.original = OriginalView.from_rig(rig) if self.config.output.geometry == "original" else None
         self.matcher = Matcher(self.rectification.matching_pair, self.config.matching, seen)
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
         self.corrector = Corrector(self.config.color)
@@ -59,10 +61,14 @@ class Pipeline:
         """Both images as the cameras gave them. Raises InputError."""
         return self.reader.read(pair)
 
+    def raw(self, pair: Pair, clock: Clock) -> Image:
+        """The left image as the camera gave it. Raises InputError."""
+        with clock("read"):
+            return read_image(pair.left, self.config.input)
+
     def image(self, pair: Pair, clock: Clock) -> Image:
         """The rectified left image, upright. Raises InputError, CalibrationError."""
-        with clock("read"):
-            image = read_image(pair.left, self.config.input)
+        image = self.raw(pair, clock)
         with clock("rectify"):
             return self.rectification.upright(self.rectification.apply_left(image))
 
@@ -111,6 +117,7 @@ class RangedImages:
     makes_ranges = False
     geometry: RectifiedPair | None = None
     seen: Mask | None = None
+    original: OriginalView | None = None  # its images are the camera's own already
 
     def __init__(self, config: RunConfig) -> None:
         self.config = config
@@ -122,10 +129,12 @@ class RangedImages:
         """The files of a pair, by what they are."""
         return {"image": pair.left, "range": pair.right}
 
-    def image(self, pair: Pair, clock: Clock) -> Image:
+    def raw(self, pair: Pair, clock: Clock) -> Image:
         """The image as it is. Raises InputError."""
         with clock("read"):
             return read_image(pair.left, self.config.input)
+
+    image = raw
 
     def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
         """The image and its range map. Raises InputError if they differ in size or cannot be read."""

@@ -68,10 +68,11 @@ class StereoInputs:
         What looks wrong with the rig, though it can be used, is added to the pairing's notes.
         """
         pairing = pair_folders(self.left, self.right, config.input)
+        if config.output.geometry == "original":
+            _refuse_equal_names(pairing)
         rig = load_rig_for(self.calib, pairing.pairs, config.input)
-        return Opened(
-            pairing.with_notes(tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))), Pipeline(rig, config)
-        )
+        notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
+        return Opened(pairing.with_notes(notes), Pipeline(rig, config))
 
     def unpacked(self, folder: RunFolder, config: RunConfig) -> "StereoInputs":
         """The frames of videos as folders of images, in OUT's own folder. Raises InputError, OutputError."""
@@ -143,6 +144,17 @@ class Job:
         if rectification is None or not failed:
             return ()
         return misfit_notes(self.pairing.pairs, failed, rectification, self.description.config.input)
+
+
+def _refuse_equal_names(pairing: Pairing) -> None:
+    """Products in the camera's own pixels are called as its images are, so that these must differ in name."""
+    seen: dict[str, Path] = {}
+    for pair in pairing.pairs:
+        other = seen.setdefault(pair.left.stem.casefold(), pair.left)
+        if other != pair.left:
+            raise InputError(
+                f"{other} and {pair.left}: would both be {other.stem} in OUT/original: rename one, or set output.geometry=rectified"
+            )
 
 
 def earlier_config(folder: RunFolder) -> RunConfig | None:

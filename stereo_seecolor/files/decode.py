@@ -22,7 +22,7 @@ def read_array(path: Path) -> NDArray[Any]:
         content = path.read_bytes()
     except OSError as error:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if path.suffix == ".jpg" and not content.endswith(JPEG_END):  # OpenCV fills the rest with gray
+    if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(JPEG_END):  # OpenCV fills the rest with gray
         raise InputError(f"{path}: is cut short")
     pixels: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
     if pixels is None:

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageCms
 
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.records import Map, is_monochrome
 
-ImageFormat = Literal["png", "png16", "tiff32", "jpg"]
-SUFFIX: dict[ImageFormat, str] = {"png": ".png", "png16": ".png", "tiff32": ".tiff", "jpg": ".jpg"}
+ImageFormat = Literal["png", "png16", "tiff", "tiff32", "jpg"]
 PNG = [
     *(cv2.IMWRITE_PNG_COMPRESSION, 1),
     *(cv2.IMWRITE_PNG_FILTER, cv2.IMWRITE_PNG_FILTER_AVG),
@@ -24,8 +24,8 @@ TIFF_UNCOMPRESSED = 1
 def encode_image(rgb: NDArray[np.generic], image_format: ImageFormat, exif: bytes = b"") -> bytes:
     """(H, W, 3) RGB to a file's content; written as one channel where red, green and blue are equal everywhere.
 
-    png keeps 8 or 16 bits; png16 scales 8 bits up to 16; jpg takes 8 bits (16 are scaled down); tiff32 takes float32.
-    exif: a Capture's block. It and the sRGB profile (of color images) are embedded, but in tiff32, which is linear.
+    png and tiff keep 8 or 16 bits; png16 scales 8 bits up to 16; jpg takes 8 bits (16 are scaled down); tiff32 takes float32.
+    exif: a Capture's block. It is embedded, and in png and jpg the sRGB profile (of color images).
     """
     if image_format == "png16" and rgb.dtype == np.uint8:
         rgb = rgb.astype(np.uint16) * 257
@@ -33,8 +33,8 @@ def encode_image(rgb: NDArray[np.generic], image_format: ImageFormat, exif: byte
         rgb = (rgb // 257).astype(np.uint8)
     mono = is_monochrome(rgb)
     pixels = rgb[..., 0] if mono else cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
-    if image_format == "tiff32":
-        return _encode(".tiff", pixels, [cv2.IMWRITE_TIFF_COMPRESSION, TIFF_UNCOMPRESSED])
+    if image_format in ("tiff", "tiff32"):
+        return encode_tiff(rgb[..., 0] if mono else rgb, exif)
     metadata = {cv2.IMAGE_METADATA_EXIF: exif, cv2.IMAGE_METADATA_ICCP: b"" if mono else SRGB_PROFILE}
     suffix, parameters = (".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]) if image_format == "jpg" else (".png", PNG)
     return _encode_with_metadata(suffix, pixels, {kind: block for kind, block in metadata.items() if block}, parameters)

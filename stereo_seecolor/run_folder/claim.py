@@ -6,7 +6,7 @@ from pathlib import Path
 
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import files_below
-from stereo_seecolor.run_folder.layout import DIVE_FILES, MAP, PRODUCTS, SET_ASIDE, STATE, state
+from stereo_seecolor.run_folder.layout import DIVE_FILES, MAP, ORIGINAL, PRODUCTS, SET_ASIDE, STATE, state
 from stereo_seecolor.run_folder.manifest import Manifest
 
 LOCK = "lock"
@@ -59,7 +59,7 @@ def check_claim(manifest: Manifest, owner: Owner, overwrite: bool, inputs: Seque
 
 def refuse_links(root: Path) -> None:
     """Raise OutputError where a folder that the program writes into is a link: it would lead out of OUT."""
-    for name in (*PRODUCTS, MAP, STATE, SET_ASIDE):
+    for name in (*PRODUCTS, ORIGINAL, MAP, STATE, SET_ASIDE):
         if (root / name).is_symlink():
             raise OutputError(
                 f"{root / name}: is a link, and nothing is written outside of {root}: remove it, or choose another --out"
@@ -81,9 +81,11 @@ def refuse_foreign(manifest: Manifest) -> None:
     """Raise OutputError where a product's folder holds what the program did not write."""
     known = {*manifest.names()}
     for product in PRODUCTS:
-        for name in _names(manifest.root / product):
-            if not _of_system(name) and Path(name).stem not in known:
-                raise _foreign(manifest.root / product / name)
+        if not product.startswith(f"{ORIGINAL}/"):
+            for name in _names(manifest.root / product):
+                if not _of_system(name) and Path(name).stem not in known:
+                    raise _foreign(manifest.root / product / name)
+    _refuse_foreign_originals(manifest)
     files = manifest.dive().files
     for path in files_below(manifest.root / MAP):
         if not _of_system(path.name) and path.relative_to(manifest.root).as_posix() not in files:
@@ -91,6 +93,15 @@ def refuse_foreign(manifest: Manifest) -> None:
     for name in DIVE_FILES:
         if (manifest.root / name).exists() and name not in files:
             raise _foreign(manifest.root / name)
+
+
+def _refuse_foreign_originals(manifest: Manifest) -> None:
+    """Products in the camera's own pixels have the names of its images: each frame's record knows them."""
+    found = [path for path in files_below(manifest.root / ORIGINAL) if not _of_system(path.name)]
+    known = {path for frame in manifest.frames() for path in frame.files} if found else set()
+    for path in found:
+        if path.relative_to(manifest.root).as_posix() not in known:
+            raise _foreign(path)
 
 
 def refuse_inputs(root: Path, deleted: Iterable[Path], inputs: Sequence[Path]) -> None:

@@ -26,7 +26,7 @@ from stereo_seecolor.run_folder.claim import (
     refuse_used,
 )
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
-from stereo_seecolor.run_folder.layout import MAP, PRODUCTS, SET_ASIDE, Stage, state, table_file
+from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PRODUCTS, SET_ASIDE, Stage, state, table_file
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.stamp import Stamp
 
@@ -268,7 +268,7 @@ class RunFolder:
         self._delete(dive.files, dive.files)
         forget_refinement(self.root)
         self.manifest.save_dive(DiveRecord(identity=dive.identity))
-        for folder in (MAP, *PRODUCTS):
+        for folder in (MAP, *PRODUCTS, ORIGINAL):
             remove_empty_folders(self.root / folder)
 
 

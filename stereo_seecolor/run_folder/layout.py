@@ -6,6 +6,8 @@ from typing import Literal
 
 Stage = Literal["range", "corrected", "rectified"]
 
+ORIGINAL = "original"
+"""Holds products in the left camera's own pixels, whose files are named as its images."""
 STATE = ".state"
 """The program's own folder: manifest, tables, unpacked video."""
 SET_ASIDE = "set_aside"
@@ -33,6 +35,9 @@ PRODUCTS: dict[str, Product] = {
     "confidence": Product("range", ".png", "0..255 for a confidence of 0..1 in the range"),
     "mask": Product("corrected", ".png", "0 good, 1 range unknown, 2 range filled in, 3 color not recoverable"),
     "clouds": Product("corrected", ".ply", "colored points in meters, left rectified camera, PLY"),
+    "original/corrected": Product("corrected", "", "each left frame in its true colors, in the camera's own pixels"),
+    "original/range": Product("corrected", ".tiff", "range in meters along the ray of the camera's own pixels"),
+    "original/mask": Product("corrected", ".png", "as mask, in the camera's own pixels"),
     "rectified_left": Product("rectified", ".png", "left images, rectified"),
     "rectified_right": Product("rectified", ".png", "right images, rectified"),
 }
@@ -57,6 +62,11 @@ SUFFIX_OF_FORMAT = {"png": ".png", "png16": ".png", "tiff32": ".tiff", "jpg": ".
 def product_path(product: str, name: str, image_format: str) -> str:
     """Where a product of a pair lies, relative to OUT."""
     return f"{product}/{name}{PRODUCTS[product].suffix or SUFFIX_OF_FORMAT[image_format]}"
+
+
+def original_path(product: str, left: Path) -> str:
+    """Where a product in the left camera's own pixels lies, relative to OUT: it is called as the left image is."""
+    return f"{product}/{left.stem}{PRODUCTS[product].suffix or left.suffix}"
 
 
 def state(root: Path, *parts: str) -> Path:

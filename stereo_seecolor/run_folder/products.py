@@ -1,6 +1,7 @@
 """The files of one pair as content: its range map; its frame in true colors with the cloud; its rectified images."""
 
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,12 +9,14 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.files.atomic import Content
-from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
+from stereo_seecolor.files.encode import ImageFormat, encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.records import Correction, Image, RangeMap
-from stereo_seecolor.run_folder.layout import product_path
+from stereo_seecolor.run_folder.layout import original_path, product_path
 
 MASK_CODES = {"good": 0, "range unknown": 1, "range filled in": 2, "color not recoverable": 3}
+
+FORMAT_OF_SUFFIX: dict[str, ImageFormat] = {".png": "png", ".jpg": "jpg", ".jpeg": "jpg", ".tif": "tiff", ".tiff": "tiff"}
 
 Files = dict[str, tuple[str, Content]]
 """Product -> path relative to OUT, content. Content is encoded when it is written, so that one file at a time is in memory."""
@@ -43,6 +46,17 @@ def correction_files(
         rays = geometry.rays
         contents["clouds"] = lambda: encode_cloud(range_map.measured_m, rays, correction.image)
     return _files(name, contents, config)
+
+
+def original_files(left: Path, correction: Correction, range_map: RangeMap, exif: bytes) -> Files:
+    """OUT/original of one pair: what was made of the raw left image ``left``, the picture in that image's own format."""
+    image_format = FORMAT_OF_SUFFIX[left.suffix.lower()]
+    contents: dict[str, Callable[[], bytes | memoryview]] = {
+        "original/corrected": lambda: encode_image(correction.image, image_format, exif),
+        "original/range": lambda: encode_map(range_map.range_m),
+        "original/mask": lambda: encode_mask(_mask(correction, range_map)),
+    }
+    return {product: (original_path(product, left), _encoded(encode)) for product, encode in contents.items()}
 
 
 def rectified_files(name: str, left: Image, right: Image, config: OutputConfig) -> Files:
