@@ -18,7 +18,7 @@ Map = NDArray[np.float32]
 class SurfaceLimits:
     """Decides where neighboring ranges are of one surface."""
 
-    relative_spread: float = 0.01  # of the four ranges around a point, standard deviation: 80 degrees of slope at f = 500 px have 0.006
+    relative_spread: float = 0.01  # standard deviation of the four ranges around a point: slopes of 80 degrees have 0.006
 
 
 LIMITS = SurfaceLimits()
