@@ -31,7 +31,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stereo-seecolor run --left left --right right --calib cam.yaml --out measured --water survey/water_measured.json",
     ),
     "fuse": ("stereo-seecolor fuse survey --poses trajectory.tum",),
-    "view": ("stereo-seecolor view mapped  # opens a window",),
+    "report": ("stereo-seecolor report survey",),
+    "view": ("stereo-seecolor view mapped  # opens the page in the browser",),
     "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),
     "evaluate": (
         "stereo-seecolor evaluate out --truth truth",

@@ -1,4 +1,4 @@
-"""What is installed is these two packages and nothing more, and the documentation builds without a warning."""
+"""What is installed is these two packages and the page, and nothing more, and the documentation builds without a warning."""
 
 import os
 import re
@@ -64,7 +64,8 @@ def test_wheel_holds_both_packages_whole_and_nothing_else(wheel: Path) -> None:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
         license_files = [name for name in archive.namelist() if name.endswith("licenses/LICENSE")]
     sources = {str(path.relative_to(ROOT).as_posix()) for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
-    assert names == sources | {f"{package}/py.typed" for package in PACKAGES}
+    page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "stereo_seecolor/report/static").iterdir()}
+    assert names == sources | page | {f"{package}/py.typed" for package in PACKAGES}
     assert license_files
 
 

@@ -27,6 +27,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "inspect": inspect_command.inspect,
         "run": dive_commands.run,
         "fuse": map_commands.fuse,
+        "report": map_commands.report,
         "view": map_commands.view,
         "export": map_commands.export,
     },

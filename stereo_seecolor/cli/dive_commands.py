@@ -28,7 +28,7 @@ from stereo_seecolor.cli.options import (
     with_refine,
 )
 from stereo_seecolor.cli.report import Report, run_options
-from stereo_seecolor.cli.run_text import map_text, run_text
+from stereo_seecolor.cli.run_text import map_text, page_text, run_text
 
 if TYPE_CHECKING:
     from stereo_seecolor.config import RunConfig
@@ -70,9 +70,11 @@ def run(
             check_fusion(poses, loaded)
         options = run_options(workers, overwrite, strict, verify, config, listener)
         summary = run_dive(left, right, calib, out, loaded, options, water=water)
-    if not fuse or summary.stopped:
+    if summary.stopped:
         _end(report, summary, out)
-    _end_with_map(report, summary, out, poses, loaded)
+    if fuse:
+        _end_with_map(report, summary, out, poses, loaded)
+    _end_with_page(report, summary, out)
 
 
 def correct(
@@ -164,11 +166,22 @@ def _end(report: Report, summary: "RunSummary", out: Path) -> NoReturn:
     report.end(run_content(summary, out), run_text(summary, out), run_exit_code(summary))
 
 
+def _end_with_page(report: Report, summary: "RunSummary", out: Path) -> NoReturn:
+    from stereo_seecolor.commands.report import report as write_page
+
+    report.say(run_text(summary, out))
+    with report.working() as listener:
+        page = write_page(out, listener, brief=True).page
+    report.end({**run_content(summary, out), "page": page}, page_text(page), run_exit_code(summary))
+
+
 def _end_with_map(report: Report, summary: "RunSummary", out: Path, poses: Path | None, config: "RunConfig") -> NoReturn:
     from stereo_seecolor.commands.fuse import fuse
+    from stereo_seecolor.commands.report import report as write_page
 
     report.say(run_text(summary, out))
     with report.working() as listener:
         made = fuse(out, poses, config, listener)
-    content = {**run_content(summary, out), "map": map_content(made)}
-    report.end(content, map_text(made), max(run_exit_code(summary), map_exit_code(made)))
+        page = write_page(out, listener, brief=True).page
+    content = {**run_content(summary, out), "page": page, "map": map_content(made)}
+    report.end(content, map_text(made) + page_text(page), max(run_exit_code(summary), map_exit_code(made)))

@@ -1,4 +1,4 @@
-"""Commands on the map of a dive: fuse, view, export."""
+"""Commands on a finished run: fuse, report, view, export."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,10 +6,11 @@ from typing import Annotated
 import typer
 
 from stereo_seecolor.cli.contents import map_content, map_exit_code
+from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.export_text import export_text, formats_text
 from stereo_seecolor.cli.options import AsJson, ConfigFile, Finished, LogFile, PosesFile, Progress, Settings, Verbose
 from stereo_seecolor.cli.report import Report
-from stereo_seecolor.cli.run_text import map_text
+from stereo_seecolor.cli.run_text import map_text, page_text, report_text
 
 
 def fuse(
@@ -24,20 +25,41 @@ def fuse(
 ) -> None:
     """Fuse a finished run into one map of the dive, OUT/map."""
     from stereo_seecolor.commands.fuse import fuse as fuse_frames
+    from stereo_seecolor.commands.report import report as write_page
     from stereo_seecolor.config_file import load_config
     from stereo_seecolor.run_folder.finished_run import settings_file
 
     report = Report("fuse", as_json, progress, verbose, log_file)
     with report.working() as listener:
         made = fuse_frames(out, poses, load_config(config or settings_file(out), settings or []), listener)
-    report.end({"out": out, "map": map_content(made)}, map_text(made), map_exit_code(made))
+        page = write_page(out, listener, brief=True).page
+    text = map_text(made) + page_text(page)
+    report.end({"out": out, "page": page, "map": map_content(made)}, text, map_exit_code(made))
 
 
-def view(out: Finished, as_json: AsJson = False) -> None:
-    """Open the map of a fused run in a window."""
+def report(
+    out: Finished, as_json: AsJson = False, progress: Progress = "auto", verbose: Verbose = False, log_file: LogFile = None
+) -> None:
+    """Write the page of a finished run, OUT/index.html, with everything of every frame."""
+    from stereo_seecolor.commands.report import report as write_page
+
+    console = Report("report", as_json, progress, verbose, log_file)
+    with console.working() as listener:
+        result = write_page(out, listener)
+    code = EXIT_SOME_FAILED if result.left_out else EXIT_DONE
+    console.end({"out": out, **vars(result)}, report_text(result), code)
+
+
+def view(
+    out: Finished,
+    window: Annotated[bool, typer.Option("--window", metavar="", help="Open the map in a window instead of the page.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Open the page of a run in the browser; without a page, or with --window, its map in a window."""
     from stereo_seecolor.commands.view import view as show
+    from stereo_seecolor.commands.view import view_map
 
-    result = show(out)
+    result = (view_map if window else show)(out)
     Report("view", as_json).end({"out": out, **vars(result)}, "")
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
+    from stereo_seecolor.commands.report import ReportResult
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary
 
@@ -42,6 +43,18 @@ def _totals(summary: "RunSummary") -> str:
         f"{'stopped early: ' if summary.stopped else ''}{summary.count('ok')} pairs done{kept}, {summary.count('failed')} failed, "
         f"{summary.count('unpaired')} files without a partner, in {summary.wall_seconds:.1f} s{slow}"
     )
+
+
+def page_text(page: Path) -> str:
+    """Where the page is."""
+    return lines([f"{page}: the page of the dive: open it in a browser"])
+
+
+def report_text(result: "ReportResult") -> str:
+    """What became of a page: frames that it does not show, totals, where it is."""
+    left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
+    totals = f"{result.made + result.kept} frames shown, {result.kept} of them kept from an earlier page"
+    return lines([*left_out, totals]) + page_text(result.page)
 
 
 def map_text(made: "MapSummary") -> str:

@@ -1,26 +1,41 @@
-"""Open the map of a fused run in a window: rerun's viewer where it is installed, else Open3D's."""
+"""Open the page of a run in a browser; or its map in a window: rerun's viewer where it is installed, else Open3D's."""
 
 import importlib.util
 import os
 import shutil
 import subprocess
 import sys
+import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.mapping.surface.open3d_extractor import open3d
+from stereo_seecolor.run_folder.layout import INDEX
 
 
 @dataclass(frozen=True)
 class ViewResult:
-    """The map that was shown, and by which viewer: "rerun" or "open3d"."""
+    """What was shown, and by which viewer: "browser", "rerun" or "open3d". mesh: the map in a window, None for the page."""
 
-    mesh: Path
+    mesh: Path | None
     viewer: str
 
 
 def view(out: Path) -> ViewResult:
+    """Show ``out``/index.html in the browser; where there is no page, the map in a window, as ``view_map``.
+
+    Raises InputError if there is neither; DeviceError if there is no browser, viewer or screen.
+    """
+    page = out / INDEX
+    if not page.is_file():
+        return view_map(out)
+    if not (_has_screen() and webbrowser.open(page.resolve().as_uri())):
+        raise DeviceError(f"there is no browser to open: copy {out} to a computer with one, and open {INDEX} there")
+    return ViewResult(None, "browser")
+
+
+def view_map(out: Path) -> ViewResult:
     """Show ``out``/map/mesh.ply until the window is closed.
 
     Raises InputError if there is no map; DeviceError if there is no viewer or no screen, or the viewer fails.

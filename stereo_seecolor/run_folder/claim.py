@@ -6,7 +6,18 @@ from pathlib import Path
 
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import files_below
-from stereo_seecolor.run_folder.layout import DIVE_FILES, MAP, ORIGINAL, PRODUCTS, SET_ASIDE, STATE, state
+from stereo_seecolor.run_folder.layout import (
+    DIVE_FILES,
+    INDEX,
+    MAP,
+    ORIGINAL,
+    PAGE,
+    PAGE_PRODUCTS,
+    PRODUCTS,
+    SET_ASIDE,
+    STATE,
+    state,
+)
 from stereo_seecolor.run_folder.manifest import Manifest
 
 LOCK = "lock"
@@ -59,7 +70,7 @@ def check_claim(manifest: Manifest, owner: Owner, overwrite: bool, inputs: Seque
 
 def refuse_links(root: Path) -> None:
     """Raise OutputError where a folder that the program writes into is a link: it would lead out of OUT."""
-    for name in (*PRODUCTS, ORIGINAL, MAP, STATE, SET_ASIDE):
+    for name in (*PRODUCTS, ORIGINAL, MAP, PAGE, *PAGE_PRODUCTS, STATE, SET_ASIDE):
         if (root / name).is_symlink():
             raise OutputError(
                 f"{root / name}: is a link, and nothing is written outside of {root}: remove it, or choose another --out"
@@ -80,17 +91,20 @@ def refuse_used(root: Path) -> None:
 def refuse_foreign(manifest: Manifest) -> None:
     """Raise OutputError where a product's folder holds what the program did not write."""
     known = {*manifest.names()}
-    for product in PRODUCTS:
+    for product in (*PRODUCTS, *PAGE_PRODUCTS):
         if not product.startswith(f"{ORIGINAL}/"):
             for name in _names(manifest.root / product):
                 if not _of_system(name) and Path(name).stem not in known:
                     raise _foreign(manifest.root / product / name)
     _refuse_foreign_originals(manifest)
     files = manifest.dive().files
-    for path in files_below(manifest.root / MAP):
-        if not _of_system(path.name) and path.relative_to(manifest.root).as_posix() not in files:
+    frames_folders = {manifest.root / product for product in PAGE_PRODUCTS}
+    for path in (*files_below(manifest.root / MAP), *files_below(manifest.root / PAGE)):
+        if path.parent in frames_folders or _of_system(path.name):
+            continue
+        if path.relative_to(manifest.root).as_posix() not in files:
             raise _foreign(path)
-    for name in DIVE_FILES:
+    for name in (*DIVE_FILES, INDEX):
         if (manifest.root / name).exists() and name not in files:
             raise _foreign(manifest.root / name)
 

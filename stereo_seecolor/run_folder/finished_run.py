@@ -59,7 +59,8 @@ class FinishedRun:
     config: the run's own settings. geometry: of the rectified images; None for ``correct``, which knows no camera.
     T_rectified_left: (4, 4), from the raw left camera's axes. frames: those that are finished and current, in the dive's order.
     state: whether the latest run came to its end. stale: frames whose products are of earlier settings.
-    totals: the numbers of the latest run's summary. inputs: what the run was given, by name.
+    totals: the numbers of the latest run's summary. inputs: what the run was given, by name. version: of the program.
+    made: when, as ISO 8601. libraries: versions by name. command_line: as it was given.
     """
 
     root: Path
@@ -71,6 +72,10 @@ class FinishedRun:
     stale: tuple[str, ...]
     totals: dict[str, Any]
     inputs: dict[str, str]
+    version: str
+    made: str
+    libraries: dict[str, str | None]
+    command_line: tuple[str, ...]
 
     @property
     def water_file(self) -> Path:
@@ -127,6 +132,10 @@ def open_run(out: Path) -> FinishedRun:
         stale=tuple(record.name for record in records if record.name not in names and record.files),
         totals=content["totals"],
         inputs=content["inputs"],
+        version=content["version"],
+        made=content["date"],
+        libraries=content["libraries"],
+        command_line=tuple(content["command_line"]),
     )
 
 

@@ -26,7 +26,18 @@ from stereo_seecolor.run_folder.claim import (
     refuse_used,
 )
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
-from stereo_seecolor.run_folder.layout import MAP, ORIGINAL, PRODUCTS, SET_ASIDE, Stage, state, table_file
+from stereo_seecolor.run_folder.layout import (
+    INDEX,
+    MAP,
+    ORIGINAL,
+    PAGE,
+    PAGE_PRODUCTS,
+    PRODUCTS,
+    SET_ASIDE,
+    Stage,
+    state,
+    table_file,
+)
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.stamp import Stamp
 
@@ -52,7 +63,7 @@ class RunFolder:
         self.manifest = Manifest(root)
         self.set_aside: list[Path] = []
         self.removed: list[str] = []
-        self.written: dict[Stage, set[str]] = {"range": set(), "corrected": set(), "rectified": set()}
+        self.written: dict[Stage, set[str]] = {"range": set(), "corrected": set(), "rectified": set(), "page": set()}
         self.files_written: set[str] = set()
         self._claim = claim
         self._dive = DiveRecord()
@@ -97,7 +108,7 @@ class RunFolder:
             self._delete_everything()
         earlier = self.manifest.dive() if self.manifest.exists() else DiveRecord()
         self._dive = replace(earlier, identity=self._claim.owner.identity())
-        for name in (*PRODUCTS, MAP, "."):
+        for name in (*PRODUCTS, *PAGE_PRODUCTS, PAGE, MAP, "."):
             remove_leftovers(self.root / name)
         for folder in (state(self.root), *(path for path in state(self.root).iterdir() if path.is_dir())):
             remove_leftovers(folder)
@@ -193,7 +204,8 @@ class RunFolder:
     def remove(self, *names: str) -> None:
         """Delete files of the whole dive, or all files of a folder such as map, that the program wrote."""
         gone = [path for path in self._dive.files if path in names or path.split("/")[0] in names]
-        self.removed += [f"{self.root / name}: was made from other frames or settings, and was removed" for name in names]
+        lost = [name for name in names if name != INDEX]  # the page is written again when the command ends
+        self.removed += [f"{self.root / name}: was made from other frames or settings, and was removed" for name in lost]
         self._delete(gone, self._dive.files)
         files = {path: stamps for path, stamps in self._dive.files.items() if path not in gone}
         made_from = {name: made for name, made in self._dive.made_from.items() if name not in names}
@@ -268,7 +280,7 @@ class RunFolder:
         self._delete(dive.files, dive.files)
         forget_refinement(self.root)
         self.manifest.save_dive(DiveRecord(identity=dive.identity))
-        for folder in (MAP, *PRODUCTS, ORIGINAL):
+        for folder in (MAP, PAGE, *PRODUCTS, ORIGINAL):
             remove_empty_folders(self.root / folder)
 
 

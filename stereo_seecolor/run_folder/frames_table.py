@@ -9,11 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from stereo_seecolor.errors import printable
+from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.records import FrameRow, Status
 
 _PATH = re.compile(r"^\S*/.*?: ")
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
+
+
+_TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"})
+"""Columns that hold no number of the frame's facts or seconds."""
 
 
 class FrameTable:
@@ -86,15 +90,7 @@ class RunSummary:
 
     def problems(self) -> list[tuple[str, int, str]]:
         """(what, how often, first name) of errors and warnings, the most frequent first; those that differ in numbers are one."""
-        seen: Counter[str] = Counter()
-        first: dict[str, tuple[str, str]] = {}
-        for row in self.rows:
-            for text in (*((row.error,) if row.error else ()), *row.warnings):
-                what = _PATH.sub("", text).removeprefix(f"{row.name}: ")
-                kind = _NUMBER.sub("", what)
-                seen[kind] += 1
-                first.setdefault(kind, (what, row.name))
-        return [(first[kind][0], often, first[kind][1]) for kind, often in seen.most_common()]
+        return [(problem.what, len(problem.names), problem.names[0]) for problem in problems_of(self.rows)]
 
     def stage_seconds(self) -> dict[str, float]:
         """Seconds a stage over all pairs, the slowest first."""
@@ -102,6 +98,24 @@ class RunSummary:
         for row in self.rows:
             total.update(row.seconds)
         return dict(total.most_common())
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A kind of error or warning. what: its text, as it came first. names: of the frames that have it, in order."""
+
+    what: str
+    names: tuple[str, ...]
+
+
+def problems_of(rows: Sequence[FrameRow]) -> list[Problem]:
+    """Kinds of errors and warnings, the most frequent first; those that differ in numbers are one kind."""
+    seen: dict[str, tuple[str, list[str]]] = {}
+    for row in rows:
+        for text in (*((row.error,) if row.error else ()), *row.warnings):
+            what = _PATH.sub("", text).removeprefix(f"{row.name}: ")
+            seen.setdefault(_NUMBER.sub("", what), (what, []))[1].append(row.name)
+    return sorted((Problem(what, tuple(names)) for what, names in seen.values()), key=lambda problem: -len(problem.names))
 
 
 def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
@@ -117,6 +131,33 @@ def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
             + [f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts]
             + [f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages]
         )
+
+
+def read_frames(path: Path, stages: Sequence[str]) -> tuple[FrameRow, ...]:
+    """The rows of a frames.csv. stages: those whose seconds it holds. Raises InputError if it is gone or damaged."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            return tuple(_row(cells, stages) for cells in csv.DictReader(file))
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"{path}: is gone or damaged ({error}): run the same line again, which writes it again") from error
+
+
+def _row(cells: dict[str, str], stages: Sequence[str]) -> FrameRow:
+    numbers = {key: float(value) for key, value in cells.items() if key not in _TEXTS and value}
+    seconds = {stage: numbers.pop(f"{stage}_s") for stage in stages if f"{stage}_s" in numbers}
+    status: Any = cells["status"]
+    return FrameRow(
+        name=cells["name"],
+        status=status,
+        left=cells["left"],
+        right=cells["right"],
+        timestamp_s=float(cells["timestamp_s"]) if cells["timestamp_s"] else None,
+        error=cells["error"],
+        warnings=tuple(text for text in cells["warnings"].split("; ") if text),
+        kept=cells["kept"] == "1",
+        seconds=seconds,
+        facts=numbers,
+    )
 
 
 def _csv_line(cells: Sequence[object]) -> bytes:

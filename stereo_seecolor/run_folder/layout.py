@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-Stage = Literal["range", "corrected", "rectified"]
+Stage = Literal["range", "corrected", "rectified", "page"]
 
 ORIGINAL = "original"
 """Holds products in the left camera's own pixels, whose files are named as its images."""
@@ -17,6 +17,8 @@ CLOUD, MESH, MOSAIC, TERRAIN = "cloud.ply", "mesh.ply", "orthomosaic.tif", "dem.
 """Files in OUT/map that others read."""
 RIG, WATER, MEASURED_WATER = "rig.yaml", "water.json", "water_measured.json"
 FRAMES_TABLE, RUN, RECTIFIED_RIG = "frames.csv", "run.json", "rectified.yaml"
+INDEX, PAGE = "index.html", "page"
+"""The page to look at, and the folder of what it shows."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,14 @@ PRODUCTS: dict[str, Product] = {
     "rectified_left": Product("rectified", ".png", "left images, rectified"),
     "rectified_right": Product("rectified", ".png", "right images, rectified"),
 }
+
+PAGE_PRODUCTS: dict[str, Product] = {
+    "page/thumbnails": Product("page", ".jpg", "each corrected frame, small"),
+    "page/before": Product("page", ".jpg", "each left frame as the camera saw it, rectified"),
+    "page/after": Product("page", ".jpg", "each left frame in its true colors"),
+    "page/ranges": Product("page", ".js", "ranges, their standard errors, confidence and mask, to measure in"),
+}
+"""What the page shows of a pair, made of its other products: read by the page alone."""
 
 DIVE_FILES: dict[str, str] = {
     RECTIFIED_RIG: "the calibration of the rectified images",
@@ -67,6 +77,11 @@ def product_path(product: str, name: str, image_format: str) -> str:
 def original_path(product: str, left: Path) -> str:
     """Where a product in the left camera's own pixels lies, relative to OUT: it is called as the left image is."""
     return f"{product}/{left.stem}{PRODUCTS[product].suffix or left.suffix}"
+
+
+def page_path(product: str, name: str) -> str:
+    """Where a file that the page shows of a pair lies, relative to OUT."""
+    return f"{product}/{name}{PAGE_PRODUCTS[product].suffix}"
 
 
 def state(root: Path, *parts: str) -> Path:

@@ -16,7 +16,12 @@ from stereo_seecolor.run_folder.layout import Stage, state
 from stereo_seecolor.run_folder.stamp import Stamp
 
 FORMAT, VERSION = "stereo-seecolor/manifest", 2
-DEPENDS_ON: dict[Stage, tuple[Stage, ...]] = {"range": (), "corrected": ("range",), "rectified": ()}
+DEPENDS_ON: dict[Stage, tuple[Stage, ...]] = {
+    "range": (),
+    "corrected": ("range",),
+    "rectified": (),
+    "page": ("range", "corrected"),
+}
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,17 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary, frames_csv
-from stereo_seecolor.run_folder.layout import DIVE_FILES, FRAMES_TABLE, MAP, MEASURED_WATER, PRODUCTS, RUN, WHAT_IS_WHERE, Stage
+from stereo_seecolor.run_folder.layout import (
+    DIVE_FILES,
+    FRAMES_TABLE,
+    INDEX,
+    MAP,
+    MEASURED_WATER,
+    PRODUCTS,
+    RUN,
+    WHAT_IS_WHERE,
+    Stage,
+)
 from stereo_seecolor.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "open3d", "gtsam")
@@ -48,7 +58,7 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
     if complete:
         for name in set(folder.manifest.names()) - {*run.names}:
             folder.discard(name)
-        sources = {MAP: folder.digest("corrected"), MEASURED_WATER: folder.digest("range")}
+        sources = {name: folder.digest("corrected") for name in (MAP, INDEX)} | {MEASURED_WATER: folder.digest("range")}
         stale = [name for name, source in sources.items() if folder.dive.made_from.get(name, source) != source]
         folder.remove(*stale)
     folder.update(replace(folder.dive, state="complete" if complete else "stopped"))
@@ -76,7 +86,7 @@ def products(folder: RunFolder) -> tuple[ProductSummary, ...]:
     for frame in folder.manifest.frames():
         for stage, record in frame.stages.items():
             if dive.is_current(frame, stage):
-                for product in record.outputs:
+                for product in record.outputs.keys() & PRODUCTS.keys():
                     counts[product] += 1
                     written[product] += frame.name in folder.written[stage]
     names = {name for path in dive.files for name in (path, path.split("/")[0]) if (folder.root / name).exists()}

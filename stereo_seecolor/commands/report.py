@@ -1,0 +1,37 @@
+"""``report``: the page of a finished run, OUT/index.html, to look at in a browser."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from stereo_seecolor.progress import Listener, Silence
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.page import write_page
+from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.layout import INDEX
+
+
+@dataclass(frozen=True)
+class ReportResult:
+    """page: the file to open. made, kept: frames whose pictures were made now, or earlier. left_out: frame -> the reason."""
+
+    page: Path
+    made: int
+    kept: int
+    left_out: dict[str, str]
+
+
+def report(out: Path, listener: Listener | None = None, *, brief: bool = False) -> ReportResult:
+    """Write ``out``/index.html, which works without a network and without the program, and what it shows, ``out``/page.
+
+    brief: as run and fuse write it, in hardly any time: of a dive of many frames only some are shown with all there is of them.
+    Only what changed since an earlier page is made. Raises InputError if ``out`` holds no run, or what the page is made of is
+    damaged; OutputError if it cannot be written, or another run writes into it now.
+    """
+    open_run(out)  # refuses another folder before anything is written into it
+    listener = listener or Silence()
+    with RunFolder.existing(out) as folder:
+        run = open_run(out)
+        listener.begin("page", len(run.frames))
+        summary = write_page(folder, run, brief, lambda done, _: listener.advance(FrameRow(f"{done}")))
+    return ReportResult(out / INDEX, summary.made, summary.kept, summary.left_out)

@@ -1,0 +1,94 @@
+"""What is known of each frame, column by column, as the page's strip, filters and plots take it."""
+
+import math
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.dive_facts import DiveFacts
+from stereo_seecolor.run_folder.finished_map import TrackPoint
+
+Column = list[float | None]
+DIGITS = 5
+"""Significant digits of a plotted number: a screen shows three."""
+
+
+def columns(facts: DiveFacts) -> dict[str, Any]:
+    """Names, status, kinds of problems and numbers of all rows of frames.csv, in their order."""
+    problems = facts.problems
+    of_frame: dict[str, list[int]] = {}
+    for number, problem in enumerate(problems):
+        for name in problem.names:
+            of_frame.setdefault(name, []).append(number)
+    return {
+        "names": [row.name for row in facts.rows],
+        "status": [row.status for row in facts.rows],
+        "errors": {str(i): row.error for i, row in enumerate(facts.rows) if row.error},
+        "problems": [problem.what for problem in problems],
+        "problems_of": {str(i): of_frame[row.name] for i, row in enumerate(facts.rows) if row.name in of_frame},
+        "plots": plots(facts),
+    }
+
+
+def plots(facts: DiveFacts) -> dict[str, dict[str, Column]]:
+    """Plot -> curve -> a number or None for each row; plots without any number are left out."""
+    known = sorted({key for row in facts.rows for key in row.facts})
+    made = {key: {"": [row.facts.get(key) for row in facts.rows]} for key in known}
+    made |= _water(facts) | _track(facts)
+    made["seconds"] = {stage: [row.seconds.get(stage) for row in facts.rows] for stage in _stages(facts.rows)}
+    rounded = {plot: {name: _rounded(column) for name, column in curves.items()} for plot, curves in made.items()}
+    return {plot: curves for plot, curves in rounded.items() if any(_varies(column) for column in curves.values())}
+
+
+def _stages(rows: Sequence[FrameRow]) -> list[str]:
+    return list(dict.fromkeys(stage for row in rows for stage in row.seconds))
+
+
+def _varies(column: Column) -> bool:
+    """True for a column that is worth a plot: it holds a number, and not always the same."""
+    return len({value for value in column if value is not None}) > 1
+
+
+def _rounded(column: Iterable[float | None]) -> Column:
+    return [float(f"{value:.{DIGITS}g}") if value is not None and math.isfinite(value) else None for value in column]
+
+
+def _water(facts: DiveFacts) -> dict[str, dict[str, Column]]:
+    """Each frame's own water at 1 m; nothing where all share one."""
+    if facts.water is not None or not facts.waters:
+        return {}
+    near = np.array(1.0)
+    of_frame = {name: (-np.log(water.attenuation(near)), water.backscatter(near)) for name, water in facts.waters.items()}
+    made: dict[str, dict[str, Column]] = {}
+    for kind, plot in enumerate(("water_attenuation", "water_backscatter")):
+        made[plot] = {
+            channel: [float(of_frame[row.name][kind][c]) if row.name in of_frame else None for row in facts.rows]
+            for c, channel in enumerate(("red", "green", "blue"))
+        }
+    return made
+
+
+def _track(facts: DiveFacts) -> dict[str, dict[str, Column]]:
+    if facts.map is None:
+        return {}
+    points = {point.name: point for point in facts.map.track}
+    speeds = dict(zip((point.name for point in facts.map.track[1:]), _speeds(facts.map.track), strict=True))
+    residuals = {name: point.position_residual_m for name, point in points.items()}
+    heights = {name: point.z_m for name, point in points.items()}
+    return {
+        "speed_m_s": {"": [speeds.get(row.name) for row in facts.rows]},
+        "height_m": {"": [heights.get(row.name) for row in facts.rows]},
+        "position_residual_m": {"": [residuals.get(row.name) for row in facts.rows]},
+    }
+
+
+def _speeds(track: Sequence[TrackPoint]) -> list[float | None]:
+    speeds: list[float | None] = []
+    for a, b in pairwise(track):
+        seconds = b.timestamp_s - a.timestamp_s if a.timestamp_s is not None and b.timestamp_s is not None else 0.0
+        distance_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))
+        speeds.append(distance_m / seconds if seconds > 0 else None)
+    return speeds

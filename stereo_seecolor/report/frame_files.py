@@ -1,0 +1,106 @@
+"""What the page shows of one frame: thumbnail, before, after, and its ranges to measure in."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import CalibrationError, Rectification
+from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.files.atomic import Content
+from stereo_seecolor.geometry import estimated_range_std_m
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.records import Image, Map
+from stereo_seecolor.report.previews import preview, thumbnail
+from stereo_seecolor.report.range_code import CodedRanges, deflated, std_codes, text
+from stereo_seecolor.report.script import script
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
+from stereo_seecolor.run_folder.layout import page_path
+
+Files = dict[str, tuple[str, Content]]
+"""Product -> path relative to OUT, content."""
+
+OVERLAY_STEP_PX = 2
+"""Confidence and mask are shown, not measured in: every second pixel of every second row."""
+
+
+@dataclass(frozen=True, eq=False)
+class FrameFiles:
+    """Makes the page's files of a run's frames. rectification: None for a run that knows no camera."""
+
+    run: FinishedRun
+    rectification: Rectification | None
+
+    @classmethod
+    def of(cls, run: FinishedRun) -> "FrameFiles":
+        """Raises CalibrationError if the run's rig is damaged."""
+        return cls(run, Rectification.from_rig(run.rig) if run.geometry is not None else None)
+
+    def make(self, frame: FinishedFrame) -> Files:
+        """All that the page shows of a frame, without ``page/before`` where the input image is gone.
+
+        Raises FrameError if one of the frame's files is gone or damaged.
+        """
+        try:
+            contents = self._contents(frame)
+        except InputError as error:
+            raise FrameError(frame.name, str(error)) from error
+        return {product: (page_path(product, frame.name), content) for product, content in contents.items()}
+
+    def _contents(self, frame: FinishedFrame) -> dict[str, bytes]:
+        color = frame.read("corrected")
+        files = {"page/thumbnails": thumbnail(color), "page/after": preview(color)}
+        if before := self._before(frame):
+            files["page/before"] = before
+        if self.run.geometry is not None:
+            files["page/ranges"] = self._ranges(frame)
+        return files
+
+    def _before(self, frame: FinishedFrame) -> bytes:
+        """The image as the camera saw it, rectified; empty where it is gone."""
+        try:
+            return preview(self.raw(frame))
+        except (InputError, CalibrationError):
+            return b""
+
+    def raw(self, frame: FinishedFrame) -> Image:
+        """(H, W, 3), rectified and upright. Raises InputError, CalibrationError."""
+        image = read_image(frame.left, self.run.config.input)
+        if self.rectification is None:
+            return image
+        rectified: Image = self.rectification.upright(self.rectification.apply_left(image))
+        return rectified
+
+    def _ranges(self, frame: FinishedFrame) -> bytes:
+        confidence = frame.read("confidence")
+        range_m = np.where(confidence > 0, frame.read("range"), np.float32(np.nan))
+        ranges = CodedRanges.of(range_m)
+        every = np.s_[::OVERLAY_STEP_PX, ::OVERLAY_STEP_PX]
+        content = {
+            "height": range_m.shape[0],
+            "width": range_m.shape[1],
+            "step_per_m": ranges.step_per_m,
+            "ranges": text(deflated(ranges.planes)),
+            "known": text(deflated(np.packbits(ranges.known))),
+            "std": text(deflated(std_codes(self._std_m(frame, range_m)))),
+            "confidence": text(deflated(_rounded(confidence[every]))),
+            "mask": text(deflated(frame.read("mask")[every])),
+        }
+        return script("ranges", frame.name, content)
+
+    def _std_m(self, frame: FinishedFrame, range_m: Map) -> Map:
+        assert self.run.geometry is not None
+        if "range_std" not in frame.products:
+            return estimated_range_std_m(range_m, self.run.geometry)
+        return np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
+
+
+def raw_is_there(frame: FinishedFrame) -> bool:
+    """True if the frame's input image still lies where it was."""
+    return frame.left != Path() and frame.left.is_file()
+
+
+def _rounded(confidence: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Confidence in 16 steps, which deflate well; only what is unknown becomes 0."""
+    return np.where(confidence > 0, np.maximum(confidence & 0xF0, 16), 0).astype(np.uint8)

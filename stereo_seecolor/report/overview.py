@@ -1,0 +1,143 @@
+"""What the overview says of the dive: facts, methods, settings, citations, as the template takes them."""
+
+import json
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.report.dive_facts import DiveFacts
+from stereo_seecolor.report.numbers import digits, duration, length
+from stereo_seecolor.report.texts import Texts
+
+NAMED_FRAMES = 8
+"""So many frames of a warning are named before the rest is counted: a line on a screen."""
+CHANNELS = ("red", "green", "blue")
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A number of the dive and what it is."""
+
+    label: str
+    value: str
+
+
+def dive_facts(facts: DiveFacts, texts: Texts) -> list[Fact]:
+    """The dive in numbers; what is unknown is left out."""
+    done = texts("fact.frames_value", ok=facts.count("ok"), pairs=len(facts.pairs))
+    range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
+    rugosity = facts.map.site.get("surface_rugosity") if facts.map else None
+    area_m2 = facts.map.area_m2 if facts.map else None
+    values = {
+        "frames": done,
+        "duration": facts.duration_s and duration(facts.duration_s, texts),
+        "track": facts.track_m and length(facts.track_m, texts),
+        "area": area_m2 and texts("unit.m2", value=digits(area_m2)),
+        "rugosity": rugosity and digits(rugosity),
+        "range": range_m and length(range_m, texts),
+        "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m, texts),
+        "coverage": coverage and texts("fact.coverage_value", percent=f"{coverage:.0%}"),
+    }
+    return [Fact(texts(f"fact.{key}"), value) for key, value in values.items() if value] + _halving(facts, texts)
+
+
+def _halving(facts: DiveFacts, texts: Texts) -> list[Fact]:
+    """Over how much water light of each color halves, at the reef's distance."""
+    range_m = facts.typical("median_range_m")
+    if facts.water is None or range_m is None:
+        return []
+    rates = -np.log(facts.water.attenuation(np.array(range_m))) / range_m
+    return [
+        Fact(texts("fact.halving", channel=texts(f"channel.{channel}")), length(math.log(2) / rate, texts))
+        for channel, rate in zip(CHANNELS, rates, strict=True)
+        if rate > 0
+    ]
+
+
+def methods(facts: DiveFacts, texts: Texts) -> str:
+    """A paragraph of methods with this run's own numbers; what is unknown is left out."""
+    return " ".join([*_methods_of_pairs(facts, texts), *_methods_of_water(facts, texts), *_methods_of_map(facts, texts)])
+
+
+def _methods_of_pairs(facts: DiveFacts, texts: Texts) -> list[str]:
+    geometry, range_m, coverage = facts.run.geometry, facts.typical("median_range_m"), facts.typical("coverage")
+    if geometry is None or range_m is None or coverage is None:
+        return []
+    width, height = geometry.image_size
+    return [
+        texts(
+            "methods.pairs",
+            ok=facts.count("ok"),
+            pairs=len(facts.pairs),
+            width=width,
+            height=height,
+            baseline=digits(1000 * geometry.baseline_m, 4),
+            focal=digits(geometry.focal_px, 4),
+            version=facts.run.version,
+        ),
+        texts(
+            "methods.range",
+            coverage=f"{coverage:.0%}",
+            range=digits(range_m),
+            pixel=digits(1000 * range_m / geometry.focal_px),
+        ),
+    ]
+
+
+def _methods_of_water(facts: DiveFacts, texts: Texts) -> list[str]:
+    if not facts.waters:
+        return []
+    through = np.median([water.attenuation(np.array(1.0)) for water in facts.waters.values()], axis=0)
+    lock = texts(f"methods.lock.{facts.run.config.color.lock}")
+    said = [texts("methods.water", lock=lock, **_by_channel(through))]
+    errors = facts.water.standard_errors.get("y") if facts.water else None
+    if errors is not None and np.isfinite(errors).all():
+        said.append(texts("methods.water_errors", **_by_channel(errors)))
+    return said
+
+
+def _by_channel(values: Any) -> dict[str, str]:
+    return {channel: digits(float(value), 2) for channel, value in zip(CHANNELS, values, strict=True)}
+
+
+def _methods_of_map(facts: DiveFacts, texts: Texts) -> list[str]:
+    made = facts.map
+    if made is None or made.area_m2 is None or facts.track_m is None:
+        return []
+    numbers = {
+        "placed": len(made.track),
+        "track": digits(facts.track_m),
+        "voxel": digits(1000 * made.cell_m["voxel_m"]),
+        "area": digits(made.area_m2),
+        "coverage": f"{made.site.get('coverage', math.nan):.0%}",
+    }
+    said = [texts("methods.map", **numbers)]
+    if "surface_rugosity" in made.site:
+        cell = digits(1000 * made.cell_m["dem_m"])
+        said.append(texts("methods.map_rugosity", rugosity=digits(made.site["surface_rugosity"]), cell=cell))
+    residuals = [point.position_residual_m for point in made.track if point.position_residual_m is not None]
+    if residuals:
+        said.append(texts("methods.poses", residual=digits(float(np.median(residuals)), 2)))
+    return said
+
+
+def citations(facts: DiveFacts, texts: Texts) -> list[str]:
+    """What to cite."""
+    return [texts("cite.program", version=facts.run.version), texts("cite.deepseecolor"), texts("cite.seathru")]
+
+
+def changed_settings(config: RunConfig) -> list[Fact]:
+    """Settings that differ from the defaults, by their full name."""
+    default = _flat(RunConfig().model_dump(mode="json"))
+    mine = _flat(config.model_dump(mode="json"))
+    return [Fact(key, json.dumps(value)) for key, value in mine.items() if default.get(key) != value]
+
+
+def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in content.items():
+        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return flat

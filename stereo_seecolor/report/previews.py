@@ -1,0 +1,60 @@
+"""Images of any output format as JPEG that every browser shows."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.srgb import encode_srgb
+
+
+@dataclass(frozen=True)
+class PreviewSizes:
+    """Longer sides in pixels, and JPEG qualities."""
+
+    thumbnail_px: int = 192  # 96 CSS pixels wide on a screen of double density
+    thumbnail_quality: int = 72  # about 4 kB: 5,000 of them are 20 MB
+    image_px: int = 1600  # as wide as the viewer on a large screen; the full image is a click away
+    image_quality: int = 85  # no blocks to be seen at this size
+
+
+SIZES = PreviewSizes()
+
+
+def thumbnail(pixels: NDArray[Any]) -> bytes:
+    """A JPEG of an image (H, W) or (H, W, 3) RGB; uint8, uint16, or float32 linear light."""
+    return _jpeg(_smaller(pixels, SIZES.thumbnail_px), SIZES.thumbnail_quality)
+
+
+def preview(pixels: NDArray[Any]) -> bytes:
+    """A JPEG as large as a screen; arguments as of ``thumbnail``."""
+    return _jpeg(_smaller(pixels, SIZES.image_px), SIZES.image_quality)
+
+
+def _smaller(pixels: NDArray[Any], longer_px: int) -> NDArray[Any]:
+    height, width = pixels.shape[:2]
+    scale = longer_px / max(height, width)
+    if scale >= 1:
+        return pixels
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    return np.asarray(cv2.resize(pixels, size, interpolation=cv2.INTER_AREA))
+
+
+def _jpeg(pixels: NDArray[Any], quality: int) -> bytes:
+    shown = eight_bit(pixels)
+    bgr = shown if shown.ndim == 2 else cv2.cvtColor(shown, cv2.COLOR_RGB2BGR)
+    encoded: NDArray[np.uint8]
+    _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return encoded.tobytes()
+
+
+def eight_bit(pixels: NDArray[Any]) -> NDArray[np.uint8]:
+    """An image of any output format as 8-bit sRGB, of the same shape."""
+    if pixels.dtype == np.uint16:
+        return (pixels >> 8).astype(np.uint8)
+    if pixels.dtype == np.float32:
+        encoded: NDArray[np.float32] = 255 * encode_srgb(np.clip(pixels, 0, 1))
+        return np.rint(encoded).astype(np.uint8)
+    return pixels.astype(np.uint8, copy=False)

@@ -1,0 +1,69 @@
+"""Is the dive good, in plain words: what a person should look at before using the results."""
+
+from dataclasses import dataclass
+
+from stereo_seecolor.report.dive_facts import DiveFacts
+from stereo_seecolor.report.texts import Texts
+
+
+@dataclass(frozen=True)
+class VerdictLimits:
+    """When the page says: look at this."""
+
+    warned_fraction: float = 0.1  # single frames of a good dive have warnings: turbid water, a fish before the lens
+    coverage: float = 0.6  # a textured reef is measured to 80-95 %; sand or blur leave less
+    unrecoverable_fraction: float = 0.1  # more of a frame without one of its colors is seen by eye
+    placed_fraction: float = 0.95  # a frame in twenty may point into the blue
+
+
+LIMITS = VerdictLimits()
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """good: nothing needs a look. line: the verdict in a sentence. reasons: what to look at, a sentence each."""
+
+    good: bool
+    line: str
+    reasons: tuple[str, ...]
+
+
+def judge(facts: DiveFacts, texts: Texts) -> Verdict:
+    """The verdict on a run."""
+    reasons = (*_of_pairs(facts, texts), *_of_pixels(facts, texts), *_of_map(facts, texts))
+    if not facts.run.frames:
+        return Verdict(False, texts("verdict.nothing"), reasons)
+    return Verdict(not reasons, texts("verdict.look" if reasons else "verdict.good"), reasons)
+
+
+def _of_pairs(facts: DiveFacts, texts: Texts) -> list[str]:
+    reasons = []
+    for status in ("failed", "pending", "unpaired"):
+        if count := facts.count(status):
+            reasons.append(texts(f"verdict.{status}", count=count, pairs=len(facts.pairs)))
+    warned = sum(bool(row.warnings) for row in facts.pairs)
+    if warned > LIMITS.warned_fraction * len(facts.pairs):
+        reasons.append(texts("verdict.warned", count=warned, pairs=len(facts.pairs)))
+    return reasons
+
+
+def _of_pixels(facts: DiveFacts, texts: Texts) -> list[str]:
+    reasons = []
+    coverage, lost = facts.typical("coverage"), facts.typical("unrecoverable_fraction")
+    if coverage is not None and coverage < LIMITS.coverage:
+        reasons.append(texts("verdict.coverage", percent=f"{coverage:.0%}"))
+    if lost is not None and lost > LIMITS.unrecoverable_fraction:
+        reasons.append(texts("verdict.unrecoverable", percent=f"{lost:.0%}"))
+    return reasons
+
+
+def _of_map(facts: DiveFacts, texts: Texts) -> list[str]:
+    if facts.map is None:
+        return []
+    reasons = []
+    placed, frames = len(facts.map.track), len(facts.run.frames)
+    if placed < LIMITS.placed_fraction * frames:
+        reasons.append(texts("verdict.placed", placed=placed, frames=frames))
+    if facts.map.pieces:
+        reasons.append(texts("verdict.pieces", pieces=facts.map.pieces + 1))
+    return reasons

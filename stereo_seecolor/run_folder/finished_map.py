@@ -1,0 +1,80 @@
+"""OUT/map read back: where its frames stood, and the numbers of its site."""
+
+import csv
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.run_folder.layout import MAP
+
+
+@dataclass(frozen=True)
+class TrackPoint:
+    """Where a frame's rectified left camera stood, meters in the map's world; residuals None where no poses were given."""
+
+    name: str
+    timestamp_s: float | None
+    x_m: float
+    y_m: float
+    z_m: float
+    position_residual_m: float | None
+    attitude_residual_deg: float | None
+
+
+@dataclass(frozen=True)
+class FinishedMap:
+    """The main component of a map, in ``folder``.
+
+    track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that was seen, None where there is no
+    terrain model. cell_m: edges of voxels and cells by name. pieces: number of further components.
+    """
+
+    folder: Path
+    track: tuple[TrackPoint, ...]
+    site: dict[str, float]
+    area_m2: float | None
+    cell_m: dict[str, float]
+    pieces: int
+
+
+def open_map(out: Path) -> FinishedMap | None:
+    """The map of a run; None where there is none. Raises InputError if it is damaged."""
+    folder = out / MAP
+    if not (folder / "map.json").is_file():
+        return None
+    try:
+        description = json.loads((folder / "map.json").read_bytes())
+        cell_m = {name: float(description[name]) for name in ("voxel_m", "dem_m", "mosaic_m", "metrics_m")}
+        squares = _rows(folder / "reef_metrics.csv")
+        site = next((_numbers(row) for row in squares if row["square"] == "site"), {})
+        seen = [float(row["coverage"]) for row in squares if row["square"] != "site" and row["coverage"]]
+        return FinishedMap(
+            folder=folder,
+            track=tuple(_point(row) for row in _rows(folder / "poses.csv")),
+            site=site,
+            area_m2=sum(seen) * cell_m["metrics_m"] ** 2 if seen else None,
+            cell_m=cell_m,
+            pieces=len(list(folder.glob("piece_*"))),
+        )
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error
+
+
+def _rows(path: Path) -> list[dict[str, str]]:
+    if not path.is_file():
+        return []
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def _numbers(row: dict[str, str]) -> dict[str, float]:
+    return {key: float(value) for key, value in row.items() if key != "square" and value}
+
+
+def _point(row: dict[str, str]) -> TrackPoint:
+    number = {key: float(value) if value else None for key, value in row.items() if key != "name"}
+    x_m, y_m, z_m = (float(row[key]) for key in ("x_m", "y_m", "z_m"))
+    return TrackPoint(
+        row["name"], number["timestamp_s"], x_m, y_m, z_m, number["position_residual_m"], number["attitude_residual_deg"]
+    )

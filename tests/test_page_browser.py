@@ -1,0 +1,150 @@
+"""The page in a real browser: opened from a file, nothing leaves it, and what is clicked happens."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from conftest import Dive
+from playwright.sync_api import Browser, Page, expect, sync_playwright
+
+from stereo_seecolor.commands.report import report
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.config_file import load_config
+from stereo_seecolor.progress import RunOptions
+
+pytestmark = pytest.mark.browser
+
+CHROMIUM = (
+    os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+)
+NASTY = "<img src=x onerror=document.title='fooled'>"
+SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+"""No graphics card, and tests in a container run as root."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    if CHROMIUM is None:
+        pytest.skip("Chromium is not installed (apt-get install chromium, or CHROMIUM=PATH)")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(SOFTWARE))
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def out(make_dive: Callable[..., Dive], tmp_path: Path) -> Path:
+    """A run of three pairs, one of which failed, and one with markup as its name."""
+    dive = make_dive(3)
+    for side in "LR":
+        (dive.root / side / "0002.png").rename(dive.root / side / f"{NASTY}.png")
+    (dive.root / "L/0001.png").write_bytes(b"")
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []), RunOptions())
+    report(tmp_path / "out")
+    return tmp_path / "out"
+
+
+@pytest.fixture
+def opened(browser: Browser, out: Path) -> Iterator[Callable[[str], Page]]:
+    """Opens the page at a hash. Whatever it complains of, or asks a network for, fails the test."""
+    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    complaints: list[str] = []
+
+    def go(place: str) -> Page:
+        page = context.new_page()
+        page.on("console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else None)
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.on("request", lambda request: complaints.append(request.url) if not _is_local(request.url) else None)
+        page.goto(f"{(out / 'index.html').as_uri()}#{place}")
+        return page
+
+    yield go
+    context.close()
+    assert not complaints
+
+
+def until(page: Page, condition: str) -> None:
+    """Wait for a condition; the page's policy forbids Playwright's own way, which evaluates text inside the page."""
+    for _ in range(100):
+        if page.evaluate(condition):
+            return
+        page.wait_for_timeout(100)
+    raise AssertionError(condition)
+
+
+def _is_local(url: str) -> bool:
+    return url.startswith(("file:", "data:", "blob:"))
+
+
+def test_the_overview_shows_its_pictures(opened: Callable[[str], Page]) -> None:
+    page = opened("overview")
+    assert page.locator(".verdict .line").inner_text().endswith("Look at this before you use the results:")
+    until(page, "[...document.querySelectorAll('.telling img')].every(image => image.naturalWidth > 0)")
+    assert page.locator("#frames").is_hidden()
+
+
+def test_a_name_with_markup_is_text_everywhere(opened: Callable[[str], Page]) -> None:
+    page = opened("overview")
+    page.locator(".telling a", has_text=NASTY).first.click()
+    expect(page.locator(".frame-name")).to_have_text(NASTY)
+    until(page, "document.querySelector('.stage img').naturalWidth > 0")
+    page.locator("a[data-tab=plots]").click()
+    assert "fooled" not in page.title()
+
+
+def test_the_slider_moves_by_key_and_by_mouse(opened: Callable[[str], Page]) -> None:
+    page = opened("frames/0000")
+    slider = page.locator(".stage .slider")
+    slider.press("ArrowRight")
+    assert slider.get_attribute("aria-valuenow") == "52"
+    box = slider.bounding_box()
+    assert box
+    page.mouse.click(box["x"] + box["width"] / 4, box["y"] + 20)
+    until(page, "Math.abs(document.querySelector('.stage .slider').getAttribute('aria-valuenow') - 25) < 2")
+
+
+def test_the_strip_is_walked_by_keys_and_filtered(opened: Callable[[str], Page]) -> None:
+    page = opened("frames/0000")
+    page.locator(".strip").press("ArrowRight")
+    expect(page.locator(".frame-name")).to_have_text("0001")
+    assert page.locator(".stage .empty").inner_text() == "This frame has no picture: Failed."
+    page.locator(".toolbar select").first.select_option("failed")
+    assert page.locator(".count").inner_text() == "1 of 3"
+    assert page.locator(".strip-item").count() == 1
+
+
+def test_the_range_under_the_pointer_is_the_one_measured(opened: Callable[[str], Page], out: Path) -> None:
+    from stereo_seecolor.run_folder.finished_run import open_run
+
+    page = opened("frames/0000")
+    page.get_by_role("button", name="Range").click()
+    canvas = page.locator(".stage canvas")
+    canvas.wait_for()
+    box = canvas.bounding_box()
+    assert box
+    width, height = open_run(out).geometry.image_size  # type: ignore[union-attr]
+    page.mouse.move(box["x"] + box["width"] * (90.5 / width), box["y"] + box["height"] * (64.5 / height))
+    expected_m = open_run(out).frame("0000").measured_range_m()[64, 90]
+    assert page.locator(".readout").inner_text().startswith(f"{expected_m:.3f} m ±")
+
+
+def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page]) -> None:
+    page = opened("plots")
+    plot = page.locator(".plot .u-over").first
+    box = plot.bounding_box()
+    assert box
+    plot.click(position={"x": box["width"] - 4, "y": 40})
+    until(page, "location.hash.startsWith('#frames/')")
+    expect(page.locator(".frame-name")).to_have_text(NASTY)
+
+
+def test_nothing_is_wider_than_a_phone(browser: Browser, out: Path) -> None:
+    context = browser.new_context(viewport={"width": 360, "height": 740})
+    page = context.new_page()
+    for place in ("overview", "frames", "plots"):
+        page.goto(f"{(out / 'index.html').as_uri()}#{place}")
+        page.wait_for_timeout(200)
+        assert page.evaluate("document.documentElement.scrollWidth") <= 360
+    context.close()

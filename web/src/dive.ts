@@ -1,0 +1,52 @@
+// The dive as page/dive.js hands it over.
+
+export interface Geometry {
+  focal_px: number;
+  cx_left_px: number;
+  cx_right_px: number;
+  cy_px: number;
+  baseline_m: number;
+  image_size: [number, number];
+}
+
+export type Column = (number | null)[];
+
+export interface Dive {
+  format: string;
+  texts: Record<string, string>;
+  geometry: Geometry | null;
+  image_suffix: string;
+  shown: Record<string, string[]>;
+  names: string[];
+  status: string[];
+  errors: Record<string, string>;
+  problems: string[];
+  problems_of: Record<string, number[]>;
+  plots: Record<string, Record<string, Column>>;
+}
+
+/** The text of a key with its {names} filled in. */
+export function texter(texts: Record<string, string>) {
+  return (key: string, values: Record<string, string | number> = {}): string =>
+    (texts[key] ?? key).replace(/\{(\w+)\}/g, (whole, name: string) => (name in values ? String(values[name]) : whole));
+}
+
+export type Text = ReturnType<typeof texter>;
+
+/** True where the page has this file of a frame. */
+export function has(dive: Dive, name: string, product: string): boolean {
+  return dive.shown[name]?.includes(product) ?? false;
+}
+
+/** Where a file of a frame lies. */
+export function address(product: string, name: string, suffix = ".jpg"): string {
+  return `page/${product}/${encodeURIComponent(name)}${suffix}`;
+}
+
+/** The corrected picture of a frame that a browser can show, small or large; "" where there is none. */
+export function picture(dive: Dive, frame: number, product: "thumbnails" | "after"): string {
+  const name = dive.names[frame];
+  if (has(dive, name, product)) return address(product, name);
+  const shown = dive.status[frame] === "ok" && [".png", ".jpg"].includes(dive.image_suffix);
+  return shown ? `corrected/${encodeURIComponent(name)}${dive.image_suffix}` : "";
+}

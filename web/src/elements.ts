@@ -1,0 +1,53 @@
+// Elements made by code: text is only ever text, never markup.
+
+type Child = Node | string;
+
+/** An element with attributes and children; attributes that are false or null are left out. */
+export function element<Name extends keyof HTMLElementTagNameMap>(
+  name: Name,
+  attributes: Record<string, string | number | boolean | null> = {},
+  ...children: Child[]
+): HTMLElementTagNameMap[Name] {
+  const made = document.createElement(name);
+  for (const [key, value] of Object.entries(attributes)) {
+    if (value !== null && value !== false) made.setAttribute(key, value === true ? "" : String(value));
+  }
+  made.append(...children);
+  return made;
+}
+
+/** A button that does something. */
+export function button(label: string, action: () => void, attributes: Record<string, string | boolean> = {}): HTMLButtonElement {
+  const made = element("button", { type: "button", ...attributes }, label);
+  made.addEventListener("click", action);
+  return made;
+}
+
+/** One of several choices, as buttons of which one is pressed. */
+export class Choice {
+  readonly root: HTMLDivElement;
+  private readonly buttons = new Map<string, HTMLButtonElement>();
+
+  constructor(label: string, choices: [string, string][], chosen: (key: string) => void) {
+    this.root = element("div", { class: "choice", role: "group", "aria-label": label });
+    for (const [key, text] of choices) {
+      const made = button(text, () => {
+        this.show(key);
+        chosen(key);
+      });
+      this.buttons.set(key, made);
+      this.root.append(made);
+    }
+  }
+
+  show(key: string): void {
+    for (const [name, made] of this.buttons) made.setAttribute("aria-pressed", String(name === key));
+  }
+}
+
+/** A labelled list to choose from. */
+export function select(label: string, options: [string, string][], chosen: (value: string) => void): HTMLLabelElement {
+  const list = element("select", {}, ...options.map(([value, text]) => element("option", { value }, text)));
+  list.addEventListener("change", () => chosen(list.value));
+  return element("label", { class: "field" }, element("span", {}, label), list);
+}

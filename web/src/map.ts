@@ -1,0 +1,2 @@
+// The map: drawn when it is looked at.
+export {};

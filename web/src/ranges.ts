@@ -1,0 +1,105 @@
+// A frame's ranges: loaded as a script, inflated, and turned into meters (stereo_seecolor/report/range_code.py).
+
+import { address } from "./dive";
+
+const STD_FLOOR_M = 1e-5;
+const STD_STEPS_PER_OCTAVE = 12;
+export const STD_BLOCK_PX = 4;
+export const OVERLAY_STEP_PX = 2;
+
+interface Packed {
+  height: number;
+  width: number;
+  step_per_m: number;
+  ranges: string;
+  known: string;
+  std: string;
+  confidence: string;
+  mask: string;
+}
+
+/** range_m: (height x width) meters, NaN where unknown. std_m: of blocks of 4x4. confidence, mask: every second pixel. */
+export interface Ranges {
+  width: number;
+  height: number;
+  range_m: Float32Array;
+  std_m: Float32Array;
+  confidence: Uint8Array;
+  mask: Uint8Array;
+}
+
+const waiting = new Map<string, (packed: Packed) => void>();
+const kept = new Map<string, Promise<Ranges>>();
+const MOST_KEPT = 8;
+
+/** What the scripts of page/ranges call. */
+export function receive(name: string, packed: Packed): void {
+  waiting.get(name)?.(packed);
+  waiting.delete(name);
+}
+
+/** A frame's ranges; the latest ones are kept in memory. */
+export function ranges(name: string): Promise<Ranges> {
+  const known = kept.get(name);
+  if (known) return known;
+  const made = load(name).then(unpack);
+  kept.set(name, made);
+  if (kept.size > MOST_KEPT) kept.delete(kept.keys().next().value as string);
+  made.catch(() => kept.delete(name));
+  return made;
+}
+
+function load(name: string): Promise<Packed> {
+  return new Promise((resolve, reject) => {
+    const script = document.createElement("script");
+    waiting.set(name, resolve);
+    script.src = address("ranges", name, ".js");
+    script.onload = () => script.remove();
+    script.onerror = () => {
+      waiting.delete(name);
+      script.remove();
+      reject(new Error(`${script.src} cannot be read`));
+    };
+    document.head.append(script);
+  });
+}
+
+async function unpack(packed: Packed): Promise<Ranges> {
+  const [codes, known, std, confidence, mask] = await Promise.all(
+    [packed.ranges, packed.known, packed.std, packed.confidence, packed.mask].map(inflated),
+  );
+  const { width, height } = packed;
+  return {
+    width,
+    height,
+    range_m: decoded(codes, known, width, height, packed.step_per_m),
+    std_m: Float32Array.from(std, (code) => (code ? STD_FLOOR_M * 2 ** ((code - 1) / STD_STEPS_PER_OCTAVE) : NaN)),
+    confidence,
+    mask,
+  };
+}
+
+function decoded(bytes: Uint8Array, known: Uint8Array, width: number, height: number, step: number): Float32Array {
+  const count = width * height;
+  const codes = new Uint16Array(count);
+  const range_m = new Float32Array(count);
+  for (let row = 0, i = 0; row < height; row++) {
+    let left = 0; // the sum along the row, modulo 2^16
+    for (let column = 0; column < width; column++, i++) {
+      const folded = bytes[i] | (bytes[count + i] << 8);
+      left += (folded >>> 1) ^ -(folded & 1);
+      codes[i] = left + (row ? codes[i - width] : 0);
+      range_m[i] = known[i >> 3] & (128 >> (i & 7)) ? 1 / (codes[i] * step) : NaN;
+    }
+  }
+  return range_m;
+}
+
+/** Bytes of a deflated, base64 text. */
+export async function inflated(text: string): Promise<Uint8Array> {
+  const binary = atob(text);
+  const bytes = new Uint8Array(binary.length);
+  for (let i = 0; i < binary.length; i++) bytes[i] = binary.charCodeAt(i);
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
