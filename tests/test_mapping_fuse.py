@@ -257,6 +257,13 @@ def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Pa
     assert {path.name: path.read_bytes() for path in (small_run / "map").iterdir()} == before
 
 
+def test_a_map_without_the_libraries_of_geotiff_says_so(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(survey_map.georeference, "available", lambda: False)
+    summary = fuse_small(small_run, small_run.with_name("track.tum"))
+    assert any("no GeoTIFF of mosaic, terrain and metrics" in warning for warning in summary.warnings)
+    assert not any(path.suffix == ".tif" for path in summary.files)
+
+
 def test_a_folder_that_holds_no_run_is_left_as_it_was(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no finished run"):
         fuse_small(tmp_path)

@@ -36,3 +36,6 @@ def test_readme_run_command_does_the_main_job(tmp_path, monkeypatch, capsys) -> 
     pairs = len(list((ROOT / "data_samples/reef/left").iterdir()))
     assert f"{pairs} pairs done, 0 failed, 0 files without a partner" in printed
     assert len(list((tmp_path / "out/corrected").iterdir())) == pairs
+    assert f"{pairs} of {pairs} frames fused" in printed
+    assert "pip install" not in printed, "nothing that a map is made with is missing"
+    assert {path.name for path in (tmp_path / "out/map").iterdir()} >= {"preview.png", "orthomosaic.tif", "dem.tif", "mesh.ply"}

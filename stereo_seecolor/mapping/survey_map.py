@@ -21,6 +21,7 @@ from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
+from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames, Unplaced
@@ -35,6 +36,8 @@ from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.navigation import Navigation
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.records import SurveyFrame, Trajectory
+
+WITHOUT_GEO = "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install 'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +122,7 @@ def build_map(
         files=tuple(path for files, _ in built for path in files),
         points=next((points for _, points in built if points), 0),
         seconds=time.perf_counter() - started,
-        warnings=placement.warnings,
+        warnings=placement.warnings + (() if georeference.available() else (WITHOUT_GEO,)),
         navigation=placed.navigation,
     )
 
