@@ -42,6 +42,7 @@ CORE = (
     Library("typer", "typer"),
     Library("filelock", "filelock"),
     Library("PIL", "pillow"),
+    Library("jinja2", "jinja2"),
 )
 EXTRAS = (
     Library("gtsam", "gtsam", "slam", "no loop closure, and no poses as a prior (mapping.poses=prior)"),
