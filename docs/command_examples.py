@@ -3,6 +3,7 @@
 EXAMPLES: dict[str, tuple[str, ...]] = {
     "doctor": ("stereo-seecolor doctor",),
     "inspect": ("stereo-seecolor inspect left right cam.yaml",),
+    "bag-info": ("stereo-seecolor bag-info dive.mcap  # the sample dive has no bag",),
     "config": (
         "stereo-seecolor config --show",
         "stereo-seecolor config --show --set color.lock=survey  # each value with its origin",

@@ -98,6 +98,19 @@ FINDING = {"what": str, "ok": bool, "detail": str, "needed": bool, "without": st
 SETTING_VALUE = (str, int, float, bool, list, None)
 
 SHAPES: dict[str, Shape] = {
+    "bag-info": {
+        **END,
+        "bag": str,
+        "files": int,
+        "seconds": NUMBER,
+        "topics": [{"name": str, "type": str, "messages": int, "rate_hz": UNKNOWN}],
+        "left": str,
+        "right": str,
+        "pairs": int,
+        "unpaired": int,
+        "baseline_m": UNKNOWN,
+        "notes": [str],
+    },
     "inspect": {
         **END,
         "sides": {"left": str, "right": str, "guessed": bool},

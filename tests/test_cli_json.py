@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bag_writers import camera_infos, dive_messages, name_by_stamps, write_bag
 from calibration_texts import ROS_LEFT, ROS_RIGHT
 from conftest import Cli
 from json_shapes import ERROR, SHAPES, mismatch
@@ -64,6 +65,14 @@ def test_a_dive_before_it_is_run(make_dive, parsed) -> None:
     assert found["run_command"].startswith("stereo-seecolor run --left ")
     check = parsed("check", *dive.command(Path("out"), command="check")[:-2])
     assert (check["acceptable"], check["refined"]) == (True, None)
+
+
+def test_a_bag(make_dive, parsed, tmp_path) -> None:
+    dive = make_dive(1)
+    name_by_stamps(dive.root)
+    sent = [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)]
+    found = parsed("bag-info", "bag-info", write_bag(tmp_path / "b.bag", sent))
+    assert (found["pairs"], found["left"]) == (1, "/stereo/left/image_raw")
 
 
 @pytest.mark.usefixtures("open3d")

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from stereo_seecolor.cli import (
+    bag_commands,
     dive_commands,
     inspect_command,
     machine_commands,
@@ -25,6 +26,7 @@ from stereo_seecolor.compute.allocator import keep_freed_memory
 COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "A dive": {
         "inspect": inspect_command.inspect,
+        "bag-info": bag_commands.bag_info,
         "run": dive_commands.run,
         "fuse": map_commands.fuse,
         "report": map_commands.report,

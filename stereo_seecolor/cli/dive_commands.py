@@ -1,5 +1,7 @@
 """Commands over the pairs of a dive: run, correct, range, rectify."""
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
 
@@ -9,10 +11,14 @@ from stereo_seecolor.cli.contents import map_content, map_exit_code, run_content
 from stereo_seecolor.cli.options import (
     DEFAULT_WORKERS,
     AsJson,
+    Bag,
     Calib,
     ConfigFile,
     Left,
     LogFile,
+    OneCalib,
+    OneLeft,
+    OneRight,
     Out,
     Overwrite,
     PosesFile,
@@ -21,6 +27,7 @@ from stereo_seecolor.cli.options import (
     Right,
     Settings,
     Strict,
+    Topics,
     Verbose,
     Verify,
     WaterFile,
@@ -36,9 +43,11 @@ if TYPE_CHECKING:
 
 
 def run(
-    left: Left,
-    right: Right,
-    calib: Calib,
+    left: OneLeft = None,
+    right: OneRight = None,
+    calib: OneCalib = None,
+    bag: Bag = None,
+    topics: Topics = "",
     out: Out = Path("out"),
     refine: RefineRig = False,
     fuse: Annotated[bool, typer.Option("--fuse", metavar="", help="Fuse the frames into one map of the dive, OUT/map.")] = False,
@@ -56,9 +65,9 @@ def run(
     log_file: LogFile = None,
 ) -> None:
     """The whole job: stereo pairs in; range maps, true-color images and colored clouds out."""
-    from stereo_seecolor.commands.run import run as run_dive
     from stereo_seecolor.config_file import load_config
 
+    _check_sources(left, right, calib, bag, topics)
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
     report = Report("run", as_json, progress, verbose, log_file)
@@ -69,12 +78,34 @@ def run(
 
             check_fusion(poses, loaded)
         options = run_options(workers, overwrite, strict, verify, config, listener)
-        summary = run_dive(left, right, calib, out, loaded, options, water=water)
+        summary = _run(left, right, calib, bag, topics)(out, loaded, options, water=water)
     if summary.stopped:
         _end(report, summary, out)
     if fuse:
         _end_with_map(report, summary, out, poses, loaded)
     _end_with_page(report, summary, out)
+
+
+def _check_sources(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> None:
+    """Raise typer.BadParameter unless a bag, or both sides and their calibration, are given."""
+    if bag and (left or right):
+        raise typer.BadParameter("--bag holds both sides: give it, or --left and --right")
+    if topics and not bag:
+        raise typer.BadParameter("--topics names topics of a bag: give --bag too")
+    missing = [name for name, value in (("--left", left), ("--right", right), ("--calib", calib)) if not value]
+    if missing and not bag:
+        raise typer.BadParameter(f"{missing[0]} is missing: a dive needs --left, --right and --calib, or --bag")
+
+
+def _run(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> "Callable[..., RunSummary]":
+    """The dive that was given, to be run."""
+    from stereo_seecolor.commands.bag_inputs import BagInputs
+    from stereo_seecolor.commands.run import run, run_bag
+
+    if bag:
+        return partial(run_bag, BagInputs(bag, calib or "", topics))
+    assert left and right and calib
+    return partial(run, left, right, calib)
 
 
 def correct(

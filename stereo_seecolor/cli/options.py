@@ -25,6 +25,30 @@ Right = Annotated[
 Calib = Annotated[
     str, typer.Option("--calib", metavar="FILE", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")
 ]
+OneLeft = Annotated[
+    Path | None,
+    typer.Option("--left", metavar="FOLDER", help="Folder of left images, a quoted pattern ('DIVE/*_L.png'), or a video."),
+]
+OneRight = Annotated[
+    Path | None,
+    typer.Option("--right", metavar="FOLDER", help="The same of the right side; the left video again if it shows both."),
+]
+OneCalib = Annotated[
+    str | None,
+    typer.Option("--calib", metavar="FILE", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md."),
+]
+Bag = Annotated[
+    Path | None,
+    typer.Option(
+        "--bag",
+        metavar="BAG",
+        help="ROS bag instead of --left and --right: .bag, .db3, .mcap, or a folder of them. Its camera_info is the "
+        "calibration where --calib is not given.",
+    ),
+]
+Topics = Annotated[
+    str, typer.Option("--topics", metavar="LIST", help="Image topics of the bag, where they are not found: left=NAME,right=NAME.")
+]
 Out = Annotated[
     Path, typer.Option("--out", metavar="FOLDER", help="Output folder. Run again with the same folder to resume a stopped run.")
 ]

@@ -51,6 +51,10 @@ EXTRAS = (
     Library("laspy", "laspy", "geo", "no LAZ point cloud"),
     Library("lazrs", "lazrs", "geo", "no LAZ point cloud"),
     Library("h5py", "h5py", "matlab", "no calibrations that MATLAB saved as version 7.3"),
+    Library("rosbags", "rosbags", "bags", "no ROS bags in (run --bag)"),
+    Library("mcap", "mcap", "bags", "no MCAP out (export --to mcap)"),
+    Library("lz4", "lz4", "bags", "no bags that are compressed with LZ4"),
+    Library("zstandard", "zstandard", "bags", "no bags that are compressed with Zstandard"),
     Library("onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"),
     Library("rerun", "rerun-sdk", "viewer", "view opens Open3D's plainer window"),
 )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.formats import native
+from stereo_seecolor.commands.bag_inputs import BagInputs
 from stereo_seecolor.commands.over_pairs import Job, Opened, StereoInputs, claim, describe, with_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
@@ -36,6 +37,22 @@ def run(
     return command.into(out, lambda dive, folder, pairing: color(dive, folder, pairing, water), water)
 
 
+def run_bag(
+    inputs: BagInputs,
+    out: Path,
+    config: RunConfig | None = None,
+    options: RunOptions | None = None,
+    *,
+    water: Path | None = None,
+) -> RunSummary:
+    """As ``run``, of a ROS bag, which needs no ROS: .bag, .db3, .mcap, or a folder with the files of a split one.
+
+    Raises as ``run``, and DeviceError if the library for bags is missing.
+    """
+    command = StereoCommand(inputs, config or RunConfig(), options or RunOptions(), "corrected")
+    return command.into(out, lambda dive, folder, pairing: color(dive, folder, pairing, water), water)
+
+
 def range_maps(
     left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
@@ -48,17 +65,23 @@ def range_maps(
 class StereoCommand:
     """A command over stereo pairs. last: the stage after which a pair is done."""
 
-    inputs: StereoInputs
+    inputs: StereoInputs | BagInputs
     config: RunConfig
     options: RunOptions
     last: Stage
 
     def into(self, out: Path, passes: Callable[[Dive, RunFolder, Pairing], None], water: Path | None = None) -> RunSummary:
         """Do ``passes`` into ``out``. Folders are looked at before OUT is touched; videos are unpacked into it."""
-        opened = None if self.inputs.is_video else self.inputs.open(self.config)
-        owner = self.inputs.owner("stereo", opened.pairing if opened else None)
-        with RunFolder(out, claim(owner, self.options, [*self.inputs.paths, water])) as folder:
-            opened = opened or self.inputs.unpacked(folder, self.config).open(self.config)
+        inputs = self.inputs
+        if isinstance(inputs, StereoInputs) and inputs.is_video:
+            opened, owner = None, inputs.owner("stereo", None)
+        else:
+            opened = inputs.open(self.config)
+            owner = inputs.owner("stereo", opened.pairing)
+        with RunFolder(out, claim(owner, self.options, [*inputs.paths, water])) as folder:
+            if isinstance(inputs, StereoInputs) and opened is None:
+                opened = inputs.unpacked(folder, self.config).open(self.config)
+            assert opened
             return self._job(opened.for_dive(folder, self.options), passes).conduct(folder, self.options)
 
     def _job(self, opened: Opened, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:

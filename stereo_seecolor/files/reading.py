@@ -5,10 +5,13 @@ import stat
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.contained import contained
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a regular file. Raises InputError if it is missing, or something else, such as a named pipe."""
+    """The content of a regular file, or of one in a bag. Raises InputError if it is missing, or a named pipe, say."""
+    if inner := contained(path):
+        return inner.read()
     try:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a file")

@@ -96,14 +96,25 @@ def pair_folders(left: Path, right: Path, config: InputConfig) -> Pairing:
     """
     matching = _list(left, "left images", right, "right images")
     _settle_single(matching, left, right)
+    return _settled(matching, config, f"{left} and {right}")
+
+
+def pair_files(lefts: Sequence[Path], rights: Sequence[Path], config: InputConfig, where: str) -> Pairing:
+    """As pair_folders, of files that are listed already. where: for messages. Raises InputError if no pair is found."""
+    return _settled(_Matching(list(lefts), list(rights), [], []), config, where)
+
+
+def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
     if config.pairing != "timestamp":
         _settle_by_name(matching)
     if config.pairing != "name":
         matching.settle_by_time(config.timestamp_tolerance_s)
     if not matching.pairs:
+        example = (
+            f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if matching.lefts and matching.rights else ""
+        )
         raise InputError(
-            f"{left} and {right}: no left image matches a right one by name or time stamp, for example "
-            f"{(matching.lefts or [left])[0].name} and {(matching.rights or [right])[0].name}: give both the same stem, or set "
+            f"{where}: no left image matches a right one by name or time stamp{example}: give both the same stem, or set "
             "input.timestamp_tolerance_s"
         )
     return _pairing(matching, "no right image matches", "no left image matches")

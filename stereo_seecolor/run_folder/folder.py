@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import Content, flush_folder, move_into_place, output_errors, remove_leftovers, write_temporary
+from stereo_seecolor.files.contained import contained
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes
@@ -297,8 +298,10 @@ def remove_empty_folders(folder: Path) -> None:
 
 def _input(path: Path, known: InputRecord | None) -> InputRecord:
     try:
-        status = path.stat()
-        if known and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns):
+        inner = contained(path)
+        status = (inner.outer if inner else path).stat()
+        same_name = inner is None or (known is not None and known.path.endswith(inner.name))
+        if known and same_name and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns):
             return replace(known, path=str(path))
         sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
         return InputRecord(str(path), Stamp.of(path), sha256)

@@ -4,6 +4,8 @@ import hashlib
 from dataclasses import dataclass
 from pathlib import Path
 
+from stereo_seecolor.files.contained import contained
+
 ENDS_BYTES = 1 << 14
 """So much of a file's begin and end goes into its digest: an edited file differs there or in size; a whole cloud is 20 MB."""
 
@@ -18,7 +20,10 @@ class Stamp:
 
     @classmethod
     def of(cls, path: Path) -> "Stamp":
-        """The stamp of a file. Raises OSError."""
+        """The stamp of a file; of one in a bag, the bag's, with a digest of its name in there. Raises OSError."""
+        if inner := contained(path):
+            status = inner.outer.stat()
+            return cls(status.st_size, status.st_mtime_ns, hashlib.blake2b(inner.name.encode(), digest_size=8).hexdigest())
         status = path.stat()
         return cls(status.st_size, status.st_mtime_ns, _digest(path, status.st_size))
 

@@ -1,0 +1,46 @@
+"""A bag as what a command over stereo pairs is given."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from calibration.checks import suspicions
+from stereo_seecolor.commands.dive_rig import load_rig_for
+from stereo_seecolor.commands.over_pairs import Opened, sample
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.inputs.bags.dive import open_dive
+from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.run_folder.claim import Owner
+
+
+@dataclass(frozen=True, eq=False)
+class BagInputs:
+    """bag: a file, or a folder with the files of one bag. calib: as for load_rig, "" for the bag's own camera_info.
+
+    topics: ``left=NAME,right=NAME``, "" to find them.
+    """
+
+    bag: Path
+    calib: str | Path = ""
+    topics: str = ""
+
+    @property
+    def names(self) -> dict[str, str]:
+        """For run.json."""
+        return {"bag": str(self.bag), "topics": self.topics, "calib": str(self.calib)}
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Every file and folder that is read."""
+        return (self.bag, *(Path(part) for part in str(self.calib).split(",") if part))
+
+    def owner(self, kind: str, pairing: Pairing) -> Owner:
+        """Whose results these inputs give: recognized by their paths, or by the content of the first image."""
+        return Owner(kind, {"bag": str(self.bag.resolve()), "topics": self.topics}, sample(pairing.pairs[0].left))
+
+    def open(self, config: RunConfig) -> Opened:
+        """The pairs of the bag, and the pipeline for their rig. Raises InputError, CalibrationError, DeviceError."""
+        dive = open_dive(self.bag, self.topics, config.input)
+        rig = load_rig_for(self.calib, dive.pairing.pairs, config.input) if self.calib else dive.rig()
+        notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
+        return Opened(dive.pairing.with_notes(notes), Pipeline(rig, config))

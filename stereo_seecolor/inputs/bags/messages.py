@@ -1,0 +1,141 @@
+"""Messages of bags: image messages as the image files that the rest of the program reads, camera_info as a calibration."""
+
+import struct
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import CalibrationError, StereoRig
+from calibration.formats import ros
+from calibration.formats.section import Section
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.bags.bag import COMPRESSED, Entry, needs_library
+from stereo_seecolor.inputs.headers import JPEG_SIGNATURE, PNG_SIGNATURE
+
+CHANNELS = {
+    "mono8": 1, "8UC1": 1, "mono16": 1, "16UC1": 1,
+    "rgb8": 3, "bgr8": 3, "8UC3": 3, "rgb16": 3, "bgr16": 3, "16UC3": 3,
+    "rgba8": 4, "bgra8": 4, "8UC4": 4,
+}  # fmt: skip
+"""Encoding of sensor_msgs/Image -> channels. 8UC3 is OpenCV's own order, blue first."""
+
+BAYER = {
+    f"bayer_{pattern}{bits}": code
+    for pattern, code in {
+        "rggb": cv2.COLOR_BayerRGGB2RGB,
+        "bggr": cv2.COLOR_BayerBGGR2RGB,
+        "gbrg": cv2.COLOR_BayerGBRG2RGB,
+        "grbg": cv2.COLOR_BayerGRBG2RGB,
+    }.items()
+    for bits in (8, 16)
+}
+PACKED = {
+    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
+}
+_BLUE_FIRST = ("bgr", "8UC3", "16UC3", "8UC4")
+
+
+def decode(entry: Entry) -> Any:
+    """The message, its fields as attributes. Raises InputError if it is damaged, DeviceError without rosbags."""
+    content = entry.payload()
+    try:
+        if entry.channel.encoding == "ros1":
+            return _store("ros1").deserialize_ros1(content, entry.channel.msgtype)
+        return _store("cdr").deserialize_cdr(content, entry.channel.msgtype)
+    except ImportError as error:
+        raise needs_library() from error
+    except Exception as error:  # rosbags has many ways to fail on damaged bytes
+        raise InputError(f"{entry.path}: {entry.channel.topic}: a message of it is damaged ({error})") from error
+
+
+def image_suffix(entry: Entry) -> str:
+    """The suffix of the image file that the message becomes."""
+    if entry.channel.msgtype != COMPRESSED:
+        return ".tif"
+    return ".png" if bytes(decode(entry).data[:8]) == PNG_SIGNATURE else ".jpg"
+
+
+def image_content(entry: Entry) -> bytes:
+    """An image message as the content of an image file: JPEG and PNG as they are, raw pixels as an uncompressed TIFF.
+
+    Raises InputError for what is no picture, DeviceError without rosbags.
+    """
+    message, where = decode(entry), f"{entry.path}: {entry.channel.topic}"
+    if entry.channel.msgtype != COMPRESSED:
+        return tiff(_pixels(message, where))
+    content = bytes(message.data)
+    if not content.startswith((PNG_SIGNATURE, JPEG_SIGNATURE)):
+        raise InputError(f"{where}: is compressed as {message.format!r}: JPEG and PNG are read")
+    return content
+
+
+def rig_of(left: Entry, right: Entry) -> StereoRig:
+    """The rig of two camera_info messages. Raises CalibrationError, InputError, DeviceError."""
+    sections = [Section(f"{entry.path}: {entry.channel.topic}", _camera_info(decode(entry))) for entry in (left, right)]
+    try:
+        return ros.parse(*sections)
+    except CalibrationError as error:
+        if str(left.path) in str(error):
+            raise
+        raise CalibrationError(f"{left.path}: camera_info: {error}; or give --calib") from error
+
+
+def tiff(pixels: NDArray[Any]) -> bytes:
+    """(H, W) or (H, W, 3) RGB of 8 or 16 bits as an uncompressed TIFF (TIFF 6.0): a header of 150 bytes before the pixels."""
+    height, width = pixels.shape[:2]
+    channels, bits = (1 if pixels.ndim == 2 else 3), 8 * pixels.dtype.itemsize
+    entries, bits_at = 8, 8 + 2 + 8 * 12 + 4
+    start = bits_at + 8
+    tags = [
+        (256, 4, 1, width), (257, 4, 1, height),
+        (258, 3, channels, bits if channels == 1 else bits_at),
+        (259, 3, 1, 1), (262, 3, 1, 1 if channels == 1 else 2),
+        (273, 4, 1, start), (277, 3, 1, channels), (279, 4, 1, pixels.nbytes),
+    ]  # fmt: skip
+    header = struct.pack("<2sHIH", b"II", 42, 8, entries)
+    header += b"".join(struct.pack("<HHII", *tag) for tag in tags) + bytes(4)
+    header += struct.pack("<4H", *(bits,) * channels, *(0,) * (4 - channels))
+    return header + np.ascontiguousarray(pixels.astype(pixels.dtype.newbyteorder("<"))).tobytes()
+
+
+def _pixels(message: Any, where: str) -> NDArray[Any]:
+    """The pixels of a sensor_msgs/Image, RGB or one channel; a mosaic is interpolated."""
+    encoding, known = str(message.encoding), str(message.encoding) in CHANNELS | BAYER | PACKED
+    if not known:
+        raise InputError(f"{where}: pixels are encoded as {encoding!r}: one of {', '.join((*CHANNELS, *BAYER, *PACKED))} is read")
+    channels = 2 if encoding in PACKED else CHANNELS.get(encoding, 1)
+    type_ = np.dtype(np.uint16 if "16" in encoding else np.uint8).newbyteorder(">" if message.is_bigendian else "<")
+    row, step = int(message.width) * channels * type_.itemsize, int(message.step)
+    data = np.frombuffer(bytes(message.data), np.uint8)
+    if not row or not message.height or step < row or data.size < step * message.height:
+        raise InputError(
+            f"{where}: an image of {message.width}x{message.height} px has {data.size} bytes in rows of {step}, needs rows of {row}"
+        )
+    rows = np.ascontiguousarray(data[: step * message.height].reshape(message.height, step)[:, :row])
+    pixels = rows.view(type_).astype(type_.newbyteorder("=")).reshape(message.height, message.width, channels)
+    if encoding in BAYER or encoding in PACKED:
+        return np.asarray(cv2.cvtColor(pixels[..., 0] if channels == 1 else pixels, (BAYER | PACKED)[encoding]))
+    if channels == 1:
+        return pixels[..., 0]
+    return pixels[..., [2, 1, 0]] if encoding.startswith(_BLUE_FIRST) else pixels[..., :3]
+
+
+def _camera_info(message: Any) -> dict[str, Any]:
+    """As the message's dump in YAML; ROS 1 writes D, K, R, P and ROS 2 d, k, r, p."""
+    content = {name.upper(): getattr(message, name, getattr(message, name.upper(), None)).tolist() for name in "dkrp"}  # type: ignore[union-attr]
+    model = {"distortion_model": message.distortion_model} if message.distortion_model else {}
+    return {**content, **model, "width": int(message.width), "height": int(message.height)}
+
+
+@lru_cache
+def _store(encoding: str) -> Any:
+    """Definitions of the standard messages, whose layout is the same in every release of ROS 1, and of ROS 2."""
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)

@@ -1,0 +1,96 @@
+"""Bytes of a bag by their offset, from its file or from a chunk of it that was decompressed; and what is found in them."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple, Protocol, Self
+
+
+class Cut(ValueError):  # no error for users: the walk of a file ends here
+    """The file ends, or stops making sense, at a byte."""
+
+
+class Channel(NamedTuple):
+    """A topic as a bag's file declares it. msgtype: as ROS 2 writes it, ``sensor_msgs/msg/Image``. encoding: ros1 or cdr."""
+
+    topic: str
+    msgtype: str
+    encoding: str
+
+
+class Place(NamedTuple):
+    """Where a message lies: ``size`` bytes from ``start``, in the file, or in the chunk that ``chunk`` finds (None = the file)."""
+
+    start: int
+    size: int
+    chunk: "Chunk | None" = None
+
+
+class Chunk(NamedTuple):
+    """A compressed part of the file: its data, how they are compressed, and how large they are said to be."""
+
+    start: int
+    size: int
+    compression: str
+    plain_size: int
+
+
+class Message(NamedTuple):
+    """A message that was found: when it was recorded, where it lies, and a way to its first bytes."""
+
+    channel: Channel
+    time_ns: int
+    place: Place
+    head: Callable[[int], bytes]
+
+
+class Source(Protocol):
+    """Bytes by offset."""
+
+    @property
+    def size(self) -> int:
+        """Number of bytes."""
+
+    def bytes_at(self, start: int, size: int) -> bytes:
+        """Exactly so many bytes. Raises Cut if there are fewer."""
+
+
+class FileSource:
+    """A bag's file, as a context manager. Raises OSError."""
+
+    def __init__(self, path: Path) -> None:
+        self._file = path.open("rb")
+        self.size = os.fstat(self._file.fileno()).st_size
+
+    def bytes_at(self, start: int, size: int) -> bytes:
+        """Exactly so many bytes. Raises Cut if there are fewer."""
+        if size < 0 or start + size > self.size:
+            raise Cut(f"ends at byte {self.size}, in the middle of a record")
+        self._file.seek(start)
+        return self._file.read(size)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._file.close()
+
+
+@dataclass(frozen=True)
+class MemorySource:
+    """The content of a chunk."""
+
+    content: bytes
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return len(self.content)
+
+    def bytes_at(self, start: int, size: int) -> bytes:
+        """Exactly so many bytes. Raises Cut if there are fewer."""
+        if size < 0 or start + size > len(self.content):
+            raise Cut("holds a chunk that ends in the middle of a record")
+        return self.content[start : start + size]
