@@ -42,7 +42,16 @@ def test_help_lists_every_command_and_its_panel(cli: Cli) -> None:
 def test_the_options_that_everybody_needs_come_first(cli: Cli) -> None:
     _, printed, _ = cli("run", "--help")
     first_panel = printed.split("Color and map")[0]
-    assert re.findall(r"(--[\w-]+) ", first_panel) == ["--left", "--right", "--calib", "--out", "--refine", "--fuse", "--help"]
+    assert re.findall(r"(--[\w-]+) ", first_panel) == [
+        "--left",
+        "--right",
+        "--calib",
+        "--bag",
+        "--out",
+        "--refine",
+        "--fuse",
+        "--help",
+    ]
     assert printed.index("Reporting") > printed.index("--workers")
 
 

@@ -158,7 +158,7 @@ def test_settings_and_machine(parsed) -> None:
     [
         (("fuse", "nowhere"), 1, "nowhere"),
         (("evaluate",), 2, "give a run's folder with --truth"),
-        (("run", "--left", "L"), 2, "Missing option '--right'"),
+        (("run", "--left", "L"), 2, "--right is missing"),
         (("config", "--set", "color.lok=survey"), 1, "did you mean 'color.lock'"),
     ],
 )

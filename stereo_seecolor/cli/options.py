@@ -42,12 +42,18 @@ Bag = Annotated[
     typer.Option(
         "--bag",
         metavar="BAG",
-        help="ROS bag instead of --left and --right: .bag, .db3, .mcap, or a folder of them. Its camera_info is the "
-        "calibration where --calib is not given.",
+        help="ROS bag instead of two folders: .bag, .db3, .mcap, or a folder of a split one. Without a calibration its own "
+        "camera_info is used.",
     ),
 ]
 Topics = Annotated[
-    str, typer.Option("--topics", metavar="LIST", help="Image topics of the bag, where they are not found: left=NAME,right=NAME.")
+    str,
+    typer.Option(
+        "--topics",
+        metavar="LIST",
+        help="Image topics of the bag, where they are not found: left=NAME,right=NAME.",
+        rich_help_panel=SETTINGS,
+    ),
 ]
 Out = Annotated[
     Path, typer.Option("--out", metavar="FOLDER", help="Output folder. Run again with the same folder to resume a stopped run.")
