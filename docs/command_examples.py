@@ -35,6 +35,12 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "report": ("stereo-seecolor report survey",),
     "view": ("stereo-seecolor view mapped  # opens the page in the browser",),
     "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),
+    "merge": (
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out parts/1 --shard 1/2",
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out parts/2 --shard 2/2",
+        "stereo-seecolor merge parts/1 parts/2 --out whole",
+    ),
+    "status": ("stereo-seecolor status whole",),
     "evaluate": (
         "stereo-seecolor evaluate out --truth truth",
         "stereo-seecolor evaluate --chart --images rectified/rectified_left --range truth/range",

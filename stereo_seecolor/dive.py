@@ -21,6 +21,7 @@ from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable
 from stereo_seecolor.run_folder.kept_fit import KeptFit
+from stereo_seecolor.run_folder.progress_file import ProgressFile
 
 Result = TypeVar("Result")
 Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
@@ -40,13 +41,19 @@ class Dive:
         self.notes: tuple[str, ...] = ()
         self._config, self._corrector = source.config, source.corrector
         self._folder, self._options = folder, options
+        self._progress = ProgressFile(folder.root)
         self._stages = FrameStages(source, folder, options.verify)
 
     def measure(self, pairs: Sequence[Pair]) -> None:
         """The range maps alone; corrected frames of an earlier run stay current where they were made from the same range maps."""
-        settings, earlier = self._stages.range_settings, self._folder.dive.settings
-        self._folder.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})
+        self._begin_ranges()
         self.each("ranges", pairs, lambda pair, clock: self._stages.ranged(pair, clock).row)
+
+    def count(self, pairs: Sequence[Pair]) -> None:
+        """The first pass alone: range maps and tables, for a water that is fitted to all shards of a dive."""
+        self._begin_ranges()
+        for _ in self._pass("ranges", pairs, self._count):
+            pass
 
     def waters(self, pairs: Sequence[Pair]) -> dict[str, Water]:
         """Each frame's water, by name: an earlier run's where it was fitted to the same, or fitted in a first pass."""
@@ -66,15 +73,14 @@ class Dive:
 
     def _fit(self, pairs: Sequence[Pair]) -> tuple[dict[str, Water], tuple[str, ...]]:
         """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
-
-        def count(pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
-            ranged = self._stages.ranged(pair, clock)
-            return ranged.row, (replace(ranged, pixels=None), self._stages.table(ranged, clock))
-
         fitter = self._corrector.survey_fitter()
-        for row, (ranged, table) in self._pass("ranges", pairs, count):
+        for row, (ranged, table) in self._pass("ranges", pairs, self._count):
             fitter.add(row.name, table, self._stages.reader(ranged))
         return fitter.waters(), fitter.notes()
+
+    def _count(self, pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
+        ranged = self._stages.ranged(pair, clock)
+        return ranged.row, (replace(ranged, pixels=None), self._stages.table(ranged, clock))
 
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
         """The second pass: each frame that has a water without it, and its cloud."""
@@ -90,6 +96,10 @@ class Dive:
         """A pass of which nothing but the rows is wanted."""
         for _ in self._pass(stage, pairs, lambda pair, clock: (work(pair, clock), pair)):
             pass
+
+    def _begin_ranges(self) -> None:
+        settings, earlier = self._stages.range_settings, self._folder.dive.settings
+        self._folder.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})
 
     def _begin_color(self, pairs: Sequence[Pair]) -> None:
         if self._config.color.lights == "learn" and self._stages.light is None:
@@ -119,8 +129,10 @@ class Dive:
             return named, result, failure
 
         self._options.listener.begin(stage, len(pairs))
+        self._progress.begin(stage, len(pairs))
         for row, result, failure in self._options.compute.each(one, pairs):
             self.table.add(row)
+            self._progress.advance(row)
             self._options.listener.advance(row)
             if failure and self._options.strict:
                 raise failure

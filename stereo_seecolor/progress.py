@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Protocol
 
 from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.records import FrameRow
 
@@ -79,7 +80,7 @@ class RunOptions:
     workers: pairs under way at once. overwrite: begin anew in a used folder. strict: stop at the first bad pair.
     verify: read and hash every input again, also those whose size and time are those of an earlier run.
     config_file: where the settings came from, so that it is never deleted. command_line: for run.json.
-    listener: hears how far the job is; by default the log of this module does.
+    listener: hears how far the job is; by default the log of this module does. shard: which part of the dive's pairs is done.
     """
 
     workers: int = 2
@@ -89,6 +90,7 @@ class RunOptions:
     config_file: Path | None = None
     command_line: tuple[str, ...] = ()
     listener: Listener = field(default_factory=LoggingListener)
+    shard: Shard = WHOLE
 
     @property
     def compute(self) -> Compute:

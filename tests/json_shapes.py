@@ -111,6 +111,23 @@ SHAPES: dict[str, Shape] = {
         "baseline_m": UNKNOWN,
         "notes": [str],
     },
+    "merge": {**END, **RUN},
+    "status": {
+        **END,
+        "runs": [
+            {
+                "out": str,
+                "state": str,
+                "stage": str,
+                "done": int,
+                "failed": int,
+                "left": int,
+                "failures": [[(str, int)]],
+                "writer": str,
+                "remaining_s": UNKNOWN,
+            }
+        ],
+    },
     "inspect": {
         **END,
         "sides": {"left": str, "right": str, "guessed": bool},

@@ -37,7 +37,7 @@ def parsed(cli: Cli) -> Callable[..., dict[str, Any]]:
 
 
 def takes_progress(command: str | Path) -> bool:
-    return command in ("run", "range", "correct", "rectify", "fuse", "demo", "synthesize", "calibrate")
+    return command in ("run", "merge", "range", "correct", "rectify", "fuse", "demo", "synthesize", "calibrate")
 
 
 def test_every_command_has_a_shape_here() -> None:
@@ -56,6 +56,16 @@ def test_the_commands_over_pairs(make_dive, parsed, tmp_path) -> None:
     words = ("--images", dive.root / "L", "--range", tmp_path / "out/range", "--out", tmp_path / "colors")
     correct = parsed("correct", "correct", *words)
     assert (correct["ok"], correct["unpaired_files"]) == (1, 1)
+
+
+def test_shards_and_states(make_dive, parsed, tmp_path) -> None:
+    dive = make_dive(2)
+    (dive.root / "R/0001.png").write_bytes(b"")
+    parsed("run", *dive.command(tmp_path / "part", "--shard", "1/1"))
+    assert parsed("merge", "merge", tmp_path / "part", "--out", tmp_path / "merged")["ok"] == 1
+    runs = parsed("status", "status", tmp_path / "merged", tmp_path / "part")["runs"]
+    assert [run["state"] for run in runs] == ["complete", "complete"]
+    assert runs[0]["failures"][0][1:] == [1, "0001"]
 
 
 def test_a_dive_before_it_is_run(make_dive, parsed) -> None:

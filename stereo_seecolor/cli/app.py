@@ -10,6 +10,7 @@ import typer
 from stereo_seecolor.cli import (
     bag_commands,
     dive_commands,
+    fleet_commands,
     inspect_command,
     machine_commands,
     map_commands,
@@ -45,6 +46,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "convert-calib": rig_commands.convert_calib,
     },
     "Accuracy": {"demo": score_commands.demo, "evaluate": score_commands.evaluate, "synthesize": score_commands.synthesize},
+    "Many machines, many dives": {"merge": fleet_commands.merge, "status": fleet_commands.status},
     "This program": {"config": machine_commands.config, "doctor": machine_commands.doctor},
 }
 """Panel of the help -> command -> function."""

@@ -1,6 +1,7 @@
 """Commands over the pairs of a dive: run, correct, range, rectify."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NoReturn
@@ -26,12 +27,14 @@ from stereo_seecolor.cli.options import (
     RefineRig,
     Right,
     Settings,
+    ShardOption,
     Strict,
     Topics,
     Verbose,
     Verify,
     WaterFile,
     Workers,
+    shard_of,
     with_refine,
 )
 from stereo_seecolor.cli.report import Report, run_options
@@ -56,6 +59,7 @@ def run(
     config: ConfigFile = None,
     settings: Settings = None,
     workers: Workers = DEFAULT_WORKERS,
+    shard: ShardOption = "",
     overwrite: Overwrite = False,
     strict: Strict = False,
     verify: Verify = False,
@@ -70,6 +74,11 @@ def run(
     _check_sources(left, right, calib, bag, topics)
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
+    if shard and fuse:
+        raise typer.BadParameter("--shard does a part of the dive, and --fuse needs all of it: merge first, then fuse")
+    if shard and bag:
+        raise typer.BadParameter("--shard does a part of folders of images, and a bag is one file: run it whole")
+    part = shard_of(shard)
     report = Report("run", as_json, progress, verbose, log_file)
     with report.working() as listener:
         loaded = load_config(config, with_refine(settings, refine))
@@ -77,7 +86,7 @@ def run(
             from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
 
             check_fusion(poses, loaded)
-        options = run_options(workers, overwrite, strict, verify, config, listener)
+        options = replace(run_options(workers, overwrite, strict, verify, config, listener), shard=part)
         summary = _run(left, right, calib, bag, topics)(out, loaded, options, water=water)
     if summary.stopped:
         _end(report, summary, out)

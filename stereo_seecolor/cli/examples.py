@@ -10,6 +10,7 @@ EXAMPLES = {
         f"run {SIDES} --out OUT --fuse --poses nav.tum",
         f"run {SIDES} --out OUT --water EARLIER/water.json --workers 8",
         "run --bag dive.mcap --out OUT",
+        f"run {SIDES} --out PARTS/2 --shard 2/8",
         "run --left dive.mp4 --right dive.mp4 --calib cam.yaml --out OUT --config settings.yaml",
     ),
     "bag-info": ("bag-info dive.mcap", "bag-info BAG --topics left=/fwd/image,right=/aft/image"),
@@ -33,6 +34,8 @@ EXAMPLES = {
     "check": (f"check {SIDES}", f"check {SIDES} --refine refined.yaml"),
     "convert-calib": ("convert-calib stereo.mat cam.yaml", "convert-calib cam.yaml ROS --to ros"),
     "water": ("water OUT --poses nav.tum",),
+    "merge": ("merge PARTS/1 PARTS/2 --out OUT", "merge PARTS/1 PARTS/2 --out OUT --fit-only"),
+    "status": ("status OUT", "status PARTS/1 PARTS/2"),
     "config": ("config --show --set color.lock=survey", "config --config OUT/run.json > settings.yaml"),
     "doctor": ("doctor",),
 }

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.compute.threads import cores
 
 ProgressKind = Literal["auto", "bar", "lines", "json", "none"]
@@ -93,6 +94,15 @@ Workers = Annotated[
     int,
     typer.Option("--workers", metavar="N", min=1, help="Number of pairs processed at the same time.", rich_help_panel=EXECUTION),
 ]
+ShardOption = Annotated[
+    str,
+    typer.Option(
+        "--shard",
+        metavar="I/N",
+        help="Do only part I of N of the pairs, into an output folder of its own; merge joins them (docs/fleets.md).",
+        rich_help_panel=EXECUTION,
+    ),
+]
 Overwrite = Annotated[
     bool,
     typer.Option(
@@ -132,6 +142,14 @@ Verbose = Annotated[
 LogFile = Annotated[
     Path | None, typer.Option("--log-file", metavar="FILE", help="Append the log to this file.", rich_help_panel=REPORTING)
 ]
+
+
+def shard_of(text: str) -> Shard:
+    """The shard of a command line; all pairs where it names none."""
+    try:
+        return Shard.parse(text) if text else Shard()
+    except ValueError as error:
+        raise typer.BadParameter(f"--shard: {error}") from error
 
 
 def with_refine(settings: list[str] | None, refine: bool) -> list[str]:

@@ -9,6 +9,7 @@ from calibration import Rectification
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
 from stereo_seecolor.commands.refine_dive import DiveRefinement
+from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
 from stereo_seecolor.errors import InputError
@@ -98,6 +99,15 @@ class Opened:
         if not folder.manifest.names():  # a rerun has been told
             pairing = pairing.with_notes(rows_note(pipeline.rectification, pipeline.rig, pairing.pairs, images))
         return Opened(pairing, pipeline)
+
+    def part(self, shard: Shard) -> "Opened":
+        """A shard's pairs alone. Files without a partner are named by the first shard."""
+        if shard.whole:
+            return self
+        pairs = tuple(shard.part(self.pairing.pairs))
+        note = f"shard {shard}: {len(pairs)} of {len(self.pairing.pairs)} pairs; when all shards are done: stereo-seecolor merge"
+        unpaired = self.pairing.unpaired if shard.number == 1 else ()
+        return replace(self, pairing=Pairing(pairs, unpaired, (*self.pairing.notes, note)))
 
 
 @dataclass(frozen=True, eq=False)

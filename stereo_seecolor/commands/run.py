@@ -1,20 +1,26 @@
 """``run``: stereo pairs in; range maps, true-color frames, clouds and tables out. ``range`` stops after the range maps."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.formats import native
 from stereo_seecolor.commands.bag_inputs import BagInputs
 from stereo_seecolor.commands.over_pairs import Job, Opened, StereoInputs, claim, describe, with_rig
+from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
+from stereo_seecolor.errors import ConfigError
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import RIG, WATER, Stage
-from stereo_seecolor.run_folder.water_file import read_waters, waters_content
+from stereo_seecolor.run_folder.water_file import read_known_waters, read_waters, waters_content
+
+KIND = "stereo"
+"""What a folder of this command's results is called in its manifest."""
 
 
 def run(
@@ -31,10 +37,16 @@ def run(
 
     left, right: folders of images, patterns (``DIVE/*_L.png``), or one video a side, or twice the same video that shows both.
     calib: any calibration that load_rig reads. water: the water.json of an earlier dive, to be used instead of a fit.
+    A shard without a ``water`` stops after the first pass: the water of all shards is fitted by ``merge``.
     Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
     """
-    command = StereoCommand(StereoInputs(left, right, calib), config or RunConfig(), options or RunOptions(), "corrected")
-    return command.into(out, lambda dive, folder, pairing: color(dive, folder, pairing, water), water)
+    inputs, config, options = StereoInputs(left, right, calib), config or RunConfig(), options or RunOptions()
+    if water or options.shard.whole:
+        command = StereoCommand(inputs, config, options, "corrected")
+        return command.into(out, lambda dive, folder, pairing: color(dive, folder, pairing, water, options.shard), water)
+    if config.color.lights == "learn":
+        raise ConfigError("color.lights=learn: a rig's lights are learned from the whole dive: run it without --shard")
+    return StereoCommand(inputs, config, options, "range").into(out, lambda dive, _, pairing: dive.count(pairing.pairs))
 
 
 def run_bag(
@@ -72,32 +84,49 @@ class StereoCommand:
 
     def into(self, out: Path, passes: Callable[[Dive, RunFolder, Pairing], None], water: Path | None = None) -> RunSummary:
         """Do ``passes`` into ``out``. Folders are looked at before OUT is touched; videos are unpacked into it."""
-        inputs = self.inputs
+        inputs, shard = self.inputs, self.options.shard
+        kind = KIND if shard.whole else f"{KIND}, shard {shard}"
         if isinstance(inputs, StereoInputs) and inputs.is_video:
-            opened, owner = None, inputs.owner("stereo", None)
+            opened, owner = None, inputs.owner(kind, None)
         else:
             opened = inputs.open(self.config)
-            owner = inputs.owner("stereo", opened.pairing)
+            owner = inputs.owner(kind, opened.pairing)
         with RunFolder(out, claim(owner, self.options, [*inputs.paths, water])) as folder:
             if isinstance(inputs, StereoInputs) and opened is None:
                 opened = inputs.unpacked(folder, self.config).open(self.config)
             assert opened
-            return self._job(opened.for_dive(folder, self.options), passes).conduct(folder, self.options)
-
-    def _job(self, opened: Opened, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:
-        pairing, pipeline = opened.pairing, opened.pipeline
-        description = describe(self.inputs.names, self.config, pairing, self.last, self.options)
-
-        def with_rig_file(dive: Dive, folder: RunFolder) -> None:
-            folder.write(RIG, native.to_bytes(pipeline.rig))
-            passes(dive, folder, pairing)
-
-        return Job(pipeline, pairing, with_rig(description, pipeline.rectification), with_rig_file)
+            job = stereo_job(opened.for_dive(folder, self.options).part(shard), self, passes)
+            return job.conduct(folder, self.options)
 
 
-def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None) -> None:
-    """Both passes of a dive, and water.json; only the second pass where ``water`` is a file of waters."""
+def stereo_job(opened: Opened, command: StereoCommand, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:
+    """The passes of a command over the pairs that were opened, and its rig.yaml."""
+    pairing, pipeline = opened.pairing, opened.pipeline
+    description = describe(command.inputs.names, command.config, pairing, command.last, command.options)
+
+    def with_rig_file(dive: Dive, folder: RunFolder) -> None:
+        folder.write(RIG, native.to_bytes(pipeline.rig))
+        passes(dive, folder, pairing)
+
+    return Job(pipeline, pairing, with_rig(description, pipeline.rectification), with_rig_file)
+
+
+def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, shard: Shard = WHOLE) -> None:
+    """Both passes of a dive, and water.json; only the second pass where ``water`` is a file of waters.
+
+    The file was fitted to all shards of a dive where this is one: a pair without a water there had failed.
+    """
+    if water and not shard.whole:
+        color_with(dive, folder, pairing, read_known_waters(water, [pair.name for pair in pairing.pairs]))
+        return
     waters = read_waters(water, [pair.name for pair in pairing.pairs]) if water else dive.waters(pairing.pairs)
     if waters and (water is None or water.resolve() != (folder.root / WATER).resolve()):
         folder.write(WATER, waters_content(waters))
+    dive.correct(pairing.pairs, waters)
+
+
+def color_with(dive: Dive, folder: RunFolder, pairing: Pairing, waters: Mapping[str, Water]) -> None:
+    """The second pass with these waters, and water.json; a pair without one is tried again, to say what is wrong with it."""
+    folder.write(WATER, waters_content(waters))
+    dive.count([pair for pair in pairing.pairs if pair.name not in waters])
     dive.correct(pairing.pairs, waters)

@@ -6,6 +6,7 @@ Content goes to a temporary file beside its destination, is flushed to disk, and
 import contextlib
 import itertools
 import os
+import secrets
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ from stereo_seecolor.errors import OutputError
 TEMPORARY_PREFIX = ".writing-"
 
 _numbers = itertools.count()
+_process = secrets.token_hex(3)
+"""Process numbers of two machines that write into one folder can be the same."""
 
 Content = bytes | memoryview | Iterator[bytes | memoryview]
 
@@ -75,6 +78,18 @@ def write_temporary(path: Path, content: Content) -> Path:
     return temporary
 
 
+def link_temporary(source: Path, path: Path) -> Path:
+    """A second name for a file, or a copy of it where the file system has none, beside ``path``. Raises OSError."""
+    temporary = temporary_path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        temporary.hardlink_to(source)
+    except OSError:
+        shutil.copy2(source, temporary)
+        _flush_file(temporary)
+    return temporary
+
+
 def move_into_place(temporary: Path, path: Path) -> None:
     """Rename a temporary file; it is removed where that fails. Raises OSError."""
     try:
@@ -86,7 +101,7 @@ def move_into_place(temporary: Path, path: Path) -> None:
 
 def temporary_path(path: Path) -> Path:
     """A name beside ``path`` that no other process or thread uses; short, whatever the length of the destination's name."""
-    return path.with_name(f"{TEMPORARY_PREFIX}{os.getpid()}-{next(_numbers)}-{path.name[-40:]}")
+    return path.with_name(f"{TEMPORARY_PREFIX}{_process}{os.getpid()}-{next(_numbers)}-{path.name[-40:]}")
 
 
 def flush_folder(folder: Path) -> None:

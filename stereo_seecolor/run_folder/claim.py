@@ -9,6 +9,8 @@ from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     INDEX,
+    LEASE,
+    LOCK,
     MAP,
     ORIGINAL,
     PAGE,
@@ -20,7 +22,6 @@ from stereo_seecolor.run_folder.layout import (
 )
 from stereo_seecolor.run_folder.manifest import Manifest
 
-LOCK = "lock"
 NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 """What file managers leave in every folder that is looked at; hidden files are ignored too."""
 
@@ -80,7 +81,7 @@ def refuse_links(root: Path) -> None:
 def refuse_used(root: Path) -> None:
     """Raise OutputError where a folder without a manifest holds anything."""
     entries = _names(root)
-    own = STATE if not set(_names(state(root))) - {LOCK} else None
+    own = STATE if not set(_names(state(root))) - {LOCK, LEASE} else None
     foreign = [name for name in entries if name != own and not _of_system(name)]
     if foreign:
         raise OutputError(

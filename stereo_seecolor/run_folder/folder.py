@@ -1,6 +1,7 @@
 """OUT while a run writes into it: held by one run at a time, every file known to the manifest before it is there."""
 
 import contextlib
+import errno
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -12,13 +13,20 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.files.atomic import Content, flush_folder, move_into_place, output_errors, remove_leftovers, write_temporary
+from stereo_seecolor.files.atomic import (
+    Content,
+    flush_folder,
+    link_temporary,
+    move_into_place,
+    output_errors,
+    remove_leftovers,
+    write_temporary,
+)
 from stereo_seecolor.files.contained import contained
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.run_folder.claim import (
-    LOCK,
     Owner,
     check_claim,
     refuse_foreign,
@@ -29,6 +37,7 @@ from stereo_seecolor.run_folder.claim import (
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
 from stereo_seecolor.run_folder.layout import (
     INDEX,
+    LOCK,
     MAP,
     ORIGINAL,
     PAGE,
@@ -39,8 +48,12 @@ from stereo_seecolor.run_folder.layout import (
     state,
     table_file,
 )
+from stereo_seecolor.run_folder.lease import Holder, leased
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.stamp import Stamp
+
+WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
+"""What a file system says that knows no locks, as some network file systems: the lease alone guards OUT there."""
 
 
 @dataclass(frozen=True)
@@ -176,6 +189,24 @@ class RunFolder:
         self._move_into_place(temporaries, files)
         self.written[stage].add(frame.name)
         return frame
+
+    def adopt(self, other: Path, frame: FrameRecord) -> None:
+        """Take a frame of another run's folder as one of this, its table included; its files get a second name, or are copied.
+
+        What this folder holds of the frame already is kept if it is the same or more. Raises OutputError.
+        """
+        known = self.manifest.frame(frame.name)
+        if known and all(self.finished(stage, frame.name, record.key) for stage, record in frame.stages.items()):
+            return
+        self.discard(frame.name)
+        table = table_file(frame.name)
+        paths = [path for path in (*frame.files, table) if (other / path).is_file()]
+        temporaries: dict[str, Path] = {}
+        for path in paths:
+            with output_errors(self.root / path):
+                temporaries[path] = link_temporary(other / path, self.root / path)
+        self.manifest.save_frame(frame)
+        self._move_into_place(temporaries, {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()})
 
     def discard(self, name: str) -> None:
         """Delete all that the program wrote of a frame: it failed, or its input is gone."""
@@ -314,8 +345,8 @@ def _is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> boo
 
 
 @contextmanager
-def held(root: Path) -> Iterator[None]:
-    """Hold a run's folder, made where it is missing: no other run writes into it meanwhile.
+def held(root: Path) -> Iterator[Holder]:
+    """Hold a run's folder, made where it is missing: no other run, of this machine or another, writes into it meanwhile.
 
     Raises OutputError if it cannot be written, or is held already.
     """
@@ -324,10 +355,14 @@ def held(root: Path) -> Iterator[None]:
         state(root).mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout as error:
-        raise OutputError(f"{root}: another run is writing into it now: wait for it, or choose another --out") from error
+        now = Holder.load(root)
+        who = f" ({now})" if now else ""
+        raise OutputError(f"{root}: another run is writing into it now{who}: wait for it, or choose another --out") from error
     except OSError as error:
-        raise OutputError(f"{root}: cannot be written: {error.strerror or error}: choose another --out") from error
+        if error.errno not in WITHOUT_LOCKS:
+            raise OutputError(f"{root}: cannot be written: {error.strerror or error}: choose another --out") from error
     try:
-        yield
+        with leased(root, lock.is_locked) as holder:
+            yield holder
     finally:
         lock.release()

@@ -10,6 +10,8 @@ ORIGINAL = "original"
 """Holds products in the left camera's own pixels, whose files are named as its images."""
 STATE = ".state"
 """The program's own folder: manifest, tables, unpacked video."""
+LOCK, LEASE = "lock", "lease.json"
+"""In the program's own folder while a run writes into OUT."""
 SET_ASIDE = "set_aside"
 """Files of ours that somebody changed, moved here before a new one takes their place."""
 MAP = "map"
@@ -97,6 +99,16 @@ def refinement_files(root: Path) -> tuple[Path, Path]:
 def fit_file(root: Path) -> Path:
     """Where it is kept to what the waters were fitted."""
     return state(root, "fit.json")
+
+
+def lease_file(root: Path) -> Path:
+    """Where it is kept who writes into OUT."""
+    return state(root, LEASE)
+
+
+def progress_file(root: Path) -> Path:
+    """Where it is kept how far a run is."""
+    return state(root, "progress.json")
 
 
 def table_file(name: str) -> str:

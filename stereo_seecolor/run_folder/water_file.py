@@ -37,6 +37,13 @@ def read_waters(path: Path, names: Sequence[str]) -> dict[str, Water]:
     return {name: _water(frames[name], path) for name in names}
 
 
+def read_known_waters(path: Path, names: Sequence[str]) -> dict[str, Water]:
+    """As ``read_waters``, without those of ``names`` that the file holds none for. Raises InputError."""
+    frames = read_water_document(path).get("frames")
+    known = [name for name in names if name in frames] if isinstance(frames, dict) else names
+    return read_waters(path, known)
+
+
 def _water(content: Any, path: Path) -> Water:
     try:
         return Water.from_content(content)

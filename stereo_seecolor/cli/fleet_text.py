@@ -1,0 +1,35 @@
+"""How far runs are, as text for a person."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from stereo_seecolor.cli.console import lines, table
+
+if TYPE_CHECKING:
+    from stereo_seecolor.commands.status import RunStatus
+
+REMEDY = {"killed": "ended without a word: run its line again", "stopped": "stopped early: run its line again"}
+
+
+def status_text(runs: "Sequence[RunStatus]") -> str:
+    """A row a run, then what went wrong how often in each."""
+    rows = [(str(run.out), run.state, run.stage, str(run.done), str(run.failed), str(run.left), _end(run)) for run in runs]
+    failures = [(what, str(often), f"{run.out}: {first}") for run in runs for what, often, first in run.failures]
+    return table(("run", "state", "pass", "done", "failed", "left", ""), rows) + (
+        lines([""]) + table(("what went wrong", "times", "first in"), failures) if failures else ""
+    )
+
+
+def _end(run: "RunStatus") -> str:
+    if run.state in REMEDY:
+        return REMEDY[run.state]
+    by = f" by {run.writer}" if run.writer else ""
+    return f"{duration(run.remaining_s)} left{by}" if run.remaining_s is not None else by.strip()
+
+
+def duration(seconds: float) -> str:
+    """Seconds, minutes, hours or days, as a person says it."""
+    for unit, length in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.1f} {unit}"
+    return f"{seconds:.0f} s"

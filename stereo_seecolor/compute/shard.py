@@ -1,0 +1,41 @@
+"""A part of a dive's pairs, for machines that share the work without knowing of each other."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class Shard:
+    """Part ``number`` (from 1) of ``of``: neighbors in the dive's order, and shards differ by one item at most in size."""
+
+    number: int = 1
+    of: int = 1
+
+    @classmethod
+    def parse(cls, text: str) -> "Shard":
+        """``2/8`` as on the command line. Raises ValueError."""
+        found = re.fullmatch(r"(\d+)/(\d+)", text)
+        shard = cls(int(found[1]), int(found[2])) if found else cls(0)
+        if not 1 <= shard.number <= shard.of:
+            raise ValueError(f"{text!r} is no shard: write i/N with i from 1 to N, such as 2/8")
+        return shard
+
+    @property
+    def whole(self) -> bool:
+        """True if nothing is left to other shards."""
+        return self.of == 1
+
+    def part(self, items: Sequence[Item]) -> Sequence[Item]:
+        """This shard's of all items, which must be in the same order for every shard."""
+        return items[len(items) * (self.number - 1) // self.of : len(items) * self.number // self.of]
+
+    def __str__(self) -> str:
+        return f"{self.number}/{self.of}"
+
+
+WHOLE = Shard()
+"""All items."""

@@ -1,0 +1,138 @@
+"""Shards of a dive on machines that know nothing of each other, and their results as one."""
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from conftest import contents
+
+from stereo_seecolor.commands.merge import merge
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.status import status
+from stereo_seecolor.compute.shard import Shard
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder import progress_file
+
+
+@pytest.mark.parametrize(("items", "of"), [(10, 3), (2, 5), (0, 2), (100, 7)])
+def test_shards_are_neighbors_of_about_one_size_and_together_all(items: int, of: int) -> None:
+    parts = [list(Shard(number, of).part(range(items))) for number in range(1, of + 1)]
+    assert [item for part in parts for item in part] == list(range(items))
+    assert max(map(len, parts)) - min(map(len, parts)) <= 1
+
+
+@pytest.mark.parametrize("text", ["0/2", "3/2", "1", "1/0", "a/b", "1/2/3"])
+def test_what_is_no_shard_is_refused(cli, text: str) -> None:
+    code, _, said = cli("run", "--left", "L", "--right", "R", "--calib", "C", "--shard", text)
+    assert code == 2
+    assert "such as 2/8" in said
+
+
+def sharded(dive, tmp_path: Path, of: int = 2, config: RunConfig | None = None, water: Path | None = None) -> list[Path]:
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    outs = [tmp_path / f"part{number}" for number in range(1, of + 1)]
+    for number, out in enumerate(outs, 1):
+        run(*sides, out, config, RunOptions(shard=Shard(number, of)), water=water)
+    return outs
+
+
+def whole(dive, tmp_path: Path, config: RunConfig | None = None) -> dict[str, bytes]:
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "whole", config)
+    return contents(tmp_path / "whole")
+
+
+def test_merged_shards_are_the_same_bytes_as_one_run_and_a_run_into_them_has_nothing_to_do(make_dive, tmp_path) -> None:
+    dive = make_dive(5)
+    (dive.root / "R/0003.png").write_bytes(b"")
+    (dive.root / "L/alone.png").write_bytes((dive.root / "L/0000.png").read_bytes())
+    parts = sharded(dive, tmp_path)
+    assert not (parts[0] / "corrected").exists()
+    summary = merge(parts, tmp_path / "merged")
+    assert (summary.count("ok"), summary.count("failed"), summary.count("unpaired")) == (4, 1, 1)
+    assert contents(tmp_path / "merged") == whole(dive, tmp_path)
+    again = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "merged")
+    assert again.kept == 4
+    assert (parts[0] / "range/0000.tiff").samefile(tmp_path / "merged/range/0000.tiff")
+
+
+@pytest.mark.parametrize("lock", ["auto", "frame"])
+def test_shards_corrected_apart_with_the_water_of_all(make_dive, tmp_path, lock: str) -> None:
+    dive = make_dive(4)
+    (dive.root / "R/0002.png").write_bytes(b"")
+    config = RunConfig.model_validate({"color": {"lock": lock}})
+    parts = sharded(dive, tmp_path, 3, config)
+    merge(parts, tmp_path / "merged", fit_only=True)
+    assert not (tmp_path / "merged/corrected").exists()
+    sharded(dive, tmp_path, 3, config, tmp_path / "merged/water.json")
+    summary = merge(parts, tmp_path / "merged")
+    assert (summary.kept, summary.count("failed")) == (3, 1)
+    assert contents(tmp_path / "merged") == whole(dive, tmp_path, config)
+
+
+def test_parts_that_do_not_belong_together_are_refused(make_dive, tmp_path) -> None:
+    dive = make_dive(4)
+    one, two = sharded(dive, tmp_path)
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    second = RunOptions(shard=Shard(2, 2))
+    with pytest.raises(OutputError, match="another dive or command"):
+        run(*sides, one, options=second)
+    other = RunConfig.model_validate({"color": {"lock": "survey"}})
+    run(*sides, tmp_path / "other", other, second)
+    with pytest.raises(InputError, match="other settings or another rig"):
+        merge([one, tmp_path / "other"], tmp_path / "merged")
+    run(*sides, tmp_path / "corrected", options=second, water=_fitted(one, tmp_path))
+    with pytest.raises(InputError, match="has no water yet"):
+        merge([one, tmp_path / "corrected"], tmp_path / "merged")
+    for side in "LR":
+        (dive.root / side / "0003.png").write_bytes((dive.root / side / "0002.png").read_bytes())
+    run(*sides, tmp_path / "changed", options=second)
+    with pytest.raises(InputError, match="two different pairs '0003'"):
+        merge([one, two, tmp_path / "changed"], tmp_path / "merged")
+    with pytest.raises(InputError, match="holds no finished run"):
+        merge([one, tmp_path / "nothing"], tmp_path / "merged")
+    assert not (tmp_path / "merged").exists()
+
+
+def _fitted(part: Path, tmp_path: Path) -> Path:
+    merge([part], tmp_path / "fitted", fit_only=True)
+    return tmp_path / "fitted/water.json"
+
+
+def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
+    monkeypatch.setattr(progress_file, "EVERY_S", 0.0)
+    dive = make_dive(3)
+    (dive.root / "R/0001.png").write_bytes(b"")
+    seen = []
+
+    class Watcher:
+        def begin(self, stage: str, total: int) -> None:
+            pass
+
+        def advance(self, row) -> None:
+            seen.append(status(tmp_path / "out"))
+
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", options=RunOptions(listener=Watcher()))
+    assert {found.state for found in seen} == {"running"}
+    assert f"process {os.getpid()}" in seen[0].writer
+    assert seen[-1].stage == "colors"
+    assert seen[-1].remaining_s is not None
+    done = status(tmp_path / "out")
+    assert (done.state, done.done, done.failed, done.left) == ("complete", 2, 1, 0)
+    assert "is empty" in done.failures[0][0]
+    code, printed, _ = cli("status", tmp_path / "out")
+    assert code == 0
+    assert "complete" in printed
+    assert "is empty" in printed
+
+
+def test_a_killed_run_is_told_from_one_under_way(make_dive, tmp_path) -> None:
+    dive = make_dive(2)
+    out = tmp_path / "out"
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
+    manifest = out / ".state/manifest.json"
+    manifest.write_text(json.dumps({**json.loads(manifest.read_text()), "state": "running"}))
+    assert replace(status(out), remaining_s=None).state == "killed"
