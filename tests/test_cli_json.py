@@ -85,6 +85,7 @@ def test_a_bag(make_dive, parsed, tmp_path) -> None:
     assert (found["pairs"], found["left"]) == (1, "/stereo/left/image_raw")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("open3d")
 def test_the_map_is_part_of_the_object(make_dive, parsed, tmp_path) -> None:
     dive, poses = make_dive(2), tmp_path / "track.tum"
@@ -97,6 +98,7 @@ def test_the_map_is_part_of_the_object(make_dive, parsed, tmp_path) -> None:
     assert str(tmp_path / "out/map/mesh.ply") in fuse["map"]["files"]
 
 
+@pytest.mark.slow
 def test_known_truth(parsed, tmp_path) -> None:
     demo = parsed("demo", "demo", "--out", tmp_path / "demo")
     assert demo["ok"] == len(demo["truth"]["frames"]) == 4

@@ -19,6 +19,7 @@ def with_bad_profile(content: bytes) -> bytes:
     return content[:33] + chunk + content[33:]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("verbose", [False, True])
 def test_libpngs_warnings_are_shown_only_if_asked_for(make_dive, tmp_path: Path, verbose: bool) -> None:
     dive = make_dive(2)
@@ -33,6 +34,7 @@ def test_libpngs_warnings_are_shown_only_if_asked_for(make_dive, tmp_path: Path,
     assert "1 pairs done, 1 failed" in done.stdout
 
 
+@pytest.mark.slow
 def test_errors_of_the_program_get_to_standard_error() -> None:
     words = ["check", "--left", "nowhere", "--right", "nowhere", "--calib", "cam.yaml"]
     done = subprocess.run([sys.executable, "-m", "stereo_seecolor", *words], capture_output=True, text=True, check=False)

@@ -47,6 +47,7 @@ def test_closed_streams_are_no_error() -> None:
     assert ended.returncode == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["d\u00fcnung \u6df1\u6d77", "broken\udcff\udcfe"])
 def test_odd_names_on_an_ascii_terminal(tmp_path: Path, name: str) -> None:
     environment = {**os.environ, "PYTHONIOENCODING": "ascii", "PYTHONUTF8": "0", "LC_ALL": "C"}
@@ -75,6 +76,7 @@ def start_and_interrupt(words: list[str], out: Path, times: int) -> tuple[int, s
     return process.returncode, said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("times", [1, 2, 5])
 def test_ctrl_c_any_number_of_times(make_dive, tmp_path: Path, times: int) -> None:
     out = tmp_path / "out"

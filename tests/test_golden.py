@@ -138,6 +138,7 @@ def test_a_shift_of_one_frame_is_noticed(product: str, shift: float, dive: Path,
     assert {line.split("/")[2] for line in differences(expected, run_numbers(moved))} == {name}
 
 
+@pytest.mark.slow
 def test_a_shift_of_one_block_is_noticed(dive: Path, tmp_path: Path) -> None:
     name = next(iter(golden("sample_dive")["run"]["frames"]))
     shutil.copytree(dive, tmp_path / "out", copy_function=os.symlink, ignore=shutil.ignore_patterns(".*", "map"))

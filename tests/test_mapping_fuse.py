@@ -207,6 +207,7 @@ def test_two_programs_never_write_one_folder(small_run: Path) -> None:
         pass
 
 
+@pytest.mark.slow
 def test_a_run_without_standard_errors_is_fused(small_run: Path, tmp_path: Path) -> None:
     bare = [dataclasses.replace(frame, range_std_m=np.full_like(frame.range_m, np.nan)) for frame in map(flat_frame, range(4))]
     write_run(tmp_path / "bare", bare, PAIR)
@@ -243,6 +244,7 @@ def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
     assert sorted(path.name for path in summary.files) == sorted(path.name for path in (small_run / "map").iterdir())
 
 
+@pytest.mark.slow
 def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     poses = small_run.with_name("track.tum")
     fuse_small(small_run, poses)

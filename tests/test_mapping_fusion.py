@@ -159,6 +159,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
     assert (resumed / "mesh.ply").read_bytes() == (straight / "mesh.ply").read_bytes()
 
 
+@pytest.mark.slow
 def test_tiles_of_frames_that_were_made_anew_are_not_kept(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
         build_map(Stopping([flat_frame(i) for i in range(6)], fails_at=6 + 10), PAIR, tmp_path, CONFIG, track(6))
@@ -211,6 +212,7 @@ def test_a_frame_without_ranges_does_no_harm(tmp_path: Path) -> None:
     assert build_map(frames, PAIR, tmp_path, CONFIG, track(3)).placed == 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", [OSError("libGL.so.1: cannot open"), None])
 def test_where_open3d_is_missing_scikit_image_makes_the_same_map(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception | None

@@ -32,6 +32,7 @@ def moved(offset_m: tuple[float, float, float]) -> Trajectory:
     return trajectory
 
 
+@pytest.mark.slow
 def test_utm_coordinates_give_the_same_map_with_its_offset_stated(tmp_path: Path) -> None:
     offset = (500_000.0, 8_000_000.0, 0.0)
     build(tmp_path / "near")
@@ -77,6 +78,7 @@ def test_a_tile_too_large_for_the_memory_is_refused(tmp_path: Path, monkeypatch:
         build(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_huge_tile_is_one_tile(tmp_path: Path) -> None:
     assert build(tmp_path, tile_m=1e9).points == build(tmp_path / "again").points
 
@@ -136,6 +138,7 @@ def test_candidates_between_components_need_no_table_of_all_pairs() -> None:
     assert all(i < 20_000 <= j for i, j in many)
 
 
+@pytest.mark.slow
 def test_each_pass_of_a_map_in_components_has_its_own_progress(tmp_path: Path) -> None:
     trajectory = track(6)
     trajectory.T_world_camera[3:, 1, 3] += 50

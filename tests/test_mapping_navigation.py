@@ -104,6 +104,7 @@ def test_true_poses_fit_and_stay(placed: Callable[..., Placed], reef: ReefFrames
     np.testing.assert_allclose(found.placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3], atol=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_noise_is_measured_and_averaged_out(placed: Callable[..., Placed], reef: ReefFrames, seed: int) -> None:
     found = placed(lambda T: noisy(T, seed))
@@ -124,16 +125,21 @@ def test_noise_is_measured_and_averaged_out(placed: Callable[..., Placed], reef:
     ("change", "advice"),
     [
         (w_first, "the quaternion's w first"),
-        (inverse, "world-to-camera poses"),
-        (positions(lambda p: p[:, [1, 0, 2]]), "x and y swapped"),
-        (positions(lambda p: p * [-1, 1, 1]), "x mirrored"),
-        (positions(lambda p: p * [1, -1, 1]), "y mirrored"),
-        (positions(lambda p: p * [1, 1, -1]), "z pointing down"),
-        (positions(lambda p: p @ R_ENU_NED.T), "positions north-east-down"),
-        (north_east_down, "as north-east-down"),
-        (lambda T: T[::-1], "the poses in the opposite order"),
-        (lambda T: w_first(noisy(T)), "the quaternion's w first"),
-        (lambda T: inverse(noisy(T)), "world-to-camera poses"),
+        *(
+            pytest.param(change, advice, marks=pytest.mark.slow)
+            for change, advice in (
+                (inverse, "world-to-camera poses"),
+                (positions(lambda p: p[:, [1, 0, 2]]), "x and y swapped"),
+                (positions(lambda p: p * [-1, 1, 1]), "x mirrored"),
+                (positions(lambda p: p * [1, -1, 1]), "y mirrored"),
+                (positions(lambda p: p * [1, 1, -1]), "z pointing down"),
+                (positions(lambda p: p @ R_ENU_NED.T), "positions north-east-down"),
+                (north_east_down, "as north-east-down"),
+                (lambda T: T[::-1], "the poses in the opposite order"),
+                (lambda T: w_first(noisy(T)), "the quaternion's w first"),
+                (lambda T: inverse(noisy(T)), "world-to-camera poses"),
+            )
+        ),
     ],
 )
 def test_poses_read_wrongly_are_named_and_left_out(
@@ -147,6 +153,7 @@ def test_poses_read_wrongly_are_named_and_left_out(
     assert off_m(found, reef) < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("later_s", [1.0, -0.5])
 def test_clocks_apart_are_named_with_the_difference(placed: Callable[..., Placed], later_s: float) -> None:
     found = placed(lambda T: T, later_s=later_s)
@@ -154,6 +161,7 @@ def test_clocks_apart_are_named_with_the_difference(placed: Callable[..., Placed
     assert f"{-later_s:+.2f} s added to the times of the poses" in found.navigation.advice
 
 
+@pytest.mark.slow
 def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(placed: Callable[..., Placed], reef: ReefFrames) -> None:
     for change in (turned(14.0), lambda T: turned(14.0)(noisy(T))):
         found = placed(change)
@@ -166,6 +174,7 @@ def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(placed: Ca
         assert np.abs(down).mean() < 0.03
 
 
+@pytest.mark.slow
 def test_poses_of_another_dive_are_not_used(placed: Callable[..., Placed], reef: ReefFrames) -> None:
     rng = np.random.default_rng(0)
     found = placed(lambda T: np.stack([pose(rotation_from_vector(rng.normal(0, 2, 3)), rng.normal(0, 2, 3)) for _ in T]))
@@ -183,6 +192,7 @@ def test_given_poses_are_the_maps_but_measured(placed: Callable[..., Placed], re
         placed(north_east_down, MappingConfig(poses="given"))
 
 
+@pytest.mark.slow
 def test_standard_errors_of_the_configuration_are_used(placed: Callable[..., Placed]) -> None:
     config = MappingConfig(prior_position_std_m=0.3, prior_depth_std_m=0.2, prior_attitude_std_deg=5.0)
     navigation = placed(noisy, config).navigation
@@ -208,6 +218,7 @@ def test_poses_that_cannot_be_measured_are_used_and_end_with_3(tmp_path: Path) -
     assert map_exit_code(summary) == 3
 
 
+@pytest.mark.slow
 def test_frames_that_show_nothing_keep_their_place_by_navigation(tmp_path: Path, reef: ReefFrames, survey: Survey) -> None:
     frames = [replace(f, color=np.full_like(f.color, 90)) if i in (0, 5, 6) else f for i, f in enumerate(survey.frames)]  # type: ignore[arg-type, type-var]
     good: list[SurveyFrame] = frames[:9]  # type: ignore[assignment]

@@ -85,6 +85,7 @@ def test_a_frame_that_shows_nothing_is_named_and_the_rest_goes_on(reef: ReefFram
     assert placement.components.tolist() == [0, 0, 0, -1] + [0] * 8
 
 
+@pytest.mark.slow
 def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     rng = np.random.default_rng(2)
     holed = []
@@ -171,6 +172,7 @@ def test_the_pose_graph_spreads_drift_and_rejects_a_false_loop() -> None:
     assert np.abs(solved[:, :3, 3] - T[:, :3, 3]).max() < 0.03
 
 
+@pytest.mark.slow
 def test_frames_whose_files_are_out_of_order_lose_no_loop_and_keep_their_track(
     reef: ReefFrames, frames: list[SurveyFrame], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -48,6 +48,7 @@ def test_clear_water_is_dense_and_right() -> None:
     assert found.warnings == ()
 
 
+@pytest.mark.slow
 def test_maps_agree_with_one_another() -> None:
     found, pair = match(scene()), scene().pair
     known = np.isfinite(found.disparity)
@@ -143,6 +144,7 @@ def test_ranges_outside_the_limits_are_unknown() -> None:
     assert np.nanmin(found.depth_m) < 1.75  # off the axis, a point is nearer in depth than in range
 
 
+@pytest.mark.slow
 def test_the_nearest_range_is_found_in_the_corners_too() -> None:
     flat = render(altitude_m=1.0, relief_m=0.0)
     corner = np.s_[-40:-8, -40:-8]

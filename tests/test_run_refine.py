@@ -25,6 +25,7 @@ def turn_right_camera(dive: Dive) -> None:
     native.write(replace(rig, T_right_left=turn @ rig.T_right_left), dive.root / "cam.yaml")
 
 
+@pytest.mark.slow
 def test_a_moved_rig_is_refined_once(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive, out = make_dive(4), tmp_path / "out"
     turn_right_camera(dive)
@@ -53,6 +54,7 @@ def test_a_moved_rig_is_refined_once(cli: Cli, make_dive: Callable[..., Dive], t
     assert (out / ".state" / "refined_rig.yaml").stat().st_mtime_ns != kept, "more pairs than it rests on"
 
 
+@pytest.mark.slow
 def test_the_refined_rig_is_used_again_in_another_run(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive, out, again = make_dive(3), tmp_path / "out", tmp_path / "again"
     turn_right_camera(dive)
@@ -79,6 +81,7 @@ def test_a_dive_too_short_to_refine_is_run_all_the_same(cli: Cli, make_dive: Cal
     assert "a camera has moved since; calibrate again (stereo-seecolor run --refine)" in printed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", ["range", "rectify"])
 def test_other_commands_refine_too(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path, command: str) -> None:
     dive = make_dive(3)
@@ -87,6 +90,7 @@ def test_other_commands_refine_too(cli: Cli, make_dive: Callable[..., Dive], tmp
     assert code == 0 and "calibration: refined" in printed
 
 
+@pytest.mark.slow
 def test_overwrite_refines_again(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive, out = make_dive(3), tmp_path / "out"
     turn_right_camera(dive)

@@ -84,6 +84,7 @@ def test_nothing_is_unique_in_an_even_image() -> None:
     assert np.isnan(assert_equal_to_reference(even, even, Band.everywhere(even.shape, 0, 31))).all()
 
 
+@pytest.mark.slow
 def test_plain_loops_serve_other_versions_of_numba() -> None:
     code = """
 import importlib.metadata, sys

@@ -84,6 +84,7 @@ def test_right_image_shows_what_the_true_disparity_says(pair: RenderedPair) -> N
     assert difference(0.0) < 0.8 * min(difference(-0.5), difference(0.5))
 
 
+@pytest.mark.slow
 def test_images_follow_the_water_model(scene: Scene, pair: RenderedPair) -> None:
     """I = J light A(z) + B(z) in linear light, with light the sun at the depth of each point."""
     range_m = pair.range_map.range_m

@@ -27,6 +27,7 @@ def turned_dive(scene: Scene, turns: int) -> tuple[StereoRig, StereoFrame]:
     return rig, StereoFrame("turned", left, right)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turns", [1, 2, 3])
 def test_ranges_and_colors_of_turned_cameras(scene: Scene, turns: int) -> None:
     config = RunConfig()
