@@ -83,7 +83,7 @@ class Contents:
         beyond_nm = WAVELENGTH_NM - WAVELENGTH_NM[AT_440]
         dissolved = self.dissolved * np.exp(-CONSTANTS.dissolved_slope * beyond_nm)
         sediment = self.sediment * self.sediment_absorption * np.exp(-CONSTANTS.sediment_slope * beyond_nm)
-        return WATER_ABSORPTION + phytoplankton(self.chlorophyll) + dissolved + sediment
+        return np.asarray(WATER_ABSORPTION + phytoplankton(self.chlorophyll) + dissolved + sediment)
 
     @property
     def scattering(self) -> tuple[Spectrum, Spectrum]:
