@@ -11,6 +11,8 @@ Points = NDArray[np.float32]
 LAMPS_M = np.array([[-0.30, -0.12, -0.10], [0.42, -0.12, -0.10]])
 """Where the lamps sit in the axes of the rectified left camera: either side of the pair, slightly above and behind."""
 LAMP_BEAM_EXPONENT = 3.0
+LAMP_RING_RAD, LAMP_SPOKES = 0.12, 9
+"""The pattern of a lamp's reflector and of the ribs of its cover: rings this wide, and so many spokes."""
 
 
 def sunlight(water: LitWater, points_m: Points) -> NDArray[np.float32]:
@@ -34,7 +36,7 @@ def caustics(spec: SurveySpec, points_m: Points, time_s: float) -> NDArray[np.fl
 
 
 def lamplight(spec: SurveySpec, water: LitWater, points_m: Points, T_world_camera: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(..., 3) light of the rig's lamps at world points: beam shape, 1 / distance squared, and the water on the way."""
+    """(..., 3) light of the rig's lamps at world points: beam shape and pattern, 1 / distance squared, and the water on the way."""
     brightness = spec.lamp_intensity * float(water.water.white.max())
     axis = T_world_camera[:3, 2].astype(np.float32)
     total = np.zeros(points_m.shape, np.float32)
@@ -43,5 +45,15 @@ def lamplight(spec: SurveySpec, water: LitWater, points_m: Points, T_world_camer
         away = points_m - position
         distance_m = np.linalg.norm(away, axis=-1)
         beam = np.maximum(away @ axis / distance_m, 0.0) ** LAMP_BEAM_EXPONENT
+        if spec.lamp_pattern > 0:
+            beam *= lamp_pattern(spec.lamp_pattern, away @ T_world_camera[:3, :3].astype(np.float32))
         total += (brightness * beam / distance_m**2)[..., None] * water.water.attenuation(distance_m).astype(np.float32)
     return np.asarray(total / len(LAMPS_M), dtype=np.float32)
+
+
+def lamp_pattern(contrast: float, away: Points) -> NDArray[np.float32]:
+    """(...,) factor on a lamp's beam, mean about 1: rings and spokes. away: (..., 3) from the lamp, in the camera's axes."""
+    across = np.hypot(away[..., 0], away[..., 1])
+    rings = np.cos(2 * np.pi * np.arctan2(across, away[..., 2]) / LAMP_RING_RAD)
+    spokes = np.cos(LAMP_SPOKES * np.arctan2(away[..., 1], away[..., 0]))
+    return np.asarray(1 + contrast * rings * (0.5 + 0.5 * spokes), np.float32)

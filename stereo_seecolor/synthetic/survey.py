@@ -25,6 +25,7 @@ class SurveySpec:
     full_well_e, read_noise_e: electrons of a full and of an empty pixel; they set the noise.
     caustic_contrast: relative strength of the moving light that waves focus on the bottom, 0 for none.
     lamp_intensity: light of the rig's lamps at 1 m against the sun's at the bottom, 0 for none; 200 makes it night.
+    lamp_pattern: contrast of rings and spokes in the lamps' beams, which travel with the rig, 0 for none, at most 1.
     bits: 8 for sRGB-encoded images, 16 for linear ones.
     """
 
@@ -45,6 +46,7 @@ class SurveySpec:
     read_noise_e: float = 6.0
     caustic_contrast: float = 0.0
     lamp_intensity: float = 0.0
+    lamp_pattern: float = 0.0
     bits: int = 8
 
     @property

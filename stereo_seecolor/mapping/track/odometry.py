@@ -14,7 +14,9 @@ from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import loop_closure, pose_graph
 from stereo_seecolor.mapping.track.components import agreeing, chain
 from stereo_seecolor.mapping.track.features import Features, detect
-from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
+from stereo_seecolor.mapping.track.image_errors import Pair, find_image_errors
+from stereo_seecolor.mapping.track.image_space import Observed
+from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose, fit_pose, relative_pose
 
 Array = NDArray[np.float64]
 
@@ -37,6 +39,7 @@ class Track:
     """What is known while the track grows. features: of every frame, in the order of time. edges: measured so far.
 
     reasons: why a frame has no edge, by number. links: edges that only say which frames are connected, by navigation.
+    found: what was measured between the frames at two positions on the track, None where they do not see the same.
     """
 
     survey: Survey
@@ -44,18 +47,41 @@ class Track:
     edges: list[Edge] = field(default_factory=list)
     reasons: dict[int, str] = field(default_factory=dict)
     links: list[Edge] = field(default_factory=list)
-    tried: set[tuple[int, int]] = field(default_factory=set)
+    found: dict[tuple[int, int], RelativePose | None] = field(default_factory=dict)
 
     def measure(self, a: int, b: int, loop: bool = False) -> Edge | None:
         """The edge between the frames at two positions on the track; each pair is measured once."""
-        if (a, b) in self.tried:
+        if (a, b) in self.found:
             return None
-        self.tried.add((a, b))
-        found = relative_pose(self.features[a], self.features[b], self.survey.geometry)
-        if found is None:
-            return None
+        relation = self.found[a, b] = relative_pose(self.features[a], self.features[b], self.survey.geometry)
+        return self._edge(a, b, relation, loop) if relation else None
+
+    def take_out_image_errors(self) -> None:
+        """Correct all features by the errors that the frames have in common, and measure the edges again by the same points."""
+        known = {ends: relation for ends, relation in self.found.items() if relation}
+        errors = find_image_errors(
+            [Pair(relation.T_a_b, *self._seen(ends, relation)) for ends, relation in known.items()], self.survey.geometry
+        )
+        if errors is None:
+            return
+        self.features = [errors.corrected(features) for features in self.features]
+        self.edges = []
+        for (a, b), relation in known.items():
+            T, covariance, kept = fit_pose(relation.T_a_b, *self._seen((a, b), relation))
+            again = RelativePose(T, covariance, relation.index_a[kept], relation.index_b[kept])
+            self.found[a, b] = again
+            self.edges.append(self._edge(a, b, again, loop=False))
+
+    def _seen(self, ends: tuple[int, int], relation: RelativePose) -> tuple[Observed, Observed]:
+        a, b = self.features[ends[0]], self.features[ends[1]]
+        return (
+            Observed(a.points[relation.index_a], a.std[relation.index_a]),
+            Observed(b.points[relation.index_b], b.std[relation.index_b]),
+        )
+
+    def _edge(self, a: int, b: int, relation: RelativePose, loop: bool) -> Edge:
         order = self.survey.index.order
-        return Edge(int(order[a]), int(order[b]), found.T_a_b, found.covariance, found.inliers, loop)
+        return Edge(int(order[a]), int(order[b]), relation.T_a_b, relation.covariance, len(relation.index_a), loop)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +93,7 @@ class _Guess:
 
 
 def follow(survey: Survey) -> Track:
-    """Measure each frame, in the order of time, against the last three."""
+    """Measure each frame, in the order of time, against the last three; then without the errors that all images have."""
     order = survey.index.order.tolist()
     track = Track(survey, reasons=dict.fromkeys(order, "it shows nothing that another frame shows"))
     for done, i in enumerate(order):
@@ -81,6 +107,7 @@ def follow(survey: Survey) -> Track:
             if edge := track.measure(back, done):
                 track.edges.append(edge)
         survey.progress("following the track", done + 1, len(order))
+    track.take_out_image_errors()
     return track
 
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
+from stereo_seecolor.mapping.track.image_space import Moved, Observed, move
 
 Array = NDArray[np.float64]
 
@@ -24,6 +25,7 @@ class RelativePoseSettings:
     ransac_rounds: int = 300  # finds 30 % inliers by triples with 99.97 % probability
     reprojection_px: float = 3.0  # RANSAC's inliers, pixels: ten standard errors of a feature
     outlier_sigmas: float = 4.0  # scale of the Cauchy kernel, and limit of an inlier afterwards
+    near_sigmas: float = 5.0  # matches within so many of a first fit take part in the second
     rounds: int = 15  # of Gauss-Newton; it takes 5
     systematic_rad: float = 5e-4  # added to the error of a turn: what calibration leaves at the image's borders
     systematic_m: float = 1e-3  # added to the error of a shift, meters
@@ -50,38 +52,91 @@ class Edge:
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:
-    """p_a = T_a_b p_b, with its covariance (6, 6) as an Edge has it, and how many points agree."""
+    """p_a = T_a_b p_b, with its covariance (6, 6) as an Edge has it; index_a, index_b: (n,) features that agree."""
 
     T_a_b: Array
     covariance: Array
-    inliers: int
+    index_a: NDArray[np.int64]
+    index_b: NDArray[np.int64]
 
 
 def relative_pose(a: Features, b: Features, geometry: RectifiedPair) -> RelativePose | None:
     """The pose of frame b in frame a, or None where the two do not certainly see the same.
 
-    Mutual nearest descriptors that pass Lowe's ratio test, PnP with RANSAC, then all inliers by Gauss-Newton, each point
-    weighted by the covariance of both its measurements; a Cauchy kernel tames what is left of outliers.
+    Mutual nearest descriptors that pass Lowe's ratio test, PnP with RANSAC, then a fit in image space, each point weighted by the
+    errors of both its measurements; a Cauchy kernel tames what is left of outliers. RANSAC believes the ranges of a: its inliers
+    are those whose errors suit its pose, so those of the fit are chosen anew from all matches.
     """
     index_a, index_b = _matches(a, b)
+    start = _ransac(a, b, index_a, index_b, geometry)
+    if start is None:
+        return None
+    T, first = start
+    seen_a, seen_b = Observed(a.points[index_a], a.std[index_a]), Observed(b.points[index_b], b.std[index_b])
+    try:
+        T = fit_pose(T, seen_a.chosen(first), seen_b.chosen(first))[0]
+        near = np.flatnonzero(squared_sigmas(T, seen_a, seen_b) < SETTINGS.near_sigmas**2)
+        T, covariance, kept = fit_pose(T, seen_a.chosen(near), seen_b.chosen(near))
+    except np.linalg.LinAlgError:  # all points on a line
+        return None
+    kept = near[kept]
+    if len(kept) < SETTINGS.min_inliers or not _spread_out(seen_b.points[kept], geometry):
+        return None
+    return RelativePose(T, covariance, index_a[kept], index_b[kept])
+
+
+def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Maximum likelihood of T_a_b (4, 4) from a first guess, given both measurements of n points; its covariance (6, 6); and
+    which points are within four sigmas. Raises LinAlgError for points that hold no pose.
+    """
+    for _ in range(SETTINGS.rounds):
+        moved = move(T, b.points)
+        residual, weight = a.points - moved.points, weights(moved, a, b)
+        squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
+        robust = weight / (1 + squared / SETTINGS.outlier_sigmas**2)[:, None, None]
+        weighted = robust @ moved.by_pose
+        H = np.einsum("nki,nkj->ij", moved.by_pose, weighted)
+        step = np.linalg.solve(H, np.einsum("nki,nk->i", weighted, residual))
+        T = T @ pose(rotation_from_vector(step[:3]), step[3:])
+        if np.abs(step).max() < 1e-7:
+            break
+    kept = np.flatnonzero(squared < SETTINGS.outlier_sigmas**2)
+    scale = max(1.0, float(squared[kept].sum()) / max(3 * len(kept) - 6, 1)) if len(kept) else 1.0
+    systematic = np.diag([SETTINGS.systematic_rad**2] * 3 + [SETTINGS.systematic_m**2] * 3)
+    return T, np.linalg.inv(H) * scale + systematic, kept
+
+
+def weights(moved: Moved, a: Observed, b: Observed) -> Array:
+    """(n, 3, 3) inverse covariances of the differences between points of a and the moved points of b."""
+    spread = moved.by_point * b.std[:, None, :]
+    covariance = spread @ np.swapaxes(spread, 1, 2)
+    covariance[:, [0, 1, 2], [0, 1, 2]] += a.std**2
+    return np.asarray(np.linalg.inv(covariance), np.float64)
+
+
+def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
+    """(n,) how far points are from each other, in standard errors, squared; infinite for points behind the camera."""
+    moved = move(T, b.points)
+    residual = a.points - moved.points
+    squared = np.einsum("ni,nij,nj->n", residual, weights(moved, a, b), residual)
+    return np.where(moved.points[:, 2] > 0, squared, np.inf)
+
+
+def _ransac(
+    a: Features, b: Features, index_a: NDArray[np.int64], index_b: NDArray[np.int64], geometry: RectifiedPair
+) -> tuple[Array, NDArray[np.int64]] | None:
+    """T_a_b and which of the matches agree with it; None for too few."""
     if len(index_a) < SETTINGS.min_inliers:
         return None
+    pixels, K = b.points[index_b, :2] * geometry.focal_px, np.diag([geometry.focal_px, geometry.focal_px, 1.0])
     found, turn, shift, inliers = cv2.solvePnPRansac(
-        a.points_m[index_a], b.pixels[index_b], geometry.P_left, None, iterationsCount=SETTINGS.ransac_rounds,
+        a.points_m[index_a], pixels, K, None, iterationsCount=SETTINGS.ransac_rounds,
         reprojectionError=SETTINGS.reprojection_px, confidence=0.9999, flags=cv2.SOLVEPNP_AP3P,
     )  # fmt: skip
     needed = max(SETTINGS.min_inliers, SETTINGS.min_inlier_fraction * len(index_a))
     if not found or inliers is None or len(inliers) < needed:
         return None
-    T_b_a = pose(rotation_from_vector(turn.ravel()), shift.ravel())
-    chosen_a, chosen_b = index_a[inliers.ravel()], index_b[inliers.ravel()]
-    try:
-        T_a_b, covariance, kept = _refine(inverse(T_b_a), (a, chosen_a), (b, chosen_b))
-    except np.linalg.LinAlgError:  # all points on a line
-        return None
-    if kept.sum() < SETTINGS.min_inliers or not _spread_out(b.pixels[chosen_b[kept]], geometry):
-        return None
-    return RelativePose(T_a_b, covariance, int(kept.sum()))
+    return inverse(pose(rotation_from_vector(turn.ravel()), shift.ravel())), inliers.ravel().astype(np.int64)
 
 
 def _matches(a: Features, b: Features) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -98,38 +153,6 @@ def _matches(a: Features, b: Features) -> tuple[NDArray[np.int64], NDArray[np.in
     return chosen, nearest[chosen]
 
 
-Points = tuple[Features, NDArray[np.int64]]
-"""Features, and which of them."""
-
-
-def _refine(T: Array, a: Points, b: Points) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Maximum likelihood of T_a_b given both measurements of each point; its covariance; which are within four sigmas."""
-    p, q = a[0].points_m[a[1]], b[0].points_m[b[1]]
-    covariance_p, covariance_q = a[0].covariance_m2(a[1]), b[0].covariance_m2(b[1])
-    for _ in range(SETTINGS.rounds):
-        R = T[:3, :3]
-        residual = p - (q @ R.T + T[:3, 3])
-        weight = np.linalg.inv(covariance_p + R @ covariance_q @ R.T)
-        squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
-        J = np.concatenate([-R @ _cross(q), np.broadcast_to(R, (len(q), 3, 3))], axis=2)
-        robust = weight / (1 + squared / SETTINGS.outlier_sigmas**2)[:, None, None]
-        H = np.einsum("nki,nkl,nlj->ij", J, robust, J)
-        step = np.linalg.solve(H, np.einsum("nki,nkl,nl->i", J, robust, residual))
-        T = T @ pose(rotation_from_vector(step[:3]), step[3:])
-        if np.abs(step).max() < 1e-7:
-            break
-    kept = squared < SETTINGS.outlier_sigmas**2
-    scale = max(1.0, float(squared[kept].sum()) / max(3 * int(kept.sum()) - 6, 1)) if kept.any() else 1.0
-    systematic = np.diag([SETTINGS.systematic_rad**2] * 3 + [SETTINGS.systematic_m**2] * 3)
-    return T, np.linalg.inv(H) * scale + systematic, kept
-
-
-def _cross(v: Array) -> Array:
-    """(n, 3, 3) cross product matrices."""
-    zero = np.zeros(len(v))
-    x, y, z = v.T
-    return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)
-
-
-def _spread_out(pixels: Array, geometry: RectifiedPair) -> bool:
-    return bool((pixels.std(axis=0) > SETTINGS.min_spread * np.array(geometry.image_size)).all())
+def _spread_out(points: Array, geometry: RectifiedPair) -> bool:
+    least = SETTINGS.min_spread * np.array(geometry.image_size) / geometry.focal_px
+    return bool((points[:, :2].std(axis=0) > least).all())

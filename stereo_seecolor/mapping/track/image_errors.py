@@ -1,0 +1,139 @@
+"""Errors that every frame has at the same place of its image: what calibration left of the lens, found from the dive itself.
+
+A flow field that is off by a few tenths of a pixel at the image's borders looks like a turn, and a turn is taken for a part of the
+shift: the track bends a little with each frame, and comes out short or long by a percent (Kreso and Segvic 2015 found the same on
+street stereo). What moves with the scene is motion; what stays where it is in the image is the camera's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.geometry import pose, rotation_from_vector
+from stereo_seecolor.mapping.track.features import Features
+from stereo_seecolor.mapping.track.image_space import Observed, move
+from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
+from stereo_seecolor.mapping.track.relative_pose import weights
+
+Array = NDArray[np.float64]
+TERMS = 4
+"""A radial term of the lens, and three square ones of the disparity (x x, x y, y y). Not the disparity's mean, which is the scale,
+nor its slopes and the lens's tangential terms, which look like a turn of the camera's axes.
+"""
+
+
+@dataclass(frozen=True)
+class ImageErrorSettings:
+    """When errors of the image are looked for, and believed."""
+
+    min_pairs: int = 10  # pairs of frames: fewer views of the same places in other parts of the image tell nothing
+    max_pairs: int = 60  # spread over the dive: more tell no more
+    max_points: int = 1000  # of a pair
+    rounds: int = 6  # of Gauss-Newton; it takes 4
+    prior_px: float = 1.0  # standard deviation of each term at the image's corner before anything is seen: of a calibrated rig
+    better: float = 0.995  # of the cost of pairs left out of the fit, at most this must be left: 0.999 is, of a perfect lens
+
+
+SETTINGS = ImageErrorSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Pair:
+    """Two frames' views of the same n points, and T_a_b (4, 4), p_a = T_a_b p_b."""
+
+    T_a_b: Array
+    a: Observed
+    b: Observed
+
+
+@dataclass(frozen=True, eq=False)
+class ImageErrors:
+    """values: (4,) pixels at the image's corner, see TERMS."""
+
+    values: Array
+    geometry: RectifiedPair
+
+    def corrected(self, features: Features) -> Features:
+        """Features without the errors."""
+        return replace(features, points=features.points - _field(features.points, self.geometry) @ self.values)
+
+
+def find_image_errors(pairs: Sequence[Pair], geometry: RectifiedPair) -> ImageErrors | None:
+    """The errors that explain best what all pairs have in common; None where pairs left out of the fit do not confirm them."""
+    if len(pairs) < SETTINGS.min_pairs:
+        return None
+    pairs = [_thinned(pair) for pair in pairs[:: -(-len(pairs) // SETTINGS.max_pairs)]]
+    none = np.zeros(TERMS)
+    for fitted, left_out in ((pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2])):
+        values, _ = _solve(fitted, geometry, none, free=True)
+        if _solve(left_out, geometry, values, free=False)[1] > SETTINGS.better * _solve(left_out, geometry, none, free=False)[1]:
+            return None
+    return ImageErrors(_solve(pairs, geometry, none, free=True)[0], geometry)
+
+
+def _solve(pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: bool) -> tuple[Array, float]:
+    """Gauss-Newton over the values, if they are free, and each pair's pose; the values, and the robust cost of a point."""
+    poses = [pair.T_a_b for pair in pairs]
+    fields = [(_field(pair.a.points, geometry), _field(pair.b.points, geometry)) for pair in pairs]
+    for _ in range(SETTINGS.rounds):
+        H, g = np.eye(TERMS) / SETTINGS.prior_px**2, -values / SETTINGS.prior_px**2
+        normals = [_normal(*item, values) for item in zip(pairs, fields, poses, strict=True)]
+        for normal in normals:
+            H += normal.H_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.H_mixed)
+            g += normal.g_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.g_pose)
+        step = np.linalg.solve(H, g) if free else np.zeros(TERMS)
+        values = values + step
+        for number, normal in enumerate(normals):
+            move_by = np.asarray(np.linalg.solve(normal.H_pose, normal.g_pose - normal.H_mixed @ step), np.float64)
+            poses[number] = poses[number] @ pose(rotation_from_vector(move_by[:3]), move_by[3:])
+    points = sum(len(pair.a.points) for pair in pairs)
+    return values, sum(normal.cost for normal in normals) / points
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """Normal equations of a pair's pose (6) and of the values that all pairs share; its robust cost."""
+
+    H_pose: Array
+    H_mixed: Array
+    H_values: Array
+    g_pose: Array
+    g_values: Array
+    cost: float
+
+
+def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) -> _Normal:
+    field_a, field_b = fields
+    moved = move(T, pair.b.points - field_b @ values)
+    residual, weight = pair.a.points - field_a @ values - moved.points, weights(moved, pair.a, pair.b)
+    ratio = np.einsum("ni,nij,nj->n", residual, weight, residual) / POSE.outlier_sigmas**2
+    weight = weight / (1 + ratio)[:, None, None]
+    by_values = field_a - moved.by_point @ field_b
+    weighted_pose, weighted_values = weight @ moved.by_pose, weight @ by_values
+    return _Normal(
+        H_pose=np.einsum("nki,nkj->ij", moved.by_pose, weighted_pose),
+        H_mixed=np.einsum("nki,nkj->ij", weighted_pose, by_values),
+        H_values=np.einsum("nki,nkj->ij", by_values, weighted_values),
+        g_pose=np.einsum("nki,nk->i", weighted_pose, residual),
+        g_values=np.einsum("nki,nk->i", weighted_values, residual),
+        cost=float(np.log1p(ratio).sum()),
+    )
+
+
+def _field(points: Array, geometry: RectifiedPair) -> Array:
+    """(n, 3, 4) error of points (n, 3) in image space by each term, for a pixel at the image's corner."""
+    corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
+    x, y = points[:, 0] / corner, points[:, 1] / corner
+    zero, square = np.zeros(len(points)), x * x + y * y
+    radial = np.stack([x * square, y * square, zero], axis=1) / geometry.focal_px
+    by_disparity = 1 / (geometry.focal_px * geometry.baseline_m)
+    depth = [np.stack([zero, zero, term], axis=1) * by_disparity for term in (x * x, x * y, y * y)]
+    return np.stack([radial, *depth], axis=2)
+
+
+def _thinned(pair: Pair) -> Pair:
+    every = slice(None, None, -(-len(pair.a.points) // SETTINGS.max_points))
+    return Pair(pair.T_a_b, pair.a.chosen(every), pair.b.chosen(every))
