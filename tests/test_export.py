@@ -11,12 +11,13 @@ import cv2
 import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.commands.export import export
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MountConfig, RunConfig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.export import mosaic_tiles
+from stereo_seecolor.export import mcap_file, mosaic_tiles
 from stereo_seecolor.export.formats import EXPORT_FORMATS
 from stereo_seecolor.export.posed_run import open_posed_run
 from stereo_seecolor.files.ply import read_triangles, read_vertices
@@ -24,6 +25,7 @@ from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, north_east_from_degrees
 from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.run_folder.finished_run import FinishedFrame
 
 FRAMES = 5
 
@@ -241,3 +243,49 @@ def test_the_command_line(fused: Path, tmp_path: Path, cli: Callable[..., tuple[
     code, _, error = cli("export", str(fused))
     assert code == 2
     assert "give OUT, --to FORMAT and --out FOLDER, or --list" in error
+
+
+def test_an_mcap_is_read_by_rosbags_and_by_the_library_of_the_format(fused: Path, tmp_path: Path) -> None:
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+    from rosbags.rosbag2 import Reader
+    from rosbags.typesys import Stores, get_typestore
+
+    export(fused, "mcap", tmp_path / "to")
+    file, posed, store = tmp_path / "to/dive.mcap", open_posed_run(fused), get_typestore(Stores.ROS2_HUMBLE)
+    with Reader(file) as reader:
+        assert {topic: info.msgcount for topic, info in reader.topics.items()} == dict.fromkeys(mcap_file.TOPICS, FRAMES)
+        decoded = [
+            (c.topic, time_ns, store.deserialize_cdr(data, c.msgtype)) for c, time_ns, data in reader.messages(reader.connections)
+        ]
+    with file.open("rb") as opened:
+        library = make_reader(opened, decoder_factories=[DecoderFactory()])
+        by_library = {(channel.topic, m.log_time): ros for _, channel, m, ros in library.iter_decoded_messages()}
+    assert len(by_library) == len(decoded) == FRAMES * len(mcap_file.TOPICS)
+    frame, T = posed.frames[1], posed.T_map_camera[1]
+    stamp_ns = mcap_file.stamp_of(frame, 1)
+    found = {topic: message for topic, time_ns, message in decoded if time_ns == stamp_ns}
+    image = found["/stereo/left/image_rect_color/compressed"]
+    assert bytes(image.data) == frame.products["corrected"].read_bytes()
+    range_m = found["/stereo/range/image_rect"].data.view("<f4").reshape(frame.measured_range_m().shape)
+    np.testing.assert_array_equal(range_m, frame.measured_range_m())
+    pose = found["/tf"].transforms[0].transform
+    q = pose.rotation
+    np.testing.assert_allclose((pose.translation.x, pose.translation.y, pose.translation.z), T[:3, 3])
+    np.testing.assert_allclose(Rotation.from_quat([q.x, q.y, q.z, q.w]).as_matrix(), T[:3, :3], atol=1e-12)
+    cloud = found["/stereo/points2"]
+    values = cloud.data.reshape(-1, 16)
+    xyz_m = values[:, :12].copy().view("<f4") @ T[:3, :3].T + T[:3, 3]
+    assert len(values) == cloud.width > 500
+    assert np.abs(xyz_m[:, 2]).max() < 0.02  # the flat bottom
+    np.testing.assert_allclose(values[:, [14, 13, 12]].mean(0), (200, 120, 40), atol=3)
+    np.testing.assert_array_equal(found["/stereo/left/camera_info"].k.reshape(3, 3), PAIR.P_left)
+    assert bytes(by_library["/stereo/range/image_rect", stamp_ns].data) == range_m.tobytes()
+
+
+def test_stamps_of_bags_come_back_to_the_nanosecond(tmp_path: Path) -> None:
+    def stamp(name: str, timestamp_s: float | None) -> int:
+        return mcap_file.stamp_of(FinishedFrame(name, timestamp_s, tmp_path, "", {}), 4)
+
+    assert stamp("1700000000-123456789", 1700000000.1234567) == 1_700_000_000_123_456_789
+    assert (stamp("a", 12.5), stamp("a", None)) == (12_500_000_000, 5_000_000_000)

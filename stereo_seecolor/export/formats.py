@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from stereo_seecolor.export import colmap, glb, ifdo, metashape, mosaic_tiles, nerfstudio
+from stereo_seecolor.export import colmap, glb, ifdo, mcap_file, metashape, mosaic_tiles, nerfstudio
 from stereo_seecolor.export.posed_run import PosedRun
 
 
@@ -28,6 +28,9 @@ EXPORT_FORMATS: dict[str, ExportFormat] = {
     "glb": ExportFormat("the mesh with its colors, glTF 2.0", "Blender, three.js, Windows and phone viewers, Sketchfab", glb.write),
     "tiles": ExportFormat(
         "the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each", "CoralNet, BIIGLE", mosaic_tiles.write
+    ),
+    "mcap": ExportFormat(
+        "corrected images, ranges, points, camera and track as ROS 2 messages in one file", "Foxglove, RViz, ROS 2", mcap_file.write
     ),
     "ifdo": ExportFormat("images and their metadata, iFDO 2.1", "PANGAEA, BIIGLE, FathomNet", ifdo.write),
 }
