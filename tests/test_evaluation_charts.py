@@ -8,6 +8,7 @@ import pytest
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.charts import OURS, ChartReport, correct_by_all, evaluate_charts, score_target
+from stereo_seecolor.evaluation.others import OtherResults
 from stereo_seecolor.evaluation.targets import CHART_SRGB, chart, find_chart, neutral, read_targets, targets_of
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
@@ -107,16 +108,48 @@ def folders(tmp_path: Path, chart_image: tuple[np.ndarray, np.ndarray]) -> tuple
 
 @pytest.mark.slow
 def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(folders: tuple[Path, Path], tmp_path: Path) -> None:
-    report = evaluate_charts(*folders, sheet=tmp_path / "sheet.png")
+    (tmp_path / "their tool").mkdir()
+    (tmp_path / "their tool" / "a.tiff").write_bytes((folders[0] / "a.tiff").read_bytes())
+    report = evaluate_charts(*folders, sheet=tmp_path / "sheet.png", others=[tmp_path / "their tool"])
     means = {row.method: row for row in report.means()}
-    methods = {"raw", "contrast stretch", "gray world", "simple model", "sea-thru", "paper", OURS}
+    assert means["their tool"].psi_deg == pytest.approx(means["raw"].psi_deg)
+    methods = {"their tool", "raw", "contrast stretch", "gray world", "simple model", "sea-thru", "paper", OURS}
     assert set(means) == methods
     assert report.without_target == ("b",)
     assert len(report.rows) == len(methods)
     assert means[OURS].psi_deg < 0.5 * means["raw"].psi_deg
     assert means[OURS].clipped_fraction < 0.02
     sheet = cv2.imread(str(tmp_path / "sheet.png"))
-    assert sheet.shape[1] == 7 * 320
+    assert sheet.shape[1] == 8 * 320
+
+
+def test_folders_of_other_tools_are_scored_and_black_is_unknown(chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
+    truth, corners = eight_bit(chart_image[0]), chart_image[1]
+    for name, image in (("perfect", truth), ("green", truth // np.array([2, 1, 2], np.uint8)), ("holed", truth.copy())):
+        (tmp_path / name).mkdir()
+        if name == "holed":
+            image[: int(corners[:, 1].mean())] = 0
+        cv2.imwrite(str(tmp_path / name / "a.png"), image[..., ::-1])
+    found = OtherResults.of([tmp_path / name for name in ("perfect", "green", "holed")])
+    assert found.corrected("b", SIZE) == {}
+    target = chart("c", corners, SIZE)
+    rows = {name: score_target("a", target, name, image, flat_range()) for name, image in found.corrected("a", SIZE).items()}
+    assert rows["perfect"].psi_deg < 1 < 10 < rows["green"].psi_deg
+    assert rows["perfect"].ciede2000 < 1
+    assert rows["holed"].pixels < 0.6 * rows["perfect"].pixels
+    assert np.isfinite(rows["holed"].ciede2000)
+
+
+def test_wrong_folders_of_other_tools(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    for folder, size in (("x/out", SIZE), ("y/out", SIZE), ("small", (20, 30))):
+        (tmp_path / folder).mkdir(parents=True)
+        cv2.imwrite(str(tmp_path / folder / "a.png"), np.full((*size, 3), 90, np.uint8))
+    with pytest.raises(InputError, match=r"another folder of results is called 'out' too"):
+        evaluate_charts(*folders, others=[tmp_path / "x/out", tmp_path / "y/out"])
+    with pytest.raises(InputError, match=r"small/a\.png: is 30x20 px, and the image that it was made from is 640x480"):
+        evaluate_charts(*folders, others=[tmp_path / "small"])
+    with pytest.raises(InputError, match="the folder of corrected images does not exist"):
+        evaluate_charts(*folders, others=[tmp_path / "nowhere"])
 
 
 @pytest.mark.slow

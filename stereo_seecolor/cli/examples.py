@@ -26,6 +26,7 @@ EXAMPLES = {
     "evaluate": (
         "evaluate OUT --truth dive/truth",
         "evaluate --chart --images IMAGES --range RANGES --sheet charts.png",
+        "evaluate --chart --images IMAGES --range RANGES --others SEATHRU --others MINE",
     ),
     "calibrate": (
         "calibrate --target chessboard:9x6:24mm --print-target board.pdf",

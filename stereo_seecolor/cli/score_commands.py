@@ -39,6 +39,15 @@ Targets = Annotated[
         "--targets", metavar="FILE", help="JSON of chart corners and polygons; without it charts are found.", rich_help_panel=CHARTS
     ),
 ]
+Others = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--others",
+        metavar="FOLDER",
+        help="Folder of what another tool made of the images, under the same names; once a tool.",
+        rich_help_panel=CHARTS,
+    ),
+]
 Sheet = Annotated[Path, typer.Option("--sheet", metavar="FILE", help="Contact sheet to write, PNG.", rich_help_panel=CHARTS)]
 PairCount = Annotated[int, typer.Option("--pairs", metavar="N", min=1, help="Number of stereo pairs.")]
 LineCount = Annotated[int, typer.Option("--lines", metavar="N", min=1, help="Number of survey lines, flown to and fro.")]
@@ -54,6 +63,7 @@ def evaluate(
     images: Images = None,
     ranges: Ranges = None,
     targets: Targets = None,
+    others: Others = None,
     sheet: Sheet = Path("charts.png"),
     config: ConfigFile = None,
     settings: Settings = None,
@@ -71,7 +81,7 @@ def evaluate(
         if images is None or ranges is None:
             raise typer.BadParameter("--chart needs --images and --range")
         with report.working():
-            charts = evaluate_charts(images, ranges, targets, load_config(config, settings or []), sheet)
+            charts = evaluate_charts(images, ranges, targets, load_config(config, settings or []), sheet, others or ())
         report.end(charts_content(charts), charts_text(charts))
     if out is None or truth is None:
         raise typer.BadParameter("give a run's folder with --truth, or --chart with --images and --range")

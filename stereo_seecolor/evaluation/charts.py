@@ -13,6 +13,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.baselines import METHODS
 from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gain, lab_from_linear, score_neutral
+from stereo_seecolor.evaluation.others import OtherResults
 from stereo_seecolor.evaluation.targets import GRAYS, Target, read_targets, targets_of
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.srgb import decode_srgb
@@ -62,14 +63,20 @@ class ChartReport:
 
 
 def evaluate_charts(
-    images: Path, ranges: Path, targets: Path | None = None, config: RunConfig | None = None, sheet: Path | None = None
+    images: Path,
+    ranges: Path,
+    targets: Path | None = None,
+    config: RunConfig | None = None,
+    sheet: Path | None = None,
+    others: Sequence[Path] = (),
 ) -> ChartReport:
     """Every method on every target in a folder of images with range maps of the same stems.
 
     targets: JSON of polygons and chart corners (see ``read_targets``), and only images that it names count; without it each image
-    is searched for a ColorChecker. sheet: where to write the contact sheet (PNG). Raises InputError, also where there is no target.
+    is searched for a ColorChecker. sheet: where to write the contact sheet (PNG). others: folders of what other tools made of the
+    images, under the same names. Raises InputError, also where there is no target.
     """
-    config = config or RunConfig()
+    config, results = config or RunConfig(), OtherResults.of(others)
     given = read_targets(targets) if targets else {}
     rows: list[ChartRow] = []
     without: list[str] = []
@@ -84,7 +91,7 @@ def evaluate_charts(
             without.append(pair.name)
             continue
         without += [f"{pair.name}: {target.name}" for target in found if not target.mask.any()]
-        corrected = correct_by_all(image, range_m, config)
+        corrected = results.corrected(pair.left.stem, image.shape) | correct_by_all(image, range_m, config)
         rows += [
             score_target(pair.name, target, method, result, range_m) for target in usable for method, result in corrected.items()
         ]
@@ -167,7 +174,9 @@ def _tile(label: str, result: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def _sheet(tiles: Sequence[Sequence[NDArray[np.uint8]]]) -> bytes:
-    """PNG: a frame a row, a method a column."""
-    tall = max(tile.shape[0] for row in tiles for tile in row)
+    """PNG: a frame a row, a method a column; methods that lack the frame leave their places at the end of the row empty."""
+    tall, longest = max(tile.shape[0] for row in tiles for tile in row), max(len(row) for row in tiles)
+    empty = np.zeros((tall, _TILE_WIDTH, 3), np.uint8)
+    tiles = [[*row, *[empty] * (longest - len(row))] for row in tiles]
     padded = [np.hstack([np.pad(tile, ((0, tall - tile.shape[0]), (0, 0), (0, 0))) for tile in row]) for row in tiles]
     return bytes(cv2.imencode(".png", np.vstack(padded)[..., ::-1])[1])

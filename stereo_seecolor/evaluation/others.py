@@ -1,0 +1,47 @@
+"""Corrected images of other tools, from plain folders, to be scored beside our own."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.inputs.listing import list_images
+
+
+@dataclass(frozen=True, eq=False)
+class OtherResults:
+    """folders: name of a method -> stem of an image -> its corrected image."""
+
+    folders: dict[str, dict[str, Path]]
+
+    @classmethod
+    def of(cls, folders: Sequence[Path]) -> "OtherResults":
+        """Folders of images; a method is called as its folder. Raises InputError where two are called alike, or hold no image."""
+        found: dict[str, dict[str, Path]] = {}
+        for folder in folders:
+            name = folder.resolve().name
+            if name in found:
+                raise InputError(f"{folder}: another folder of results is called {name!r} too: rename one")
+            found[name] = {path.stem: path for path in list_images(folder, "corrected images").files}
+        return cls(found)
+
+    def corrected(self, stem: str, shape: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
+        """Method -> (H, W, 3) in [0, 1] as displayed, of the methods that have this image; NaN where it is black, as unknown.
+
+        Raises InputError where an image is not of the size (H, W) of the one that it was made from.
+        """
+        results = {}
+        for method, files in self.folders.items():
+            if stem not in files:
+                continue
+            image = read_image(files[stem])
+            if image.shape[:2] != shape[:2]:
+                size, expected = (f"{sides[1]}x{sides[0]}" for sides in (image.shape, shape))
+                raise InputError(f"{files[stem]}: is {size} px, and the image that it was made from is {expected}: resize it")
+            shown = image / float(np.iinfo(image.dtype).max)
+            results[method] = np.where((image == 0).all(axis=2, keepdims=True), np.nan, shown)
+        return results
