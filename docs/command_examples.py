@@ -32,6 +32,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stereo-seecolor run --left left --right right --calib cam.yaml --out measured --water survey/water_measured.json",
     ),
     "fuse": ("stereo-seecolor fuse survey --poses trajectory.tum",),
+    "measure": ("stereo-seecolor measure survey points.csv",),
     "report": ("stereo-seecolor report survey",),
     "view": ("stereo-seecolor view mapped  # opens the page in the browser",),
     "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),

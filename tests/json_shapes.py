@@ -151,6 +151,16 @@ SHAPES: dict[str, Shape] = {
     "rectify": {**END, **RUN},
     "fuse": {**END, "out": str, "page": str, "map": MAP},
     "report": {**END, "out": str, "page": str, "made": int, "kept": int, "left_out": {str: str}},
+    "measure": {
+        **END,
+        "out": str,
+        "measures": [
+            {
+                **dict.fromkeys(("measure", "frame", "kind", "label"), str),
+                **dict.fromkeys(("value", "std", "surface", "surface_std", "x_m", "y_m", "z_m"), UNKNOWN),
+            }
+        ],
+    },
     "view": {**END, "out": str, "mesh": (str, None), "viewer": str},
     "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int},
     "water": {**END, "out": str, "path": str, "water": dict},

@@ -1,14 +1,18 @@
 """The page in a real browser: opened from a file, nothing leaves it, and what is clicked happens."""
 
+import csv
+import json
 import os
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest import Dive
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
+from stereo_seecolor.commands.measure import measure
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
@@ -127,7 +131,72 @@ def test_the_range_under_the_pointer_is_the_one_measured(opened: Callable[[str],
     width, height = open_run(out).geometry.image_size  # type: ignore[union-attr]
     page.mouse.move(box["x"] + box["width"] * (90.5 / width), box["y"] + box["height"] * (64.5 / height))
     expected_m = open_run(out).frame("0000").measured_range_m()[64, 90]
-    assert page.locator(".readout").inner_text().startswith(f"{expected_m:.3f} m ±")
+    assert page.locator(".viewer > .readout").inner_text().startswith(f"{expected_m:.3f} m ±")
+
+
+def clicked(page: Page, *places: tuple[float, float]) -> None:
+    """Click places of the picture to measure in, pixels of an image of 176x128."""
+    box = page.locator(".overlay").bounding_box()
+    assert box
+    for x, y in places:
+        page.mouse.click(box["x"] + box["width"] * (x + 0.5) / 176, box["y"] + box["height"] * (y + 0.5) / 128)
+
+
+def stored(page: Page) -> list[dict[str, Any]]:
+    """The measures that the browser keeps."""
+    kept: list[dict[str, Any]] = json.loads(page.evaluate("Object.values(localStorage)[0] || '[]'"))
+    return kept
+
+
+def test_measures_in_the_browser_are_those_of_the_command_line(opened: Callable[[str], Page], out: Path, tmp_path: Path) -> None:
+    page = opened("frames/0000")
+    page.get_by_role("button", name="Measure").click()
+    until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
+    page.wait_for_timeout(500)
+    clicked(page, (60, 40), (120, 50), (90, 70))
+    page.get_by_role("button", name="Finish").click()
+    page.get_by_role("button", name="Area", exact=True).click()
+    clicked(page, (61, 79), (121, 82), (110, 111), (71, 105))
+    page.locator(".overlay").press("Enter")
+    page.get_by_role("button", name="Point", exact=True).click()
+    clicked(page, (80, 30))
+    expect(page.locator(".measures tbody tr")).to_have_count(3)
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save as CSV").click()
+    saved.value.save_as(tmp_path / "points.csv")
+    for mine, theirs in zip(stored(page), measure(out, tmp_path / "points.csv"), strict=True):
+        assert mine["value"] == pytest.approx(theirs.value, rel=3e-4)
+        assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=3e-4)
+        assert mine["std"] == pytest.approx(theirs.std, rel=0.03)
+
+
+def test_measures_are_undone_labelled_kept_and_exported(opened: Callable[[str], Page], tmp_path: Path) -> None:
+    page = opened("frames/0000")
+    page.get_by_role("button", name="Measure").click()
+    page.wait_for_timeout(500)
+    overlay = page.locator(".overlay")
+    overlay.focus()
+    overlay.press(" ")
+    for _ in range(3):
+        overlay.press("Shift+ArrowRight")
+    overlay.press(" ")
+    overlay.press("Enter")
+    page.locator(".measures input").fill('=HYPERLINK("x"), massive')
+    page.locator(".measures input").press("Tab")
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save for VIAME").click()
+    saved.value.save_as(tmp_path / "viame.csv")
+    row = next(csv.reader(tmp_path.joinpath("viame.csv").read_text().splitlines()[1:]))
+    assert row[:3] == ["1", "0000.png", "0"]
+    assert float(row[8]) == pytest.approx(1000 * stored(page)[0]["value"], abs=0.01)
+    assert row[9] == '\'=HYPERLINK("x"), massive'  # no formula for a spreadsheet
+    page.reload()
+    assert stored(page)[0]["label"] == '=HYPERLINK("x"), massive'
+    page.get_by_role("button", name="Measure").click()
+    page.get_by_role("button", name="Delete measure 1").click()
+    expect(page.locator(".measures tbody tr")).to_have_count(0)
+    page.get_by_role("button", name="Undo").click()
+    expect(page.locator(".measures tbody tr")).to_have_count(1)
 
 
 def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page]) -> None:

@@ -32,6 +32,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "fuse": map_commands.fuse,
         "report": map_commands.report,
         "view": map_commands.view,
+        "measure": map_commands.measure,
         "export": map_commands.export,
     },
     "Single steps of run": {

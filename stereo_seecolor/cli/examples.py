@@ -19,6 +19,7 @@ EXAMPLES = {
     "rectify": (f"rectify {SIDES} --out OUT",),
     "fuse": ("fuse OUT", "fuse OUT --poses nav.tum --set mapping.voxel_m=0.005"),
     "report": ("report OUT",),
+    "measure": ("measure OUT points.csv", "measure OUT points.csv > lengths.csv"),
     "view": ("view OUT", "view OUT --window"),
     "export": ("export --list", "export OUT --to colmap --out COLMAP"),
     "demo": ("demo --out demo",),

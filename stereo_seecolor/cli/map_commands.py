@@ -10,7 +10,7 @@ from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.export_text import export_text, formats_text
 from stereo_seecolor.cli.options import AsJson, ConfigFile, Finished, LogFile, PosesFile, Progress, Settings, Verbose
 from stereo_seecolor.cli.report import Report
-from stereo_seecolor.cli.run_text import map_text, page_text, report_text
+from stereo_seecolor.cli.run_text import map_text, measures_text, page_text, report_text
 
 
 def fuse(
@@ -48,6 +48,22 @@ def report(
         result = write_page(out, listener)
     code = EXIT_SOME_FAILED if result.left_out else EXIT_DONE
     console.end({"out": out, **vars(result)}, report_text(result), code)
+
+
+def measure(
+    out: Finished,
+    points: Annotated[
+        Path, typer.Argument(metavar="POINTS", help="CSV with measure, frame, kind, label, x_px, y_px, as the page saves it.")
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Measure points, lengths and areas in the frames of a run; prints a CSV with standard errors."""
+    from stereo_seecolor.commands.measure import measure as measure_points
+
+    results = measure_points(out, points)
+    unknown = any(each.value is None for each in results)
+    content = {"out": out, "measures": results}
+    Report("measure", as_json).end(content, measures_text(results), EXIT_SOME_FAILED if unknown else EXIT_DONE)
 
 
 def view(

@@ -1,11 +1,15 @@
 """What became of a run and of a fusion, as text for a person."""
 
+import csv
+import io
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
+    from stereo_seecolor.commands.measure import Measurement
     from stereo_seecolor.commands.report import ReportResult
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary
@@ -55,6 +59,17 @@ def report_text(result: "ReportResult") -> str:
     left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
     totals = f"{result.made + result.kept} frames shown, {result.kept} of them kept from an earlier page"
     return lines([*left_out, totals]) + page_text(result.page)
+
+
+def measures_text(results: "list[Measurement]") -> str:
+    """Measures as CSV, meters and square meters."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(field.name for field in fields(results[0])) if results else None
+    for result in results:
+        values = (getattr(result, field.name) for field in fields(result))
+        writer.writerow("" if value is None else f"{value:.6g}" if isinstance(value, float) else value for value in values)
+    return text.getvalue()
 
 
 def map_text(made: "MapSummary") -> str:

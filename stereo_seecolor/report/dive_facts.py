@@ -7,6 +7,7 @@ from itertools import pairwise
 from statistics import median
 
 from stereo_seecolor.errors import ColorError, InputError
+from stereo_seecolor.export.posed_run import PosedRun, open_posed_run
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedRun
@@ -17,18 +18,20 @@ from stereo_seecolor.run_folder.water_file import read_waters
 
 @dataclass(frozen=True)
 class DiveFacts:
-    """A run for the page. rows: of frames.csv. waters: by frame name, empty where unknown. map: None where none was made."""
+    """A run for the page. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None where none was made."""
 
     run: FinishedRun
     rows: tuple[FrameRow, ...]
     waters: dict[str, Water]
     map: FinishedMap | None
+    posed: PosedRun | None
 
     @classmethod
     def of(cls, run: FinishedRun) -> "DiveFacts":
         """Raises InputError if frames.csv or the map is gone or damaged."""
         rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
-        return cls(run, rows, _waters(run), open_map(run.root))
+        made = open_map(run.root)
+        return cls(run, rows, _waters(run), made, open_posed_run(run.root) if made else None)
 
     @property
     def pairs(self) -> tuple[FrameRow, ...]:

@@ -123,12 +123,22 @@ def _data(facts: DiveFacts, shown: Shown, texts: Texts) -> dict[str, Any]:
     run = facts.run
     return {
         "format": FORMAT,
+        "id": run.frames[0].sha256[:16] if run.frames else "",
         "texts": texts.content,
         "geometry": asdict(run.geometry) if run.geometry else None,
+        "poses": _poses(facts),
         "image_suffix": _suffix(run),
         "shown": {name: [product.split("/")[1] for product in products] for name, products in shown.items()},
         **columns(facts),
     }
+
+
+def _poses(facts: DiveFacts) -> dict[str, list[float]]:
+    """Frame -> the upper three rows of its pose in the map's own coordinates."""
+    if facts.posed is None:
+        return {}
+    pairs = zip(facts.posed.frames, facts.posed.T_map_camera, strict=True)
+    return {frame.name: [round(float(value), 6) for value in T[:3].ravel()] for frame, T in pairs}
 
 
 def _suffix(run: FinishedRun) -> str:

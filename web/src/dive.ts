@@ -13,6 +13,8 @@ export type Column = (number | null)[];
 
 export interface Dive {
   format: string;
+  id: string;
+  poses: Record<string, number[]>;
   texts: Record<string, string>;
   geometry: Geometry | null;
   image_suffix: string;

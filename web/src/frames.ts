@@ -21,7 +21,7 @@ export class Frames {
     private readonly text: Text,
     private readonly chosen: (name: string) => void,
   ) {
-    this.viewer = new Viewer(dive, text);
+    this.viewer = new Viewer(dive, text, chosen);
     this.strip = new Strip(dive, text("frames.strip"), (frame) => chosen(dive.names[frame]));
     const previous = button("‹", () => this.step(-1), { "aria-label": text("frames.previous"), class: "step" });
     const next = button("›", () => this.step(1), { "aria-label": text("frames.next"), class: "step" });

@@ -3,11 +3,12 @@
 import { address, has, picture, type Dive, type Text } from "./dive";
 import { Choice, element } from "./elements";
 import { drawConfidence, drawMask, drawRange, limits, MASK_COLORS } from "./layers";
+import { Measuring } from "./measuring";
 import { ranges, STD_BLOCK_PX, type Ranges } from "./ranges";
 import { scaleBar } from "./scale";
 import { slider } from "./slider";
 
-type View = "compare" | "range" | "confidence" | "mask";
+type View = "compare" | "measure" | "range" | "confidence" | "mask";
 
 export class Viewer {
   readonly root: HTMLElement;
@@ -15,21 +16,25 @@ export class Viewer {
   private readonly legend = element("div", { class: "legend" });
   private readonly readout = element("output", { class: "readout", "aria-live": "off" });
   private readonly choice: Choice;
+  private readonly measuring: Measuring;
   private view: View = "compare";
   private name = "";
 
   constructor(
     private readonly dive: Dive,
     private readonly text: Text,
+    look: (name: string) => void,
   ) {
+    this.measuring = new Measuring(dive, text, look);
     const views: [View, string][] = [["compare", text("view.compare")]];
-    if (dive.geometry) views.push(["range", text("view.range")], ["confidence", text("view.confidence")], ["mask", text("view.mask")]);
+    if (dive.geometry) views.push(["measure", text("view.measure")], ["range", text("view.range")], ["confidence", text("view.confidence")], ["mask", text("view.mask")]);
     this.choice = new Choice(text("view.name"), views, (view) => {
       this.view = view as View;
       this.draw();
     });
     this.choice.show(this.view);
-    this.root = element("div", { class: "viewer" }, this.stage, this.legend, this.readout);
+    this.root = element("div", { class: "viewer" }, this.stage, this.legend, this.readout, this.measuring.root);
+    this.measuring.root.hidden = true;
   }
 
   /** The buttons that choose what is shown. */
@@ -54,6 +59,7 @@ export class Viewer {
 
   private draw(): void {
     this.readout.textContent = "";
+    this.measuring.root.hidden = this.view !== "measure" || !has(this.dive, this.name, "ranges");
     if (!this.picture) return;
     if (this.view === "compare") {
       this.legend.replaceChildren();
@@ -63,6 +69,9 @@ export class Viewer {
         this.stage.replaceChildren(element("img", { src: this.picture, alt: this.name }));
         this.legend.textContent = this.text(has(this.dive, this.name, "after") ? "view.no_before" : "view.brief");
       }
+    } else if (this.view === "measure" && has(this.dive, this.name, "ranges")) {
+      this.legend.replaceChildren();
+      void this.measuring.show(this.stage, this.name, this.picture);
     } else void this.drawLayer(this.view, this.name);
   }
 

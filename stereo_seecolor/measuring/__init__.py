@@ -1,0 +1,1 @@
+"""Points, lengths, areas and profiles on the surface that a frame shows, each with its standard error."""

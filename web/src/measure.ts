@@ -1,0 +1,234 @@
+// Points, lengths, areas and profiles on a frame's surface, as stereo_seecolor/measuring computes them (a test compares both).
+
+import type { Geometry } from "./dive";
+import { STD_BLOCK_PX, type Ranges } from "./ranges";
+
+const HALF_WINDOW_PX = 3;
+const LEAST_PIXELS = 10;
+const LAYER_GAP = 0.02;
+const LAYER_GAP_STDS = 6;
+const CLICK_STD_PX = 0.5;
+const CALIBRATION_STD = 0.005;
+const LEAST_STEP_PX = 8;
+const STEP_STDS = 6;
+const AREA_STEP_PX = 4;
+
+export type Vector = [number, number, number];
+
+/** covariance: 3x3, by row. slope: change of 1 / depth a pixel. */
+export interface Pick {
+  x_px: number;
+  y_px: number;
+  point_m: Vector;
+  covariance: number[];
+  range_std_m: number;
+  slope: [number, number];
+}
+
+export interface Measured {
+  value: number;
+  std: number;
+  calibration_std: number;
+}
+
+const UNKNOWN: Measured = { value: NaN, std: NaN, calibration_std: NaN };
+
+const dot = (a: Vector, b: Vector) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+const minus = (a: Vector, b: Vector): Vector => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
+const times = (a: Vector, k: number): Vector => [a[0] * k, a[1] * k, a[2] * k];
+const norm = (a: Vector) => Math.sqrt(dot(a, a));
+const cross = (a: Vector, b: Vector): Vector => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+const mean = (all: Vector[]): Vector => times(all.reduce((sum, each) => [sum[0] + each[0], sum[1] + each[1], sum[2] + each[2]], [0, 0, 0]), 1 / all.length);
+const outer = (a: Vector, b: Vector) => a.flatMap((x) => b.map((y) => x * y));
+const quadratic = (m: number[], v: Vector) =>
+  dot(v, [m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[3] * v[0] + m[4] * v[1] + m[5] * v[2], m[6] * v[0] + m[7] * v[1] + m[8] * v[2]]);
+
+/** Standard error by everything together. */
+export const totalStd = (measured: Measured) => Math.hypot(measured.std, measured.calibration_std);
+
+/** The surface at a place of the image; null where nothing was measured around it. */
+export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number): Pick | null {
+  const column = Math.floor(x_px + 0.5);
+  const row = Math.floor(y_px + 0.5);
+  if (column < 0 || row < 0 || column >= ranges.width || row >= ranges.height) return null;
+  const dx: number[] = [];
+  const dy: number[] = [];
+  const inverse: number[] = [];
+  const relative: number[] = [];
+  for (let y = Math.max(row - HALF_WINDOW_PX, 0); y < Math.min(row + HALF_WINDOW_PX + 1, ranges.height); y++) {
+    for (let x = Math.max(column - HALF_WINDOW_PX, 0); x < Math.min(column + HALF_WINDOW_PX + 1, ranges.width); x++) {
+      const range = ranges.range_m[y * ranges.width + x];
+      if (!(range > 0)) continue;
+      dx.push(x - x_px);
+      dy.push(y - y_px);
+      inverse.push(Math.sqrt(1 + ((x - g.cx_left_px) / g.focal_px) ** 2 + ((y - g.cy_px) / g.focal_px) ** 2) / range);
+      const block = Math.floor(y / STD_BLOCK_PX) * Math.ceil(ranges.width / STD_BLOCK_PX) + Math.floor(x / STD_BLOCK_PX);
+      const std = ranges.std_m[block] / range;
+      if (Number.isFinite(std)) relative.push(std);
+    }
+  }
+  if (inverse.length < LEAST_PIXELS) return null;
+  relative.sort((a, b) => a - b);
+  const relativeStd = relative.length ? relative[relative.length >> 1] : 0;
+  const layer = nearestLayer(inverse, relativeStd);
+  const plane = fitPlane(layer, dx, dy, inverse);
+  return plane[0] > 0 ? pointOf(g, x_px, y_px, plane, relativeStd) : null;
+}
+
+/** Numbers of the values that belong to the nearest layer that holds enough of them; of the largest where none does. */
+function nearestLayer(inverse: number[], relativeStd: number): number[] {
+  const order = inverse.map((_, i) => i).sort((a, b) => inverse[b] - inverse[a] || a - b);
+  const gap = Math.max(LAYER_GAP, LAYER_GAP_STDS * relativeStd);
+  const layers: number[][] = [[order[0]]];
+  for (let i = 1; i < order.length; i++) {
+    const before = inverse[order[i - 1]];
+    if (before - inverse[order[i]] > gap * before) layers.push([]);
+    layers[layers.length - 1].push(order[i]);
+  }
+  return layers.find((layer) => layer.length >= LEAST_PIXELS) ?? layers.reduce((a, b) => (b.length > a.length ? b : a));
+}
+
+/** Value at the click and slopes; the mean, flat, where the pixels do not span a plane. */
+function fitPlane(layer: number[], dx: number[], dy: number[], inverse: number[]): Vector {
+  let [n, sx, sy, sxx, sxy, syy, sv, sxv, syv] = [0, 0, 0, 0, 0, 0, 0, 0, 0];
+  for (const i of layer) {
+    n += 1;
+    sx += dx[i];
+    sy += dy[i];
+    sxx += dx[i] * dx[i];
+    sxy += dx[i] * dy[i];
+    syy += dy[i] * dy[i];
+    sv += inverse[i];
+    sxv += dx[i] * inverse[i];
+    syv += dy[i] * inverse[i];
+  }
+  const det = n * (sxx * syy - sxy * sxy) - sx * (sx * syy - sxy * sy) + sy * (sx * sxy - sxx * sy);
+  if (n < LEAST_PIXELS || det < 1e-6 * n ** 3) return [sv / n, 0, 0];
+  return [
+    (sv * (sxx * syy - sxy * sxy) - sx * (sxv * syy - sxy * syv) + sy * (sxv * sxy - sxx * syv)) / det,
+    (n * (sxv * syy - sxy * syv) - sv * (sx * syy - sxy * sy) + sy * (sx * syv - sxv * sy)) / det,
+    (n * (sxx * syv - sxv * sxy) - sx * (sx * syv - sxv * sy) + sv * (sx * sxy - sxx * sy)) / det,
+  ];
+}
+
+function pointOf(g: Geometry, x_px: number, y_px: number, [value, bx, by]: Vector, relativeStd: number): Pick {
+  const depth = 1 / value;
+  const ray: Vector = [(x_px - g.cx_left_px) / g.focal_px, (y_px - g.cy_px) / g.focal_px, 1];
+  const point_m = times(ray, depth);
+  const along = times(point_m, relativeStd);
+  const byX = minus([depth / g.focal_px, 0, 0], times(ray, depth ** 2 * bx));
+  const byY = minus([0, depth / g.focal_px, 0], times(ray, depth ** 2 * by));
+  const [a, b, c] = [outer(along, along), outer(byX, byX), outer(byY, byY)];
+  const covariance = a.map((value, i) => value + CLICK_STD_PX ** 2 * (b[i] + c[i]));
+  return { x_px, y_px, point_m, covariance, range_std_m: relativeStd * norm(point_m), slope: [bx, by] };
+}
+
+/** The distance along the ray, with the error of the click. */
+export function rangeOf(picked: Pick): Measured {
+  const value = norm(picked.point_m);
+  return { value, std: Math.sqrt(quadratic(picked.covariance, times(picked.point_m, 1 / value))), calibration_std: CALIBRATION_STD * value };
+}
+
+/** Length of the straight lines through points. */
+export function straightLength(picks: Pick[]): Measured {
+  const steps = picks.slice(1).map((each, i) => minus(each.point_m, picks[i].point_m));
+  const lengths = steps.map(norm);
+  const units = steps.map((step, i) => (lengths[i] > 0 ? times(step, 1 / lengths[i]) : ([0, 0, 0] as Vector)));
+  const none: Vector = [0, 0, 0];
+  const variance = picks.reduce((sum, each, i) => sum + quadratic(each.covariance, minus(units[i] ?? none, units[i - 1] ?? none)), 0);
+  const value = lengths.reduce((a, b) => a + b, 0);
+  return { value, std: Math.sqrt(variance), calibration_std: CALIBRATION_STD * value };
+}
+
+/** Points of the surface along the lines between picked ones. */
+export function alongSurface(ranges: Ranges, g: Geometry, picks: Pick[]): Pick[] {
+  const line = [picks[0]];
+  for (let k = 1; k < picks.length; k++) {
+    const [a, b] = [picks[k - 1], picks[k]];
+    const pixel_m = Math.max(Math.min(a.point_m[2], b.point_m[2]) / g.focal_px, 1e-9);
+    const step = Math.max(LEAST_STEP_PX, (STEP_STDS * Math.max(a.range_std_m, b.range_std_m)) / pixel_m);
+    const count = Math.max(1, Math.floor(Math.hypot(b.x_px - a.x_px, b.y_px - a.y_px) / step));
+    for (let i = 1; i < count; i++) {
+      const between = pick(ranges, g, a.x_px + ((b.x_px - a.x_px) * i) / count, a.y_px + ((b.y_px - a.y_px) * i) / count);
+      if (between) line.push(between);
+    }
+    line.push(b);
+  }
+  return line;
+}
+
+/** Distance along the straight line from first to last point, and height above it towards the camera. */
+export function profile(line: Pick[]): [number[], number[]] {
+  const points = line.map((each) => each.point_m);
+  const chord = minus(points[points.length - 1], points[0]);
+  const along = times(chord, norm(chord) > 0 ? 1 / norm(chord) : 0);
+  let up = times(mean(points), -1);
+  up = minus(up, times(along, dot(up, along)));
+  up = times(up, 1 / Math.max(norm(up), 1e-12));
+  const offsets = points.map((point) => minus(point, points[0]));
+  return [offsets.map((offset) => dot(offset, along)), offsets.map((offset) => dot(offset, up))];
+}
+
+/** Area of the polygon through points, seen along its mean normal. */
+export function planarArea(picks: Pick[]): Measured {
+  const points = picks.map((each) => each.point_m);
+  const center = mean(points);
+  const edges = points.map((point) => minus(point, center));
+  const next = (i: number) => (i + 1) % points.length;
+  const before = (i: number) => (i + points.length - 1) % points.length;
+  const sum = edges.reduce<Vector>((total, edge, i) => minus(total, times(cross(edge, edges[next(i)]), -0.5)), [0, 0, 0]);
+  const value = norm(sum);
+  if (value === 0) return { value: 0, std: NaN, calibration_std: 0 };
+  const unit = times(sum, 1 / value);
+  const variance = picks.reduce(
+    (total, each, i) => total + quadratic(each.covariance, times(cross(minus(points[next(i)], points[before(i)]), unit), 0.5)),
+    0,
+  );
+  return { value, std: Math.sqrt(variance), calibration_std: 2 * CALIBRATION_STD * value };
+}
+
+/** Area of the surface inside the outline of points, and the fraction of it that is known. */
+export function surfaceArea(ranges: Ranges, g: Geometry, picks: Pick[]): [Measured, number] {
+  const xs = picks.map((each) => each.x_px);
+  const ys = picks.map((each) => each.y_px);
+  const first = (values: number[]) => Math.ceil(Math.min(...values) / AREA_STEP_PX) * AREA_STEP_PX;
+  let [total, known, sum, relative] = [0, 0, 0, 0];
+  for (let y = first(ys); y <= Math.max(...ys); y += AREA_STEP_PX) {
+    for (let x = first(xs); x <= Math.max(...xs); x += AREA_STEP_PX) {
+      if (!inside(picks, x, y)) continue;
+      total += 1;
+      const found = pick(ranges, g, x, y);
+      if (!found) continue;
+      known += 1;
+      sum += pixelArea(found, g);
+      relative += found.range_std_m / norm(found.point_m);
+    }
+  }
+  if (!known) return [UNKNOWN, 0];
+  const value = (sum / known) * polygonPixels(picks);
+  const planar = planarArea(picks);
+  const byRange = (2 * relative) / known / Math.sqrt(Math.max(1, (known * AREA_STEP_PX ** 2) / (2 * HALF_WINDOW_PX + 1) ** 2));
+  const std = value * Math.hypot(planar.std / planar.value, byRange);
+  return [{ value, std, calibration_std: 2 * CALIBRATION_STD * value }, known / total];
+}
+
+function pixelArea(found: Pick, g: Geometry): number {
+  const depth = found.point_m[2];
+  const [bx, by] = found.slope;
+  const atCenter = 1 / depth - bx * (found.x_px - g.cx_left_px) - by * (found.y_px - g.cy_px);
+  return (depth ** 3 * Math.hypot(bx * g.focal_px, by * g.focal_px, atCenter)) / g.focal_px ** 2;
+}
+
+function polygonPixels(outline: Pick[]): number {
+  const next = (i: number) => outline[(i + 1) % outline.length];
+  return Math.abs(outline.reduce((sum, a, i) => sum + a.x_px * next(i).y_px - a.y_px * next(i).x_px, 0)) / 2;
+}
+
+function inside(outline: Pick[], x: number, y: number): boolean {
+  let found = false;
+  outline.forEach((a, i) => {
+    const b = outline[(i + 1) % outline.length];
+    if (a.y_px > y !== b.y_px > y && x < ((b.x_px - a.x_px) * (y - a.y_px)) / (b.y_px - a.y_px) + a.x_px) found = !found;
+  });
+  return found;
+}

@@ -1,0 +1,274 @@
+// Measuring in a frame: points are clicked on the picture, dragged, and listed with what they measure.
+
+import uPlot from "uplot";
+import type { Dive, Text } from "./dive";
+import { button, Choice, element } from "./elements";
+import { alongSurface, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
+import { Measures, save, type Kind, type Measure } from "./measures";
+import { ranges, type Ranges } from "./ranges";
+
+const SVG = "http://www.w3.org/2000/svg";
+const NEAR_PX = 12;
+const LEAST: Record<Kind, number> = { point: 1, length: 2, area: 3 };
+
+export class Measuring {
+  readonly root = element("div", { class: "measuring" });
+  private readonly overlay = document.createElementNS(SVG, "svg");
+  private readonly list = element("tbody");
+  private readonly said = element("output", { class: "readout" });
+  private readonly chart = element("div", { class: "profile" });
+  private readonly undo: HTMLButtonElement;
+  private readonly finish: HTMLButtonElement;
+  private readonly measures: Measures;
+  private kind: Kind = "length";
+  private places: [number, number][] = [];
+  private dragged: { id: number; vertex: number } | null = null;
+  private cursor: [number, number] = [0, 0];
+  private frame = "";
+  private data: Ranges | null = null;
+
+  constructor(
+    private readonly dive: Dive,
+    private readonly text: Text,
+    private readonly look: (name: string) => void,
+  ) {
+    this.measures = new Measures(dive, () => this.draw());
+    const kinds = (["point", "length", "area"] as const).map((kind): [string, string] => [kind, text(`measure.${kind}`)]);
+    const tool = new Choice(text("measure.tool"), kinds, (kind) => {
+      this.kind = kind as Kind;
+      this.drop();
+    });
+    tool.show(this.kind);
+    this.finish = button(text("measure.finish"), () => this.end());
+    this.undo = button(text("measure.undo"), () => (this.places.length ? this.stepBack() : this.measures.undo()));
+    const exports = (["csv", "geojson", "viame"] as const).map((format) =>
+      button(text(`measure.${format}`), () => save(`measures${format === "viame" ? "_viame.csv" : `.${format}`}`, this.measures[format]())),
+    );
+    const heads = ["label", "kind", "value", "surface", "frame"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
+    this.root.append(
+      element("div", { class: "toolbar" }, tool.root, this.finish, this.undo, this.said),
+      element("p", { class: "hint" }, text("measure.hint")),
+      this.chart,
+      element("div", { class: "scroll" }, element("table", { class: "measures" }, element("thead", {}, element("tr", {}, ...heads, element("th"))), this.list)),
+      element("div", { class: "toolbar" }, ...exports),
+    );
+    this.overlay.setAttribute("class", "overlay");
+    this.overlay.setAttribute("tabindex", "0");
+    this.overlay.setAttribute("role", "application");
+    this.overlay.setAttribute("aria-label", text("measure.overlay"));
+    this.overlay.addEventListener("pointerdown", (event) => this.down(event));
+    this.overlay.addEventListener("pointermove", (event) => this.move(event));
+    this.overlay.addEventListener("pointerup", () => (this.dragged = null));
+    this.overlay.addEventListener("dblclick", () => this.end());
+    this.overlay.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** Measure in a frame: its picture goes into the stage, what is drawn over it too. */
+  async show(stage: HTMLElement, name: string, source: string): Promise<void> {
+    this.drop();
+    this.frame = name;
+    this.data = null;
+    const [width, height] = this.dive.geometry?.image_size ?? [1, 1];
+    this.cursor = [Math.round(width / 2), Math.round(height / 2)];
+    this.overlay.setAttribute("viewBox", `0 0 ${width} ${height}`);
+    stage.replaceChildren(element("img", { src: source, alt: name, draggable: "false" }), this.overlay);
+    this.draw();
+    const data = await ranges(name);
+    if (this.frame === name) this.data = data;
+  }
+
+  private get geometry() {
+    if (!this.dive.geometry) throw new Error("no camera");
+    return this.dive.geometry;
+  }
+
+  /** The place of the image under the pointer: the center of the top left pixel is (0, 0). */
+  private place(event: MouseEvent): [number, number] {
+    const box = this.overlay.getBoundingClientRect();
+    const [width, height] = this.geometry.image_size;
+    return [((event.clientX - box.left) / box.width) * width - 0.5, ((event.clientY - box.top) / box.height) * height - 0.5];
+  }
+
+  private down(event: PointerEvent): void {
+    this.overlay.focus();
+    const place = this.place(event);
+    const near = (NEAR_PX * this.geometry.image_size[0]) / this.overlay.getBoundingClientRect().width;
+    for (const each of this.measures.list.filter((measure) => measure.frame === this.frame)) {
+      const vertex = each.places.findIndex(([x, y]) => Math.hypot(x - place[0], y - place[1]) < near);
+      if (vertex >= 0 && !this.places.length) {
+        this.dragged = { id: each.id, vertex };
+        this.overlay.setPointerCapture(event.pointerId);
+        return;
+      }
+    }
+    if (event.detail < 2) this.add(place);
+  }
+
+  private move(event: PointerEvent): void {
+    const place = this.place(event);
+    if (this.dragged && this.data) {
+      const old = this.measures.list.find((each) => each.id === this.dragged?.id);
+      if (!old) return;
+      const places = old.places.map((each, i) => (i === this.dragged?.vertex ? place : each));
+      const made = this.made(places, old.kind, old.label);
+      if (made) this.measures.put({ ...made, id: old.id });
+      return;
+    }
+    this.cursor = place;
+    this.sayUnder(place);
+  }
+
+  private sayUnder([x, y]: [number, number]): void {
+    const found = this.data ? pick(this.data, this.geometry, x, y) : null;
+    this.said.textContent = found
+      ? this.text("view.cursor", { range: rangeOf(found).value.toFixed(3), std: (1000 * totalStd(rangeOf(found))).toFixed(1) })
+      : this.text("view.unknown");
+  }
+
+  private key(event: KeyboardEvent): void {
+    const step = event.shiftKey ? 10 : 1;
+    const moves: Record<string, [number, number]> = { ArrowLeft: [-step, 0], ArrowRight: [step, 0], ArrowUp: [0, -step], ArrowDown: [0, step] };
+    if (event.key in moves) {
+      const [width, height] = this.geometry.image_size;
+      this.cursor = [
+        Math.min(Math.max(this.cursor[0] + moves[event.key][0], 0), width - 1),
+        Math.min(Math.max(this.cursor[1] + moves[event.key][1], 0), height - 1),
+      ];
+      this.sayUnder(this.cursor);
+    } else if (event.key === " ") this.add(this.cursor);
+    else if (event.key === "Enter") this.end();
+    else if (event.key === "Escape") this.drop();
+    else if (event.key === "Backspace") this.stepBack();
+    else if (event.key === "z" && (event.ctrlKey || event.metaKey)) this.measures.undo();
+    else return;
+    event.preventDefault();
+    this.draw();
+  }
+
+  private add(place: [number, number]): void {
+    if (!this.data) return;
+    if (!pick(this.data, this.geometry, ...place)) {
+      this.said.textContent = this.text("view.unknown");
+      return;
+    }
+    this.places.push(place);
+    if (this.kind === "point") this.end();
+    else this.draw();
+  }
+
+  private stepBack(): void {
+    this.places.pop();
+    this.draw();
+  }
+
+  private drop(): void {
+    this.places = [];
+    this.draw();
+  }
+
+  private end(): void {
+    const places = this.places;
+    if (places.length < LEAST[this.kind]) return;
+    this.places = [];
+    const made = this.made(places, this.kind, "");
+    if (made) this.measures.put(made);
+  }
+
+  private made(places: [number, number][], kind: Kind, label: string): Omit<Measure, "id"> | null {
+    const { data, geometry } = this;
+    if (!data) return null;
+    const picks = places.map(([x, y]) => pick(data, geometry, x, y)).filter((each): each is Pick => each !== null);
+    if (picks.length < places.length) return null;
+    const straight = kind === "point" ? rangeOf(picks[0]) : kind === "length" ? straightLength(picks) : planarArea(picks);
+    const surface = kind === "point" ? null : kind === "length" ? straightLength(alongSurface(data, geometry, picks)) : surfaceArea(data, geometry, picks)[0];
+    const points = picks.map((each) => each.point_m);
+    const both = { value: straight.value, std: totalStd(straight), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface) : null };
+    return { frame: this.frame, kind, label, places, points, ...both };
+  }
+
+  private draw(): void {
+    if (!this.undo) return; // not yet built
+    this.undo.disabled = !this.places.length && !this.measures.canUndo;
+    this.finish.disabled = this.places.length < LEAST[this.kind];
+    this.finish.hidden = this.kind === "point";
+    const here = this.measures.list.filter((each) => each.frame === this.frame);
+    this.overlay.replaceChildren(...here.flatMap((each) => this.shape(each.places, each.kind, each.id)), ...this.shape(this.places, this.kind, null));
+    if (document.activeElement === this.overlay && this.overlay.matches(":focus-visible")) this.overlay.append(this.cross(this.cursor, "cursor"));
+    this.list.replaceChildren(...this.measures.list.map((each) => this.row(each)));
+    const last = [...here].reverse().find((each) => each.kind === "length");
+    this.drawProfile(last ?? null);
+  }
+
+  private shape(places: [number, number][], kind: Kind, id: number | null): SVGElement[] {
+    const points = places.map(([x, y]) => `${x + 0.5},${y + 0.5}`).join(" ");
+    const line = document.createElementNS(SVG, kind === "area" ? "polygon" : "polyline");
+    line.setAttribute("points", points);
+    line.setAttribute("class", id === null ? "line open" : "line");
+    const dots = places.map((place) => this.cross(place, "dot"));
+    const number = document.createElementNS(SVG, "text");
+    if (id !== null && places.length) {
+      number.setAttribute("x", String(places[0][0] + 8));
+      number.setAttribute("y", String(places[0][1] - 6));
+      number.textContent = String(id);
+    }
+    return [line, ...dots, number];
+  }
+
+  private cross([x, y]: [number, number], name: string): SVGElement {
+    const dot = document.createElementNS(SVG, "circle");
+    dot.setAttribute("cx", String(x + 0.5));
+    dot.setAttribute("cy", String(y + 0.5));
+    dot.setAttribute("r", name === "cursor" ? "7" : "4");
+    dot.setAttribute("class", name);
+    return dot;
+  }
+
+  private row(each: Measure): HTMLElement {
+    const label = element("input", { type: "text", value: each.label, "aria-label": this.text("measure.label_of", { id: each.id }) });
+    label.addEventListener("change", () => this.measures.put({ ...each, label: label.value }));
+    const frame = element("button", { type: "button", class: "plain" }, each.frame);
+    frame.addEventListener("click", () => this.look(each.frame));
+    const cells: (string | Node)[] = [
+      label,
+      `${each.id} ${this.text(`measure.${each.kind}`)}`,
+      this.value(each.value, each.std, each.kind),
+      each.surface === null ? "" : this.value(each.surface, each.surface_std ?? NaN, each.kind),
+      frame,
+      button("×", () => this.measures.remove(each.id), { "aria-label": this.text("measure.remove", { id: each.id }) }),
+    ];
+    return element("tr", {}, ...cells.map((cell) => element("td", {}, cell)));
+  }
+
+  private value(value: number, std: number, kind: Kind): string {
+    const [factor, unit] = kind === "area" ? (value < 0.1 ? [1e4, "cm²"] : [1, "m²"]) : value < 1 ? [100, "cm"] : [1, "m"];
+    const digits = std > 0 ? Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(std * factor)))) : 3;
+    return `${(value * factor).toFixed(digits)} ± ${(std * factor).toFixed(digits)} ${unit}`;
+  }
+
+  private drawProfile(length: Measure | null): void {
+    this.chart.replaceChildren();
+    if (!length || !this.data) return;
+    const { data, geometry } = this;
+    const picks = length.places.map(([x, y]) => pick(data, geometry, x, y)).filter((each): each is Pick => each !== null);
+    if (picks.length < 2) return;
+    const [along, height] = profile(alongSurface(data, geometry, picks));
+    const soft = getComputedStyle(this.chart).color;
+    const axis = { stroke: soft, grid: { stroke: soft, width: 0.2 }, ticks: { show: false }, font: "12px system-ui" };
+    const title = this.text("measure.profile", { id: length.id });
+    const box = element("div", { class: "plot", role: "img", "aria-label": title });
+    this.chart.append(element("h3", {}, title), box);
+    new uPlot(
+      {
+        width: Math.max(this.chart.clientWidth, 200),
+        height: 140,
+        scales: { x: { time: false } },
+        legend: { show: false },
+        cursor: { y: false },
+        series: [{}, { stroke: soft, width: 1.5, points: { show: true, size: 4 } }],
+        axes: [{ ...axis, size: 26 }, { ...axis, size: 60 }],
+      },
+      [along, height],
+      box,
+    );
+  }
+}
