@@ -14,6 +14,7 @@ from calibration.formats import native
 from stereo_seecolor.cli import main
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.mapping.surface.open3d_extractor import open3d as open3d_library
+from stereo_seecolor.records import FrameRow
 
 REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -55,6 +56,23 @@ def open3d() -> None:
         open3d_library()
     except DeviceError as error:
         pytest.skip(str(error))
+
+
+class AtPair:
+    """A listener that raises an error, or calls a function, at the nth pair that it hears of."""
+
+    def __init__(self, number: int, what: type[BaseException] | Callable[[], object]) -> None:
+        self._left, self._what = number, what
+
+    def begin(self, stage: str, total: int) -> None:
+        """Nothing."""
+
+    def advance(self, row: FrameRow) -> None:
+        self._left -= 1
+        if self._left == 0 and isinstance(self._what, type):
+            raise self._what
+        if self._left == 0:
+            self._what()
 
 
 @dataclass(frozen=True)

@@ -14,14 +14,13 @@ from pathlib import Path
 
 import cv2
 import pytest
-from conftest import contents
+from conftest import AtPair, contents
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow
 
 PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
 
@@ -48,21 +47,6 @@ def assert_whole(out: Path) -> None:
         elif path.suffix == ".ply":
             header, _, body = path.read_bytes().partition(b"end_header\n")
             assert len(body) == 15 * int(header.split(b"element vertex ")[1].split()[0])
-
-
-class Stopper:
-    """Does something at the nth pair."""
-
-    def __init__(self, at: int, what) -> None:  # type: ignore[no-untyped-def]
-        self.left, self.what = at, what
-
-    def begin(self, stage: str, total: int) -> None:
-        pass
-
-    def advance(self, row: FrameRow) -> None:
-        self.left -= 1
-        if self.left == 0:
-            self.what()
 
 
 def run_in_process(dive, out: Path, listener=None):  # type: ignore[no-untyped-def]
@@ -95,7 +79,7 @@ def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
 def test_interrupt_tells_what_was_done_and_resumes(make_dive, tmp_path, at) -> None:
     dive, out = make_dive(5), tmp_path / "out"
     run_in_process(dive, tmp_path / "whole")
-    summary = run_in_process(dive, out, Stopper(at, lambda: os.kill(os.getpid(), signal.SIGINT)))
+    summary = run_in_process(dive, out, AtPair(at, lambda: os.kill(os.getpid(), signal.SIGINT)))
     assert summary.stopped
     assert not summary.all_done
     assert json.loads((out / "run.json").read_text())["totals"]["stopped"]
@@ -150,14 +134,14 @@ def test_output_folder_lost_midway(make_dive, tmp_path, monkeypatch) -> None:
             return
 
     with pytest.raises(OutputError, match="cannot be written"):
-        run_in_process(dive, out, Stopper(1, lose))
+        run_in_process(dive, out, AtPair(1, lose))
     (out / "range").unlink()
     assert run_in_process(dive, out).all_done
 
 
 def test_inputs_vanishing_midway_are_named(make_dive, tmp_path) -> None:
     dive, out = make_dive(6), tmp_path / "out"
-    summary = run_in_process(dive, out, Stopper(2, lambda: (dive.root / "L/0005.png").unlink()))
+    summary = run_in_process(dive, out, AtPair(2, lambda: (dive.root / "L/0005.png").unlink()))
     failed = [row for row in summary.rows if row.status == "failed"]
     assert [row.name for row in failed] == ["0005"]
     assert "L/0005.png: cannot be read: No such file" in failed[0].error

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import Dive, contents
+from conftest import AtPair, Dive, contents
 
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.commands.correct import correct
@@ -21,7 +21,6 @@ from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder import folder as run_folder
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import held
@@ -308,27 +307,11 @@ def test_ranges_by_the_same_settings_keep_the_colors(dive: Dive, tmp_path: Path)
 # Stopped and starved
 
 
-class Interrupting:
-    """Ctrl-C at the nth pair."""
-
-    def __init__(self, at: int) -> None:
-        self.left = at
-
-    def begin(self, stage: str, total: int) -> None:
-        """Nothing."""
-
-    def advance(self, row: FrameRow) -> None:
-        """Interrupt."""
-        self.left -= 1
-        if self.left == 0:
-            raise KeyboardInterrupt
-
-
 @pytest.mark.parametrize("at", [1, 4])
 def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path, at: int) -> None:
     out = tmp_path / "out"
     go(dive, out)
-    options = RunOptions(workers=1, listener=Interrupting(at))
+    options = RunOptions(workers=1, listener=AtPair(at, KeyboardInterrupt))
     config = load_config(None, ["color.robust.scene_colors=gray", "matching.min_confidence=0.5"])
     summary = run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, config, options)
     assert summary.stopped
@@ -342,7 +325,7 @@ def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path
 
 def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    options = RunOptions(workers=1, listener=Interrupting(5))
+    options = RunOptions(workers=1, listener=AtPair(5, KeyboardInterrupt))
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=options)
     corrected = {path.stem for path in (out / "corrected").iterdir()}
     assert {name for name, status in statuses(out).items() if status == "ok"} == corrected

@@ -12,7 +12,7 @@ from tempfile import mkdtemp
 
 import numpy as np
 import pytest
-from conftest import Dive
+from conftest import AtPair, Dive
 from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, precondition, rule, run_state_machine_as_test
@@ -21,7 +21,6 @@ from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 
 PRODUCTS = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
@@ -36,22 +35,6 @@ PRECIOUS = b"mine"
 
 class Kill(BaseException):
     """Ends a run as a kill does: no handler of the program's catches it."""
-
-
-class KillAt:
-    """Kills a run at the nth pair that it reports."""
-
-    def __init__(self, at: int) -> None:
-        self.left = at
-
-    def begin(self, stage: str, total: int) -> None:
-        """Nothing."""
-
-    def advance(self, row: FrameRow) -> None:
-        """Kill."""
-        self.left -= 1
-        if self.left == 0:
-            raise Kill
 
 
 def products(out: Path) -> dict[str, bytes]:
@@ -97,7 +80,7 @@ def machine(dive: Dive) -> type[RuleBasedStateMachine]:  # noqa: C901  # the rul
         @rule(config=st.sampled_from(range(len(CONFIGS))), at=st.integers(1, 6))
         def killed(self, config: int, at: int) -> None:
             try:
-                self.command(config, run, RunOptions(workers=1, listener=KillAt(at)))
+                self.command(config, run, RunOptions(workers=1, listener=AtPair(at, Kill)))
             except Kill:
                 self.done = None
 
