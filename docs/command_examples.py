@@ -4,6 +4,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "doctor": ("stereo-seecolor doctor",),
     "inspect": ("stereo-seecolor inspect left right cam.yaml",),
     "bag-info": ("stereo-seecolor bag-info dive.mcap  # the sample dive has no bag",),
+    "sync": ("stereo-seecolor sync left.mp4 right.mp4  # the sample dive has no videos",),
     "config": (
         "stereo-seecolor config --show",
         "stereo-seecolor config --show --set color.lock=survey  # each value with its origin",

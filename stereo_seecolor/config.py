@@ -53,6 +53,10 @@ class InputConfig(_Stage):
         "Used only where rows of pairs left out agree better for it.",
     )
     video_every: int = Field(default=1, ge=1, description="Of a video, take every nth frame.")
+    video_offset_s: float | None = Field(
+        default=None,
+        description="What to add to the time of a left frame to get that of the right one, of two videos; found where not given.",
+    )
 
 
 class MatchingConfig(_Stage):

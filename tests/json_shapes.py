@@ -98,6 +98,13 @@ FINDING = {"what": str, "ok": bool, "detail": str, "needed": bool, "without": st
 SETTING_VALUE = (str, int, float, bool, list, None)
 
 SHAPES: dict[str, Shape] = {
+    "sync": {
+        **END,
+        **dict.fromkeys(("left", "right", "text"), str),
+        **dict.fromkeys(("offset_s", "std_s", "drift", "drift_std", "center_s", "rest_s", "false_disparity"), NUMBER),
+        "pairs": int,
+        "evidence": [{"kind": str, "offset_s": NUMBER, "std_s": NUMBER}],
+    },
     "bag-info": {
         **END,
         "bag": str,

@@ -13,6 +13,7 @@ from bag_writers import camera_infos, dive_messages, name_by_stamps, write_bag
 from calibration_texts import ROS_LEFT, ROS_RIGHT
 from conftest import Cli
 from json_shapes import ERROR, SHAPES, mismatch
+from video_writers import write_pair
 
 from stereo_seecolor.cli.app import COMMANDS
 from stereo_seecolor.cli.json_output import json_line, plain
@@ -86,6 +87,10 @@ def test_a_bag(make_dive, parsed, tmp_path) -> None:
 
 
 @pytest.mark.slow
+def test_two_videos(parsed, tmp_path) -> None:
+    assert parsed("sync", "sync", *write_pair(tmp_path, 0.1, seconds=6))["pairs"] > 150
+
+
 @pytest.mark.usefixtures("open3d")
 def test_the_map_is_part_of_the_object(make_dive, parsed, tmp_path) -> None:
     dive, poses = make_dive(2), tmp_path / "track.tum"

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.commands.run import run
+from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.inputs.images import read_image
@@ -33,6 +34,11 @@ def smooth_frames(count: int, seed: int = 0) -> list[np.ndarray]:
     ]
 
 
+def unpacked(left: Path, right: Path, folder: Path, every: int) -> tuple[Path, Path]:
+    found = unpack(left, right, folder, InputConfig(video_every=every))
+    return found.left, found.right
+
+
 def near(path: Path, bgr: np.ndarray) -> bool:
     return float(np.abs(read_image(path).astype(int) - bgr[..., ::-1]).mean()) < 8
 
@@ -40,15 +46,15 @@ def near(path: Path, bgr: np.ndarray) -> bool:
 def test_one_file_a_side(tmp_path: Path) -> None:
     lefts, rights = smooth_frames(5), smooth_frames(5, seed=1)
     videos = write_video(tmp_path / "l.avi", lefts), write_video(tmp_path / "r.avi", rights)
-    left, right = unpack(*videos, tmp_path / "frames", every=2)
+    left, right = unpacked(*videos, tmp_path / "frames", every=2)
     assert [path.name for path in sorted(left.iterdir())] == ["000000.png", "000001.png", "000002.png"]
     assert near(left / "000001.png", lefts[2])
     assert near(right / "000002.png", rights[4])
     before = (left / "000000.png").stat().st_mtime_ns
-    unpack(*videos, tmp_path / "frames", every=2)
+    unpacked(*videos, tmp_path / "frames", every=2)
     assert (left / "000000.png").stat().st_mtime_ns == before, "what is unpacked is kept"
     write_video(videos[0], rights)
-    other, _ = unpack(*videos, tmp_path / "frames", every=2)
+    other, _ = unpacked(*videos, tmp_path / "frames", every=2)
     assert near(other / "000001.png", rights[2]), "another video under the same name is unpacked too"
     assert near(left / "000001.png", lefts[2]), "and the frames of the first are still there"
 
@@ -58,9 +64,9 @@ def test_nothing_else_in_the_folder_is_touched(tmp_path: Path) -> None:
     mine = tmp_path / "frames" / "mine" / "notes.txt"
     mine.parent.mkdir(parents=True)
     mine.write_text("mine")
-    unpack(video, video, tmp_path / "frames", every=1)
+    unpacked(video, video, tmp_path / "frames", every=1)
     with pytest.raises(InputError):
-        unpack(tmp_path / "gone.avi", video, tmp_path / "frames", every=1)
+        unpacked(tmp_path / "gone.avi", video, tmp_path / "frames", every=1)
     assert mine.read_text() == "mine"
 
 
@@ -83,22 +89,23 @@ def test_an_unpacking_that_was_stopped_begins_again(tmp_path: Path, monkeypatch:
     video = write_video(tmp_path / "v.avi", smooth_frames(4))
     with monkeypatch.context() as patch, pytest.raises(type(error)):
         stop_after(3, patch, error)
-        unpack(video, video, tmp_path / "frames", every=1)
+        unpacked(video, video, tmp_path / "frames", every=1)
     assert not list((tmp_path / "frames").iterdir())
-    left, right = unpack(video, video, tmp_path / "frames", every=1)
+    left, right = unpacked(video, video, tmp_path / "frames", every=1)
     assert [len(list(side.iterdir())) for side in (left, right)] == [4, 4]
 
 
 def test_an_unpacking_that_was_killed_begins_again(tmp_path: Path) -> None:
     video = write_video(tmp_path / "v.avi", smooth_frames(3))
     script = (
-        "import os, sys; from pathlib import Path; from stereo_seecolor.inputs import video as v; whole = v.write_atomic\n"
+        "import os, sys; from pathlib import Path\n"
+        "from stereo_seecolor.config import InputConfig; from stereo_seecolor.inputs import video as v; whole = v.write_atomic\n"
         "v.write_atomic = lambda path, content: os._exit(9) if path.name == '000002.png' else whole(path, content)\n"
-        "v.unpack(Path(sys.argv[1]), Path(sys.argv[1]), Path(sys.argv[2]), 1)"
+        "v.unpack(Path(sys.argv[1]), Path(sys.argv[1]), Path(sys.argv[2]), InputConfig())"
     )
     assert subprocess.run([sys.executable, "-c", script, video, tmp_path / "frames"], check=False).returncode == 9
     assert len(list((tmp_path / "frames").iterdir())) == 1
-    left, _ = unpack(video, video, tmp_path / "frames", every=1)
+    left, _ = unpacked(video, video, tmp_path / "frames", every=1)
     assert len(list(left.iterdir())) == 3
     assert len(list((tmp_path / "frames").iterdir())) == 1, "nothing is left of the killed one"
 
@@ -106,13 +113,13 @@ def test_an_unpacking_that_was_killed_begins_again(tmp_path: Path) -> None:
 def test_a_named_pipe_is_no_video(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "v.avi")
     with pytest.raises(InputError, match="is a named pipe, not a video"):
-        unpack(tmp_path / "v.avi", tmp_path / "v.avi", tmp_path / "frames", every=1)
+        unpacked(tmp_path / "v.avi", tmp_path / "v.avi", tmp_path / "frames", every=1)
 
 
 def test_side_by_side(tmp_path: Path) -> None:
     lefts, rights = smooth_frames(2), smooth_frames(2, seed=1)
     both = write_video(tmp_path / "both.avi", [np.hstack(pair) for pair in zip(lefts, rights, strict=True)])
-    left, right = unpack(both, both, tmp_path / "frames", every=1)
+    left, right = unpacked(both, both, tmp_path / "frames", every=1)
     assert near(left / "000001.png", lefts[1])
     assert near(right / "000001.png", rights[1])
 
@@ -122,9 +129,9 @@ def test_what_is_no_video(tmp_path: Path) -> None:
     assert is_video(tmp_path / "a.mp4")
     assert not is_video(tmp_path)
     with pytest.raises(InputError, match=r"a\.mp4: is no video that OpenCV can open"):
-        unpack(tmp_path / "a.mp4", tmp_path / "a.mp4", tmp_path / "frames", every=1)
+        unpacked(tmp_path / "a.mp4", tmp_path / "a.mp4", tmp_path / "frames", every=1)
     with pytest.raises(InputError, match=r"b\.mp4: the video cannot be read: No such file"):
-        unpack(tmp_path / "b.mp4", tmp_path / "b.mp4", tmp_path / "frames", every=1)
+        unpacked(tmp_path / "b.mp4", tmp_path / "b.mp4", tmp_path / "frames", every=1)
 
 
 def test_a_run_takes_videos(make_dive, tmp_path) -> None:

@@ -16,6 +16,7 @@ from stereo_seecolor.cli import (
     map_commands,
     rig_commands,
     score_commands,
+    sync_command,
     water_commands,
 )
 from stereo_seecolor.cli.errors import exit_code_of
@@ -28,6 +29,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "A dive": {
         "inspect": inspect_command.inspect,
         "bag-info": bag_commands.bag_info,
+        "sync": sync_command.sync,
         "run": dive_commands.run,
         "fuse": map_commands.fuse,
         "report": map_commands.report,

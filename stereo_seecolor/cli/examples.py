@@ -13,6 +13,7 @@ EXAMPLES = {
         f"run {SIDES} --out PARTS/2 --shard 2/8",
         "run --left dive.mp4 --right dive.mp4 --calib cam.yaml --out OUT --config settings.yaml",
     ),
+    "sync": ("sync left.mp4 right.mp4",),
     "bag-info": ("bag-info dive.mcap", "bag-info BAG --topics left=/fwd/image,right=/aft/image"),
     "correct": ("correct --images IMAGES --range RANGES --out OUT",),
     "range": (f"range {SIDES} --out OUT --set matching.max_range_m=8",),

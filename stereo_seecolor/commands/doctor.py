@@ -55,6 +55,7 @@ EXTRAS = (
     Library("mcap", "mcap", "bags", "no MCAP out (export --to mcap)"),
     Library("lz4", "lz4", "bags", "no bags that are compressed with LZ4"),
     Library("zstandard", "zstandard", "bags", "no bags that are compressed with Zstandard"),
+    Library("av", "av", "video", "no synchronization of two videos (sync)"),
     Library("onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"),
     Library("rerun", "rerun-sdk", "viewer", "view opens Open3D's plainer window"),
 )

@@ -37,11 +37,15 @@ SAMPLE_BYTES = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class StereoInputs:
-    """What a command over stereo pairs is given. left, right: folders of images, patterns, videos. calib: as for load_rig."""
+    """What a command over stereo pairs is given. left, right: folders of images, patterns, videos. calib: as for load_rig.
+
+    notes: what is known of them already.
+    """
 
     left: Path
     right: Path
     calib: str | Path
+    notes: tuple[str, ...] = ()
 
     @property
     def names(self) -> dict[str, str]:
@@ -77,8 +81,8 @@ class StereoInputs:
 
     def unpacked(self, folder: RunFolder, config: RunConfig) -> "StereoInputs":
         """The frames of videos as folders of images, in OUT's own folder. Raises InputError, OutputError."""
-        left, right = unpack(self.left, self.right, state(folder.root, "video"), config.input.video_every)
-        return StereoInputs(left, right, self.calib)
+        frames = unpack(self.left, self.right, state(folder.root, "video"), config.input)
+        return StereoInputs(frames.left, frames.right, self.calib, frames.notes)
 
 
 @dataclass(frozen=True, eq=False)

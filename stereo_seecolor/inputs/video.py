@@ -3,16 +3,19 @@
 import hashlib
 import shutil
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, flush_folder, output_errors, remove_leftovers, write_atomic
 from stereo_seecolor.files.names import product_name
 from stereo_seecolor.files.reading import special_kind
+from stereo_seecolor.inputs.video_choice import FrameChoice, choose_frames, numbered
 
 EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"})
 
@@ -28,35 +31,49 @@ def is_video(path: Path) -> bool:
     return path.suffix.lower() in EXTENSIONS and not path.is_dir()
 
 
-def unpack(left: Path, right: Path, folder: Path, every: int) -> tuple[Path, Path]:
-    """Unpack the frames of two videos, or of one that shows left and right side by side; returns the two folders of frames.
+@dataclass(frozen=True)
+class Unpacked:
+    """left, right: the folders of frames. notes: how frames of two videos were paired, where they were unpacked just now."""
 
-    left, right: one file a side; the same file twice means side by side. every: 1 keeps each frame, 2 every second, and so on.
+    left: Path
+    right: Path
+    notes: tuple[str, ...] = ()
+
+
+def unpack(left: Path, right: Path, folder: Path, config: InputConfig) -> Unpacked:
+    """Unpack the frames of two videos, or of one that shows left and right side by side.
+
+    left, right: one file a side; the same file twice means side by side. Frames of two videos are paired by ``choose_frames``.
     folder: each unpacking gets a folder of its own in it, named after the videos' content; a finished one is kept, an unfinished
     one is replaced, and others are left alone. Call it only while ``folder`` is locked.
     Raises InputError if a video cannot be opened or read; OutputError if the disk is full.
     """
-    unpacked = folder / unpacked_name(left, right, every)
+    unpacked = folder / unpacked_name(left, right, config)
+    notes: tuple[str, ...] = ()
     if not unpacked.exists():
+        choice = choose_frames(left, right, config)
+        notes = choice.notes
         remove_leftovers(folder)
         temporary = folder / f"{TEMPORARY_PREFIX}{unpacked.name}"
         try:
-            _write_sides(left, right, every, temporary)
+            _write_sides(left, right, config.video_every, choice, temporary)
             with output_errors(unpacked):
                 temporary.rename(unpacked)
         except BaseException:
             shutil.rmtree(temporary, ignore_errors=True)
             raise
         flush_folder(folder)
-    return unpacked / "left", unpacked / "right"
+    return Unpacked(unpacked / "left", unpacked / "right", notes)
 
 
-def unpacked_name(left: Path, right: Path, every: int) -> str:
+def unpacked_name(left: Path, right: Path, config: InputConfig) -> str:
     """The name of the folder that the frames are unpacked into: equal for equal videos, whatever folder they lie in."""
     digest = hashlib.sha256()
     for path in dict.fromkeys((left, right)):
         digest.update(_identity(path))
-    return f"{product_name(left.stem)[:_STEM_LETTERS]}-every-{every}-{digest.hexdigest()[:16]}"
+    if left != right:
+        digest.update(f"by time {config.video_offset_s}".encode())
+    return f"{product_name(left.stem)[:_STEM_LETTERS]}-every-{config.video_every}-{digest.hexdigest()[:16]}"
 
 
 def _identity(path: Path) -> bytes:
@@ -74,23 +91,24 @@ def _identity(path: Path) -> bytes:
     return b" ".join(parts)
 
 
-def _write_sides(left: Path, right: Path, every: int, folder: Path) -> None:
+def _write_sides(left: Path, right: Path, every: int, choice: FrameChoice, folder: Path) -> None:
     if left == right:
-        _write(folder, ("left", "right"), _halves(_frames(left, every), left))
+        _write(folder, ("left", "right"), _halves(_frames(left, numbered(None, every)), left))
         return
-    _write(folder, ("left",), ((frame,) for frame in _frames(left, every)))
-    _write(folder, ("right",), ((frame,) for frame in _frames(right, every)))
+    _write(folder, ("left",), ((frame,) for frame in _frames(left, numbered(choice.left, every))))
+    _write(folder, ("right",), ((frame,) for frame in _frames(right, numbered(choice.right, every))))
 
 
-def _frames(path: Path, every: int) -> Iterator[NDArray[np.uint8]]:
+def _frames(path: Path, numbers: Iterator[int]) -> Iterator[NDArray[np.uint8]]:
     video = cv2.VideoCapture(str(path))
     try:
         if not video.isOpened():
             raise InputError(f"{path}: is no video that OpenCV can open: unpack its frames into a folder and give that")
-        index = 0
-        while video.grab():
-            if index % every == 0:
+        index, wanted = 0, next(numbers, None)
+        while wanted is not None and video.grab():
+            if index == wanted:
                 yield video.retrieve()[1]
+                wanted = next(numbers, None)
             index += 1
         if index == 0:
             raise InputError(f"{path}: holds no frame that can be decoded")

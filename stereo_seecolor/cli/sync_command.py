@@ -1,0 +1,26 @@
+"""The command that synchronizes two videos."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stereo_seecolor.cli.console import lines
+from stereo_seecolor.cli.options import AsJson, LogFile, Verbose
+from stereo_seecolor.cli.report import Report
+
+LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
+RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the right camera.")]
+
+
+def sync(left: LeftVideo, right: RightVideo, as_json: AsJson = False, verbose: Verbose = False, log_file: LogFile = None) -> None:
+    """Find offset and drift of two cameras without a wire, from sound, a flash and the motion of the picture."""
+    from stereo_seecolor.commands.sync import sync as find
+
+    report = Report("sync", as_json, "none", verbose, log_file)
+    with report.working():
+        found = find(left, right)
+    said = [found.text]
+    said += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
+    said += [f"{found.pairs} pairs of frames", "", f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out"]
+    report.end(dict(vars(found)), lines(said))

@@ -1,0 +1,153 @@
+"""Two videos of cameras without a wire: how one clock runs against the other, from sound, a flash, and the moving picture."""
+
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.video_lags import Array, Lag, coarse_lag, fine_lag
+from stereo_seecolor.inputs.video_motion import NoEvidence, VideoSignals, video_signals
+from stereo_seecolor.inputs.video_sound import sound_lag
+from stereo_seecolor.inputs.video_streams import sound
+
+
+@dataclass(frozen=True)
+class SyncLimits:
+    """Decides what is believed."""
+
+    flash_sigmas: float = 12.0  # a rise of brightness from one frame to the next, against the usual ones
+    flash_gray: float = 8.0  # and in gray values: less is a fish
+    still: float = 0.004  # image widths a second: the picture stands still, and what moves is noise (0.0005 on a static scene)
+    disagree_s: float = 0.02  # cameras record sound up to half a frame early or late
+    sigmas: float = 3.0
+    reach_frames: float = 0.6  # a left frame is paired with a right one at most so many frames away
+
+
+LIMITS = SyncLimits()
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What one kind of evidence (``sound``, ``flash``, ``motion``) says."""
+
+    kind: str
+    lag: Lag
+
+
+@dataclass(frozen=True, eq=False)
+class VideoSync:
+    """How the clocks of two videos run, by the most precise evidence; the others agree with it.
+
+    pairs: (n, 2) numbers of the frames that are nearest, left and right. rest_s: (n,) how far apart they are after all, right less
+    left. speed: median of the picture, image widths a second.
+    """
+
+    lag: Lag
+    evidence: tuple[Evidence, ...]
+    pairs: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+    rest_s: Array
+    speed: float
+
+    @property
+    def false_disparity(self) -> float:
+        """Disparity of the median speed over the rest error of a pair (root mean square), as a fraction of the image's width."""
+        return float(self.speed * np.hypot(np.sqrt(np.mean(self.rest_s**2)), self.lag.std_s))
+
+    @property
+    def text(self) -> str:
+        """One line for a person."""
+        kinds = " and ".join(item.kind for item in self.evidence) or "what was given"
+        return (
+            f"the right clock is {self.lag.offset_s:+.4f} s (standard error {1000 * self.lag.std_s:.1f} ms) and runs "
+            f"{1e6 * self.lag.drift:+.0f} ppm against the left one, by {kinds}; paired frames are "
+            f"{1000 * float(np.sqrt(np.mean(self.rest_s**2))):.1f} ms apart, {100 * self.false_disparity:.2f}% of the image's "
+            "width at the usual speed"
+        )
+
+
+def synchronize(left: Path, right: Path) -> VideoSync:
+    """Find offset and drift. Raises NoEvidence where nothing tells them, InputError where the evidence disagrees, DeviceError."""
+    signals = video_signals(left), video_signals(right)
+    evidence = tuple(
+        Evidence(kind, lag)
+        for kind, lag in (
+            ("motion", motion_lag(*signals)),
+            ("sound", sound_lag(sound(left), sound(right))),
+            ("flash", flash_lag(*signals)),
+        )
+        if lag is not None
+    )
+    if not evidence:
+        raise NoEvidence(
+            f"{left} and {right}: nothing tells how their clocks run: no sound and no flash in common, and the picture moves too "
+            "little, or in waves that repeat; clap or turn the rig next time, or set input.video_offset_s"
+        )
+    _refuse_disagreement(left, right, evidence)
+    best = min(evidence, key=lambda item: item.lag.std_s).lag
+    if best.std_s > min(item.frame_s for item in signals) / 2:
+        raise InputError(
+            f"{left} and {right}: their offset is known to {1000 * best.std_s:.0f} ms only, not to half a frame: set "
+            "input.video_offset_s"
+        )
+    return paired(signals, best, evidence)
+
+
+def paired(signals: tuple[VideoSignals, VideoSignals], lag: Lag, evidence: tuple[Evidence, ...] = ()) -> VideoSync:
+    """The frames that are nearest by a lag; nothing is interpolated. Raises InputError if the videos do not overlap."""
+    left, right = signals
+    wanted_s = lag.at(left.times_s)
+    after = np.clip(np.searchsorted(right.times_s, wanted_s), 1, len(right.times_s) - 1)
+    nearest = np.where(wanted_s - right.times_s[after - 1] < right.times_s[after] - wanted_s, after - 1, after)
+    rest_s = right.times_s[nearest] - wanted_s
+    good = np.abs(rest_s) <= LIMITS.reach_frames * right.frame_s
+    if not good.any():
+        raise InputError(f"the videos do not overlap: the right clock is {lag.offset_s:+.1f} s against the left one")
+    pairs = np.column_stack([np.flatnonzero(good), nearest[good]])
+    return VideoSync(lag, evidence, pairs, rest_s[good], left.speed)
+
+
+def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
+    """The lag by which both pictures move alike; None for a picture that stands still, or moves so that several lags fit."""
+    if min(_usual(left), _usual(right)) < LIMITS.still:
+        return None
+    times, motions = (left.motion_times_s, right.motion_times_s), (left.motion, right.motion)
+    coarse = coarse_lag(times, motions)
+    return fine_lag(times, motions, coarse) if coarse else None
+
+
+def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
+    """The lag of the one sudden rise of brightness, to a part of a frame; None where there is none, or more than one."""
+    times = [_flash(signals) for signals in (left, right)]
+    if times[0] is None or times[1] is None:
+        return None
+    std_s = float(np.hypot(left.frame_s, right.frame_s) / np.sqrt(12))  # it came at any time between two frames
+    return Lag(times[1] - times[0], std_s, 0.0, 50e-6, times[0])
+
+
+def _flash(signals: VideoSignals) -> float | None:
+    rise = np.diff(signals.brightness)
+    at = int(np.argmax(rise))
+    usual = 1.4826 * float(np.median(np.abs(rise - np.median(rise)))) + 1e-6
+    others = np.abs(signals.motion_times_s - signals.motion_times_s[at]) > 0.3
+    alone = rise[others].max(initial=0.0) < rise[at] / 2
+    if rise[at] < max(LIMITS.flash_gray, LIMITS.flash_sigmas * usual) or not alone:
+        return None
+    return float(signals.motion_times_s[at])
+
+
+def _refuse_disagreement(left: Path, right: Path, evidence: tuple[Evidence, ...]) -> None:
+    for a, b in combinations(evidence, 2):
+        at = np.array([a.lag.center_s])
+        apart_s = abs(float((a.lag.at(at) - b.lag.at(at))[0]))
+        if apart_s > LIMITS.disagree_s + LIMITS.sigmas * float(np.hypot(a.lag.std_s, b.lag.std_s)):
+            raise InputError(
+                f"{left} and {right}: {a.kind} says that the right clock is {a.lag.offset_s:+.3f} s against the left one, {b.kind} "
+                f"says {b.lag.offset_s:+.3f} s: are they of one dive? If so, set input.video_offset_s"
+            )
+
+
+def _usual(signals: VideoSignals) -> float:
+    """How fast the picture moves about its mean motion, image widths a second."""
+    return float(np.sqrt((signals.motion.std(axis=0) ** 2).sum()))

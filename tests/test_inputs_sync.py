@@ -1,0 +1,156 @@
+"""Two videos without a wire: offset and drift against known truth, and refusals."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from video_writers import RATE_HZ, write_pair
+
+from stereo_seecolor.commands.sync import sync
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.inputs.video import unpack
+from stereo_seecolor.inputs.video_choice import choose_frames, numbered
+from stereo_seecolor.inputs.video_lags import straight_lag
+
+
+def error_s(found, offset_s: float, drift: float) -> float:
+    """Of the right clock, at the middle of the overlap."""
+    return found.offset_s - offset_s - drift * found.center_s
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tenths_of_a_frame", [0, 1, 3, 5, 8, 137, 222, 451, -124])
+def test_offsets_are_found_from_motion_alone(tenths_of_a_frame: int, tmp_path: Path) -> None:
+    offset_s = tenths_of_a_frame / 10 / RATE_HZ
+    found = sync(*write_pair(tmp_path, offset_s))
+    error = abs(error_s(found, offset_s, 0.0))
+    assert error < 0.002
+    assert error < 3 * found.std_s
+    assert [item.kind for item in found.evidence] == ["motion"]
+
+
+@pytest.mark.slow
+def test_drift_is_found_in_a_longer_video(tmp_path: Path) -> None:
+    drift = 50e-6
+    found = sync(*write_pair(tmp_path, 0.71, drift, seconds=60))
+    assert abs(found.drift - drift) < 3 * found.drift_std < 90e-6
+    assert abs(error_s(found, 0.71, drift)) < min(0.002, 3 * found.std_s)
+
+
+def test_sound_alone_is_enough(tmp_path: Path) -> None:
+    found = sync(*write_pair(tmp_path, 0.3217, moves=False, sound=True))
+    assert [item.kind for item in found.evidence] == ["sound"]
+    assert abs(error_s(found, 0.3217, 0.0)) < min(0.001, 3 * found.std_s)
+
+
+def test_a_flash_alone_is_enough_for_the_nearest_frame(tmp_path: Path) -> None:
+    found = sync(*write_pair(tmp_path, 0.72, moves=False, flash_s=3.0))
+    assert [item.kind for item in found.evidence] == ["flash"]
+    assert abs(error_s(found, 0.72, 0.0)) < 1 / RATE_HZ
+
+
+def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
+    left, right = write_pair(tmp_path, -0.4, sound=True, flash_s=4.0)
+    code, printed, said = cli("sync", left, right)
+    assert code == 0, said
+    for word in ("by motion and sound and flash", "motion: -0.", "pairs of frames", f"run --left {left}"):
+        assert word in printed
+    assert sync(left, right).pairs == pytest.approx(300 - 12, abs=2)
+
+
+def test_a_static_scene_is_refused(tmp_path: Path, cli) -> None:
+    code, _, said = cli("sync", *write_pair(tmp_path, 0.3, moves=False))
+    assert (code, said.count("\n")) == (1, 1)
+    assert "nothing tells how their clocks run" in said
+
+
+def test_evidence_that_disagrees_is_refused(tmp_path: Path) -> None:
+    videos = write_pair(tmp_path, 0.3, sound=True, sound_offset_s=0.9)
+    with pytest.raises(InputError, match=r"motion says that the right clock is \+0.3.* sound says \+0.9"):
+        sync(*videos)
+    with pytest.raises(InputError, match="sound says"):
+        choose_frames(*videos, InputConfig())
+
+
+def test_other_dives_are_refused(tmp_path: Path) -> None:
+    left, _ = write_pair(tmp_path / "a", 0.0)
+    _, right = write_pair(tmp_path / "b", 40.0)
+    with pytest.raises(InputError):
+        sync(left, right)
+
+
+def test_what_is_no_video_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "a.mp4").write_bytes(b"no video")
+    (tmp_path / "empty.mp4").write_bytes(b"")
+    for name in ("a.mp4", "empty.mp4", "missing.mp4"):
+        with pytest.raises(InputError, match=rf"^[^\n]*{name}: is no video that FFmpeg can read[^\n]*$"):
+            sync(tmp_path / name, tmp_path / name)
+
+
+def test_damaged_videos_are_one_line_or_read_as_far_as_they_go(tmp_path: Path) -> None:
+    left, right = write_pair(tmp_path, 0.2, seconds=4)
+    content, rng = right.read_bytes(), np.random.default_rng(1)
+    for trial in range(12):
+        damaged = bytearray(content[: rng.integers(100, len(content))] if trial % 2 else content)
+        for _ in range(4):
+            at = int(rng.integers(0, len(damaged)))
+            damaged[at : at + 16] = rng.bytes(16)
+        right.write_bytes(damaged)
+        try:
+            found = sync(left, right)
+        except InputError as error:
+            assert "\n" not in str(error)
+        else:
+            assert abs(found.offset_s - 0.2) < 0.1
+
+
+def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
+    videos = write_pair(tmp_path, 10 / RATE_HZ, seconds=6)
+    choice = choose_frames(*videos, InputConfig())
+    assert choice.left is not None
+    assert choice.right is not None
+    assert {b - a for a, b in zip(choice.left, choice.right, strict=True)} == {10}
+    frames = unpack(*videos, tmp_path / "frames", InputConfig(video_every=20))
+    assert len(list(frames.left.iterdir())) == len(list(frames.right.iterdir())) == 9
+    assert "by motion" in frames.notes[0]
+    assert unpack(*videos, tmp_path / "frames", InputConfig(video_every=20)).left == frames.left
+
+
+def test_an_offset_can_be_given(tmp_path: Path) -> None:
+    videos = write_pair(tmp_path, 0.0, seconds=4, moves=False)
+    choice = choose_frames(*videos, InputConfig(video_offset_s=1.0))
+    assert choice.left == tuple(range(90))
+    assert choice.right == tuple(range(30, 120))
+    with pytest.raises(InputError, match="do not overlap"):
+        choose_frames(*videos, InputConfig(video_offset_s=9.0))
+
+
+def test_without_evidence_frames_of_the_same_number_are_pairs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import sys
+
+    videos = write_pair(tmp_path, 0.5, seconds=4, moves=False)
+    choice = choose_frames(*videos, InputConfig(video_every=7))
+    assert (choice.left, choice.right) == (None, None)
+    assert choice.notes[0].startswith("frames of the same number are taken for pairs: ")
+    monkeypatch.setitem(sys.modules, "av", None)
+    assert "'.[video]'" in choose_frames(*videos, InputConfig()).notes[0]
+    with pytest.raises(DeviceError, match="library that is missing"):
+        sync(*videos)
+
+
+def test_numbers_of_frames() -> None:
+    every = numbered(None, 3)
+    assert [next(every) for _ in range(3)] == [0, 3, 6]
+    assert list(numbered((1, 5), 3)) == [1, 5]
+
+
+def test_a_line_through_offsets_leaves_out_what_is_far_off() -> None:
+    at = np.arange(0.0, 600.0, 5.0)
+    offsets_s = 1.0 + 40e-6 * (at - 300) + np.random.default_rng(0).normal(0, 2e-4, len(at))
+    offsets_s[::10] += 0.08
+    found = straight_lag(at, offsets_s, 1e-4)
+    assert found is not None
+    assert found.offset_s == pytest.approx(1.0 + 40e-6 * (found.center_s - 300), abs=3 * found.std_s)
+    assert found.drift == pytest.approx(40e-6, abs=3 * found.drift_std)
+    assert straight_lag(at[:2], offsets_s[:2], 1e-4) is None
