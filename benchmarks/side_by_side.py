@@ -1,10 +1,11 @@
 """How long the commands of two checkouts take, in turn (A B A B ...), so that a machine that changes its speed changes both alike.
 
-    python benchmarks/side_by_side.py BASE_TREE NEW_TREE [--dives sample large] [--commands run range correct fuse] [--rounds 5]
+    python benchmarks/side_by_side.py BASE_TREE NEW_TREE [--dives sample large] [--commands run rerun range ...] [--rounds 5]
 
-Each measurement is a whole process, as a user starts it. Before the rounds both checkouts run the command once, which compiles what
-numba compiles once on a machine. Dives: the sample dive, and 20 synthesized pairs of 1280x1024. Prints the median seconds of both
-(elapsed, and processor time, which other programs on the machine disturb less), and the median of the ratios round by round.
+Each measurement is a whole process, as a user starts it: byte code is kept, as an installed program's is. Before the rounds both
+checkouts run the command once, which compiles what is compiled once on a machine. rerun: a run that finds nothing to do.
+Dives: the sample dive, and 20 synthesized pairs of 1280x1024. Prints the median seconds of both (elapsed, and processor time,
+which other programs on the machine disturb less), and the median of the ratios round by round.
 """
 
 import argparse
@@ -20,7 +21,7 @@ from pathlib import Path
 
 SAMPLE = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 LARGE_PAIRS, LARGE_SIZE = 20, "1280x1024"
-COMMANDS = ("run", "range", "correct", "fuse")
+COMMANDS = ("run", "rerun", "range", "correct", "fuse")
 ALLOWED_RATIO = 1.1
 """More is marked in the table."""
 
@@ -34,12 +35,18 @@ class Timing:
     peak_mib: float
 
 
+def environment(tree: Path) -> dict[str, str]:
+    """Imports from the checkout, whose byte code is kept in the folder for temporary files."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    return kept | {"PYTHONPATH": str(tree), "PYTHONPYCACHEPREFIX": str(Path(tempfile.gettempdir()) / "side_by_side_byte_code")}
+
+
 def execute(tree: Path, *words: object) -> Timing:
     """Run a command of a checkout to its end; exits with what it said where it fails."""
     line = [sys.executable, "-c", "from stereo_seecolor.cli import main; main()", *map(str, words)]
     with tempfile.TemporaryFile("w+") as said:
         start = time.perf_counter()
-        process = subprocess.Popen(line, cwd=tree, env=os.environ | {"PYTHONPATH": str(tree)}, stdout=said, stderr=said)
+        process = subprocess.Popen(line, cwd=tree, env=environment(tree), stdout=said, stderr=said)
         _, status, used = os.wait4(process.pid, 0)
         elapsed_s = time.perf_counter() - start
         process.returncode = os.waitstatus_to_exitcode(status)
@@ -63,7 +70,9 @@ class Bench:
         execute(self.tree, "rectify", *self._sides(), "--out", self.work / "rectified")
 
     def measure(self, command: str) -> Timing:
-        """Run a command once, in a new output folder."""
+        """Run a command once, in a new output folder but for a rerun."""
+        if command == "rerun":
+            return execute(self.tree, "run", *self._sides(), "--out", self.work / "finished")
         out = self.work / "out"
         shutil.rmtree(out, ignore_errors=True)
         if command == "fuse":
