@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import RectifiedPair
+from calibration import Camera, RectifiedPair, StereoRig
+from calibration.formats import native
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.files.ply import VERTEX
@@ -17,7 +18,7 @@ from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import Claim, RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.layout import product_path
+from stereo_seecolor.run_folder.layout import RIG, product_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, write_reports
 from stereo_seecolor.synthetic import survey
@@ -59,8 +60,18 @@ def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_r
         folder.set_waters(dict.fromkeys(names, "water"))
         rectification = SimpleNamespace(pair=pair, T_rectified_left=T)
         run = RunDescription({}, RunConfig(), names, "corrected", rectification)  # type: ignore[arg-type]
+        folder.write(RIG, native.to_bytes(rig_of(pair)))
         close_run(folder, run, complete=True)
         write_reports(folder, run, RunSummary([]))
+
+
+def rig_of(pair: RectifiedPair) -> StereoRig:
+    """A rig whose images are rectified as they are."""
+    centers = (pair.cx_left_px, pair.cx_right_px)
+    left, right = (np.array([[pair.focal_px, 0, cx], [0, pair.focal_px, pair.cy_px], [0, 0, 1]]) for cx in centers)
+    T = np.eye(4)
+    T[0, 3] = -pair.baseline_m
+    return StereoRig(Camera(left, np.zeros(0), pair.image_size), Camera(right, np.zeros(0), pair.image_size), T)
 
 
 def save_frame(folder: RunFolder, frame: SurveyFrame) -> None:

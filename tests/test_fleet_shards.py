@@ -59,6 +59,7 @@ def test_merged_shards_are_the_same_bytes_as_one_run_and_a_run_into_them_has_not
     assert (parts[0] / "range/0000.tiff").samefile(tmp_path / "merged/range/0000.tiff")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lock", ["auto", "frame"])
 def test_shards_corrected_apart_with_the_water_of_all(make_dive, tmp_path, lock: str) -> None:
     dive = make_dive(4)
@@ -73,6 +74,7 @@ def test_shards_corrected_apart_with_the_water_of_all(make_dive, tmp_path, lock:
     assert contents(tmp_path / "merged") == whole(dive, tmp_path, config)
 
 
+@pytest.mark.slow
 def test_parts_that_do_not_belong_together_are_refused(make_dive, tmp_path) -> None:
     dive = make_dive(4)
     one, two = sharded(dive, tmp_path)

@@ -107,6 +107,7 @@ def test_a_doubtful_color_hardly_counts(tmp_path: Path, why: str) -> None:
     assert read_cloud(tmp_path / "cloud.ply")["color"].mean() == pytest.approx(100, abs=4)
 
 
+@pytest.mark.slow
 def test_edges_are_not_darkened_by_voxels_without_a_color(tmp_path: Path) -> None:
     frames = [flat_frame(i, altitude_m=2.0) for i in range(5)]
     for i, frame in enumerate(frames):  # a box half a meter high, 0.6 m wide, seen from all sides: its rim hides what is below

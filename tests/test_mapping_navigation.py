@@ -121,25 +121,21 @@ def test_noise_is_measured_and_averaged_out(placed: Callable[..., Placed], reef:
     assert np.isfinite(found.position_residual_m).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "advice"),
     [
         (w_first, "the quaternion's w first"),
-        *(
-            pytest.param(change, advice, marks=pytest.mark.slow)
-            for change, advice in (
-                (inverse, "world-to-camera poses"),
-                (positions(lambda p: p[:, [1, 0, 2]]), "x and y swapped"),
-                (positions(lambda p: p * [-1, 1, 1]), "x mirrored"),
-                (positions(lambda p: p * [1, -1, 1]), "y mirrored"),
-                (positions(lambda p: p * [1, 1, -1]), "z pointing down"),
-                (positions(lambda p: p @ R_ENU_NED.T), "positions north-east-down"),
-                (north_east_down, "as north-east-down"),
-                (lambda T: T[::-1], "the poses in the opposite order"),
-                (lambda T: w_first(noisy(T)), "the quaternion's w first"),
-                (lambda T: inverse(noisy(T)), "world-to-camera poses"),
-            )
-        ),
+        (inverse, "world-to-camera poses"),
+        (positions(lambda p: p[:, [1, 0, 2]]), "x and y swapped"),
+        (positions(lambda p: p * [-1, 1, 1]), "x mirrored"),
+        (positions(lambda p: p * [1, -1, 1]), "y mirrored"),
+        (positions(lambda p: p * [1, 1, -1]), "z pointing down"),
+        (positions(lambda p: p @ R_ENU_NED.T), "positions north-east-down"),
+        (north_east_down, "as north-east-down"),
+        (lambda T: T[::-1], "the poses in the opposite order"),
+        (lambda T: w_first(noisy(T)), "the quaternion's w first"),
+        (lambda T: inverse(noisy(T)), "world-to-camera poses"),
     ],
 )
 def test_poses_read_wrongly_are_named_and_left_out(
@@ -183,6 +179,7 @@ def test_poses_of_another_dive_are_not_used(placed: Callable[..., Placed], reef:
     assert off_m(found, reef) < 0.005
 
 
+@pytest.mark.slow
 def test_given_poses_are_the_maps_but_measured(placed: Callable[..., Placed], reef: ReefFrames) -> None:
     found = placed(noisy, MappingConfig(poses="given"))
     np.testing.assert_array_equal(found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy()))
@@ -201,6 +198,7 @@ def test_standard_errors_of_the_configuration_are_used(placed: Callable[..., Pla
     assert navigation.attitude_std_deg == pytest.approx(5.0)
 
 
+@pytest.mark.slow
 def test_without_gtsam_poses_are_taken_as_given_and_it_is_said(
     placed: Callable[..., Placed], monkeypatch: pytest.MonkeyPatch, reef: ReefFrames
 ) -> None:

@@ -99,6 +99,7 @@ def test_holes_painted_black_are_no_landmarks(reef: ReefFrames, frames: list[Sur
     assert error.rms_m < 0.03
 
 
+@pytest.mark.slow
 def test_a_long_blank_stretch_breaks_the_map_in_two(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked[:10], reef, ALONE)

@@ -213,6 +213,7 @@ def test_unrelated_images_give_next_to_nothing() -> None:
     assert np.isfinite(found.range_m).mean() < 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("doffs_px", [0.0, 20.0])
 def test_opencv_finds_the_same_bottom(doffs_px: float) -> None:
     view = render((320, 256), relief_m=0.2, seed=3, focal_px=450.0, doffs_px=doffs_px)

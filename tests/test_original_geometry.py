@@ -28,6 +28,7 @@ MARK = (231, 118)
 PLANE_M = 1.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RIGS)
 def test_ranges_of_a_slope_come_back_to_the_pixels_that_saw_it(name: str) -> None:
     """A plane before the rectified camera, and the same plane met by the rays of the raw one."""
@@ -51,6 +52,7 @@ def test_ranges_of_a_slope_come_back_to_the_pixels_that_saw_it(name: str) -> Non
     assert (seen.ravel() == inside)[inside | ~seen.ravel()].all(), "unknown only where the rectified image does not reach"
 
 
+@pytest.mark.slow
 def test_no_range_is_made_up_between_two_surfaces() -> None:
     rig = pinhole_rig()
     view = OriginalView.from_rig(rig)
@@ -112,7 +114,7 @@ def words(folder: Path, out: Path, *more: str) -> list[str]:
     return ["run", *sides, "--out", str(out), *more]
 
 
-@pytest.mark.parametrize("suffix", [".jpg", ".tif", ".png"])
+@pytest.mark.parametrize("suffix", [".jpg", *(pytest.param(suffix, marks=pytest.mark.slow) for suffix in (".tif", ".png"))])
 def test_a_point_keeps_its_pixel(cli: Cli, tmp_path: Path, suffix: str) -> None:
     rig = photograph_plane(tmp_path / "dive", suffix)
     assert cli(*words(tmp_path / "dive", tmp_path / "out", *ORIGINAL))[0] == 0

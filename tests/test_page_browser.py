@@ -209,6 +209,7 @@ def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page])
     expect(page.locator(".frame-name")).to_have_text(NASTY)
 
 
+@pytest.mark.slow
 def test_nothing_is_wider_than_a_phone(browser: Browser, out: Path) -> None:
     context = browser.new_context(viewport={"width": 360, "height": 740})
     page = context.new_page()

@@ -96,6 +96,7 @@ def test_images_follow_the_water_model(scene: Scene, pair: RenderedPair) -> None
     np.testing.assert_allclose(ratio, 1.0, atol=0.01)
 
 
+@pytest.mark.slow
 def test_truth_is_consistent(scene: Scene, pair: RenderedPair) -> None:
     geometry = scene.rectification.pair
     truth = pair.range_map

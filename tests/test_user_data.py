@@ -92,7 +92,13 @@ def test_out_may_be_a_link_itself(dive: Dive, tmp_path: Path) -> None:
 # A folder of the program's, with files of the user's in it
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "annotations/0000.json", "corrected/.DS_Store", "corrected/0000.jpg"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "annotations/0000.json",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("notes.txt", "corrected/.DS_Store", "corrected/0000.jpg")),
+    ],
+)
 def test_files_that_are_in_nobodys_way_stay(dive: Dive, tmp_path: Path, name: str) -> None:
     out = tmp_path / "out"
     go(dive, out)
@@ -332,7 +338,7 @@ def test_ok_means_all_stages(dive: Dive, tmp_path: Path) -> None:
     assert json.loads((out / "run.json").read_text())["totals"]["stopped"]
 
 
-@pytest.mark.parametrize("writes", range(1, 28, 3))
+@pytest.mark.parametrize("writes", [7, *(pytest.param(n, marks=pytest.mark.slow) for n in range(1, 28, 3) if n != 7)])
 def test_a_full_disk_loses_nothing(dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, writes: int) -> None:
     out, left = tmp_path / "out", writes
     go(dive, tmp_path / "whole")
