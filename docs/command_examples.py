@@ -5,6 +5,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "inspect": ("stereo-seecolor inspect left right cam.yaml",),
     "bag-info": ("stereo-seecolor bag-info dive.mcap  # the sample dive has no bag",),
     "sync": ("stereo-seecolor sync left.mp4 right.mp4  # the sample dive has no videos",),
+    "live": ("stereo-seecolor live --left left --right right --calib cam.yaml --pairs 1  # without --pairs until Ctrl-C",),
     "config": (
         "stereo-seecolor config --show",
         "stereo-seecolor config --show --set color.lock=survey  # each value with its origin",

@@ -4,6 +4,7 @@ A pair is read, rectified onto one image plane, and matched to a range map (``me
 range; the water is taken out (``correct``). ``process`` is these steps in memory, for whoever holds two arrays.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -100,11 +101,16 @@ class Pipeline:
         """The range map of a rectified pair."""
         return self.matcher.match(frame)
 
-    def process(self, frame: StereoFrame, water: Water | None = None) -> FrameResult:
-        """A pair as the cameras gave it through all stages; ``water`` is fitted to this one frame if not given."""
+    def process(self, frame: StereoFrame, water: Water | Callable[[Image, RangeMap], Water] | None = None) -> FrameResult:
+        """A pair as the cameras gave it through all stages.
+
+        water: what is taken out, or what finds it for the rectified left image; None fits it to this one frame.
+        """
         clock = Clock()
         rectified, range_map = self._ranged(frame, clock)
         with clock("color"):
+            if callable(water):
+                water = water(rectified.left, range_map)
             water = water or self.corrector.fit_frame(rectified.left, range_map.measured_m)
             ranges = ranges_for_color(rectified.left, range_map, self.config, self.seen)
             correction = correct(self.corrector, self.config, rectified.left, ranges, water)

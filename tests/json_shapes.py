@@ -105,6 +105,13 @@ SHAPES: dict[str, Shape] = {
         "pairs": int,
         "evidence": [{"kind": str, "offset_s": NUMBER, "std_s": NUMBER}],
     },
+    "live": {
+        **END,
+        **dict.fromkeys(("done", "failed", "dropped"), int),
+        "last_error": str,
+        "latency_median_s": UNKNOWN,
+        "latency_p95_s": UNKNOWN,
+    },
     "bag-info": {
         **END,
         "bag": str,

@@ -87,6 +87,12 @@ def test_a_bag(make_dive, parsed, tmp_path) -> None:
 
 
 @pytest.mark.slow
+def test_live(make_dive, parsed) -> None:
+    dive = make_dive(1)
+    words = ("--left", dive.root / "L", "--right", dive.root / "R", "--calib", dive.root / "cam.yaml", "--pairs", "1")
+    assert parsed("live", "live", *words)["done"] == 1
+
+
 def test_two_videos(parsed, tmp_path) -> None:
     assert parsed("sync", "sync", *write_pair(tmp_path, 0.1, seconds=6))["pairs"] > 150
 

@@ -72,13 +72,21 @@ class SlidingFitter(Fitter):
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame; the oldest leaves the window."""
+        water = self.water(table)
+        self._waters[name] = water if table.pixels.any() else None
+
+    def water(self, table: MomentTable) -> Water | None:
+        """Take one more frame into the window, and give the window's water at once: for frames without an end.
+
+        None while no frame had a pixel with a known range.
+        """
         self._total = self._total + table if self._window else table
         self._window.append(table.packed())
         if len(self._window) > self._config.sliding_frames:
             self._total -= MomentTable.unpacked(self._window.popleft())
         if self._total.pixels.any():
             self._last = _fitted(self._total, self._config, self._fit, self._last)
-        self._waters[name] = self._last if table.pixels.any() else None
+        return self._last
 
     def waters(self) -> dict[str, Water]:
         """Each frame's window's; a frame without a known range gets that of the frame before it."""

@@ -1,0 +1,52 @@
+"""The command that corrects pairs as they arrive."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stereo_seecolor.cli.console import lines
+from stereo_seecolor.cli.options import AsJson, Calib, ConfigFile, LogFile, Settings, Verbose
+from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.streams import write_error
+
+LeftFolder = Annotated[Path, typer.Option("--left", metavar="FOLDER", help="Folder that left images arrive in.")]
+RightFolder = Annotated[Path, typer.Option("--right", metavar="FOLDER", help="The same of the right side.")]
+KeptIn = Annotated[
+    Path | None,
+    typer.Option("--out", metavar="FOLDER", help="Keep all products there, in a new or empty folder. Default: none are kept."),
+]
+Port = Annotated[
+    int | None,
+    typer.Option("--port", metavar="N", min=0, max=65535, help="Show the last pair on http://127.0.0.1:N; 0 takes a free port."),
+]
+Pairs = Annotated[int | None, typer.Option("--pairs", metavar="N", min=1, help="End after so many pairs. Default: at Ctrl-C.")]
+
+
+def live(
+    left: LeftFolder,
+    right: RightFolder,
+    calib: Calib,
+    port: Port = None,
+    out: KeptIn = None,
+    pairs: Pairs = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
+    """Correct pairs as they arrive in two folders; the newest pair wins, and the water is that of the last frames."""
+    from stereo_seecolor.commands.live import LiveOptions
+    from stereo_seecolor.commands.live import live as correct_live
+    from stereo_seecolor.config_file import load_config
+
+    report = Report("live", as_json, "none", verbose, log_file)
+    with report.working():
+        options = LiveOptions(out, port, pairs, lambda address: write_error(f"{address}\n"))
+        found = correct_live(left, right, calib, load_config(config, settings or []), options)
+    said = [f"{found.done} pairs corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
+    if found.latency_median_s is not None and found.latency_p95_s is not None:
+        said.append(f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s")
+    said += [f"last failure: {found.last_error}"] if found.last_error else []
+    report.end(dict(vars(found)), lines(said))

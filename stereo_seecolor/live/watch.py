@@ -1,0 +1,85 @@
+"""Two folders that fill: the newest pair of files that nobody has taken yet.
+
+Folders are listed again and again instead of asking the system for changes, which network shares do not report.
+"""
+
+import os
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.inputs.listing import EXTENSIONS
+from stereo_seecolor.inputs.pairing import Pair, pair_files
+
+TAIL = 64
+"""So many of the newest files a side are paired: right ones may arrive some pairs late."""
+
+RELIST_S = 1.0
+"""A folder is listed at least so often: its time of change is too coarse for two files in 4 ms."""
+
+
+@dataclass
+class _Side:
+    """One folder. names: as it was listed last. new: those that came since and are waiting."""
+
+    folder: Path
+    names: set[str] = field(default_factory=set)
+    new: list[Path] = field(default_factory=list)
+    modified_ns: int = -1
+    listed_s: float = 0.0
+
+    def look(self) -> bool:
+        """List the folder if it has changed; False where it cannot be listed now."""
+        try:
+            modified_ns, now_s = self.folder.stat().st_mtime_ns, time.monotonic()
+            if modified_ns != self.modified_ns or now_s - self.listed_s > RELIST_S:
+                names = set(_image_names(self.folder))
+                added = sorted(names - self.names, key=natural_key)
+                self.names, self.modified_ns, self.listed_s = names, modified_ns, now_s
+                self.new = [path for path in self.new if path.name in names] + [self.folder / name for name in added]
+        except OSError:
+            self.modified_ns = -1
+            return False
+        return True
+
+
+class FolderWatch:
+    """The pairs of two folders as they come. dropped: left images passed over for a newer pair. waiting: see ``newest``."""
+
+    def __init__(self, left: Path, right: Path, config: InputConfig) -> None:
+        self.dropped = 0
+        self.waiting = ""
+        self._left, self._right = _Side(left), _Side(right)
+        self._config = config
+
+    def newest(self) -> Pair | None:
+        """The newest pair that was not taken, or None.
+
+        Where a folder is missing or cannot be read, ``waiting`` names it until it is there again.
+        """
+        lost = [str(side.folder) for side in (self._left, self._right) if not side.look()]
+        self.waiting = " and ".join(lost)
+        if lost or not self._left.new or not self._right.new:
+            return None
+        try:
+            return pair_files(self._left.new[-TAIL:], self._right.new[-TAIL:], self._config, "live").pairs[-1]
+        except InputError:
+            return None  # partners have not come yet
+
+    def take(self, pair: Pair) -> None:
+        """This pair is done: it, and all that came before it, is not given again."""
+        passed = self._left.new.index(pair.left)
+        self.dropped += passed
+        self._left.new = self._left.new[passed + 1 :]
+        self._right.new = self._right.new[self._right.new.index(pair.right) + 1 :]
+
+
+def _image_names(folder: Path) -> Iterator[str]:
+    with os.scandir(folder) as entries:
+        for entry in entries:
+            if not entry.name.startswith(".") and os.path.splitext(entry.name)[1].lower() in EXTENSIONS:  # noqa: PTH122
+                yield entry.name

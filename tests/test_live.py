@@ -1,0 +1,230 @@
+"""Live: the newest pair wins, drops are counted, nothing that a pair does ends it, memory is flat."""
+
+import json
+import shutil
+import tracemalloc
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor.color.photometry.survey import SlidingFitter
+from stereo_seecolor.commands.live import LiveOptions, live
+from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.errors import ColorError, InputError, OutputError
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.live import session as live_session
+from stereo_seecolor.live.preview import Preview, served
+from stereo_seecolor.live.processing import LiveProcessor
+from stereo_seecolor.live.session import LiveCounts, LiveSession
+from stereo_seecolor.live.watch import FolderWatch
+from stereo_seecolor.pipeline import Pipeline
+
+
+@pytest.fixture
+def incoming(make_dive, tmp_path):
+    """A dive of four pairs, two empty folders, and a function that lets a pair arrive."""
+    dive = make_dive(4)
+    for side in "LR":
+        (tmp_path / "in" / side).mkdir(parents=True)
+
+    def arrive(number: int, sides: str = "LR") -> None:
+        for side in sides:
+            shutil.copy(dive.root / side / f"{number:04d}.png", tmp_path / "in" / side)
+
+    return dive, tmp_path / "in", arrive
+
+
+def watch(folder: Path) -> FolderWatch:
+    return FolderWatch(folder / "L", folder / "R", InputConfig())
+
+
+def test_the_newest_pair_wins_and_the_others_are_counted(incoming) -> None:
+    _, folder, arrive = incoming
+    source = watch(folder)
+    assert source.newest() is None
+    for number in range(3):
+        arrive(number)
+    pair = source.newest()
+    assert pair is not None
+    assert pair.name == "0002"
+    source.take(pair)
+    assert (source.dropped, source.newest()) == (2, None)
+    arrive(3, "L")
+    assert source.newest() is None
+    arrive(3, "R")
+    source._left.listed_s = source._right.listed_s = -10.0  # as after a second
+    found = source.newest()
+    assert found is not None
+    assert found.name == "0003"
+    source.take(found)
+    assert source.dropped == 2
+
+
+def test_a_folder_that_vanishes_is_waited_for(incoming) -> None:
+    _, folder, arrive = incoming
+    source = watch(folder)
+    arrive(0)
+    first = source.newest()
+    assert first is not None
+    source.take(first)
+    shutil.move(folder / "R", folder / "away")
+    assert source.newest() is None
+    assert source.waiting == str(folder / "R")
+    shutil.move(folder / "away", folder / "R")
+    arrive(1)
+    found = source.newest()
+    assert found is not None
+    assert (found.name, source.waiting) == ("0001", "")
+
+
+def test_live_gives_what_a_sliding_run_gives(incoming, cli, tmp_path) -> None:
+    dive, folder, arrive = incoming
+    processor = LiveProcessor(Pipeline(_rig(dive.root), RunConfig()))
+    source, images = watch(folder), {}
+    for number in range(2):
+        arrive(number)
+        pair = source.newest()
+        assert pair is not None
+        images[pair.name] = processor.process(pair).result.correction.image
+        source.take(pair)
+    sides = ("--left", folder / "L", "--right", folder / "R", "--calib", dive.root / "cam.yaml")
+    assert cli("run", *sides, "--out", tmp_path / "out", "--set", "color.lock=sliding")[0] == 0
+    for name, image in images.items():
+        stored = cv2.imread(str(tmp_path / f"out/corrected/{name}.png"))[..., ::-1]
+        assert np.abs(stored.astype(int) - image).max() <= 1
+
+
+def _rig(root: Path):
+    from calibration.formats import load_rig
+
+    return load_rig(root / "cam.yaml")
+
+
+class Endless:
+    """A source that always has one more pair."""
+
+    dropped = 0
+    waiting = ""
+
+    def __init__(self) -> None:
+        self.number = 0
+
+    def newest(self) -> Pair:
+        return Pair(f"{self.number:06d}", Path("left"), Path("right"))
+
+    def take(self, pair: Pair) -> None:
+        self.number += 1
+
+
+def test_memory_is_flat_over_many_pairs() -> None:
+    def process(pair: Pair):
+        if pair.name.endswith("7"):
+            raise ColorError(f"{pair.name}: no color")
+        return object()
+
+    session = LiveSession(Endless(), process, lambda _: None)
+    session.run(lambda counts: counts.done >= 3000)
+    tracemalloc.start()
+    before = tracemalloc.get_traced_memory()[0]
+    session.run(lambda counts: counts.done >= 20_000)
+    grown = tracemalloc.get_traced_memory()[0] - before
+    tracemalloc.stop()
+    assert grown < 20_000
+    assert session.counts.failed == pytest.approx(20_000 / 9, abs=3)
+    assert session.counts.last_error.endswith("7: no color")
+
+
+def test_a_window_of_colors_is_flat_too(make_dive) -> None:
+    pipeline = Pipeline(_rig(make_dive(1).root), RunConfig())
+    image = np.random.default_rng(0).integers(0, 200, (40, 50, 3), np.uint8)
+    range_m = np.random.default_rng(1).uniform(1, 2, (40, 50)).astype(np.float32)
+    fitter = SlidingFitter(RunConfig().color.model_copy(update={"sliding_frames": 2}), pipeline.corrector.fit)
+    for _ in range(5):
+        assert fitter.water(pipeline.corrector.measure(image, range_m)) is not None
+    assert (len(fitter._window), fitter._waters) == (2, {})
+
+
+def test_a_file_that_is_still_written_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    readable = False
+
+    def process(pair: Pair):
+        if not readable:
+            raise InputError(f"{pair.name}: is truncated")
+        return object()
+
+    session = LiveSession(Endless(), process, lambda _: None)
+    assert not session.step()
+    readable = True
+    assert session.step()
+    assert (session.counts.done, session.counts.failed) == (1, 0)
+    readable = False
+    monkeypatch.setattr(live_session, "SETTLE_S", 0.0)
+    assert session.step()
+    assert (session.counts.failed, session.counts.last_error) == (1, "000001: is truncated")
+
+
+def test_a_full_disk_ends_it_and_ctrl_c_too() -> None:
+    def full(_: object) -> None:
+        raise OutputError("full")
+
+    with pytest.raises(OutputError, match="full"):
+        LiveSession(Endless(), lambda _: object(), full).step()
+
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
+    assert LiveSession(Endless(), lambda _: object(), interrupted).run(lambda _: False).done == 1
+
+
+def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_path) -> None:
+    dive, folder, arrive = incoming
+    for number in range(4):
+        arrive(number)
+    sides = ("--left", folder / "L", "--right", folder / "R", "--calib", dive.root / "cam.yaml")
+    code, printed, said = cli("live", *sides, "--pairs", 1, "--out", tmp_path / "kept", "--port", 0)
+    assert code == 0, said
+    assert said.startswith("http://127.0.0.1:")
+    assert "1 pairs corrected, 0 failed, 3 passed over for newer ones" in printed
+    assert (tmp_path / "kept/corrected/0003.png").is_file()
+    assert (tmp_path / "kept/range/0003.tiff").is_file()
+    code, _, said = cli("live", *sides, "--pairs", 1, "--out", tmp_path / "kept")
+    assert (code, "in a new or an empty folder; nothing was touched" in said) == (1, True)
+
+
+def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
+    dive, folder, arrive = incoming
+    arrive(0)
+    counts = LiveCounts(waiting="somewhere")
+    preview = Preview(counts)
+    pair = watch(folder).newest()
+    assert pair is not None
+    with served(preview, 0) as address:
+        status = json.loads(urllib.request.urlopen(address + "status.json").read())
+        assert (status["name"], status["waiting"]) == ("", "somewhere")
+        preview.update(LiveProcessor(Pipeline(_rig(dive.root), RunConfig())).process(pair))
+        counts.waiting, counts.done = "", 1
+        counts.latencies_s.append(0.25)
+        assert b"<title>stereo-seecolor live" in urllib.request.urlopen(address).read()
+        status = json.loads(urllib.request.urlopen(address + "status.json").read())
+        assert (status["name"], status["facts"]["latency, median"], status["facts"]["done"]) == ("0000", "0.25 s", "1")
+        assert any(name.startswith("water: ") for name in status["facts"])
+        for picture in ("corrected.jpg", "range.jpg"):
+            content = urllib.request.urlopen(f"{address}{picture}?0000").read()
+            assert cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR).shape == (128, 176, 3)
+        for path, host in (("../etc/passwd", "127.0.0.1"), ("status.json", "elsewhere.example")):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                urllib.request.urlopen(urllib.request.Request(address + path, headers={"Host": host}))
+        port = int(address.rsplit(":", 1)[1].strip("/"))
+        with pytest.raises(OutputError, match="choose another --port"), served(preview, port):
+            pass
+
+
+def test_live_ends_after_so_many_pairs_without_a_page(incoming) -> None:
+    dive, folder, arrive = incoming
+    arrive(2)
+    found = live(folder / "L", folder / "R", dive.root / "cam.yaml", options=LiveOptions(pairs=1))
+    assert (found.done, found.failed, found.dropped, found.last_error) == (1, 0, 0, "")
