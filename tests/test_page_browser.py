@@ -8,15 +8,22 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from conftest import Dive
+from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
+from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.measure import measure
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
+from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config_file import load_config
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.report.map_mesh import MeshSizes
 
 pytestmark = pytest.mark.browser
 
@@ -24,6 +31,7 @@ CHROMIUM = (
     os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 )
 NASTY = "<img src=x onerror=document.title='fooled'>"
+FLAT_BGR = np.array([40, 120, 200])
 SOFTWARE = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 """No graphics card, and tests in a container run as root."""
 
@@ -218,3 +226,79 @@ def test_nothing_is_wider_than_a_phone(browser: Browser, out: Path) -> None:
         page.wait_for_timeout(200)
         assert page.evaluate("document.documentElement.scrollWidth") <= 360
     context.close()
+
+
+# The map
+
+
+@pytest.fixture(scope="module")
+def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with a map in tiles: flat, of one color, seen by four frames from above."""
+    out = tmp_path_factory.mktemp("mapped") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(3000, 2000))
+        mapped_run(out)
+    return out
+
+
+@pytest.fixture
+def on_map(browser: Browser, mapped: Path) -> Iterator[Page]:
+    context = browser.new_context(viewport={"width": 1200, "height": 900})
+    page, complaints = context.new_page(), []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("request", lambda request: complaints.append(request.url) if not _is_local(request.url) else None)
+    page.goto(f"{(mapped / 'index.html').as_uri()}#map")
+    page.locator(".map-stage canvas").wait_for()
+    yield page
+    context.close()
+    assert not complaints
+
+
+def mapped_run(out: Path) -> None:
+    write_run(out, [flat_frame(i) for i in range(4)], PAIR)
+    rows = [f"f{i},ok,0,,,{i},,\n" for i in range(4)]
+    (out / "frames.csv").write_text("name,status,kept,left,right,timestamp_s,error,warnings\n" + "".join(rows))
+    write_tum(out.with_name("track.tum"), track(4))
+    fuse(out, out.with_name("track.tum"), RunConfig(mapping=CONFIG))
+    report(out)
+
+
+def middle_color(page: Page) -> np.ndarray:
+    """The mean color of the middle of the map as it is drawn."""
+    image = cv2.imdecode(np.frombuffer(page.locator(".map-stage").screenshot(), np.uint8), cv2.IMREAD_COLOR)
+    height, width = image.shape[:2]
+    return image[height * 2 // 5 : height * 3 // 5, width * 2 // 5 : width * 3 // 5].mean(axis=(0, 1))
+
+
+@pytest.mark.slow
+def test_the_map_is_drawn_in_its_colors_and_a_click_finds_the_frames(on_map: Page) -> None:
+    for _ in range(50):
+        if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
+            break
+        on_map.wait_for_timeout(200)
+    assert abs(middle_color(on_map) - FLAT_BGR).max() < 12
+    box = on_map.locator(".map-stage canvas").bounding_box()
+    assert box
+    on_map.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    found = on_map.locator(".found .card")
+    found.first.wait_for()
+    assert 1 <= found.count() <= 4
+    found.first.click()
+    expect(on_map.locator("#frames .frame-name")).to_be_visible()
+
+
+@pytest.mark.slow
+def test_the_mosaic_is_zoomed_into_and_a_click_finds_the_frames(on_map: Page) -> None:
+    on_map.get_by_role("button", name="Mosaic").click()
+    for _ in range(50):
+        if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
+            break
+        on_map.wait_for_timeout(200)
+    assert abs(middle_color(on_map) - FLAT_BGR).max() < 12
+    on_map.get_by_role("button", name="Closer").click()
+    on_map.get_by_role("button", name="Terrain").click()
+    on_map.wait_for_timeout(300)
+    box = on_map.locator(".map-flat").bounding_box()
+    assert box
+    on_map.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    on_map.locator(".found .card").first.wait_for()

@@ -16,7 +16,7 @@ from stereo_seecolor.report.previews import preview, thumbnail
 from stereo_seecolor.report.range_code import CodedRanges, deflated, std_codes, text
 from stereo_seecolor.report.script import script
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
-from stereo_seecolor.run_folder.layout import page_path
+from stereo_seecolor.run_folder.layout import RIG, page_path
 
 Files = dict[str, tuple[str, Content]]
 """Product -> path relative to OUT, content."""
@@ -27,15 +27,18 @@ OVERLAY_STEP_PX = 2
 
 @dataclass(frozen=True, eq=False)
 class FrameFiles:
-    """Makes the page's files of a run's frames. rectification: None for a run that knows no camera."""
+    """Makes the page's files of a run's frames. rectification: None where the run's rig is not known."""
 
     run: FinishedRun
     rectification: Rectification | None
 
     @classmethod
     def of(cls, run: FinishedRun) -> "FrameFiles":
-        """Raises CalibrationError if the run's rig is damaged."""
-        return cls(run, Rectification.from_rig(run.rig) if run.geometry is not None else None)
+        """Without a rig, frames are shown without what they were before."""
+        try:
+            return cls(run, Rectification.from_rig(run.rig))
+        except (InputError, CalibrationError, OSError):
+            return cls(run, None)
 
     def make(self, frame: FinishedFrame) -> Files:
         """All that the page shows of a frame, without ``page/before`` where the input image is gone.
@@ -67,8 +70,10 @@ class FrameFiles:
     def raw(self, frame: FinishedFrame) -> Image:
         """(H, W, 3), rectified and upright. Raises InputError, CalibrationError."""
         image = read_image(frame.left, self.run.config.input)
-        if self.rectification is None:
+        if self.run.geometry is None:
             return image
+        if self.rectification is None:
+            raise InputError(f"{frame.name}: cannot be rectified: {self.run.root / RIG} is gone or damaged")
         rectified: Image = self.rectification.upright(self.rectification.apply_left(image))
         return rectified
 

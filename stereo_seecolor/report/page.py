@@ -14,6 +14,7 @@ from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
+from stereo_seecolor.report.map_files import write_map_files
 from stereo_seecolor.report.overview import NAMED_FRAMES, changed_settings, citations, dive_facts, methods
 from stereo_seecolor.report.script import script
 from stereo_seecolor.report.telling_frames import telling_frames
@@ -74,6 +75,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
     for name in ASSETS:
         if (STATIC / name).is_file():
             folder.write(f"{PAGE}/{name}", (STATIC / name).read_bytes())
+    write_map_files(folder, facts.map)
     folder.write(f"{PAGE}/dive.js", script("dive", _data(facts, shown, texts)))
     folder.write(INDEX, render(facts, shown, texts), made_from=folder.digest("corrected"))
     return PageSummary(made, len(shown) - made, left_out)

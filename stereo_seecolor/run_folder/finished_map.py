@@ -27,7 +27,8 @@ class FinishedMap:
     """The main component of a map, in ``folder``.
 
     track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that was seen, None where there is no
-    terrain model. cell_m: edges of voxels and cells by name. pieces: number of further components.
+    terrain model. cell_m: edges of voxels and cells by name. offset_m: (3,), what to add to the map's own
+    coordinates to get those of its world. pieces: number of further components.
     """
 
     folder: Path
@@ -35,6 +36,7 @@ class FinishedMap:
     site: dict[str, float]
     area_m2: float | None
     cell_m: dict[str, float]
+    offset_m: list[float]
     pieces: int
 
 
@@ -55,6 +57,7 @@ def open_map(out: Path) -> FinishedMap | None:
             site=site,
             area_m2=sum(seen) * cell_m["metrics_m"] ** 2 if seen else None,
             cell_m=cell_m,
+            offset_m=[float(value) for value in description["offset_m"]],
             pieces=len(list(folder.glob("piece_*"))),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -230,13 +230,27 @@ class RunFolder:
         self._move_into_place(temporaries, files)
         self.files_written.add(name)
 
+    def write_all(self, name: str, contents: Iterable[tuple[str, bytes]], made_from: str) -> None:
+        """Write all files of a folder of OUT: path in it, content. Raises OutputError.
+
+        made_from: hash of what they were made from. The manifest is written once, before the first file is in its place.
+        """
+        temporaries: dict[str, Path] = {}
+        for path, content in contents:
+            temporaries |= self._write_temporaries([(f"{name}/{path}", content)])
+        files = {path: (Stamp.of(temporary), *self._dive.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
+        made = {**self._dive.made_from, name: made_from}
+        self.update(replace(self._dive, files={**self._dive.files, **files}, made_from=made))
+        self._move_into_place(temporaries, files)
+
     def _has(self, name: str, content: bytes) -> bool:
         return _is_ours(self.root, name, self._dive.files) and (self.root / name).read_bytes() == content
 
     def remove(self, *names: str) -> None:
         """Delete files of the whole dive, or all files of a folder such as map, that the program wrote."""
-        gone = [path for path in self._dive.files if path in names or path.split("/")[0] in names]
-        lost = [name for name in names if name != INDEX]  # the page is written again when the command ends
+        folders = tuple(f"{name}/" for name in names)
+        gone = [path for path in self._dive.files if path in names or path.startswith(folders)]
+        lost = [name for name in names if name != INDEX and not name.startswith(f"{PAGE}/")]  # the page is written again
         self.removed += [f"{self.root / name}: was made from other frames or settings, and was removed" for name in lost]
         self._delete(gone, self._dive.files)
         files = {path: stamps for path, stamps in self._dive.files.items() if path not in gone}

@@ -1,9 +1,10 @@
 // START HERE: the page's program. page/dive.js hands over the dive; the hash of the address says what is looked at.
 
-import { texter, type Dive } from "./dive";
+import { texter, type Dive, type Text } from "./dive";
 import { Frames } from "./frames";
 import { drawPlots } from "./plots";
-import { receive } from "./ranges";
+import { ranges, receive } from "./ranges";
+import { script, seecolor } from "./scripts";
 import { accessible } from "./slider";
 
 function start(dive: Dive): void {
@@ -13,12 +14,17 @@ function start(dive: Dive): void {
   const look = (name: string) => (location.hash = `#frames/${encodeURIComponent(name)}`);
   let frames: Frames | undefined;
   let plotted = false;
+  let mapped = false;
 
   const open: Record<string, (rest: string) => void> = {
     frames: (rest) => {
       frames ??= new Frames(section("frames"), dive, text, look);
       frames.show(rest);
       frames.preload();
+    },
+    map: () => {
+      if (!mapped) void loadMap(dive, text, look);
+      mapped = true;
     },
     plots: () => {
       if (!plotted) drawPlots(section("plots"), dive, text, look);
@@ -44,6 +50,14 @@ function start(dive: Dive): void {
   route();
 }
 
+/** The map's own program, which is large, and its data are loaded when the map is looked at. */
+async function loadMap(dive: Dive, text: Text, look: (name: string) => void): Promise<void> {
+  const section = document.getElementById("map") as HTMLElement;
+  await script("page/map.js");
+  await script("page/map/map.js");
+  seecolor.showMap?.(section, dive, text, look);
+}
+
 function unescaped(text: string): string {
   try {
     return decodeURIComponent(text);
@@ -63,4 +77,4 @@ async function copy(copier: HTMLButtonElement, done: string): Promise<void> {
   }
 }
 
-(window as unknown as { seecolor: unknown }).seecolor = { dive: start, ranges: receive };
+Object.assign(seecolor, { dive: start, ranges: receive, rangesOf: ranges });

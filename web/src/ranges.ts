@@ -1,6 +1,7 @@
 // A frame's ranges: loaded as a script, inflated, and turned into meters (stereo_seecolor/report/range_code.py).
 
 import { address } from "./dive";
+import { script } from "./scripts";
 
 const STD_FLOOR_M = 1e-5;
 const STD_STEPS_PER_OCTAVE = 12;
@@ -51,16 +52,8 @@ export function ranges(name: string): Promise<Ranges> {
 
 function load(name: string): Promise<Packed> {
   return new Promise((resolve, reject) => {
-    const script = document.createElement("script");
     waiting.set(name, resolve);
-    script.src = address("ranges", name, ".js");
-    script.onload = () => script.remove();
-    script.onerror = () => {
-      waiting.delete(name);
-      script.remove();
-      reject(new Error(`${script.src} cannot be read`));
-    };
-    document.head.append(script);
+    script(address("ranges", name, ".js")).catch(reject);
   });
 }
 

@@ -1,0 +1,115 @@
+"""The map's mesh as the page draws it: coarse as a whole, fine in tiles; packed into scripts."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.report.range_code import deflated, text
+
+WHOLE = "whole"
+"""Name of the piece that shows all of the map."""
+
+
+@dataclass(frozen=True)
+class MeshSizes:
+    """How much a browser is given at once."""
+
+    whole_triangles: int = 250_000  # about 2 MB, drawn at once by any computer
+    tile_triangles: int = 150_000  # loaded in a tenth of a second
+    steps_per_voxel: int = 16  # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
+
+
+SIZES = MeshSizes()
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A part of a mesh. points_m: (N, 3) float32. colors: (N, 3) uint8 sRGB. triangles: (T, 3)."""
+
+    points_m: NDArray[np.float32]
+    colors: NDArray[np.uint8]
+    triangles: NDArray[np.int64]
+
+    def of(self, chosen: NDArray[np.bool_]) -> "Piece":
+        """The triangles that are chosen, with their vertices."""
+        used, triangles = np.unique(self.triangles[chosen], return_inverse=True)
+        return Piece(self.points_m[used], self.colors[used], triangles.reshape(-1, 3))
+
+    def clustered(self, cell_m: float) -> "Piece":
+        """Coarser: the vertices in each cube of that edge become one, at their mean (Rossignac and Borrel 1993)."""
+        cells = np.floor((self.points_m - self.points_m.min(axis=0)) / cell_m).astype(np.int64)
+        span = cells.max(axis=0) + 1
+        keys = (cells[:, 2] * span[1] + cells[:, 1]) * span[0] + cells[:, 0]
+        _, member, count = np.unique(keys, return_inverse=True, return_counts=True)
+        values = np.concatenate([self.points_m, self.colors], axis=1).astype(np.float64)
+        means = np.stack([np.bincount(member, column) / count for column in values.T], axis=1)
+        triangles = member[self.triangles]
+        a, b, c = triangles.T
+        triangles = triangles[(a != b) & (b != c) & (c != a)]
+        return Piece(means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8), triangles)
+
+    def in_strips(self, strip_m: float) -> "Piece":
+        """The same, triangles in the order of strips across the map, and vertices in the order in which triangles use them."""
+        centers = self.points_m[self.triangles, :2].mean(axis=1)
+        strips = np.floor(centers[:, 1] / strip_m).astype(np.int64)
+        triangles = self.triangles[np.lexsort((centers[:, 0], strips))]
+        used, first, inverse = np.unique(triangles.ravel(), return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order))
+        return Piece(self.points_m[used[order]], self.colors[used[order]], place[inverse].reshape(-1, 3))
+
+    def packed(self, step_m: float) -> dict[str, Any]:
+        """As the page takes it: positions in whole steps, as differences from vertex to vertex; how far back each index lies."""
+        low = self.points_m.min(axis=0).astype(np.float64)
+        positions = np.rint((self.points_m - low) / step_m).astype(np.int64)
+        indices = self.triangles.ravel()
+        newest = np.maximum.accumulate(np.concatenate([[-1], indices[:-1]]))
+        return {
+            "vertices": len(self.points_m),
+            "triangles": len(self.triangles),
+            "low_m": [round(float(value), 5) for value in low],
+            "step_m": step_m,
+            "positions": text(deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3))),
+            "colors": text(deflated(np.diff(self.colors.T.astype(np.uint8), axis=1, prepend=np.uint8(0)))),
+            "indices": text(deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3))),
+        }
+
+
+def _planes(differences: NDArray[np.int64], count: int) -> NDArray[np.uint8]:
+    """(count, N) bytes of numbers of either sign, the lowest first."""
+    return _bytes(((differences << 1) ^ (differences >> 63)).astype(np.uint64), count)
+
+
+def _bytes(numbers: NDArray[np.uint64], count: int) -> NDArray[np.uint8]:
+    return np.stack([(numbers >> np.uint64(8 * i)) & np.uint64(255) for i in range(count)]).astype(np.uint8)
+
+
+def read_mesh(path: Path) -> Piece:
+    """A map's mesh.ply."""
+    vertices, faces = read_vertices(path), read_triangles(path)
+    return Piece(vertices["position"].astype(np.float32), vertices["color"].copy(), faces["indices"].astype(np.int64))
+
+
+def pieces(mesh: Piece, voxel_m: float) -> Iterator[tuple[str, Piece]]:
+    """(name, piece): the whole map, coarse enough to be shown at once; and where that is coarser than the map, its tiles."""
+    count = len(mesh.triangles)
+    if count <= SIZES.whole_triangles:
+        yield WHOLE, mesh
+        return
+    cell_m, coarse = voxel_m, mesh
+    while len(coarse.triangles) > SIZES.whole_triangles:
+        cell_m *= max(1.25, float(np.sqrt(len(coarse.triangles) / SIZES.whole_triangles)))
+        coarse = mesh.clustered(cell_m)
+    yield WHOLE, coarse
+    centers = mesh.points_m[mesh.triangles, :2].mean(axis=1)
+    low, high = centers.min(axis=0), centers.max(axis=0)
+    edge_m = float(np.sqrt(np.prod(high - low) / np.ceil(count / SIZES.tile_triangles)))
+    columns = np.floor((centers - low) / edge_m).astype(np.int64)
+    for column, row in np.unique(columns, axis=0):
+        yield f"tile_{column}_{row}", mesh.of((columns == (column, row)).all(axis=1))

@@ -1,0 +1,130 @@
+"""The map as the page holds it: what is packed comes out again, tiles make up the whole, and it is made once."""
+
+import base64
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.report import report
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.report.map_images import levels, pyramid
+from stereo_seecolor.report.map_mesh import MeshSizes, Piece, pieces
+
+
+def hills(count: int = 60, seed: int = 0) -> Piece:
+    """A grid of triangles over hills, 1 cm apart, in no order."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:count, :count] * 0.01
+    points = np.stack([x + 5, y - 3, 0.1 * np.sin(9 * x) * np.cos(7 * y)], axis=-1).reshape(-1, 3).astype(np.float32)
+    corner = (np.arange(count - 1)[:, None] * count + np.arange(count - 1)).ravel()
+    triangles = np.concatenate([corner[:, None] + [0, 1, count], corner[:, None] + [1, count + 1, count]])
+    order = rng.permutation(len(points))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    colors = rng.integers(0, 256, (len(points), 3)).astype(np.uint8)
+    return Piece(points[order], colors[order], rng.permutation(place[triangles]))
+
+
+def unpacked(packed: dict[str, Any]) -> Piece:
+    """What the page's program makes of a packed piece."""
+
+    def read(name: str, planes: int) -> np.ndarray:
+        content = np.frombuffer(zlib.decompress(base64.b64decode(packed[name])), np.uint8).reshape(planes, -1).astype(np.int64)
+        return sum(plane << (8 * i) for i, plane in enumerate(content))
+
+    folded = read("positions", 3)
+    steps = ((folded >> 1) ^ -(folded & 1)).reshape(3, -1).cumsum(axis=1).T
+    colors = read("colors", 1).reshape(3, -1).cumsum(axis=1).T.astype(np.uint8)
+    indices, newest = [], 0
+    for back in read("indices", 3):
+        indices.append(newest - back)
+        newest += back == 0
+    points = np.array(packed["low_m"]) + steps * packed["step_m"]
+    return Piece(points.astype(np.float32), colors, np.array(indices).reshape(-1, 3))
+
+
+def as_set(piece: Piece, step_m: float) -> set[tuple[int, ...]]:
+    """Triangles as the places and colors of their corners, in no order."""
+    corners = np.concatenate([np.rint(piece.points_m / step_m), piece.colors], axis=1).astype(int)[piece.triangles]
+    return {tuple(int(v) for v in triangle.ravel()) for triangle in corners}
+
+
+def test_what_is_packed_comes_out_again() -> None:
+    mesh, step_m = hills(), 0.0005
+    found = unpacked(mesh.in_strips(0.04).packed(step_m))
+    assert len(found.points_m) == len(mesh.points_m)
+    order, found_order = np.lexsort(mesh.points_m[:, :2].round(2).T), np.lexsort(found.points_m[:, :2].round(2).T)
+    np.testing.assert_allclose(found.points_m[found_order], mesh.points_m[order], atol=step_m / 2 + 1e-5)
+    assert (found.colors[found_order] == mesh.colors[order]).all()
+    assert sorted(map(tuple, mesh.colors[mesh.triangles].reshape(-1, 9))) == sorted(
+        map(tuple, found.colors[found.triangles].reshape(-1, 9))
+    )
+
+
+def test_tiles_are_the_whole_mesh_and_the_first_piece_is_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(1000, 800))
+    mesh = hills()
+    (_, whole), *tiles = pieces(mesh, 0.01)
+    assert len(whole.triangles) <= 1000
+    assert len(tiles) > 4
+    assert sum(len(tile.triangles) for _, tile in tiles) == len(mesh.triangles)
+    assert set.union(*(as_set(tile, 1e-4) for _, tile in tiles)) == as_set(mesh, 1e-4)
+
+
+def test_a_coarse_mesh_lies_on_the_fine_one() -> None:
+    coarse = hills().clustered(0.03)
+    assert len(coarse.points_m) < 600
+    x, y = coarse.points_m[:, 0] - 5, coarse.points_m[:, 1] + 3
+    assert abs(coarse.points_m[:, 2] - 0.1 * np.sin(9 * x) * np.cos(7 * y)).max() < 0.01
+
+
+def test_a_pyramid_is_the_image_at_every_level() -> None:
+    image = np.dstack([np.tile(np.arange(1100) // 5, (700, 1)).astype(np.uint8)] * 3 + [np.full((700, 1100), 255, np.uint8)])
+
+    def read(box: tuple[int, int, int, int], size: tuple[int, int]) -> np.ndarray:
+        left, top, width, height = box
+        return cv2.resize(image[top : top + height, left : left + width], size, interpolation=cv2.INTER_AREA)
+
+    contents = dict(pyramid(1100, 700, read))
+    tiles = {name: cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) for name, content in contents.items()}
+    finest = levels(1100, 700) - 1
+    assert (finest, tiles["8/0_0.webp"].shape[:2]) == (11, (88, 138))
+    assert {name for name in tiles if name.startswith("11/")} == {f"11/{x}_{y}.webp" for x in range(3) for y in range(2)}
+    assert tiles["11/2_1.webp"].shape[:2] == (700 - 512, 1100 - 1024)
+    assert abs(int(tiles["11/1_0.webp"][100, 100, 0]) - image[100, 612, 0]) < 6
+
+
+@pytest.fixture
+def fused(tmp_path: Path) -> Callable[..., Path]:
+    def make(frames: int = 3) -> Path:
+        out = tmp_path / "out"
+        write_run(out, [flat_frame(i) for i in range(frames)], PAIR)
+        write_tum(tmp_path / "track.tum", track(frames))
+        fuse(out, tmp_path / "track.tum", RunConfig(mapping=CONFIG))
+        return out
+
+    return make
+
+
+@pytest.mark.slow
+def test_a_map_is_packed_once_and_again_after_another_fusion(fused: Callable[..., Path], tmp_path: Path) -> None:
+    out = fused()
+    report(out)
+    page = (out / "index.html").read_text("utf-8")
+    assert "3 frames along 0.6 m of track were fused" in page
+    first = {path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()}
+    assert {path.name for path in (out / "page/map").iterdir()} == {"map.js", "whole.js", "mosaic", "terrain.webp"}
+    report(out)
+    assert first == {path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()}
+    fuse(out, tmp_path / "track.tum", RunConfig(mapping=CONFIG.model_copy(update={"mosaic_m": 0.04})))
+    report(out)
+    again = {path for path in (out / "page/map").rglob("*") if path.is_file()}
+    assert again < set(first)  # a coarser mosaic has fewer levels, and the rest is gone

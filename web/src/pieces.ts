@@ -1,0 +1,84 @@
+// Pieces of the map's mesh: loaded as scripts, inflated, and made into geometry (stereo_seecolor/report/map_mesh.py).
+
+import { BufferAttribute, BufferGeometry } from "three";
+import { inflated } from "./ranges";
+import { script, seecolor } from "./scripts";
+
+interface Packed {
+  vertices: number;
+  triangles: number;
+  low_m: number[];
+  step_m: number;
+  positions: string;
+  colors: string;
+  indices: string;
+}
+
+const received = new Map<string, Packed>();
+seecolor.mesh = (name: string, packed: Packed) => received.set(name, packed);
+
+/** A piece as geometry; positions in the map's own coordinates. */
+export async function piece(name: string): Promise<BufferGeometry> {
+  await script(`page/map/${encodeURIComponent(name)}.js`);
+  const packed = received.get(name);
+  if (!packed) throw new Error(`${name} is no piece of the map`);
+  received.delete(name);
+  const [positions, colors, indices] = await Promise.all([packed.positions, packed.colors, packed.indices].map(inflated));
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(placed(positions, packed), 3));
+  geometry.setAttribute("color", new BufferAttribute(linear(colors, packed.vertices), 3, true));
+  geometry.setIndex(new BufferAttribute(counted(indices, 3 * packed.triangles), 1));
+  geometry.computeBoundingSphere();
+  return geometry;
+}
+
+/** Numbers of either sign from their bytes, the lowest first, as running sums over rows of a length. */
+function sums(bytes: Uint8Array, planes: number, rows: number): Int32Array {
+  const count = bytes.length / planes;
+  const values = new Int32Array(count);
+  for (let i = 0; i < count; i++) {
+    let folded = 0;
+    for (let plane = 0; plane < planes; plane++) folded |= bytes[plane * count + i] << (8 * plane);
+    const difference = (folded >>> 1) ^ -(folded & 1);
+    values[i] = i % rows ? values[i - 1] + difference : difference;
+  }
+  return values;
+}
+
+function placed(bytes: Uint8Array, { vertices, low_m, step_m }: Packed): Float32Array {
+  const steps = sums(bytes, 3, vertices);
+  const positions = new Float32Array(3 * vertices);
+  for (let axis = 0; axis < 3; axis++) {
+    for (let i = 0; i < vertices; i++) positions[3 * i + axis] = low_m[axis] + steps[axis * vertices + i] * step_m;
+  }
+  return positions;
+}
+
+/** Each index is given as how far it lies before the next new vertex; 0 is that vertex itself. */
+function counted(bytes: Uint8Array, count: number): Uint32Array {
+  const indices = new Uint32Array(count);
+  let next = 0;
+  for (let i = 0; i < count; i++) {
+    const back = bytes[i] | (bytes[count + i] << 8) | (bytes[2 * count + i] << 16);
+    indices[i] = next - back;
+    if (!back) next++;
+  }
+  return indices;
+}
+
+/** Colors in linear light, as graphics cards mix them, of 16 bits. */
+function linear(bytes: Uint8Array, vertices: number): Uint16Array {
+  const light = Uint16Array.from({ length: 256 }, (_, value) => {
+    const encoded = value / 255;
+    return Math.round(65535 * (encoded <= 0.04045 ? encoded / 12.92 : ((encoded + 0.055) / 1.055) ** 2.4));
+  });
+  const colors = new Uint16Array(3 * vertices);
+  for (let channel = 0; channel < 3; channel++) {
+    let value = 0;
+    for (let i = 0; i < vertices; i++) {
+      value = (value + bytes[channel * vertices + i]) & 255;
+      colors[3 * i + channel] = light[value];
+    }
+  }
+  return colors;
+}

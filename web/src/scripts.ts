@@ -1,0 +1,26 @@
+// What scripts of this page hand to each other: browsers let pages opened from files load scripts, and nothing else.
+
+import type { Dive, Text } from "./dive";
+import type { Ranges } from "./ranges";
+
+interface Shared {
+  rangesOf?: (name: string) => Promise<Ranges>;
+  showMap?: (section: HTMLElement, dive: Dive, text: Text, look: (name: string) => void) => void;
+  [receiver: string]: unknown;
+}
+
+const shared = window as unknown as { seecolor?: Shared };
+
+/** The page's one name in the browser. */
+export const seecolor: Shared = (shared.seecolor ??= {});
+
+/** Run a script of this folder; fails where it cannot be read. */
+export function script(source: string): Promise<void> {
+  return new Promise((resolve, reject) => {
+    const made = document.createElement("script");
+    made.src = source;
+    made.onload = () => (made.remove(), resolve());
+    made.onerror = () => (made.remove(), reject(new Error(`${source} cannot be read`)));
+    document.head.append(made);
+  });
+}
