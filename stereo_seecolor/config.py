@@ -65,7 +65,7 @@ class MatchingConfig(_Stage):
     min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, meters; sets the largest disparity searched.")
     max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, meters; more than the nearest.")
     min_confidence: float = Field(
-        default=0.75,
+        default=0.8,
         ge=0,
         le=1,
         description="Pixels whose disparity is right to within one pixel with a lower probability than this are left unknown.",

@@ -51,20 +51,23 @@ def step(before: dict[int, int], costs: dict[int, int], p1: int, p2: int) -> dic
 
 def search(
     left: NDArray[np.uint16], right: NDArray[np.uint16], lowest: NDArray[np.int32], count: NDArray[np.int32], settings: Settings
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """(disparity, uniqueness) of two gray images over each tile's disparities lowest..lowest + count - 1."""
-    disparity, uniqueness = np.empty((2, *left.shape), np.float32)
+) -> NDArray[np.float32]:
+    """(3, H, W) disparity where the checks pass, best disparity, and uniqueness, of two gray images.
+
+    Each tile's disparities are lowest..lowest + count - 1.
+    """
+    found = np.empty((3, *left.shape), np.float32)
     bits = census(left), census(right)
     for first in range(0, len(left), settings.strip):
         end = min(first + settings.strip, len(left))
         rows = slice(first, end)
         tiles = slice(first // TILE, -(-end // TILE))
-        disparity[rows], uniqueness[rows], on_edge = _strip(left, bits, (lowest, count), (first, end), settings)
+        found[:, rows], on_edge = _strip(left, bits, (lowest, count), (first, end), settings)
         narrow = on_edge > settings.band_edge_pixels * TILE**2
         if narrow[tiles].mean() > settings.band_edge_tiles:
             wider = lowest - settings.widening * narrow, count + 2 * settings.widening * narrow
-            disparity[rows], uniqueness[rows], _ = _strip(left, bits, wider, (first, end), settings)
-    return disparity, uniqueness
+            found[:, rows], _ = _strip(left, bits, wider, (first, end), settings)
+    return found
 
 
 def _strip(left, bits, band, rows, settings):
@@ -86,10 +89,10 @@ def _strip(left, bits, band, rows, settings):
                     sums[y, x] = {d: total + paths[y, x][d] for d, total in sums[y, x].items()}
     found = [_row({x: sums[y, x] for x in range(width)}, width, settings) for y in range(first, end)]
     on_edge = np.zeros(band[0].shape, int)
-    for y, (_, _, edges) in zip(range(first, end), found, strict=True):
+    for y, (_, edges) in zip(range(first, end), found, strict=True):
         for x in edges:
             on_edge[y // TILE, x // TILE] += 1
-    return np.stack([row[0] for row in found]), np.stack([row[1] for row in found]), on_edge
+    return np.stack([row for row, _ in found], axis=1), on_edge
 
 
 def _costs(bits, band, y, x):
@@ -101,12 +104,12 @@ def _costs(bits, band, y, x):
 
 
 def _row(sums, width, settings):
-    """A row's disparities and uniqueness, and its pixels whose best disparity ends its band."""
+    """A row's disparities, checked and all, and uniqueness; and its pixels whose best disparity ends its band."""
     claims: dict[int, tuple[int, int]] = {}
     for x, of_pixel in sums.items():
         for d, total in of_pixel.items():
             claims[x - d] = min(claims.get(x - d, (total, d)), (total, d))
-    disparity, uniqueness = np.full((2, width), np.nan, np.float32)
+    disparity, best_found, uniqueness = row = np.full((3, width), np.nan, np.float32)
     edges = []
     for x, of_pixel in sums.items():
         least, best = min((total, d) for d, total in of_pixel.items())
@@ -119,6 +122,8 @@ def _row(sums, width, settings):
         below, above = of_pixel[best - 1], of_pixel[best + 1]
         found = np.float32(best) + np.float32(0.5) * np.float32(below - above) / np.float32(max(max(below, above) - least, 1))
         mutual = abs(found - np.float32(claims[x - best][1])) <= 1
-        if mutual and 0 <= x - best < width and uniqueness[x] >= np.float32(settings.ambiguous):
-            disparity[x] = found
-    return disparity, uniqueness, edges
+        if 0 <= x - best < width:
+            best_found[x] = found
+            if mutual and uniqueness[x] >= np.float32(settings.ambiguous):
+                disparity[x] = found
+    return row, edges

@@ -27,7 +27,7 @@ def pair(seed: int, height: int, width: int, shift: int, noise: float) -> tuple[
     return tuple(np.clip(image + rng.normal(0, noise, image.shape), 0, 65535).astype(np.uint16) for image in (left, right))
 
 
-def reference(left: np.ndarray, right: np.ndarray, band: Band) -> tuple[np.ndarray, np.ndarray]:
+def reference(left: np.ndarray, right: np.ndarray, band: Band) -> np.ndarray:
     constants = sgm.CONSTANTS
     settings = sgm_reference.Settings(
         PENALTIES.p1, PENALTIES.p2, PENALTIES.p2_least, PENALTIES.edge_levels, constants.ambiguous, constants.strip,
@@ -38,8 +38,9 @@ def reference(left: np.ndarray, right: np.ndarray, band: Band) -> tuple[np.ndarr
 
 def assert_equal_to_reference(left: np.ndarray, right: np.ndarray, band: Band) -> np.ndarray:
     found = sgm.search(left, right, band)
-    disparity, uniqueness = reference(left, right, band)
+    disparity, best, uniqueness = reference(left, right, band)
     np.testing.assert_array_equal(found.disparity, disparity)
+    np.testing.assert_array_equal(found.best, best)
     np.testing.assert_array_equal(found.uniqueness, uniqueness)
     return disparity
 

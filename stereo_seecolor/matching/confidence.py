@@ -6,47 +6,78 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.matching.context import Context, enlarged
 from stereo_seecolor.records import Map
 
 
 @dataclass(frozen=True)
 class ConfidenceWeights:
-    """Logistic regression: log odds = uniqueness * sqrt(min(u, 1)) + support * s + relief * log(r + least_relief_px) + offset.
+    """Logistic regression: log odds = uniqueness * sqrt(min(u, 1)) + support * s + relief * log(r + least_relief_px)
+    + known * k + roughness * log(q + least_relief_px) + fattening * g + offset.
 
-    Fitted to drawn reefs and scenes of cards in clear to turbid water; docs/matching.md shows it on others and on real images.
+    Fitted to half of a real reef dive, whose views check each other, and to drawn reefs and cards in clear to turbid water;
+    docs/matching.md shows it on others.
     """
 
-    uniqueness: float = 1.77
-    support: float = 6.94
-    relief: float = -0.513
-    offset: float = -6.33
+    uniqueness: float = 3.16
+    support: float = 0.93
+    relief: float = -0.401
+    known: float = 1.5
+    roughness: float = -0.795
+    fattening: float = -2.09
+    offset: float = -2.36
     least_relief_px: float = 0.05
 
 
 WEIGHTS = ConfidenceWeights()
 _LOG_2 = float(np.log(2))
 _UNIQUENESS, _SUPPORT, _RELIEF = WEIGHTS.uniqueness / _LOG_2, WEIGHTS.support / _LOG_2, WEIGHTS.relief
-_OFFSET, _LEAST_RELIEF = WEIGHTS.offset / _LOG_2, WEIGHTS.least_relief_px
+_FATTENING, _LEAST_RELIEF = WEIGHTS.fattening / _LOG_2, WEIGHTS.least_relief_px
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is known of each pixel of some rows, (rows, W).
+
+    uniqueness: as the search gave it. support, relief: of refine_rows. surroundings: log odds, base 2, of surroundings().
+    fattening: 0..1.
+    """
+
+    uniqueness: Map
+    support: Map
+    relief: Map
+    surroundings: Map
+    fattening: Map
+
+
+def surroundings(context: Context, shape: tuple[int, ...]) -> Map:
+    """(H, W) what the surroundings add to the log odds, base 2, of each pixel of an image of that shape."""
+    rough = np.log(context.roughness + np.float32(WEIGHTS.least_relief_px))
+    odds = (WEIGHTS.known * context.known + WEIGHTS.roughness * rough + WEIGHTS.offset) / _LOG_2
+    return enlarged(odds.astype(np.float32), shape)
+
+
+def judge_rows(least: float, evidence: Evidence, disparity: Map, confidence: Map) -> None:
+    """Fill the confidence that |disparity error| <= 1 px; make disparities NaN where it is under ``least``."""
+    own = evidence.uniqueness, evidence.support, evidence.relief
+    _judge(np.float32(least), own, evidence.surroundings, evidence.fattening, (disparity, confidence))
 
 
 @compiled
-def judge_rows(least: float, uniqueness: Map, support: Map, relief: Map, disparity: Map, confidence: Map) -> None:
-    """Fill the confidence that |disparity error| <= 1 px, of pixels known or not; make disparities NaN where it is under ``least``.
-
-    uniqueness: as the search gave it. support: fraction of known neighbors. relief: pixels (refine_rows).
-    """
-    one, unknown, least_relief, bound = np.float32(1), np.float32(np.nan), np.float32(_LEAST_RELIEF), np.float32(least)
+def _judge(least: Any, own: tuple[Map, Map, Map], surroundings: Any, fattening: Map, judged: tuple[Map, Map]) -> None:
+    one, unknown, least_relief = np.float32(1), np.float32(np.nan), np.float32(_LEAST_RELIEF)
     per_uniqueness, per_support = np.float32(_UNIQUENESS), np.float32(_SUPPORT)
-    per_relief, offset = np.float32(_RELIEF), np.float32(_OFFSET)
-    for y in range(confidence.shape[0]):
-        unique_row, support_row, relief_row = uniqueness[y], support[y], relief[y]
-        disparity_row, confidence_row = disparity[y], confidence[y]
+    per_relief, per_fattening = np.float32(_RELIEF), np.float32(_FATTENING)
+    for y in range(judged[0].shape[0]):
+        unique_row, support_row, relief_row = own[0][y], own[1][y], own[2][y]
+        disparity_row, confidence_row = judged[0][y], judged[1][y]
+        around_row, fat_row = surroundings[y], fattening[y]
         for x in range(confidence_row.size):
-            odds = per_uniqueness * np.sqrt(min(unique_row[x], one)) + per_support * support_row[x] + offset
-            odds += per_relief * _log2(relief_row[x] + least_relief)
+            odds = per_uniqueness * np.sqrt(min(unique_row[x], one)) + per_support * support_row[x] + around_row[x]
+            odds += per_relief * _log2(relief_row[x] + least_relief) + per_fattening * fat_row[x]
             chance = one / (one + _exp2(-odds))
             confidence_row[x] = chance
-            disparity_row[x] = disparity_row[x] if chance >= bound else unknown
+            disparity_row[x] = disparity_row[x] if chance >= least else unknown
 
 
 @compiled(inline=True)

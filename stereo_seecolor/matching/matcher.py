@@ -8,8 +8,10 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import diagnostics
-from stereo_seecolor.matching.confidence import judge_rows
-from stereo_seecolor.matching.disparity import Engine, MatchedDisparity
+from stereo_seecolor.matching.confidence import Evidence, judge_rows, surroundings
+from stereo_seecolor.matching.context import Context
+from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity
+from stereo_seecolor.matching.fattening import fattening
 from stereo_seecolor.matching.fill import fill
 from stereo_seecolor.matching.gray import GrayPair
 from stereo_seecolor.matching.onnx_engine import Network
@@ -19,8 +21,6 @@ from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
 from stereo_seecolor.matching.speckles import LARGE_IMAGE_PX, remove_speckles
 from stereo_seecolor.matching.triangulation import RangeMaps
 from stereo_seecolor.records import Mask, RangeMap, StereoFrame
-
-UNKNOWN = np.float32(np.nan)
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class Matcher:
         repeated = repeating.result()
         if repeated.any():
             height, width = found.disparity.shape
-            found.disparity[repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width]] = UNKNOWN
+            found.forget(repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width])
         range_map = self._range_map(found, pair)
         return replace(range_map, warnings=self._warnings(pair, range_map, repeated, vertical_px))
 
@@ -92,20 +92,24 @@ class Matcher:
 
     def _range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
         """Check, refine, judge, and turn into meters, in strips on all cores."""
-        checked = found.disparity
-        remove_speckles(checked, CONSTANTS.speckle_px)
-        self._forget_unseen(checked)
-        maps = RangeMaps.empty(checked.shape)
+        remove_speckles(found.disparity, CONSTANTS.speckle_px)
+        if self._seen_left is not None:
+            found.forget(~self._seen_left)
+        context = Context.of(found, pair.left)
+        around = surroundings(context, found.best.shape)
+        maps = RangeMaps.empty(found.disparity.shape)
         gain = contrast_gain(pair.left, pair.right)
         limits_m = self._config.min_range_m, self._config.max_range_m
-        strips = [slice(first, min(first + CONSTANTS.strip, len(checked))) for first in range(0, len(checked), CONSTANTS.strip)]
+        strips = [slice(first, min(first + CONSTANTS.strip, len(around))) for first in range(0, len(around), CONSTANTS.strip)]
 
         def judge(rows: slice) -> None:
             disparity = maps.disparity[rows]
-            support, relief = refine_rows(pair, gain, checked, rows.start, disparity, maps.std[rows])
+            support, relief = refine_rows(pair, gain, found, rows.start, disparity, maps.std[rows])
             if self._engine.refined:
-                disparity[:] = checked[rows]
-            judge_rows(self._config.min_confidence, found.uniqueness[rows], support, relief, disparity, maps.confidence[rows])
+                disparity[:] = found.best[rows]
+            fat = fattening(found.best, pair.left, context, rows)
+            evidence = Evidence(found.uniqueness[rows], support, relief, around[rows], fat)
+            judge_rows(self._config.min_confidence, evidence, disparity, maps.confidence[rows])
             if not self._config.fill:
                 maps.measure(self._pair, limits_m, rows)
 

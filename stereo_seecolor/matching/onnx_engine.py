@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.errors import ConfigError, DeviceError, MatchingError
-from stereo_seecolor.matching.disparity import FIXED_UNIQUENESS, MatchedDisparity
+from stereo_seecolor.matching.disparity import FIXED_UNIQUENESS, UNKNOWN, MatchedDisparity
 from stereo_seecolor.matching.gray import GrayPair
 from stereo_seecolor.records import Image, Map, StereoFrame
 
@@ -46,7 +46,8 @@ class Network:
         met = np.rint(np.arange(width, dtype=np.float32) - disparity)
         other = np.take_along_axis(back, np.clip(met, 0, width - 1).astype(np.int64), axis=1)
         agree = (met >= 0) & (met < width) & (np.abs(other - disparity) <= LEFT_RIGHT_PX)
-        return MatchedDisparity(np.where(agree, disparity, np.float32(np.nan)), np.full_like(disparity, FIXED_UNIQUENESS))
+        checked = np.where(agree, disparity, UNKNOWN)
+        return MatchedDisparity(checked, checked, np.full_like(disparity, FIXED_UNIQUENESS))
 
     def disparity(self, left: Image, right: Image) -> Map:
         """(H, W) disparity of the left image, as the network gives it."""

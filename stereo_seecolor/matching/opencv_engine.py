@@ -53,7 +53,8 @@ class OpenCvMatching:
         )
         fixed = matcher.compute(self._padded(pair.left), self._padded(pair.right))[:, self._beyond :]
         found = np.where(fixed >= 16 * self._lowest, fixed / np.float32(16), np.float32(np.nan)).astype(np.float32)
-        return MatchedDisparity(np.ascontiguousarray(found), np.full_like(found, FIXED_UNIQUENESS))
+        found = np.ascontiguousarray(found)
+        return MatchedDisparity(found, found, np.full_like(found, FIXED_UNIQUENESS))
 
     def _padded(self, image: Gray) -> NDArray[np.uint8]:
         """8 bits, and wider on the left: OpenCV matches nothing nearer to that side than its largest disparity."""

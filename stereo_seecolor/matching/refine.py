@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.matching.gray import SMOOTHING_PX, Gray, GrayPair
 from stereo_seecolor.records import Map
 
@@ -38,23 +39,29 @@ def contrast_gain(left: Gray, right: Gray) -> float:
     return of_left / max(of_right, 1e-6)
 
 
-def refine_rows(pair: GrayPair, gain: float, disparity: Map, first: int, refined: Map, std: Map) -> tuple[Map, Map]:
-    """Fill ``refined`` and ``std``, pixels, from row ``first`` of disparity (H, W) on, NaN where it is; give support and relief.
+def refine_rows(pair: GrayPair, gain: float, found: MatchedDisparity, first: int, refined: Map, std: Map) -> tuple[Map, Map]:
+    """Fill ``refined`` and ``std``, pixels, from row ``first`` of found.best (H, W) on, NaN where it is; give support and relief.
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient g of both images are
     summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of what is left of e over
-    n var(g). The window sees each neighbor at its own, smoothed disparity, so slopes do no harm.
-    support: fraction of the window that is known.
-    relief: |disparity - its mean over the window|, pixels: large beside an edge.
+    n var(g). The window sees each neighbor at its own, smoothed disparity, so slopes do no harm; neighbors that failed a check
+    are left out of it.
+    support: fraction of the window that passed the checks.
+    relief: |disparity - its mean over those|, pixels: large beside an edge.
     """
     support, relief = np.empty_like(refined), np.empty_like(refined)
-    _refine(pair.left, pair.right, np.float32(gain), disparity, (first, first + refined.shape[0]), (refined, std, support, relief))
+    images, rows = (pair.left, pair.right), (first, first + refined.shape[0])
+    _refine(images, np.float32(gain), (found.disparity, found.best), rows, (refined, std, support, relief))
     return support, relief
 
 
 @compiled
-def _refine(left: Gray, right: Gray, gain: Any, disparity: Map, rows: tuple[int, int], found: tuple[Map, Map, Map, Map]) -> None:
+def _refine(
+    images: tuple[Gray, Gray], gain: Any, matched: tuple[Map, Map], rows: tuple[int, int], found: tuple[Map, Map, Map, Map]
+) -> None:
     """Fill the four maps in one pass, in rings of as many rows as a window has: what is at hand stays in the processor's cache."""
+    left, right = images
+    disparity, best = matched
     height, width = disparity.shape
     half, near = WINDOW // 2, SMOOTHED // 2
     across = np.empty((SMOOTHED, width), np.float32)
@@ -86,7 +93,7 @@ def _refine(left: Gray, right: Gray, gain: Any, disparity: Map, rows: tuple[int,
                 _sum_down(ring, moment, moments[moment])
             i = row - rows[0]
             found[2][i] = moments[0]
-            _solve(base[row % WINDOW], moments, found[0][i], found[1][i], found[3][i])
+            _solve(base[row % WINDOW], best[row], moments, found[0][i], found[1][i], found[3][i])
 
 
 @compiled
@@ -177,7 +184,8 @@ def _sum_down(ring: Any, moment: int, mean: Any) -> None:
 
 
 @compiled
-def _solve(base: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
+def _solve(base: Any, best: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
+    """base: disparities that passed the checks, smoothed; where there is none, ``best`` takes its place."""
     one, largest = np.float32(1), np.float32(_LARGEST_STEP)
     prior, samples = np.float32(_PRIOR), np.float32(_SAMPLES)
     least, dark, still = np.float32(0.02), np.float32(1e-6), np.float32(1e-4)
@@ -197,6 +205,7 @@ def _solve(base: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None
         information = gg * weight + prior
         step = ge * weight / information
         step = step if step < largest else largest
-        refined[x] = base[x] + (step if step > -largest else -largest)
+        here = base[x] if base[x] == base[x] else best[x]
+        refined[x] = here + (step if step > -largest else -largest)
         std[x] = one / np.sqrt(information)
-        relief[x] = abs(base[x] - d_row[x] * known)
+        relief[x] = abs(here - d_row[x] * known)

@@ -59,12 +59,12 @@ class SemiGlobalMatching:
 def search(left: Gray, right: Gray, band: Band) -> MatchedDisparity:
     """Match two smoothed images over a band, in strips on all cores.
 
-    Unknown is where the best disparity lies on the edge of its band, where another is as good, or where the right image
-    disagrees.
+    Checks fail where the best disparity lies on the edge of its band, where another is as good, or where the right image
+    disagrees; nothing was found where it lies on the edge or meets nothing in the right image.
     """
     strips = _Strips(left, right, band)
     list(core_pool().map(strips.search, range(0, left.shape[0], CONSTANTS.strip)))
-    return MatchedDisparity(strips.disparity, strips.uniqueness)
+    return MatchedDisparity(strips.disparity, strips.best, strips.uniqueness)
 
 
 class _Strips:
@@ -80,9 +80,10 @@ class _Strips:
         self._p2: NDArray[np.uint8] = p2.result()
         self._left: Census = bits[0].result()
         self._right: Census = bits[1].result()
-        maps: Any = np.empty((2, *left.shape), np.float32)
+        maps: Any = np.empty((3, *left.shape), np.float32)
         self.disparity: Map = maps[0]
-        self.uniqueness: Map = maps[1]
+        self.best: Map = maps[1]
+        self.uniqueness: Map = maps[2]
         self._on_edge = np.zeros(band.lowest.shape, np.int32)
 
     def search(self, first: int) -> None:
@@ -99,4 +100,5 @@ class _Strips:
         rows = (max(0, first - CONSTANTS.halo), first, end, min(len(self.disparity), end + CONSTANTS.halo))
         images = self._left, self._right, self._before
         costs = self._p2, PENALTIES.p1, PENALTIES.p2, CONSTANTS.ambiguous
-        match_rows(images, (band.lowest, band.count), rows, costs, self.disparity, self.uniqueness, self._on_edge)
+        found = self.disparity, self.best, self.uniqueness
+        match_rows(images, (band.lowest, band.count), rows, costs, found, self._on_edge)

@@ -38,18 +38,17 @@ def match_rows(
     band: tuple[NDArray[np.int32], NDArray[np.int32]],
     rows: tuple[int, int, int, int],
     penalties: tuple[NDArray[np.uint8], int, int, float],
-    disparity: Map,
-    uniqueness: Map,
+    found: tuple[Map, Map, Map],
     on_edge: NDArray[np.int32],
 ) -> None:
-    """Fill rows[1]..rows[2]-1 of the two maps from rows[0]..rows[3]-1 of the census images; rows[0] starts a tile.
+    """Fill rows[1]..rows[2]-1 of the maps ``found`` from rows[0]..rows[3]-1 of the census images; rows[0] starts a tile.
 
     images: the left census (H, W); the right one (H, before + W + ...) mirrored, the pixel x at column before + W - 1 - x, zero
     where nothing was seen; before. band: lowest and count of each tile. penalties: P2 maps (p2_maps), P1, the largest P2, and the
     uniqueness under which a pixel stays unknown.
-    disparity: of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band, where it is not
-    unique, or where the pixel of the right image that it meets chose, from the same costs, another by more than one pixel.
-    uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of P2.
+    found: disparity of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band, where it
+    is not unique, or where the pixel of the right image that it meets chose, from the same costs, another by more than one pixel.
+    Then the same with these latter two; then uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of P2.
     on_edge: added to for each tile, how many pixels' best lie on the edge of its band.
     """
     left, right, before_left = images
@@ -101,8 +100,7 @@ def match_rows(
                         MARGIN + origin,
                         scale,
                         least_uniqueness,
-                        disparity[y + row],
-                        uniqueness[y + row],
+                        (found[0][y + row], found[1][y + row], found[2][y + row]),
                         on_edge[y // TILE],
                     )
 
@@ -274,11 +272,10 @@ def _place(at: int, k: int) -> int:
 
 
 @compiled
-def _judge(
-    winner: Any, claims: Any, met: int, scale: Any, least_uniqueness: Any, disparity: Any, uniqueness: Any, on_edge: Any
-) -> None:
-    """One row of disparities, with the parabola's fraction, where they pass the checks, and of uniqueness."""
-    width = disparity.size
+def _judge(winner: Any, claims: Any, met: int, scale: Any, least_uniqueness: Any, found: Any, on_edge: Any) -> None:
+    """One row of disparities, with the parabola's fraction, where they pass the checks; of all of them; and of uniqueness."""
+    disparity_row, any_row, uniqueness = found
+    width = disparity_row.size
     chosen_row, best_row, least_row, second_row = winner[CHOSEN], winner[BEST], winner[LEAST], winner[SECOND]
     below_row, above_row = winner[BELOW], winner[ABOVE]
     for x in range(width):
@@ -290,9 +287,11 @@ def _judge(
         below, above = np.int32(below_row[x]), np.int32(above_row[x])
         lead = np.float32(np.int32(second_row[x]) - least) * scale
         bend = np.float32(max(max(below, above) - least, np.int32(1)))
-        found = np.float32(best) + half * np.float32(below - above) / bend
-        mutual = abs(found - np.float32(chosen_row[x])) <= one
+        disparity = np.float32(best) + half * np.float32(below - above) / bend
+        mutual = abs(disparity - np.float32(chosen_row[x])) <= one
         inside = (best <= np.int32(x)) & (np.int32(x) - best < np.int32(width))
-        good = (below >= 0) & (above >= 0) & (lead >= least_uniqueness) & mutual & inside
-        disparity[x] = found if good else unknown
+        possible = (below >= 0) & (above >= 0) & inside
+        good = possible & (lead >= least_uniqueness) & mutual
+        disparity_row[x] = disparity if good else unknown
+        any_row[x] = disparity if possible else unknown
         uniqueness[x] = lead
