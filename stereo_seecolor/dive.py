@@ -6,15 +6,11 @@ run finished with the same inputs and settings is kept, in either pass.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import TypeVar
 
-from calibration import CalibrationError
 from stereo_seecolor.color.photometry.lights import learn_light
-from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.errors import DeviceError, OutputError, SeeColorError
-from stereo_seecolor.frame_stages import FrameStages, Ranged, Source, water_key
+from stereo_seecolor.frame_stages import FrameStages, Source, water_key
+from stereo_seecolor.frame_work import Correction, FrameWork, Result, Work, rows_alone
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow, Water
@@ -22,9 +18,6 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable
 from stereo_seecolor.run_folder.kept_fit import KeptFit
 from stereo_seecolor.run_folder.progress_file import ProgressFile
-
-Result = TypeVar("Result")
-Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
 
 LIGHT_FRAMES = 60
 """So many frames, spread over the dive, teach the rig's lights; more would teach little more."""
@@ -47,12 +40,12 @@ class Dive:
     def measure(self, pairs: Sequence[Pair]) -> None:
         """The range maps alone; corrected frames of an earlier run stay current where they were made from the same range maps."""
         self._begin_ranges()
-        self.each("ranges", pairs, lambda pair, clock: self._stages.ranged(pair, clock).row)
+        self.each("ranges", pairs, self._stages.range_row)
 
     def count(self, pairs: Sequence[Pair]) -> None:
         """The first pass alone: range maps and tables, for a water that is fitted to all shards of a dive."""
         self._begin_ranges()
-        for _ in self._pass("ranges", pairs, self._count):
+        for _ in self._pass("ranges", pairs, self._stages.counted):
             pass
 
     def waters(self, pairs: Sequence[Pair]) -> dict[str, Water]:
@@ -74,27 +67,20 @@ class Dive:
     def _fit(self, pairs: Sequence[Pair]) -> tuple[dict[str, Water], tuple[str, ...]]:
         """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
         fitter = self._corrector.survey_fitter()
-        for row, (ranged, table) in self._pass("ranges", pairs, self._count):
+        for row, (ranged, table) in self._pass("ranges", pairs, self._stages.counted):
             fitter.add(row.name, table, self._stages.reader(ranged))
         return fitter.waters(), fitter.notes()
 
-    def _count(self, pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
-        ranged = self._stages.ranged(pair, clock)
-        return ranged.row, (replace(ranged, pixels=None), self._stages.table(ranged, clock))
-
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
         """The second pass: each frame that has a water without it, and its cloud."""
-
-        def work(pair: Pair, clock: Clock) -> FrameRow:
-            return self._stages.corrected(self._stages.ranged(pair, clock), waters[pair.name], clock)
-
         self._begin_color(pairs)
         self._folder.set_waters({name: water_key(water) for name, water in waters.items()})
-        self.each("colors", [pair for pair in pairs if pair.name in waters], work)
+        if waters:
+            self.each("colors", [pair for pair in pairs if pair.name in waters], Correction.of(self._stages, waters))
 
     def each(self, stage: str, pairs: Sequence[Pair], work: Callable[[Pair, Clock], FrameRow]) -> None:
         """A pass of which nothing but the rows is wanted."""
-        for _ in self._pass(stage, pairs, lambda pair, clock: (work(pair, clock), pair)):
+        for _ in self._pass(stage, pairs, rows_alone(work)):
             pass
 
     def _begin_ranges(self) -> None:
@@ -108,33 +94,22 @@ class Dive:
 
     def _learn_light(self, pairs: Sequence[Pair]) -> None:
         """Learn the rig's own lights from frames spread over the dive; they are divided out of every frame from then on."""
-        good = [pair for _, pair in self._pass("ranges", pairs, lambda pair, clock: (self._stages.ranged(pair, clock).row, pair))]
+        names = {row.name for row, _ in self._pass("ranges", pairs, rows_alone(self._stages.range_row))}
+        good = [pair for pair in pairs if pair.name in names]
         spread = good[:: -(-len(good) // LIGHT_FRAMES) or 1]
         frames = (self._stages.reader(self._stages.ranged(pair, Clock()))() for pair in spread)
         self._stages.light = learn_light(frames, self._config.color.input_encoding)
 
     def _pass(self, stage: str, pairs: Sequence[Pair], work: Work[Result]) -> Iterator[tuple[FrameRow, Result]]:
         """``work`` on all pairs, in their order; what is wrong with one pair becomes its row, and ends no pass."""
-
-        def one(pair: Pair) -> tuple[FrameRow, Result | None, Exception | None]:
-            clock, result, failure = Clock(), None, None
-            try:
-                row, result = work(pair, clock)
-            except (OutputError, DeviceError):
-                raise  # a full disk or an absent device concerns every pair
-            except (SeeColorError, CalibrationError) as error:
-                row, failure = FrameRow(pair.name, status="failed", error=str(error)), error.with_traceback(None)
-                self._folder.discard(pair.name)
-            named = replace(row, left=str(pair.left), right=str(pair.right), timestamp_s=pair.timestamp_s, seconds=clock.seconds)
-            return named, result, failure
-
         self._options.listener.begin(stage, len(pairs))
         self._progress.begin(stage, len(pairs))
-        for row, result, failure in self._options.compute.each(one, pairs):
-            self.table.add(row)
-            self._progress.advance(row)
-            self._options.listener.advance(row)
-            if failure and self._options.strict:
-                raise failure
-            if result is not None:
-                yield row, result
+        for outcome in self._options.compute.each(FrameWork(work, self._folder), pairs):
+            self._folder.note(outcome.row.name, outcome.written, outcome.aside)
+            self.table.add(outcome.row)
+            self._progress.advance(outcome.row)
+            self._options.listener.advance(outcome.row)
+            if outcome.failure and self._options.strict:
+                raise outcome.failure
+            if outcome.result is not None:
+                yield outcome.row, outcome.result

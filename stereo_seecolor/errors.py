@@ -33,6 +33,9 @@ class FrameError(InputError):
         super().__init__(message)
         self.name = name
 
+    def __reduce__(self) -> tuple[type["FrameError"], tuple[str, str]]:
+        return type(self), (self.name, self.args[0])
+
 
 class ConfigError(SeeColorError):
     """A configuration file or --set that cannot be used."""
@@ -44,6 +47,10 @@ class OutputError(SeeColorError):
 
 class DeviceError(SeeColorError):
     """A device asked for and absent, or a library that a stage needs and the machine lacks."""
+
+
+class ClusterError(SeeColorError):
+    """A cluster that cannot be reached, or whose workers cannot do the work."""
 
 
 class MatchingError(SeeColorError):

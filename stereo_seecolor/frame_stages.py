@@ -133,6 +133,15 @@ class FrameStages:
             raise MatchingError(f"{pair.left} and {pair.right} are the same picture: no range can be had from it")
         return self._measured(ranged, clock)
 
+    def range_row(self, pair: Pair, clock: Clock) -> FrameRow:
+        """As ``ranged``, and its row alone."""
+        return self.ranged(pair, clock).row
+
+    def counted(self, pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
+        """The pair's range, without its pixels, and its table."""
+        ranged = self.ranged(pair, clock)
+        return ranged.row, (replace(ranged, pixels=None), self.table(ranged, clock))
+
     def _measured(self, ranged: Ranged, clock: Clock) -> Ranged:
         image, range_map = self._source.measure(ranged.pair, clock)
         facts = _facts(range_map) | _recorded(self._source.reader.capture(ranged.pair.left))

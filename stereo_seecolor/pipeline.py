@@ -46,6 +46,9 @@ class Pipeline:
         self.reader = FrameReader(self.config.input)
         self.settings = self._settings()
 
+    def __reduce__(self) -> tuple[type["Pipeline"], tuple[StereoRig, RunConfig]]:
+        return Pipeline, (self.rig, self.config)  # all else is made from these, and some of it is large
+
     def _settings(self) -> str:
         """Hash of all that a range map depends on besides its two images."""
         maps = (self.rectification.maps_left, self.rectification.maps_right)

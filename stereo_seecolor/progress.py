@@ -81,6 +81,7 @@ class RunOptions:
     verify: read and hash every input again, also those whose size and time are those of an earlier run.
     config_file: where the settings came from, so that it is never deleted. command_line: for run.json.
     listener: hears how far the job is; by default the log of this module does. shard: which part of the dive's pairs is done.
+    cluster: where the work runs instead of on this machine's threads.
     """
 
     workers: int = 2
@@ -91,8 +92,9 @@ class RunOptions:
     command_line: tuple[str, ...] = ()
     listener: Listener = field(default_factory=LoggingListener)
     shard: Shard = WHOLE
+    cluster: Compute | None = None
 
     @property
     def compute(self) -> Compute:
         """Where the work on pairs and tiles runs."""
-        return Threads(self.workers)
+        return self.cluster or Threads(self.workers)

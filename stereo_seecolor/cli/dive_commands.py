@@ -14,6 +14,7 @@ from stereo_seecolor.cli.options import (
     AsJson,
     Bag,
     Calib,
+    ClusterName,
     ConfigFile,
     Left,
     LogFile,
@@ -37,8 +38,9 @@ from stereo_seecolor.cli.options import (
     shard_of,
     with_refine,
 )
-from stereo_seecolor.cli.report import Report, run_options
+from stereo_seecolor.cli.report import Report, computing, run_options
 from stereo_seecolor.cli.run_text import map_text, page_text, run_text
+from stereo_seecolor.compute.shard import Shard
 
 if TYPE_CHECKING:
     from stereo_seecolor.config import RunConfig
@@ -60,6 +62,7 @@ def run(
     settings: Settings = None,
     workers: Workers = DEFAULT_WORKERS,
     shard: ShardOption = "",
+    cluster: ClusterName = "",
     overwrite: Overwrite = False,
     strict: Strict = False,
     verify: Verify = False,
@@ -74,25 +77,29 @@ def run(
     _check_sources(left, right, calib, bag, topics)
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
-    if shard and fuse:
-        raise typer.BadParameter("--shard does a part of the dive, and --fuse needs all of it: merge first, then fuse")
-    if shard and bag:
-        raise typer.BadParameter("--shard does a part of folders of images, and a bag is one file: run it whole")
-    part = shard_of(shard)
+    if (shard or cluster) and bag:
+        raise typer.BadParameter("--shard and --cluster work on folders of images, and a bag is one file: run it here")
+    part = _part(shard, fuse)
     report = Report("run", as_json, progress, verbose, log_file)
-    with report.working() as listener:
+    with report.working() as listener, computing(cluster) as compute:
         loaded = load_config(config, with_refine(settings, refine))
         if fuse:
             from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
 
             check_fusion(poses, loaded)
-        options = replace(run_options(workers, overwrite, strict, verify, config, listener), shard=part)
+        options = replace(run_options(workers, overwrite, strict, verify, config, listener), shard=part, cluster=compute)
         summary = _run(left, right, calib, bag, topics)(out, loaded, options, water=water)
     if summary.stopped:
         _end(report, summary, out)
     if fuse:
         _end_with_map(report, summary, out, poses, loaded)
     _end_with_page(report, summary, out)
+
+
+def _part(shard: str, fuse: bool) -> Shard:
+    if shard and fuse:
+        raise typer.BadParameter("--shard does a part of the dive, and --fuse needs all of it: merge first, then fuse")
+    return shard_of(shard)
 
 
 def _check_sources(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> None:

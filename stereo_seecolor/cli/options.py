@@ -94,6 +94,15 @@ Workers = Annotated[
     int,
     typer.Option("--workers", metavar="N", min=1, help="Number of pairs processed at the same time.", rich_help_panel=EXECUTION),
 ]
+ClusterName = Annotated[
+    str,
+    typer.Option(
+        "--cluster",
+        metavar="WHERE",
+        help="Work on a cluster: local:N, tcp://HOST:PORT, or slurm:cluster.yaml (docs/fleets.md).",
+        rich_help_panel=EXECUTION,
+    ),
+]
 ShardOption = Annotated[
     str,
     typer.Option(

@@ -17,6 +17,7 @@ from stereo_seecolor.cli.streams import write_out
 
 if TYPE_CHECKING:
     from stereo_seecolor.cli.options import ProgressKind
+    from stereo_seecolor.compute.interface import Compute
     from stereo_seecolor.progress import Listener, RunOptions
 
 log = logging.getLogger("stereo_seecolor.cli")
@@ -29,6 +30,18 @@ def run_options(
     from stereo_seecolor.progress import RunOptions
 
     return RunOptions(workers, overwrite, strict, verify, config_file, tuple(sys.argv), listener)
+
+
+@contextmanager
+def computing(cluster: str) -> "Iterator[Compute | None]":
+    """The cluster of --cluster while a command works; None where none is named. Raises ClusterError."""
+    if not cluster:
+        yield None
+        return
+    from stereo_seecolor.compute.cluster.connect import cluster as connected
+
+    with connected(cluster) as compute:
+        yield compute
 
 
 @dataclass(frozen=True)

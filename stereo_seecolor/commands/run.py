@@ -16,7 +16,7 @@ from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.layout import RIG, WATER, Stage
+from stereo_seecolor.run_folder.layout import RIG, WATER, Stage, state
 from stereo_seecolor.run_folder.water_file import read_known_waters, read_waters, waters_content
 
 KIND = "stereo"
@@ -95,8 +95,9 @@ class StereoCommand:
             if isinstance(inputs, StereoInputs) and opened is None:
                 opened = inputs.unpacked(folder, self.config).open(self.config)
             assert opened
-            job = stereo_job(opened.for_dive(folder, self.options).part(shard), self, passes)
-            return job.conduct(folder, self.options)
+            with self.options.compute.sharing(state(folder.root), inputs.paths):
+                job = stereo_job(opened.for_dive(folder, self.options).part(shard), self, passes)
+                return job.conduct(folder, self.options)
 
 
 def stereo_job(opened: Opened, command: StereoCommand, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:

@@ -1,6 +1,8 @@
 """The one interface through which a command's work over pairs and tiles is run, wherever that is."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any, Protocol, Self, TypeVar
 
 Item = TypeVar("Item")
@@ -21,6 +23,9 @@ class Compute(Protocol):
 
     An exception of ``work`` ends the iteration and is raised in the caller; what is under way is finished, and nothing more begun.
     """
+
+    def sharing(self, folder: Path, inputs: Sequence[Path]) -> AbstractContextManager[None]:
+        """While work writes into ``folder`` and reads ``inputs``: where it runs, both are seen, or ClusterError is raised."""
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every item, such as a pair, in the items' order; a bounded number is under way, items are taken as needed."""

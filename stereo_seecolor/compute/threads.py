@@ -4,11 +4,12 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache, reduce
 from operator import add
+from pathlib import Path
 
 from stereo_seecolor.compute.interface import Item, Result, Sum
 
@@ -44,14 +45,29 @@ class Threads:
             raise ValueError("nothing to add up") from None
         return reduce(add, results, first)
 
+    @contextmanager
+    def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
+        """All threads see what this process sees."""
+        yield
+
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every tile, one after the other: each fills the memory, and uses all cores."""
         return map(work, tiles)
 
 
+_limit: list[int] = []
+
+
 def cores() -> int:
     """How many this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return min([found, *_limit])
+
+
+def limit_cores(most: int) -> None:
+    """Use no more from now on for the parts of one image."""
+    _limit[:] = [most]
+    core_pool.cache_clear()
 
 
 @cache

@@ -3,7 +3,7 @@
 import contextlib
 import errno
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -48,7 +48,7 @@ from stereo_seecolor.run_folder.layout import (
     state,
     table_file,
 )
-from stereo_seecolor.run_folder.lease import Holder, leased
+from stereo_seecolor.run_folder.lease import Holder, check_lease, leased
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.stamp import Stamp
 
@@ -82,13 +82,24 @@ class RunFolder:
         self._claim = claim
         self._dive = DiveRecord()
         self._hold = ExitStack()
+        self._token = ""
+
+    def __reduce__(self) -> "tuple[Callable[[Path, str], RunFolder], tuple[Path, str]]":
+        return RunFolder.on_worker, (self.root, self._token)
+
+    @classmethod
+    def on_worker(cls, root: Path, token: str) -> Self:
+        """The folder for work on single frames in another process, while the process of that lease's token holds it."""
+        folder = cls(root, Claim(Owner("worker", {})))
+        folder._token = token
+        return folder
 
     def __enter__(self) -> Self:
         refuse_links(self.root)
         if not self.manifest.exists():
             refuse_used(self.root)
         with ExitStack() as hold:
-            hold.enter_context(held(self.root))
+            self._token = hold.enter_context(held(self.root)).token
             check_claim(self.manifest, self._claim.owner, self._claim.overwrite, self._claim.inputs)
             self._begin()
             self._hold = hold.pop_all()
@@ -105,8 +116,8 @@ class RunFolder:
         Raises OutputError.
         """
         refuse_links(root)
-        with held(root):
-            folder = cls(root, Claim(Owner("existing", {})))
+        with held(root) as holder:
+            folder = cls.on_worker(root, holder.token)
             folder._dive = folder.manifest.dive()
             refuse_foreign(folder.manifest)
             refuse_inputs(root, (root / path for path in folder.dive.files), inputs)
@@ -185,6 +196,7 @@ class RunFolder:
         stamps = {path: (Stamp.of(temporary),) for path, temporary in temporaries.items()}
         files = {path: stamps.get(path, ()) + before.get(path, ())[:2] for path in live if path in stamps or path in before}
         frame = replace(frame, files=files)
+        check_lease(self.root, self._token)
         self.manifest.save_frame(frame)
         self._move_into_place(temporaries, files)
         self.written[stage].add(frame.name)
@@ -207,6 +219,12 @@ class RunFolder:
                 temporaries[path] = link_temporary(other / path, self.root / path)
         self.manifest.save_frame(frame)
         self._move_into_place(temporaries, {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()})
+
+    def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
+        """What a worker did for a frame: the stages that it wrote, and files that it moved aside."""
+        for stage in written:
+            self.written[stage].add(name)
+        self.set_aside += [path for path in aside if path not in self.set_aside]
 
     def discard(self, name: str) -> None:
         """Delete all that the program wrote of a frame: it failed, or its input is gone."""

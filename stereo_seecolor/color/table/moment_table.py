@@ -3,6 +3,8 @@
 Inside a range bin the mean range is kept exactly, as an integer sum.
 """
 
+import zlib
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -29,6 +31,9 @@ class MomentTable:
     def empty(cls, bit_depth: int = 8) -> "MomentTable":
         """The table of no pixel."""
         return cls(np.zeros((3, RANGE_BINS, VALUE_BINS[bit_depth]), np.int64), np.zeros(RANGE_BINS, np.int64), bit_depth)
+
+    def __reduce__(self) -> tuple[Callable[[bytes], "MomentTable"], tuple[bytes]]:
+        return _unzipped, (zlib.compress(self.packed(), 1),)
 
     def __repr__(self) -> str:
         """Pixels, bit depth and the ranges that they span."""
@@ -83,3 +88,7 @@ class MomentTable:
         if self.bit_depth <= other.bit_depth:
             return self
         return MomentTable(self.counts.reshape(3, RANGE_BINS, VALUE_BINS[8], -1).sum(axis=3), self.offset_sum, 8)
+
+
+def _unzipped(content: bytes) -> MomentTable:
+    return MomentTable.unpacked(zlib.decompress(content))

@@ -1,0 +1,51 @@
+"""How many items travel together: enough that a batch takes about a minute, and few enough that all workers have some."""
+
+from collections.abc import Iterable, Iterator, Sized
+from dataclasses import dataclass
+from itertools import islice
+from typing import Generic, TypeVar
+
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class BatchSettings:
+    """What decides the size of a batch."""
+
+    target_s: float = 60.0
+    """Seconds of work a batch: a scheduler spends some 10 ms on it, and a lost worker costs no more than this."""
+    rounds: int = 4
+    """Batches a worker at least, where there are enough items, so that none idles long at the end."""
+    most: int = 1000
+    """Items a batch: their results are in memory together."""
+
+
+SETTINGS = BatchSettings()
+
+
+class Batches(Generic[Item]):
+    """Items cut into batches as they are asked for. The cut shows in no result, so it may follow the time that batches took."""
+
+    def __init__(self, items: Iterable[Item]) -> None:
+        self._items: Iterator[Item] = iter(items)
+        self._left = len(items) if isinstance(items, Sized) else None
+        self._seconds, self._done = 0.0, 0
+
+    def learn(self, seconds: float, items: int) -> None:
+        """So long did so many items take."""
+        self._seconds += seconds
+        self._done += items
+
+    def next(self, workers: int) -> list[Item]:
+        """The next items; none at the end. Single ones until it is known how long they take."""
+        batch = list(islice(self._items, self._size(workers)))
+        if self._left is not None:
+            self._left -= len(batch)
+        return batch
+
+    def _size(self, workers: int) -> int:
+        if not self._done:
+            return 1
+        size = SETTINGS.target_s * self._done / max(self._seconds, 1e-9)
+        fair = size if self._left is None else self._left / (SETTINGS.rounds * max(workers, 1))
+        return max(1, min(int(min(size, fair)), SETTINGS.most))

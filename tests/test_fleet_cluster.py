@@ -1,0 +1,163 @@
+"""The work on a cluster: the same bytes as on threads, whatever is lost on the way, and one line for what is wrong."""
+
+import contextlib
+import os
+import signal
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import psutil
+import pytest
+from conftest import contents
+
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.compute.cluster import ticket
+from stereo_seecolor.compute.cluster.batches import SETTINGS, Batches
+from stereo_seecolor.compute.cluster.connect import cluster
+from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
+from stereo_seecolor.compute.cluster.ticket import Probe, Ticket, admit
+from stereo_seecolor.errors import ClusterError, OutputError
+from stereo_seecolor.progress import RunOptions
+
+
+def test_batches_take_about_a_minute_and_leave_some_for_all_workers() -> None:
+    items = list(range(10_000))
+    batches = Batches(items)
+    seen = [batches.next(4), batches.next(4)]
+    assert [len(batch) for batch in seen] == [1, 1]
+    batches.learn(2.0, 1)
+    while batch := batches.next(4):
+        seen.append(batch)
+    assert [item for batch in seen for item in batch] == items
+    assert len(seen[2]) == SETTINGS.target_s / 2
+    assert len(seen[-1]) == 1
+    quick = Batches(range(100))
+    quick.next(4)
+    quick.learn(1e-3, 1)
+    assert len(quick.next(4)) == 99 // (4 * SETTINGS.rounds)
+    unknown = Batches(iter(items))
+    unknown.next(4)
+    unknown.learn(1e-3, 1)
+    assert len(unknown.next(4)) == SETTINGS.most
+
+
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ticket:
+    """A ticket that this process may serve, without the limits of a worker."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(ticket, "_one_core", lambda: None)
+    (tmp_path / "probe").write_text("a")
+    return Ticket.mine((Probe(tmp_path / "probe", "a", (tmp_path,)),))
+
+
+def test_a_worker_that_can_do_the_work_is_admitted(mine: Ticket) -> None:
+    admit(mine)
+
+
+def test_a_worker_with_other_versions_is_named_with_them(mine: Ticket) -> None:
+    other = tuple((name, "0.1" if name == "numpy" else version) for name, version in mine.versions)
+    with pytest.raises(ClusterError, match=r"worker on .*: has other versions \(numpy .* there, 0.1 here\): install the same"):
+        admit(replace(mine, versions=other))
+
+
+def test_a_worker_that_does_not_see_the_folders_is_named_with_them(mine: Ticket, tmp_path: Path) -> None:
+    gone = tmp_path / "gone"
+    (probe,) = mine.probes
+    for changed in (replace(probe, file=gone / "probe"), replace(probe, inputs=(gone,))):
+        with pytest.raises(ClusterError, match=f"worker on .*: does not see {gone} .*mount it there"):
+            admit(replace(mine, probes=(changed,)))
+    with pytest.raises(ClusterError, match=r"does not see .*gone"):
+        admit(replace(mine, folder=gone))
+    with pytest.raises(ClusterError, match="is another folder there"):
+        admit(replace(mine, probes=(replace(probe, content="b"),)))
+
+
+@pytest.mark.parametrize("name", ["local", "local:0", "tcp://x", "nowhere:3", "slurm:"])
+def test_what_is_no_cluster_is_refused(name: str) -> None:
+    with pytest.raises(ClusterError, match="is no cluster: give local:N"), cluster(name):
+        pass
+
+
+def test_what_is_wrong_with_a_job_file_is_said(tmp_path: Path) -> None:
+    file = tmp_path / "cluster.yaml"
+    for text, message in (
+        (None, "cannot be read"),
+        ("a: [", "is no YAML"),
+        ("jobs: 0", "jobs: .*give at least jobs, cores and memory"),
+    ):
+        if text is not None:
+            file.write_text(text)
+        with pytest.raises(ClusterError, match=message), cluster(f"slurm:{file}"):
+            pass
+
+
+def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stereo_seecolor.compute.cluster.connect.SCHEDULER_TIMEOUT_S", 0.2)
+    with pytest.raises(ClusterError, match=r"tcp://127\.0\.0\.1:1: no scheduler answers"), cluster("tcp://127.0.0.1:1"):
+        pass
+
+
+@pytest.fixture(scope="module")
+def local() -> Iterator[DaskCompute]:
+    with cluster("local:2") as compute:
+        yield compute
+
+
+def workers() -> list[psutil.Process]:
+    """The processes that work, which are the children of those that watch over them."""
+    return [process for process in psutil.Process().children(recursive=True) if "spawn_main" in " ".join(process.cmdline())]
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def fail(number: int) -> int:
+    raise OutputError(f"/disk: full at {number}")
+
+
+def test_results_come_in_order_and_errors_as_they_are(local: DaskCompute) -> None:
+    assert list(local.each(square, range(30))) == [square(number) for number in range(30)]
+    assert local.total(square, iter(range(30))) == sum(map(square, range(30)))
+    with pytest.raises(ValueError, match="nothing to add up"):
+        local.total(square, [])
+    with pytest.raises(OutputError, match="/disk: full at 0"):
+        list(local.each(fail, range(3)))
+    results = local.each(square, iter(range(10_000)))
+    assert next(results) == 0
+    results.close()
+
+
+class Killer:
+    """Kills a worker after some pairs."""
+
+    def __init__(self, at: tuple[int, ...]) -> None:
+        self._at, self._done = at, 0
+        self.killed = 0
+
+    def begin(self, stage: str, total: int) -> None:
+        pass
+
+    def advance(self, row: object) -> None:
+        self._done += 1
+        if self._done in self._at:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                os.kill(workers()[-1].pid, signal.SIGKILL)
+                self.killed += 1
+
+
+@pytest.mark.slow
+def test_a_run_whose_workers_are_killed_is_the_same_bytes(make_dive, tmp_path: Path, local: DaskCompute) -> None:
+    dive = make_dive(8)
+    (dive.root / "R/0003.png").write_bytes(b"")
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    killer = Killer((2, 11))
+    summary = run(*sides, tmp_path / "cluster", options=RunOptions(cluster=local, listener=killer))
+    assert killer.killed == 2
+    assert (summary.count("ok"), summary.count("failed")) == (7, 1)
+    run(*sides, tmp_path / "threads")
+    assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
+    assert not list((tmp_path / "cluster").rglob(".writing-probe*"))
+    again = run(*sides, tmp_path / "cluster", options=RunOptions(cluster=local))
+    assert again.kept == 7
