@@ -1,24 +1,17 @@
 """The work on a cluster: the same bytes as on threads, whatever is lost on the way, and one line for what is wrong."""
 
-import contextlib
-import os
-import signal
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
-import psutil
 import pytest
-from conftest import contents
 
-from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.cluster import ticket
 from stereo_seecolor.compute.cluster.batches import SETTINGS, Batches
 from stereo_seecolor.compute.cluster.connect import cluster
 from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
 from stereo_seecolor.compute.cluster.ticket import Probe, Ticket, admit
 from stereo_seecolor.errors import ClusterError, OutputError
-from stereo_seecolor.progress import RunOptions
 
 
 def test_batches_take_about_a_minute_and_leave_some_for_all_workers() -> None:
@@ -104,11 +97,6 @@ def local() -> Iterator[DaskCompute]:
         yield compute
 
 
-def workers() -> list[psutil.Process]:
-    """The processes that work, which are the children of those that watch over them."""
-    return [process for process in psutil.Process().children(recursive=True) if "spawn_main" in " ".join(process.cmdline())]
-
-
 def square(number: int) -> int:
     return number * number
 
@@ -127,37 +115,3 @@ def test_results_come_in_order_and_errors_as_they_are(local: DaskCompute) -> Non
     results = local.each(square, iter(range(10_000)))
     assert next(results) == 0
     results.close()
-
-
-class Killer:
-    """Kills a worker after some pairs."""
-
-    def __init__(self, at: tuple[int, ...]) -> None:
-        self._at, self._done = at, 0
-        self.killed = 0
-
-    def begin(self, stage: str, total: int) -> None:
-        pass
-
-    def advance(self, row: object) -> None:
-        self._done += 1
-        if self._done in self._at:
-            with contextlib.suppress(psutil.NoSuchProcess):
-                os.kill(workers()[-1].pid, signal.SIGKILL)
-                self.killed += 1
-
-
-@pytest.mark.slow
-def test_a_run_whose_workers_are_killed_is_the_same_bytes(make_dive, tmp_path: Path, local: DaskCompute) -> None:
-    dive = make_dive(8)
-    (dive.root / "R/0003.png").write_bytes(b"")
-    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
-    killer = Killer((2, 11))
-    summary = run(*sides, tmp_path / "cluster", options=RunOptions(cluster=local, listener=killer))
-    assert killer.killed == 2
-    assert (summary.count("ok"), summary.count("failed")) == (7, 1)
-    run(*sides, tmp_path / "threads")
-    assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
-    assert not list((tmp_path / "cluster").rglob(".writing-probe*"))
-    again = run(*sides, tmp_path / "cluster", options=RunOptions(cluster=local))
-    assert again.kept == 7

@@ -10,6 +10,7 @@ import os
 import re
 import shutil
 import sys
+import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -27,6 +28,25 @@ INSTALLATIONS_KEPT = 8
 _IMPORT = re.compile(
     rf"^\s*(?:from\s+((?:{'|'.join(PACKAGES)})[\w.]*)\s+import\s+(\([^)]*\)|.*)|import\s+((?:{'|'.join(PACKAGES)})[\w.]*))", re.M
 )
+
+
+def keep_on_this_machine() -> None:
+    """Keep machine code in this machine's folder for temporary files, begun with what the installation keeps already.
+
+    For workers on other machines, which would all compile into one folder of a shared disk. NUMBA_CACHE_DIR wins, where it is set.
+    """
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return
+    owner = os.getuid() if hasattr(os, "getuid") else 0
+    os.environ["NUMBA_CACHE_DIR"] = str(Path(tempfile.gettempdir()) / f"stereo-seecolor-kernels-{owner}")
+    installed, own = ROOT / PACKAGES[0] / "__pycache__" / "compiled", Path(os.environ["NUMBA_CACHE_DIR"]) / _installation()
+    if installed.is_dir() and not own.exists():
+        begun = own.with_name(f"{own.name}-{os.getpid()}")
+        try:
+            shutil.copytree(installed, begun)
+            begun.rename(own)  # refused where another worker of this machine was first
+        except OSError:
+            shutil.rmtree(begun, ignore_errors=True)
 
 
 def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
@@ -121,9 +141,8 @@ def _imports(file: Path) -> set[Path]:
 @cache
 def _folder() -> Path | None:
     """The folder for machine code: NUMBA_CACHE_DIR, beside the byte code, or the user's cache folder; None if there is none."""
-    installation = Path("stereo-seecolor") / hashlib.sha256(str(ROOT).encode()).hexdigest()[:16]
     named, user = os.environ.get("NUMBA_CACHE_DIR"), _user_cache()
-    shared = [Path(folder).absolute() / installation for folder in (named, user) if folder]
+    shared = [Path(folder).absolute() / _installation() for folder in (named, user) if folder]
     places = [*shared[: bool(named)], ROOT / PACKAGES[0] / "__pycache__" / "compiled", *shared[bool(named) :]]
     for place in places:
         if _made(place):
@@ -131,6 +150,11 @@ def _folder() -> Path | None:
                 _remove_oldest(place.parent)
             return place
     return next((place for place in places if place.is_dir()), None)  # filled by someone who could write it
+
+
+def _installation() -> Path:
+    """What an installation's folder is called where many have one."""
+    return Path("stereo-seecolor") / hashlib.sha256(str(ROOT).encode()).hexdigest()[:16]
 
 
 def _made(folder: Path) -> bool:

@@ -9,6 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from stereo_seecolor.compute.kernel_cache import keep_on_this_machine
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.version import __version__
@@ -40,16 +41,17 @@ class Probe:
 
 @dataclass(frozen=True)
 class Ticket:
-    """The client's. folder: its working folder, which relative paths start from."""
+    """The client's. folder: its working folder, which relative paths start from. host: its machine."""
 
     versions: tuple[tuple[str, str], ...]
     folder: Path
+    host: str
     probes: tuple[Probe, ...] = ()
 
     @classmethod
     def mine(cls, probes: tuple[Probe, ...] = ()) -> "Ticket":
         """Of this process."""
-        return cls(versions(), Path.cwd(), probes)
+        return cls(versions(), Path.cwd(), platform.node(), probes)
 
 
 @lru_cache(maxsize=8)
@@ -69,6 +71,8 @@ def admit(ticket: Ticket) -> None:
         raise ClusterError(_invisible(here, ticket.folder, error)) from error
     for probe in ticket.probes:
         _look(here, probe)
+    if here != ticket.host:
+        keep_on_this_machine()
     _one_core()
 
 
