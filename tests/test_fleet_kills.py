@@ -1,13 +1,11 @@
-"""Runs on a cluster whose workers or client are killed, and on a real SLURM: the same bytes as on threads, and no process left."""
+"""Runs on a cluster whose workers or client are killed: the same bytes as on threads, and no process left."""
 
 import contextlib
 import os
-import shutil
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import psutil
@@ -17,8 +15,6 @@ from conftest import contents
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.cluster.connect import cluster
 from stereo_seecolor.progress import RunOptions
-
-SLURM = Path(__file__).resolve().parents[2] / "shared" / "tools" / "slurm-one-node"
 
 
 def workers() -> list[psutil.Process]:
@@ -85,33 +81,3 @@ def running(pid: int) -> bool:
     with contextlib.suppress(psutil.NoSuchProcess):
         return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
     return False
-
-
-@pytest.fixture
-def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A SLURM of this machine alone; the file that names it to --cluster."""
-    if os.geteuid() != 0 or not SLURM.exists() or not all(map(shutil.which, ("slurmctld", "slurmd", "munged"))):
-        pytest.skip("needs root, Debian's slurm-wlm and munge, and the script slurm-one-node beside the checkout")
-    folder = tmp_path / "slurm"
-    subprocess.run([SLURM, "start", folder], check=True, capture_output=True)
-    monkeypatch.setenv("SLURM_CONF", str(folder / "slurm.conf"))
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))
-    try:
-        file = tmp_path / "cluster.yaml"
-        file.write_text(f"{{jobs: 1, cores: 2, memory: 2GB, interface: lo, wait_s: 120, log_directory: {tmp_path / 'logs'}}}")
-        yield file
-    finally:
-        subprocess.run([SLURM, "stop", folder], check=False)
-
-
-@pytest.mark.slurm
-@pytest.mark.slow
-@pytest.mark.filterwarnings("default")  # of dask-jobqueue, which warns of the dashboard's port among others
-def test_a_real_slurm(make_dive, tmp_path: Path, slurm: Path) -> None:
-    dive = make_dive(4)
-    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
-    with cluster(f"slurm:{slurm}") as compute:
-        run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute))
-    run(*sides, tmp_path / "threads")
-    assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
-    assert list((tmp_path / "logs").iterdir())
