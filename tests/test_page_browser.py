@@ -25,7 +25,7 @@ from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.report.map_mesh import MeshSizes
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 CHROMIUM = (
     os.environ.get("CHROMIUM") or shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
