@@ -2,7 +2,6 @@
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.records import GeoOrigin
@@ -21,12 +20,16 @@ _ECCENTRICITY_SQUARED = 0.00669437999014
 
 def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> NDArray[np.float64]:
     """Rz(yaw) Ry(pitch) Rx(roll), radians, shape (..., 3, 3): body axes to the axes the angles are measured in."""
+    from scipy.spatial.transform import Rotation  # see geometry.py
+
     angles = np.stack(np.broadcast_arrays(yaw, pitch, roll), axis=-1).astype(np.float64)
     return np.asarray(Rotation.from_euler("ZYX", angles).as_matrix())
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
     """(N, 4) as x, y, z, w -> (N, 3, 3); normalized first, NaN where it is zero or not finite."""
+    from scipy.spatial.transform import Rotation  # see geometry.py
+
     q = np.atleast_2d(np.asarray(quaternion, dtype=np.float64))
     R = np.full((len(q), 3, 3), np.nan)
     known = np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) > _LEAST_QUATERNION)
@@ -111,4 +114,6 @@ def geodetic_from_geocentric(position_m: NDArray[np.float64]) -> tuple[float, fl
 
 def east_north_up_axes(latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
     """(3, 3): rows are east, north and up in geocentric axes."""
+    from scipy.spatial.transform import Rotation  # see geometry.py
+
     return np.asarray(Rotation.from_euler("zx", [-90 - longitude_deg, latitude_deg - 90], degrees=True).as_matrix())
