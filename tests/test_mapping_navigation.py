@@ -17,12 +17,13 @@ from stereo_seecolor.errors import MappingError
 from stereo_seecolor.evaluation.trajectory import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.track.mount import constant_turn
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.mapping.track.residuals import Motions, depth_difference_m
+from stereo_seecolor.mapping.track.spot_check import spot_check
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -102,6 +103,26 @@ def test_true_poses_fit_and_stay(placed: Callable[..., Placed], reef: ReefFrames
     assert found.navigation.position_residual_m < 0.005
     assert found.navigation.depth_residual_m == pytest.approx(found.navigation.depth_noise_m, rel=0.2)
     np.testing.assert_allclose(found.placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3], atol=0.01)
+
+
+def test_exact_poses_are_taken_as_they_are_without_a_track(
+    placed: Callable[..., Placed], reef: ReefFrames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(odometry, "follow", lambda _: pytest.fail("the track was followed"))
+    found = placed(lambda T: T, MappingConfig(voxel_m=0.03))
+    assert found.navigation is not None
+    assert found.navigation.relative_poses >= 10
+    assert np.array_equal(found.placement.T_world_camera, reef.trajectory.T_world_camera)
+    assert np.isfinite(found.position_residual_m).all()
+
+
+@pytest.mark.parametrize("off_m", [[0.0, 0.06, 0.0], [0.0, 0.0, 0.06]])
+def test_a_line_that_lies_off_by_two_voxels_is_not_exact(survey: Survey, reef: ReefFrames, off_m: list[float]) -> None:
+    """Neighbors on each line agree; the surface would be doubled where the lines overlap."""
+    T = reef.trajectory.T_world_camera.copy()
+    assert spot_check(survey, Placement(T, np.zeros(12, np.int64)), 0.03).exact
+    T[6:, :3, 3] += off_m
+    assert not spot_check(survey, Placement(T, np.zeros(12, np.int64)), 0.03).exact
 
 
 @pytest.mark.slow

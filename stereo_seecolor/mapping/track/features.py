@@ -49,14 +49,14 @@ class Features:
         return np.column_stack([self.points[:, :2], np.ones(len(self.points))]) / self.points[:, 2:]
 
 
-def detect(frame: SurveyFrame, geometry: RectifiedPair) -> Features:
+def detect(frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSettings = SETTINGS) -> Features:
     """SIFT (Lowe 2004) on the image of local contrast, kept where the range is measured and smooth all around."""
     gray: NDArray[np.uint8] = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
-    scale = min(1.0, SETTINGS.max_width_px / gray.shape[1])
+    scale = min(1.0, settings.max_width_px / gray.shape[1])
     contrast = local_contrast(gray, scale)
     depth = smooth_depth(frame, geometry)
     mask = cv2.resize(depth.usable.astype(np.uint8), contrast.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    sift = cv2.SIFT.create(SETTINGS.max_features, contrastThreshold=SETTINGS.contrast, enable_precise_upscale=True)
+    sift = cv2.SIFT.create(settings.max_features, contrastThreshold=settings.contrast, enable_precise_upscale=True)
     keypoints, descriptors = sift.detectAndCompute(contrast, mask)
     if not keypoints:
         return Features.none()
@@ -65,7 +65,7 @@ def detect(frame: SurveyFrame, geometry: RectifiedPair) -> Features:
     good = depth.usable[rows, columns]
     pixels, rows, columns = pixels[good], rows[good], columns[good]
     directions = (pixels - [geometry.cx_left_px, geometry.cy_px]) / geometry.focal_px
-    lateral = np.full(len(pixels), SETTINGS.lateral_std_px / (geometry.focal_px * scale))
+    lateral = np.full(len(pixels), settings.lateral_std_px / (geometry.focal_px * scale))
     points = np.column_stack([directions, depth.inverse[rows, columns]])
     std = np.column_stack([lateral, lateral, depth.std[rows, columns]])
     return Features(points, std, np.rint(descriptors[good]).astype(np.uint8))

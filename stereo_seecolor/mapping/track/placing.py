@@ -11,6 +11,7 @@ from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.navigation import Navigation, Verdict, examine, priors
 from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.mapping.track.spot_check import spot_check
 from stereo_seecolor.mapping.track.upright import upright
 from stereo_seecolor.records import Trajectory
 
@@ -28,9 +29,10 @@ class Placed:
 def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
     """Place the frames.
 
-    Without a trajectory by the pictures alone. With one, its poses are measured against the pictures; then they are taken as
-    they are (config.poses "given", or where GTSAM is missing), or the frames are placed by pictures and poses together, each
-    weighted by its errors ("prior"), or, where the poses contradict the pictures, by the pictures alone.
+    Without a trajectory by the pictures alone. With one, its poses are measured against the pictures, at a few places if they
+    are exact there; then they are taken as they are (exact, or config.poses "given", or where GTSAM is missing), or the frames
+    are placed by pictures and poses together, each weighted by its errors ("prior"), or, where the poses contradict the pictures,
+    by the pictures alone.
 
     Raises MappingError if nothing can be placed, or for given poses upside down.
     """
@@ -39,6 +41,11 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
         own = odometry.solve(odometry.follow(survey), config.loop_closure)
         return Placed(upright(own, survey.index, "unknown"), None, unknown, unknown)
     given = place(survey.index, trajectory, config)
+    spots = spot_check(survey, given, config.voxel_m)
+    if spots.exact:
+        verdict = examine(given, survey, spots.edges, trajectory, config)
+        exact = _as_given(given, survey, trajectory)
+        return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg)
     track = odometry.follow(survey)
     verdict = examine(given, survey, track.edges, trajectory, config)
     if config.poses == "given" or not verdict.navigation.relative_poses:

@@ -1,0 +1,94 @@
+"""A look at a few places of the dive: whether given poses are as exact as the map can show, so that no track must be followed."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
+from stereo_seecolor.mapping.track.loop_closure import Pairs, by_overlap
+from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
+from stereo_seecolor.records import SurveyFrame
+
+QUICK = FeatureSettings(max_width_px=480, max_features=800)
+"""A quarter of the track's pixels: a pose is told to some millimeters, at a fifth of the cost."""
+
+
+@dataclass(frozen=True)
+class SpotSettings:
+    """How poses are looked at, and when they are exact."""
+
+    neighbors: int = 12  # pairs of neighbors, spread over the dive
+    crossings: int = 6  # pairs that overlap by the given poses and are no neighbors: lines that lie side by side
+    point_step: int = 16  # every so many of a frame's coarse points is enough to say where it looks
+    min_edges: int = 5  # fewer prove nothing
+    found: float = 0.5  # of the pairs of neighbors must have been measured
+    voxels: float = 0.5  # nine of ten pairs must agree to so many voxels at the surface: less does not show in the map
+    worst_voxels: float = 1.0  # and all of them to so many
+
+
+SETTINGS = SpotSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Spots:
+    """Edges measured here and there; exact: True where the given poses agree with them to half a voxel."""
+
+    edges: list[Edge]
+    exact: bool
+
+
+def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
+    """Measure a few relative poses and hold given ones against them."""
+    order = survey.index.order
+    placed = [rank for rank in range(len(order)) if given.components[order[rank]] >= 0]
+    neighbors = [(a, b) for a, b in pairwise(placed) if _joined(given, order[[a, b]])]
+    neighbors = _thinned(neighbors, SETTINGS.neighbors)
+    points = ((a, transformed(given.T_world_camera[order[a]], _points(survey, order[a]))) for a in placed)
+    crossings = [pair for pair in by_overlap(points, 1) if _joined(given, order[list(pair)])]
+    edges = _measured(survey, sorted({*neighbors, *_thinned(crossings, SETTINGS.crossings)}))
+    found = sum(abs(survey.index.rank[e.i] - survey.index.rank[e.j]) == 1 for e in edges)
+    if len(edges) < SETTINGS.min_edges or found < SETTINGS.found * len(neighbors):
+        return Spots(edges, False)
+    off_m = np.array([_off_m(edge, given, _points(survey, edge.j)) for edge in edges])
+    limits_m = SETTINGS.voxels * voxel_m, SETTINGS.worst_voxels * voxel_m
+    return Spots(edges, bool(np.quantile(off_m, 0.9) < limits_m[0] and off_m.max() < limits_m[1]))
+
+
+def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:
+    order = survey.index.order
+    features: dict[int, Features] = {}
+    edges = []
+    for done, (a, b) in enumerate(pairs):
+        for rank in {a, b} - features.keys():
+            frame = survey.frames[int(order[rank])]
+            features[rank] = detect(frame, survey.geometry, QUICK) if isinstance(frame, SurveyFrame) else Features.none()
+        if found := relative_pose(features[a], features[b], survey.geometry):
+            edges.append(Edge(int(order[a]), int(order[b]), found.T_a_b, found.covariance, len(found.index_a)))
+        survey.progress("looking at the given poses", done + 1, len(pairs))
+    return edges
+
+
+def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> float:
+    """Median distance between a frame's points by the given and by the measured relative pose."""
+    T = inverse(given.T_world_camera[edge.i]) @ given.T_world_camera[edge.j]
+    if not len(points_m):
+        return float("inf")
+    return float(np.median(np.linalg.norm(transformed(T, points_m) - transformed(edge.T_i_j, points_m), axis=1)))
+
+
+def _points(survey: Survey, frame: int) -> NDArray[np.float32]:
+    return survey.index.points_m[frame][:: SETTINGS.point_step]
+
+
+def _joined(given: Placement, frames: NDArray[np.int64]) -> bool:
+    """True for frames of one component: those of two have no given pose relative to each other."""
+    return len(set(given.components[frames].tolist())) == 1
+
+
+def _thinned(pairs: Sequence[tuple[int, int]], count: int) -> Pairs:
+    return list(pairs[:: -(-len(pairs) // count) or 1])
