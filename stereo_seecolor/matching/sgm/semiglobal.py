@@ -94,15 +94,8 @@ def match_rows(
                     _sum(sweep, paths, before, along, row * most, total, place, lengths[tile], sums)
                 if inside and sweep == 1:
                     _choose(sums, own, origin, winner, claims)
-                    _judge(
-                        winner,
-                        claims,
-                        MARGIN + origin,
-                        scale,
-                        least_uniqueness,
-                        (found[0][y + row], found[1][y + row], found[2][y + row]),
-                        on_edge[y // TILE],
-                    )
+                    maps = found[0][y + row], found[1][y + row], found[2][y + row]
+                    _judge(winner, claims, MARGIN + origin, (scale, least_uniqueness), maps, on_edge[y // TILE])
 
 
 @compiled
@@ -272,8 +265,12 @@ def _place(at: int, k: int) -> int:
 
 
 @compiled
-def _judge(winner: Any, claims: Any, met: int, scale: Any, least_uniqueness: Any, found: Any, on_edge: Any) -> None:
-    """One row of disparities, with the parabola's fraction, where they pass the checks; of all of them; and of uniqueness."""
+def _judge(winner: Any, claims: Any, met: int, limits: tuple[Any, Any], found: Any, on_edge: Any) -> None:
+    """One row of disparities, with the parabola's fraction, where they pass the checks; of all of them; and of uniqueness.
+
+    limits: 1 / P2, and the least uniqueness.
+    """
+    scale, least_uniqueness = limits
     disparity_row, any_row, uniqueness = found
     width = disparity_row.size
     chosen_row, best_row, least_row, second_row = winner[CHOSEN], winner[BEST], winner[LEAST], winner[SECOND]

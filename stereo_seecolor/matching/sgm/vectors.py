@@ -6,6 +6,7 @@ step needs from i on, and nothing checks that they exist. A block is PIXELS piec
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from llvmlite import ir
@@ -27,15 +28,50 @@ _LANE = ir.Constant(_SHORTS, list(range(LANES)))
 _FAR = ir.Constant(_BLOCK, [FAR] * BLOCK)
 
 
+@dataclass(frozen=True)
+class _Memory:
+    """An array argument of a step: where its elements are loaded from and stored to. align: of an element, bytes."""
+
+    context: Any
+    builder: Any
+    type: Any
+    array: Any
+    align: int = 1
+
+    @classmethod
+    def of(cls, emitter: tuple[Any, Any, Any, Any], *positions: int) -> "tuple[_Memory, ...]":
+        """The arguments at these positions, of what numba gives a step: context, builder, signature, arguments."""
+        context, builder, signature, arguments = emitter
+        aligns = (max(1, signature.args[n].dtype.bitwidth // 8) for n in positions)
+        return tuple(
+            cls(context, builder, signature.args[n], arguments[n], align) for n, align in zip(positions, aligns, strict=True)
+        )
+
+    def load(self, index: Any, vector: Any) -> Any:
+        """A vector from array[index:] on."""
+        value = self.builder.load(self._at(index, vector))
+        value.align = self.align  # elements, not vectors, are aligned
+        return value
+
+    def store(self, index: Any, value: Any) -> None:
+        """A vector to array[index:]."""
+        self.builder.store(value, self._at(index, value.type), align=self.align)
+
+    def _at(self, index: Any, vector: Any) -> Any:
+        data = self.context.make_array(self.type)(self.context, self.builder, self.array).data
+        return self.builder.bitcast(self.builder.gep(data, [index]), vector.as_pointer())
+
+
 @_vector_code
 def hamming(typing: Any, bits: Any, others: Any, i: Any, cost: Any, c: Any) -> Any:
     """cost[c:] (a piece) = number of bits in which ``bits`` (uint32) differs from each of others[i:] (uint32)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        bits, others, i, cost, c = arguments
-        met = _load(builder, _at(context, builder, signature.args[1], others, i, _WORDS), 4)
+        bits, _, i, _, c = arguments
+        others, cost = _Memory.of((context, builder, signature, arguments), 1, 3)
+        met = others.load(i, _WORDS)
         count = _call(builder, "llvm.ctpop.v16i32", _WORDS, builder.xor(met, _splat(builder, bits, _WORDS)))
-        builder.store(builder.trunc(count, _PIECE), _at(context, builder, signature.args[3], cost, c, _PIECE), align=1)
+        cost.store(c, builder.trunc(count, _PIECE))
         return context.get_dummy_value()
 
     return types.void(types.uint32, others, types.intp, cost, types.intp), generate
@@ -53,12 +89,12 @@ def step(
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        paths, before, now, cost, c, cost_stride, p2, j, p2_stride, P1 = arguments
-        same = _load_block(context, builder, signature.args[0], paths, before)
-        here = _gather(context, builder, signature.args[3], cost, c, cost_stride)
-        penalties = _p2_of_pixels(context, builder, signature.args[6], p2, j, p2_stride)
-        result = _step(builder, _FAR, same, _FAR, _floor(builder, same), here, penalties, P1)
-        _store_block(context, builder, signature.args[0], paths, now, result)
+        _, before, now, _, c, cost_stride, _, j, p2_stride, P1 = arguments
+        paths, cost, p2 = _Memory.of((context, builder, signature, arguments), 0, 3, 6)
+        same = paths.load(before, _BLOCK)
+        penalties = P1, _p2_of_pixels(p2, j, p2_stride)
+        result = _step(builder, (_FAR, same, _FAR), _floor(builder, same), _gather(cost, c, cost_stride), penalties)
+        paths.store(now, result)
         return context.get_dummy_value()
 
     u8, i = types.uint8, types.intp
@@ -76,19 +112,19 @@ def steps(
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        paths, at, cost, c, along, onward, stride, p2, j, j_onward, p2_stride, P1 = arguments
+        _, at, _, c, _, onward, stride, _, j, j_onward, p2_stride, P1 = arguments
+        paths, cost, along, p2 = _Memory.of((context, builder, signature, arguments), 0, 2, 4, 7)
         halves = [_further(builder, at, half * BLOCK) for half in range(TILE // PIXELS)]
-        same = [_load_block(context, builder, signature.args[0], paths, half) for half in halves]
+        same = [paths.load(half, _BLOCK) for half in halves]
         for _ in range(TILE):
             for half in range(len(halves)):
                 row, p2_row = _nth(builder, c, stride, half * PIXELS), _nth(builder, j, p2_stride, half * PIXELS)
-                here = _gather(context, builder, signature.args[2], cost, row, stride)
-                penalties = _p2_of_pixels(context, builder, signature.args[7], p2, p2_row, p2_stride)
-                same[half] = _step(builder, _FAR, same[half], _FAR, _floor(builder, same[half]), here, penalties, P1)
-                _scatter(context, builder, signature.args[4], along, row, stride, same[half])
+                here, penalties = _gather(cost, row, stride), (P1, _p2_of_pixels(p2, p2_row, p2_stride))
+                same[half] = _step(builder, (_FAR, same[half], _FAR), _floor(builder, same[half]), here, penalties)
+                _scatter(along, row, stride, same[half])
             c, j = builder.add(c, onward), builder.add(j, j_onward)
         for half, result in zip(halves, same, strict=True):
-            _store_block(context, builder, signature.args[0], paths, half, result)
+            paths.store(half, result)
         return context.get_dummy_value()
 
     u8, i = types.uint8, types.intp
@@ -103,14 +139,12 @@ def step_of_many(
     """As step, for one block of several: paths[below:] and paths[above:] are the blocks beside it, the floor is paths[floor:]'s."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        paths, below, before, above, floor, now, cost, c, cost_stride, p2, j, p2_stride, P1 = arguments
-        under, same, over, least = (
-            _load_block(context, builder, signature.args[0], paths, place) for place in (below, before, above, floor)
-        )
-        here = _gather(context, builder, signature.args[6], cost, c, cost_stride)
-        penalties = _p2_of_pixels(context, builder, signature.args[9], p2, j, p2_stride)
-        result = _step(builder, under, same, over, _floor(builder, least), here, penalties, P1)
-        _store_block(context, builder, signature.args[0], paths, now, result)
+        _, below, before, above, floor, now, _, c, cost_stride, _, j, p2_stride, P1 = arguments
+        paths, cost, p2 = _Memory.of((context, builder, signature, arguments), 0, 6, 9)
+        under, same, over, least = (paths.load(place, _BLOCK) for place in (below, before, above, floor))
+        penalties = P1, _p2_of_pixels(p2, j, p2_stride)
+        result = _step(builder, (under, same, over), _floor(builder, least), _gather(cost, c, cost_stride), penalties)
+        paths.store(now, result)
         return context.get_dummy_value()
 
     u8, i = types.uint8, types.intp
@@ -122,9 +156,9 @@ def fold(typing: Any, paths: Any, i: Any, j: Any, least: Any) -> Any:
     """paths[least:] = min(paths[i:], paths[j:]), a block."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        paths, i, j, least = arguments
-        a, b = (_load_block(context, builder, signature.args[0], paths, place) for place in (i, j))
-        _store_block(context, builder, signature.args[0], paths, least, _minimum(builder, a, b))
+        _, i, j, least = arguments
+        (paths,) = _Memory.of((context, builder, signature, arguments), 0)
+        paths.store(least, _minimum(builder, paths.load(i, _BLOCK), paths.load(j, _BLOCK)))
         return context.get_dummy_value()
 
     return types.void(paths, types.intp, types.intp, types.intp), generate
@@ -135,9 +169,9 @@ def scatter(typing: Any, paths: Any, i: Any, rows: Any, r: Any, stride: Any) -> 
     """The four pieces of the block paths[i:] to rows[r:], rows[r + stride:] and so on."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        paths, i, rows, r, stride = arguments
-        block = _load_block(context, builder, signature.args[0], paths, i)
-        _scatter(context, builder, signature.args[2], rows, r, stride, block)
+        _, i, _, r, stride = arguments
+        paths, rows = _Memory.of((context, builder, signature, arguments), 0, 2)
+        _scatter(rows, r, stride, paths.load(i, _BLOCK))
         return context.get_dummy_value()
 
     return types.void(paths, types.intp, rows, types.intp, types.intp), generate
@@ -148,10 +182,9 @@ def add(typing: Any, a: Any, i: Any, b: Any, j: Any, total: Any, t: Any) -> Any:
     """total[t:] = a[i:] + b[j:], a block; the sum is below 256."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, i, b, j, total, t = arguments
-        first = _load_block(context, builder, signature.args[0], a, i)
-        second = _load_block(context, builder, signature.args[2], b, j)
-        _store_block(context, builder, signature.args[4], total, t, builder.add(first, second))
+        _, i, _, j, _, t = arguments
+        a, b, total = _Memory.of((context, builder, signature, arguments), 0, 2, 4)
+        total.store(t, builder.add(a.load(i, _BLOCK), b.load(j, _BLOCK)))
         return context.get_dummy_value()
 
     return types.void(a, types.intp, b, types.intp, total, types.intp), generate
@@ -162,13 +195,12 @@ def add_wide(typing: Any, a: Any, i: Any, b: Any, j: Any, c: Any, k: Any, total:
     """total[t:] (uint16) = a[i:] + b[j:] + c[k:], a block."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, i, b, j, c, k, total, t = arguments
-        loads = ((0, a, i), (2, b, j), (4, c, k))
+        _, i, _, j, _, k, _, t = arguments
+        *added, total = _Memory.of((context, builder, signature, arguments), 0, 2, 4, 6)
         first, second, third = (
-            builder.zext(_load_block(context, builder, signature.args[n], array, place), _BLOCK_SHORTS) for n, array, place in loads
+            builder.zext(memory.load(place, _BLOCK), _BLOCK_SHORTS) for memory, place in zip(added, (i, j, k), strict=True)
         )
-        pointer = _at(context, builder, signature.args[6], total, t, _BLOCK_SHORTS)
-        builder.store(builder.add(first, builder.add(second, third)), pointer, align=2)
+        total.store(t, builder.add(first, builder.add(second, third)))
         return context.get_dummy_value()
 
     return types.void(a, types.intp, b, types.intp, c, types.intp, total, types.intp), generate
@@ -179,11 +211,12 @@ def slide(typing: Any, a: Any, low: Any, high: Any, by: Any, t: Any) -> Any:
     """a[t:] (a piece) = the LANES elements from ``by`` (0..LANES - 1) on of the pieces a[low:] and a[high:] put end to end."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, low, high, by, t = arguments
-        first, second = (_load(builder, _at(context, builder, signature.args[0], a, i, _PIECE_BITS), 1) for i in (low, high))
+        _, low, high, by, t = arguments
+        (a,) = _Memory.of((context, builder, signature, arguments), 0)
+        first, second = a.load(low, _PIECE_BITS), a.load(high, _PIECE_BITS)
         bits = builder.zext(builder.shl(by, ir.Constant(by.type, 3)), _PIECE_BITS)
         piece = _call(builder, "llvm.fshr.i128", _PIECE_BITS, second, first, bits)
-        builder.store(piece, _at(context, builder, signature.args[0], a, t, _PIECE_BITS), align=1)
+        a.store(t, piece)
         return context.get_dummy_value()
 
     return types.void(a, types.intp, types.intp, types.intp, types.intp), generate
@@ -198,9 +231,9 @@ def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        sums, i, low, facts, x, stride = arguments
-        places = [_further(builder, i, pixel * LANES) for pixel in range(TILE)]
-        pixels = [_load(builder, _at(context, builder, signature.args[0], sums, place, _SHORTS), 2) for place in places]
+        _, i, low, _, x, stride = arguments
+        sums, facts = _Memory.of((context, builder, signature, arguments), 0, 3)
+        pixels = [sums.load(_further(builder, i, pixel * LANES), _SHORTS) for pixel in range(TILE)]
         four = ir.Constant(_SHORTS, [4] * LANES)
         keys = _least_of_each(builder, [builder.or_(builder.shl(values, four), _LANE) for values in pixels])
         lanes = builder.and_(keys, ir.Constant(_TILE_SHORTS, [LANES - 1] * TILE))
@@ -221,8 +254,7 @@ def winners(typing: Any, sums: Any, i: Any, low: Any, facts: Any, x: Any, stride
             least_where("==", 2),
         )
         for row, values in enumerate(found):
-            place = _nth(builder, x, stride, row)
-            builder.store(values, _at(context, builder, signature.args[3], facts, place, _TILE_SHORTS), align=2)
+            facts.store(_nth(builder, x, stride, row), values)
         return context.get_dummy_value()
 
     return types.void(sums, types.intp, types.int16, facts, types.intp, types.intp), generate
@@ -233,7 +265,8 @@ def smallest(typing: Any, a: Any, i: Any) -> Any:
     """min(a[i:]) * 16 + its first lane, of LANES uint16 below 4096."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        values = _load(builder, _at(context, builder, signature.args[0], arguments[0], arguments[1], _SHORTS), 2)
+        (a,) = _Memory.of((context, builder, signature, arguments), 0)
+        values = a.load(arguments[1], _SHORTS)
         keys = builder.or_(builder.shl(values, ir.Constant(_SHORTS, [4] * LANES)), _LANE)
         return _call(builder, "llvm.vector.reduce.umin.v16i16", _SHORT, keys)
 
@@ -245,8 +278,9 @@ def smallest_but(typing: Any, a: Any, i: Any, center: Any) -> Any:
     """min(a[i:]) of LANES uint16 without the lanes center - 1, center and center + 1 (center: int16, may lie outside)."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        a, i, center = arguments
-        values = _load(builder, _at(context, builder, signature.args[0], a, i, _SHORTS), 2)
+        _, i, center = arguments
+        (a,) = _Memory.of((context, builder, signature, arguments), 0)
+        values = a.load(i, _SHORTS)
         first = _splat(builder, builder.sub(center, ir.Constant(_SHORT, 1)), _SHORTS)
         near = builder.icmp_unsigned("<", builder.sub(_LANE, first), ir.Constant(_SHORTS, [3] * LANES))
         others = builder.select(near, ir.Constant(_SHORTS, [0xFFFF] * LANES), values)
@@ -264,12 +298,12 @@ def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        sums, i, first, best, j = arguments
+        _, i, first, _, j = arguments
+        sums, best = _Memory.of((context, builder, signature, arguments), 0, 3)
         keys = ir.Constant(_WINDOW, [0xFFFF] * WINDOW)
         for pixel in range(TILE):
             lead = TILE - 1 - pixel
-            place = _further(builder, i, pixel * LANES - lead)
-            values = _load(builder, _at(context, builder, signature.args[0], sums, place, _WINDOW), 2)
+            values = sums.load(_further(builder, i, pixel * LANES - lead), _WINDOW)
             own = [pixel if lead <= lane < lead + LANES else 0xFFFF for lane in range(WINDOW)]
             key = builder.or_(builder.shl(values, ir.Constant(_WINDOW, [3] * WINDOW)), ir.Constant(_WINDOW, own))
             keys = _minimum(builder, keys, key)
@@ -280,14 +314,16 @@ def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
         lane = builder.add(pixel, ir.Constant(_WIDE_WINDOW, [(lane - TILE + 1 + 0x8000) & 0xFFFFFFFF for lane in range(WINDOW)]))
         disparity = builder.add(lane, _splat(builder, builder.sext(first, _WORD), _WIDE_WINDOW))
         claimed = builder.or_(cost, disparity)
-        pointer = _at(context, builder, signature.args[3], best, place, _WIDE_WINDOW)
-        builder.store(_minimum(builder, _load(builder, pointer, 4), claimed), pointer, align=4)
+        best.store(place, _minimum(builder, best.load(place, _WIDE_WINDOW), claimed))
         return context.get_dummy_value()
 
     return types.void(sums, types.intp, types.int16, best, types.intp), generate
 
 
-def _step(builder: Any, under: Any, same: Any, over: Any, floor: Any, here: Any, p2: Any, P1: Any) -> Any:
+def _step(builder: Any, beside: tuple[Any, Any, Any], floor: Any, here: Any, penalties: tuple[Any, Any]) -> Any:
+    """beside: the block below, the block itself, and the one above it. penalties: P1, and P2 of each pixel."""
+    under, same, over = beside
+    P1, p2 = penalties
     below = builder.shuffle_vector(under, same, _mask(_beside([LANES - 1, *range(BLOCK, BLOCK + LANES - 1)])))
     above = builder.shuffle_vector(same, over, _mask(_beside([*range(1, LANES), BLOCK])))
     slope = _saturated(builder, _minimum(builder, below, above), _splat(builder, P1, _BLOCK))
@@ -327,27 +363,26 @@ def _floor(builder: Any, block: Any) -> Any:
     return block
 
 
-def _gather(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any) -> Any:
-    places = [_nth(builder, index, stride, pixel) for pixel in range(PIXELS)]
-    a, b, c, d = (_load(builder, _at(context, builder, array_type, array, place, _PIECE), 1) for place in places)
+def _gather(costs: _Memory, index: Any, stride: Any) -> Any:
+    a, b, c, d = (costs.load(_nth(costs.builder, index, stride, pixel), _PIECE) for pixel in range(PIXELS))
     two = _mask(range(2 * LANES))
-    return builder.shuffle_vector(builder.shuffle_vector(a, b, two), builder.shuffle_vector(c, d, two), _mask(range(BLOCK)))
+    shuffle = costs.builder.shuffle_vector
+    return shuffle(shuffle(a, b, two), shuffle(c, d, two), _mask(range(BLOCK)))
 
 
-def _scatter(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any, block: Any) -> None:
+def _scatter(rows: _Memory, index: Any, stride: Any, block: Any) -> None:
     for pixel in range(PIXELS):
-        piece = builder.shuffle_vector(block, block, _mask(range(pixel * LANES, (pixel + 1) * LANES)))
-        place = _nth(builder, index, stride, pixel)
-        builder.store(piece, _at(context, builder, array_type, array, place, _PIECE), align=1)
+        piece = rows.builder.shuffle_vector(block, block, _mask(range(pixel * LANES, (pixel + 1) * LANES)))
+        rows.store(_nth(rows.builder, index, stride, pixel), piece)
 
 
-def _p2_of_pixels(context: Any, builder: Any, array_type: Any, array: Any, index: Any, stride: Any) -> Any:
-    p2 = ir.Constant(_PER_PIXEL, ir.Undefined)
+def _p2_of_pixels(p2: _Memory, index: Any, stride: Any) -> Any:
+    """The P2 of PIXELS pixels, each in all the lanes of its piece."""
+    builder, values = p2.builder, ir.Constant(_PER_PIXEL, ir.Undefined)
     for pixel in range(PIXELS):
-        place = _nth(builder, index, stride, pixel)
-        value = _load(builder, _at(context, builder, array_type, array, place, _BYTE), 1)
-        p2 = builder.insert_element(p2, value, ir.Constant(_WORD, pixel))
-    return builder.shuffle_vector(p2, p2, _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)]))
+        value = p2.load(_nth(builder, index, stride, pixel), _BYTE)
+        values = builder.insert_element(values, value, ir.Constant(_WORD, pixel))
+    return builder.shuffle_vector(values, values, _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)]))
 
 
 def _further(builder: Any, index: Any, by: int) -> Any:
@@ -356,25 +391,6 @@ def _further(builder: Any, index: Any, by: int) -> Any:
 
 def _nth(builder: Any, index: Any, stride: Any, n: int) -> Any:
     return builder.add(index, builder.mul(stride, ir.Constant(stride.type, n)))
-
-
-def _load_block(context: Any, builder: Any, array_type: Any, array: Any, index: Any) -> Any:
-    return _load(builder, _at(context, builder, array_type, array, index, _BLOCK), 1)
-
-
-def _store_block(context: Any, builder: Any, array_type: Any, array: Any, index: Any, value: Any) -> None:
-    builder.store(value, _at(context, builder, array_type, array, index, _BLOCK), align=1)
-
-
-def _at(context: Any, builder: Any, array_type: Any, array: Any, index: Any, vector: Any) -> Any:
-    data = context.make_array(array_type)(context, builder, array).data
-    return builder.bitcast(builder.gep(data, [index]), vector.as_pointer())
-
-
-def _load(builder: Any, pointer: Any, align: int) -> Any:
-    value = builder.load(pointer)
-    value.align = align  # elements, not vectors, are aligned
-    return value
 
 
 def _mask(lanes: Any) -> Any:
