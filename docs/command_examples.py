@@ -38,6 +38,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "report": ("stereo-seecolor report survey",),
     "view": ("stereo-seecolor view mapped  # opens the page in the browser",),
     "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),
+    "campaign": ("stereo-seecolor campaign campaign.yaml",),
+    "plan": ("stereo-seecolor plan --left left --right right --calib cam.yaml",),
     "merge": (
         "stereo-seecolor run --left left --right right --calib cam.yaml --out parts/1 --shard 1/2",
         "stereo-seecolor run --left left --right right --calib cam.yaml --out parts/2 --shard 2/2",

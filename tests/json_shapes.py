@@ -126,6 +126,25 @@ SHAPES: dict[str, Shape] = {
         "notes": [str],
     },
     "merge": {**END, **RUN},
+    "campaign": {
+        **END,
+        "table": str,
+        "dives": [
+            {"name": str, "state": str, "ok": int, "failed": int, "seconds": NUMBER, "out": str, "error": str},
+        ],
+    },
+    "plan": {
+        **END,
+        "pairs": int,
+        "measured": int,
+        "core_seconds_per_pair": NUMBER,
+        "stage_seconds": {str: NUMBER},
+        "fit_s": NUMBER,
+        "disk_bytes": int,
+        "memory_bytes": int,
+        "wall_hours": {str: NUMBER},
+        "core_hours": NUMBER,
+    },
     "status": {
         **END,
         "runs": [

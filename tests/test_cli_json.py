@@ -38,7 +38,7 @@ def parsed(cli: Cli) -> Callable[..., dict[str, Any]]:
 
 
 def takes_progress(command: str | Path) -> bool:
-    return command in ("run", "merge", "range", "correct", "rectify", "fuse", "demo", "synthesize", "calibrate")
+    return command in ("run", "merge", "campaign", "range", "correct", "rectify", "fuse", "demo", "synthesize", "calibrate")
 
 
 def test_every_command_has_a_shape_here() -> None:
@@ -57,6 +57,15 @@ def test_the_commands_over_pairs(make_dive, parsed, tmp_path) -> None:
     words = ("--images", dive.root / "L", "--range", tmp_path / "out/range", "--out", tmp_path / "colors")
     correct = parsed("correct", "correct", *words)
     assert (correct["ok"], correct["unpaired_files"]) == (1, 1)
+
+
+def test_campaigns_and_plans(make_dive, parsed, tmp_path) -> None:
+    dive = make_dive(2)
+    file = tmp_path / "campaign.yaml"
+    file.write_text("{out: results, dives: [{name: a, left: dive/L, right: dive/R, calib: dive/cam.yaml}]}")
+    assert [row["ok"] for row in parsed("campaign", "campaign", file)["dives"]] == [2]
+    plan = parsed("plan", *dive.command(tmp_path / "out", command="plan")[:-2])
+    assert (plan["pairs"], plan["measured"]) == (2, 2)
 
 
 def test_shards_and_states(make_dive, parsed, tmp_path) -> None:

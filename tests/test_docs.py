@@ -20,8 +20,8 @@ FRAMES = range(3, 9)
 """The frames of the sample dive where its two lines overlap: enough for everything, and half the time."""
 
 FINISHED = (0, None)
-SHOWN_ONLY = ("view", "bag-info", "measure")
-"""Commands that open a window, or read what the sample dive does not have: only their help is asked for."""
+SHOWN_ONLY = ("view", "bag-info", "measure", "campaign")
+"""Commands that open a window, or need files that a user has: only their help is asked for."""
 
 MOST_BYTES = 200_000
 

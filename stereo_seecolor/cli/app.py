@@ -51,7 +51,12 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "convert-calib": rig_commands.convert_calib,
     },
     "Accuracy": {"demo": score_commands.demo, "evaluate": score_commands.evaluate, "synthesize": score_commands.synthesize},
-    "Many machines, many dives": {"merge": fleet_commands.merge, "status": fleet_commands.status},
+    "Many machines, many dives": {
+        "campaign": fleet_commands.campaign,
+        "plan": fleet_commands.plan,
+        "merge": fleet_commands.merge,
+        "status": fleet_commands.status,
+    },
     "This program": {"config": machine_commands.config, "doctor": machine_commands.doctor},
 }
 """Panel of the help -> command -> function."""

@@ -38,6 +38,8 @@ EXAMPLES = {
     "check": (f"check {SIDES}", f"check {SIDES} --refine refined.yaml"),
     "convert-calib": ("convert-calib stereo.mat cam.yaml", "convert-calib cam.yaml ROS --to ros"),
     "water": ("water OUT --poses nav.tum",),
+    "campaign": ("campaign campaign.yaml", "campaign campaign.yaml --only-failed"),
+    "plan": (f"plan {SIDES}",),
     "merge": ("merge PARTS/1 PARTS/2 --out OUT", "merge PARTS/1 PARTS/2 --out OUT --fit-only"),
     "status": ("status OUT", "status PARTS/1 PARTS/2"),
     "config": ("config --show --set color.lock=survey", "config --config OUT/run.json > settings.yaml"),

@@ -1,14 +1,32 @@
-"""Commands for many machines and many dives: merge, status."""
+"""Commands for many machines and many dives: merge, status, campaign, plan."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from stereo_seecolor.cli.contents import run_content, run_exit_code
-from stereo_seecolor.cli.fleet_text import status_text
-from stereo_seecolor.cli.options import DEFAULT_WORKERS, AsJson, LogFile, Out, Overwrite, Progress, Verbose, Workers
-from stereo_seecolor.cli.report import Report, run_options
+from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
+from stereo_seecolor.cli.fleet_text import campaign_text, plan_text, status_text
+from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
+from stereo_seecolor.cli.options import (
+    DEFAULT_WORKERS,
+    AsJson,
+    Calib,
+    ClusterName,
+    ConfigFile,
+    Left,
+    LogFile,
+    Out,
+    Overwrite,
+    Progress,
+    Right,
+    Settings,
+    Verbose,
+    Workers,
+)
+from stereo_seecolor.cli.report import Report, computing, run_options
 from stereo_seecolor.cli.run_text import run_text
 
 
@@ -45,3 +63,47 @@ def status(
 
     found = [look(out) for out in outs]
     Report("status", as_json).end({"runs": found}, status_text(found))
+
+
+def campaign(
+    file: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="YAML file that lists the dives (docs/fleets.md).")],
+    only_failed: Annotated[
+        bool, typer.Option("--only-failed", metavar="", help="Skip dives all of whose pairs went through.")
+    ] = False,
+    workers: Workers = DEFAULT_WORKERS,
+    cluster: ClusterName = "",
+    as_json: AsJson = False,
+    progress: Progress = "auto",
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
+    """Run many dives, one after the other; what is wrong with one does not end the others."""
+    from stereo_seecolor.commands.campaign import campaign as run_all
+
+    report = Report("campaign", as_json, progress, verbose, log_file)
+    with report.working() as listener, computing(cluster) as compute:
+        options = replace(run_options(workers, False, False, False, None, listener), cluster=compute)
+        result = run_all(file, options, only_failed=only_failed)
+    stopped = any(dive.state == "stopped" for dive in result.dives)
+    code = EXIT_INTERRUPTED if stopped else EXIT_DONE if result.all_done else EXIT_SOME_FAILED
+    report.end(vars(result), campaign_text(result), code)
+
+
+def plan(
+    left: Left,
+    right: Right,
+    calib: Calib,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
+    """What a dive will cost, from ten of its pairs: core-hours, wall time by workers, disk, memory."""
+    from stereo_seecolor.commands.plan import plan as measure
+    from stereo_seecolor.config_file import load_config
+
+    report = Report("plan", as_json, "none", verbose, log_file)
+    with report.working():
+        found = measure(left, right, calib, load_config(config, settings or []))
+    report.end({**vars(found), "core_hours": found.core_hours}, plan_text(found))

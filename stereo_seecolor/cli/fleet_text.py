@@ -1,4 +1,4 @@
-"""How far runs are, as text for a person."""
+"""How far runs are, what became of a campaign, and what a dive will cost, as text for a person."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
+    from stereo_seecolor.commands.campaign import CampaignResult
+    from stereo_seecolor.commands.plan import Plan
     from stereo_seecolor.commands.status import RunStatus
 
 REMEDY = {"killed": "ended without a word: run its line again", "stopped": "stopped early: run its line again"}
@@ -33,3 +35,22 @@ def duration(seconds: float) -> str:
         if seconds >= 2 * length:
             return f"{seconds / length:.1f} {unit}"
     return f"{seconds:.0f} s"
+
+
+def campaign_text(result: "CampaignResult") -> str:
+    """A row a dive."""
+    rows = [(dive.name, dive.state, str(dive.ok), str(dive.failed), duration(dive.seconds), dive.error) for dive in result.dives]
+    return table(("dive", "state", "pairs", "failed", "time", ""), rows) + lines([str(result.table)])
+
+
+def plan_text(plan: "Plan") -> str:
+    """The costs, and where the time goes."""
+    stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in plan.stage_seconds.items())
+    hours = [(str(workers), duration(3600 * hours)) for workers, hours in plan.wall_hours.items()]
+    return lines(
+        [
+            f"{plan.pairs} pairs, {plan.measured} of them measured: {plan.core_seconds_per_pair:.2f} core-seconds each ({stages})",
+            f"{plan.core_hours:.3g} core-hours, {plan.fit_s:.1f} s of them for what is done once",
+            f"{plan.disk_bytes / 1e9:.3g} GB of results; {plan.memory_bytes / 1e9:.2g} GB of memory for one worker",
+        ]
+    ) + table(("workers of one core", "time"), hours)

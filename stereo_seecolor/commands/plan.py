@@ -1,0 +1,93 @@
+"""``plan``: what a dive will cost, from ten of its pairs: core-hours, wall time, disk and memory."""
+
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from stereo_seecolor.commands.dive_rig import spread
+from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, claim
+from stereo_seecolor.commands.run import KIND, StereoCommand, color, stereo_job
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.frames_table import RunSummary
+
+MEASURED_PAIRS = 10
+"""Spread over the dive: the times of its pairs differ by some 10 %."""
+WORKERS = (1, 4, 16, 64)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a dive will cost. measured: pairs that this rests on. stage_seconds: core-seconds a pair, by stage.
+
+    fit_s: seconds for what is done once, on one core. disk_bytes: of all results. memory_bytes: of one process with one thread.
+    wall_hours: workers -> hours; each worker is one core.
+    """
+
+    pairs: int
+    measured: int
+    core_seconds_per_pair: float
+    stage_seconds: dict[str, float]
+    fit_s: float
+    disk_bytes: int
+    memory_bytes: int
+    wall_hours: dict[int, float]
+
+    @property
+    def core_hours(self) -> float:
+        """Of all pairs, and of what is done once."""
+        return (self.pairs * self.core_seconds_per_pair + self.fit_s) / 3600
+
+
+def plan(left: Path, right: Path, calib: str | Path, config: RunConfig | None = None, workers: Sequence[int] = WORKERS) -> Plan:
+    """Measure ten pairs in a folder for temporary files, after one that compiles and is not counted; nothing else is written.
+
+    Raises InputError where none of them goes through; SeeColorError, CalibrationError as ``run`` does.
+    """
+    inputs, config = StereoInputs(left, right, calib), config or RunConfig()
+    opened = inputs.open(config)
+    pairs = spread(opened.pairing.pairs, MEASURED_PAIRS)
+    with tempfile.TemporaryDirectory(prefix="stereo-seecolor-plan-") as folder:
+        warm = _measure(inputs, _only(opened, pairs[:1]), Path(folder) / "warm")
+        start_s = time.process_time()
+        summary = _measure(inputs, _only(opened, pairs), Path(folder) / "measured")
+        core_s, ok = time.process_time() - start_s, summary.count("ok")
+        if not ok:
+            first = next(row.error for row in (*summary.rows, *warm.rows) if row.error)
+            raise InputError(f"none of {len(pairs)} pairs spread over the dive goes through; the first: {first}")
+        written = sum(path.stat().st_size for path in files_below(Path(folder) / "measured"))
+    seconds = summary.stage_seconds()  # by the clock, which runs on where the machine is busy with other things
+    once = max(1 - sum(seconds.values()) / summary.wall_seconds, 0.0)
+    number, fit_s, per_pair = len(opened.pairing.pairs), core_s * once, core_s * (1 - once) / ok
+    stages = {stage: per_pair * value / sum(seconds.values()) for stage, value in seconds.items()}
+    hours = {count: (number * per_pair / count + fit_s) / 3600 for count in workers}
+    return Plan(number, ok, per_pair, stages, fit_s, written * number // ok, _peak_bytes(), hours)
+
+
+def _only(opened: Opened, pairs: Sequence[object]) -> Opened:
+    return replace(opened, pairing=Pairing(tuple(pair for pair in opened.pairing.pairs if pair in pairs), ()))
+
+
+def _measure(inputs: StereoInputs, opened: Opened, out: Path) -> RunSummary:
+    options = RunOptions(workers=1)
+    command = StereoCommand(inputs, opened.pipeline.config, options, "corrected")
+    with RunFolder(out, claim(inputs.owner(KIND, opened.pairing), options, inputs.paths)) as folder:
+        passes = stereo_job(opened, command, lambda dive, held, pairing: color(dive, held, pairing, None))
+        return passes.conduct(folder, options)
+
+
+def _peak_bytes() -> int:
+    """The most memory that this process has had; 0 where the system does not say."""
+    if sys.platform == "win32":
+        return 0
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
