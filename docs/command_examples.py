@@ -48,6 +48,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "status": ("stereo-seecolor status whole",),
     "evaluate": (
         "stereo-seecolor evaluate out --truth truth",
+        "stereo-seecolor evaluate out --spread",
         "stereo-seecolor evaluate --chart --images rectified/rectified_left --range truth/range",
     ),
 }

@@ -163,9 +163,11 @@ class ColorConfig(_Stage):
         "sliding: the water of the last frames. survey: one water for all frames.",
     )
     sliding_frames: int = Field(default=20, ge=1, description="Frames that share a water where lock is sliding.")
-    camera_exposure: Literal["fixed", "auto"] = Field(
-        default="fixed",
-        description="fixed: the camera held its exposure through the survey. auto: it did not; each frame's is measured.",
+    camera_exposure: Literal["auto", "fixed", "brightness"] = Field(
+        default="auto",
+        description="auto: a gain for each frame, from spots that several frames of run show, where that makes them agree better. "
+        "fixed: the camera held its exposure through the survey. brightness: it did not; each frame's is taken from its brightness "
+        "at like ranges.",
     )
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto",
@@ -176,10 +178,10 @@ class ColorConfig(_Stage):
         description="srgb: decoded to linear light, corrected there, encoded again. linear: the values are linear light, and "
         "the output is encoded. as-is: the values are corrected as they are.",
     )
-    lights: Literal["none", "learn"] = Field(
-        default="none",
-        description="learn: the strobes' or lamps' own pattern, learned from the dive (at least 12 frames), is divided out first. "
-        "For dives lit by lamps alone; where the sun is about as strong it makes things worse.",
+    lights: Literal["auto", "none"] = Field(
+        default="auto",
+        description="auto: what lamps and lens make uneven, over the picture and over range, is solved from spots that several "
+        "frames of run show, and divided out where that makes them agree better. none: nothing is divided out.",
     )
     clipped_fraction: float = Field(
         default=0.0005,

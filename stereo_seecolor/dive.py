@@ -6,8 +6,11 @@ run finished with the same inputs and settings is kept, in either pass.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
 
-from stereo_seecolor.color.photometry.lights import learn_light
+from calibration import RectifiedPair
+from stereo_seecolor.color.photometry.light_model import Light
+from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.frame_stages import FrameStages, Source, water_key
 from stereo_seecolor.frame_work import Correction, FrameWork, Result, Work, rows_alone
@@ -17,22 +20,25 @@ from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable
 from stereo_seecolor.run_folder.kept_fit import KeptFit
+from stereo_seecolor.run_folder.kept_light import KeptLight
 from stereo_seecolor.run_folder.progress_file import ProgressFile
-
-LIGHT_FRAMES = 60
-"""So many frames, spread over the dive, teach the rig's lights; more would teach little more."""
+from stereo_seecolor.run_folder.water_file import waters_content
 
 
 class Dive:
     """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
 
-    table: what became of each pair so far. notes: what concerns the dive as a whole.
+    table: what became of each pair so far. notes: what concerns the dive as a whole. light: what was found of its light, for
+    water.json; None where nothing of it is used.
     """
 
     def __init__(self, source: Source, folder: RunFolder, options: RunOptions) -> None:
         self.table = FrameTable()
         self.notes: tuple[str, ...] = ()
-        self._config, self._corrector = source.config, source.corrector
+        self.light: dict[str, Any] | None = None
+        self._light_known = not options.shard.whole  # a part of a dive must be lit as the other parts are
+        self._linked: frozenset[str] = frozenset()
+        self._config, self._corrector, self._geometry = source.config, source.corrector, source.geometry
         self._folder, self._options = folder, options
         self._progress = ProgressFile(folder.root)
         self._stages = FrameStages(source, folder, options.verify)
@@ -61,12 +67,12 @@ class Dive:
         self.notes += notes
         key = self._stages.fit_key(pairs)
         if key:
-            KeptFit.of(key, notes, waters).save(self._folder.root)
+            KeptFit.of(key, notes, waters_content(waters, self.light)).save(self._folder.root)
         return waters
 
     def _fit(self, pairs: Sequence[Pair]) -> tuple[dict[str, Water], tuple[str, ...]]:
         """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
-        fitter = self._corrector.survey_fitter()
+        fitter = self._corrector.survey_fitter(self._stages.light, self._linked)
         for row, (ranged, table) in self._pass("ranges", pairs, self._stages.counted):
             fitter.add(row.name, table, self._stages.reader(ranged))
         return fitter.waters(), fitter.notes()
@@ -88,17 +94,41 @@ class Dive:
         self._folder.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})
 
     def _begin_color(self, pairs: Sequence[Pair]) -> None:
-        if self._config.color.lights == "learn" and self._stages.light is None:
-            self._learn_light(pairs)
+        if not self._light_known:
+            self._find_light(pairs)
+            self._light_known = True
         self._folder.begin({"range": self._stages.range_settings, "corrected": self._stages.color_settings})
 
-    def _learn_light(self, pairs: Sequence[Pair]) -> None:
-        """Learn the rig's own lights from frames spread over the dive; they are divided out of every frame from then on."""
-        names = {row.name for row, _ in self._pass("ranges", pairs, rows_alone(self._stages.range_row))}
-        good = [pair for pair in pairs if pair.name in names]
-        spread = good[:: -(-len(good) // LIGHT_FRAMES) or 1]
-        frames = (self._stages.reader(self._stages.ranged(pair, Clock()))() for pair in spread)
-        self._stages.light = learn_light(frames, self._config.color.input_encoding)
+    def leave_light(self) -> None:
+        """Take the dive's light as it is: for frames that shards have corrected, or will, each without the others."""
+        self._light_known = True
+
+    def _find_light(self, pairs: Sequence[Pair]) -> None:
+        """What the dive's own overlapping frames say of its light: an earlier run's, or solved now."""
+        color, geometry = self._config.color, self._geometry
+        allowed = Use(color.lights == "auto", color.lights == "auto", color.camera_exposure == "auto")
+        if geometry is None or len(pairs) < 2 or not any(allowed):
+            return
+        kept = KeptLight.load(self._folder.root)
+        if kept is None or self._options.verify or kept.key != self._stages.fit_key(pairs):
+            kept = self._solve_light(pairs, geometry, allowed)
+        self._stages.light = Light.from_content(kept.light) if kept.light else None
+        self.light, self._linked = kept.light, frozenset(kept.linked)
+        self.notes += (kept.note,) if kept.note else ()
+
+    def _solve_light(self, pairs: Sequence[Pair], geometry: RectifiedPair, allowed: Use) -> KeptLight:
+        from stereo_seecolor.dive_light import LightSearch  # loads the search for features
+
+        self._begin_ranges()
+        good = [ranged for _, (ranged, _) in self._pass("ranges", pairs, self._stages.counted)]  # tables while pixels are at hand
+        frames = [(ranged.pair.name, self._stages.reader(ranged)) for ranged in good]
+        found = LightSearch(frames, geometry, self._config.color.input_encoding).solve(allowed)
+        light = found.light
+        content = light.content() if light and light.light else None
+        kept = KeptLight(self._stages.fit_key(pairs) or "", light.note if light else "", content, found.linked)
+        if kept.key:
+            kept.save(self._folder.root)
+        return kept
 
     def _pass(self, stage: str, pairs: Sequence[Pair], work: Work[Result]) -> Iterator[tuple[FrameRow, Result]]:
         """``work`` on all pairs, in their order; what is wrong with one pair becomes its row, and ends no pass."""

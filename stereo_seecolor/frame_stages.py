@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
-import cv2
 import numpy as np
 
 from calibration import RectifiedPair
 from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.photometry.lights import LightField, even_light
+from stereo_seecolor.color.photometry.even_light import even_light
+from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -79,10 +79,10 @@ class Ranged:
 
 
 class FrameStages:
-    """The stages of a frame; every method may be called from many threads. light: the rig's lights, where they were learned."""
+    """The stages of a frame; every method may be called from many threads. light: the dive's, where a term of it is used."""
 
     def __init__(self, source: Source, folder: RunFolder, verify: bool = False) -> None:
-        self.light: LightField | None = None
+        self.light: Light | None = None
         self._source, self._folder, self._verify = source, folder, verify
 
     @property
@@ -94,11 +94,11 @@ class FrameStages:
     def color_settings(self) -> str:
         """Hash of the settings that corrected frames depend on besides their ranges and their water."""
         config = self._source.config
-        return content_key(config.color.model_dump(), config.output.model_dump(), self._light_content)
+        return content_key(config.color.model_dump(), config.output.model_dump(), self._light_key)
 
     @property
-    def _light_content(self) -> bytes:
-        return self.light.pattern.tobytes() if self.light else b""
+    def _light_key(self) -> str:
+        return self.light.fingerprint if self.light else ""
 
     def fit_key(self, pairs: Sequence[Pair]) -> str | None:
         """Hash of all that the waters of these pairs are fitted to; None unless the ranges of all of them are known."""
@@ -153,12 +153,16 @@ class FrameStages:
         return replace(ranged, record=record, pixels=(image, range_map))
 
     def pixels(self, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
-        """The (rectified) left image and its range map, with the rig's lights divided out where they were learned."""
-        image, range_map = ranged.pixels or self._read_again(ranged, clock)
+        """The (rectified) left image and its range map."""
+        return ranged.pixels or self._read_again(ranged, clock)
+
+    def _evened(self, name: str, image: Image, range_m: Map, clock: Clock) -> Image:
+        """The rectified image without the dive's light."""
         if self.light is None:
-            return image, range_map
+            return image
         with clock("light"):
-            return even_light(image, range_map.range_m, self.light, self._source.config.color.input_encoding), range_map
+            light = self.light.on(name, (image.shape[1], image.shape[0]))
+            return even_light(image, range_m, light, self._source.config.color.input_encoding)
 
     def _read_again(self, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
         """A pair that was measured before; measured again where its files have been damaged since."""
@@ -177,11 +181,12 @@ class FrameStages:
     def table(self, ranged: Ranged, clock: Clock) -> MomentTable:
         """The frame's colors counted over range: an earlier run's table, or counted now and kept."""
         path = self._folder.root / table_file(ranged.pair.name)
-        key = content_key(ranged.key, self._light_content, self._source.config.color.input_encoding)
+        key = content_key(ranged.key, self._light_key, self._source.config.color.input_encoding)
         with clock("read"):
             table = _load_table(path, key)
         if table is None:
             image, range_map = self.pixels(ranged, clock)
+            image = self._evened(ranged.pair.name, image, range_map.measured_m, clock)
             with clock("color"):
                 table = self._source.corrector.measure(image, range_map.measured_m)
             with clock("write"):
@@ -194,7 +199,7 @@ class FrameStages:
 
         def read() -> tuple[Image, Map]:
             image, range_map = self.pixels(stored, Clock())
-            return image, range_map.measured_m
+            return self._evened(ranged.pair.name, image, range_map.measured_m, Clock()), range_map.measured_m
 
         return read
 
@@ -209,12 +214,14 @@ class FrameStages:
             image, measured = self.pixels(ranged, clock)
             with clock("color"):
                 range_map = ranges_for_color(image, measured, config, self._source.seen)
+            image = self._evened(ranged.pair.name, image, range_map.range_m, clock)
+            with clock("color"):
                 correction = correct(self._source.corrector, config, image, range_map, water)
             facts = {
                 "exposure": correction.exposure,
                 "clipped_fraction": correction.clipped_fraction,
                 "unrecoverable_fraction": float(correction.unrecoverable.mean()),
-            }
+            } | self._gain(ranged.pair.name)
             record = StageRecord(key, settings, water_hash, facts=facts, warnings=correction.warnings)
             with clock("write"):
                 exif = self._source.reader.capture(ranged.pair.left).exif
@@ -226,6 +233,12 @@ class FrameStages:
                 self._folder.save(ranged.record.with_stage("corrected", record), "corrected", files)
         return ranged.row.then(FrameRow(ranged.pair.name, kept=kept, warnings=record.warnings, facts=dict(record.facts)))
 
+    def _gain(self, name: str) -> dict[str, float]:
+        """light_gain: how much brighter than usual the frame was lit or exposed, where that was measured."""
+        if self.light is None or name not in self.light.gains:
+            return {}
+        return {"light_gain": float(np.exp(self.light.gains[name].mean()))}
+
     def _original_files(self, pair: Pair, rectified: RangeMap, water: Water, exif: bytes, clock: Clock) -> Files:
         """The frame in the camera's own pixels: its raw image is corrected, not the rectified one turned back, which would blur."""
         source, view = self._source, self._source.original
@@ -233,19 +246,13 @@ class FrameStages:
         image = source.raw(pair, clock)
         with clock("color"):
             range_m = view.ranges(rectified.range_m)
-            if self.light:
-                image = even_light(image, range_m, _seen_through(self.light, view, rectified), source.config.color.input_encoding)
             range_map = ranges_alone(range_m, ~view.mask(rectified.filled))
             for_color = ranges_for_color(image, range_map, source.config)
+            if self.light:
+                light = self.light.on(pair.name, rectified.range_m.shape[::-1]).seen_through(view.smooth)
+                image = even_light(image, for_color.range_m, light, source.config.color.input_encoding)
             correction = correct(source.corrector, source.config, image, for_color, water)
         return original_files(pair.left, correction, for_color.with_ranges(range_m, for_color.filled), exif)
-
-
-def _seen_through(light: LightField, view: OriginalView, rectified: RangeMap) -> LightField:
-    """The lights' pattern over the raw image."""
-    height, width = rectified.range_m.shape
-    pattern = cv2.resize(light.pattern.astype(np.float32), (width, height), interpolation=cv2.INTER_CUBIC)
-    return replace(light, pattern=view.smooth(pattern).astype(np.float64))
 
 
 def water_key(water: Water) -> str:

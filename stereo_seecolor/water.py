@@ -36,6 +36,7 @@ class Water:
     input_encoding: how the images were read that it was fitted to. warnings: what the fit had to say.
     exposure: the brightness that its frames are shown at, None where each frame has its own. highlights: how many times the
     brightest light shown is rolled off to it at that exposure, 1 = none is.
+    fall_off: power of the range by which the rig's own light falls off, beside A: 0 for daylight, 2 for lamps at the camera.
 
     Raises ColorError for values that no water has.
     """
@@ -54,6 +55,7 @@ class Water:
     warnings: tuple[str, ...] = ()
     exposure: float | None = None
     highlights: float = 1.0
+    fall_off: float = 0.0
 
     def __post_init__(self) -> None:
         if problem := problem_of(vars(self)):

@@ -20,6 +20,8 @@ class Limits:
     """Light lost within 0.1 mm; the most turbid harbors have some 50 per meter."""
     exposure: float = 1e12
     """Gain of all channels: that which makes the least white point full scale."""
+    fall_off: float = 4.0
+    """Power of the range: light that goes out and comes back from a point falls off by no more."""
 
 
 LIMITS = Limits()
@@ -51,6 +53,7 @@ def problem_of(water: Mapping[str, Any]) -> str:
     if water["exposure"] is not None:
         problems.append(_number_problem("exposure", water["exposure"], 1 / LIMITS.exposure))
     problems.append(_number_problem("highlights", water["highlights"], 1.0))
+    problems.append(_number_problem("fall_off", water["fall_off"], 0.0, LIMITS.fall_off))
     for name, errors in water["standard_errors"].items():
         known = np.nan_to_num(errors, nan=0.0) if isinstance(errors, np.ndarray) and errors.dtype.kind == "f" else errors
         problems.append(_channels_problem(f"the standard error of {name}", known, 0.0, np.finfo(np.float64).max))
@@ -64,9 +67,9 @@ def _channels_problem(name: str, value: Any, low: float, high: float) -> str:
     return "" if inside.all() else f"{name} must be from {low:g} to {high:g} in each channel (got {value.tolist()})"
 
 
-def _number_problem(name: str, value: Any, low: float) -> str:
-    good = not isinstance(value, bool) and isinstance(value, Real) and low <= float(value) <= LIMITS.exposure
-    return "" if good else f"{name} must be a number from {low:g} to {LIMITS.exposure:g} (got {value!r:.80})"
+def _number_problem(name: str, value: Any, low: float, high: float = LIMITS.exposure) -> str:
+    good = not isinstance(value, bool) and isinstance(value, Real) and low <= float(value) <= high
+    return "" if good else f"{name} must be a number from {low:g} to {high:g} (got {value!r:.80})"
 
 
 def _light_falls(water: Mapping[str, Any]) -> bool:

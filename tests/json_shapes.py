@@ -83,6 +83,7 @@ COLOR_SCORE = {
 }
 SCORES = {"range": RANGE_SCORE, "color": COLOR_SCORE, "raw_color": COLOR_SCORE}
 TRUTH = {"frames": [{"name": str, **SCORES}], "missing": [str], **SCORES}
+SPREAD = {"luminance": float, "frame_offsets": float, "angle_deg": float, "spots": int}
 CHART_ROW = {
     "frame": str,
     "target": str,
@@ -199,6 +200,7 @@ SHAPES: dict[str, Shape] = {
     "water": {**END, "out": str, "path": str, "water": dict},
     "evaluate": {**END, **TRUTH},
     "evaluate --chart": {**END, "rows": [CHART_ROW], "means": [CHART_ROW], "without_target": [str], "sheet": str},
+    "evaluate --spread": {**END, "raw": SPREAD, "corrected": SPREAD, "pairs": int},
     "synthesize": {**END, "out": str, "spec": dict},
     "demo": {**END, **RUN, "truth": TRUTH},
     "calibrate": {

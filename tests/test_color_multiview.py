@@ -32,7 +32,7 @@ def sightings_through(water: Water, colors: NDArray[np.float64], noise: float = 
     range_m = rng.uniform(*RANGES_M, place.size)
     light = colors[place] * water.white * water.attenuation(range_m) + water.backscatter(range_m)
     light += noise * rng.standard_normal(light.shape)
-    return Sightings(place, np.tile(np.arange(each), len(colors)), range_m, light)
+    return Sightings(place, np.tile(np.arange(each), len(colors)), range_m, light, np.zeros((place.size, 2)))
 
 
 def reef(places: int = 1500) -> NDArray[np.float64]:
@@ -90,7 +90,7 @@ def test_same_sightings_same_water() -> None:
 def test_what_cannot_carry_a_fit_is_refused() -> None:
     seen = sightings_through(water_named("turbid"), reef(300))
     with pytest.raises(ColorError, match="only 20 sightings"):
-        fit_sightings(Sightings(seen.place[:20], seen.frame[:20], seen.range_m[:20], seen.light[:20]), "srgb")
+        fit_sightings(Sightings(seen.place[:20], seen.frame[:20], seen.range_m[:20], seen.light[:20], seen.pixel[:20]), "srgb")
     with pytest.raises(ColorError, match="fly at two altitudes"):
         fit_sightings(replace(seen, range_m=np.full(seen.range_m.shape, 2.0)), "srgb")
 

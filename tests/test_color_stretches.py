@@ -70,3 +70,12 @@ def test_frames_without_a_known_range_go_with_those_before_them():
     fitter, waters = fitted(frames)
     assert fitter.stretches == [["0", "1", "2", "3"], ["4", "5"]]
     assert waters["3"].warnings == ("no pixel with a known range: another frame's water is used",)
+
+
+def test_frames_that_show_the_same_are_not_cut_apart():
+    corrector = Corrector(ColorConfig(input_encoding="as-is"))
+    fitter = corrector.survey_fitter(linked=["2", "3"])
+    for i, (image, range_m) in enumerate(frames_under(CLEAR, CLEAR, GREEN, GREEN, BLUE, BLUE)):
+        fitter.add(str(i), corrector.measure(image, range_m), lambda: None)
+    fitter.waters()
+    assert fitter.stretches == [["0", "1", "2", "3"], ["4", "5"]]

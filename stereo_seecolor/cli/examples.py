@@ -28,6 +28,7 @@ EXAMPLES = {
     "synthesize": ("synthesize --out dive --pairs 20 --lines 2 --water turbid",),
     "evaluate": (
         "evaluate OUT --truth dive/truth",
+        "evaluate OUT --spread",
         "evaluate --chart --images IMAGES --range RANGES --sheet charts.png",
         "evaluate --chart --images IMAGES --range RANGES --others SEATHRU --others MINE",
     ),

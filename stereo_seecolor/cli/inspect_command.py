@@ -65,7 +65,7 @@ def _calibration_lines(calibration: "CalibrationFacts") -> list[str]:
 
 
 def _measured_lines(measured: "Measured") -> list[str]:
-    light = "strobes or lamps (try --set color.lights=learn)" if measured.strobes else "daylight"
+    light = "strobes or lamps" if measured.strobes else "daylight"
     return [
         f"range: {measured.median_range_m:.2f} m (median), known for {measured.coverage:.0%} of the pixels; "
         f"{measured.ground_resolution_m * 1000:.2f} mm a pixel",

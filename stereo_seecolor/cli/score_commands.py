@@ -19,11 +19,14 @@ from stereo_seecolor.cli.options import (
 )
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.run_text import run_text
-from stereo_seecolor.cli.score_text import charts_text, truth_text
+from stereo_seecolor.cli.score_text import charts_text, spread_text, truth_text
 
 CHARTS = "Color charts"
 FinishedRun = Annotated[Path | None, typer.Argument(metavar="OUT", help="Output folder of a finished run (with --truth).")]
 Truth = Annotated[Path | None, typer.Option("--truth", metavar="FOLDER", help="The truth/ folder of a dive made by synthesize.")]
+BySpread = Annotated[
+    bool, typer.Option("--spread", metavar="", help="Compare the same spots of the reef between the frames of OUT; needs no truth.")
+]
 ByChart = Annotated[
     bool, typer.Option("--chart", metavar="", help="Score every method on color charts or white targets.", rich_help_panel=CHARTS)
 ]
@@ -65,14 +68,16 @@ def evaluate(
     targets: Targets = None,
     others: Others = None,
     sheet: Sheet = Path("charts.png"),
+    by_spread: BySpread = False,
     config: ConfigFile = None,
     settings: Settings = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
-    """Errors of a run against known truth; or, with --chart, color errors of each method on targets in the water."""
+    """Errors of a run against truth (--truth); how evenly it shows the reef (--spread); errors of methods on targets (--chart)."""
     from stereo_seecolor.commands.evaluate import evaluate as evaluate_run
+    from stereo_seecolor.commands.evaluate import evaluate_spread
     from stereo_seecolor.config_file import load_config
     from stereo_seecolor.evaluation.charts import evaluate_charts
 
@@ -83,8 +88,12 @@ def evaluate(
         with report.working():
             charts = evaluate_charts(images, ranges, targets, load_config(config, settings or []), sheet, others or ())
         report.end(charts_content(charts), charts_text(charts))
+    if out is not None and by_spread:
+        with report.working():
+            spread = evaluate_spread(out)
+        report.end(vars(spread), spread_text(spread))
     if out is None or truth is None:
-        raise typer.BadParameter("give a run's folder with --truth, or --chart with --images and --range")
+        raise typer.BadParameter("give a run's folder with --truth or --spread, or --chart with --images and --range")
     with report.working():
         scores = evaluate_run(out, truth)
     report.end(vars(scores), truth_text(scores))

@@ -6,6 +6,7 @@ from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.evaluation.charts import ChartReport
+    from stereo_seecolor.evaluation.spread import SpreadReport
     from stereo_seecolor.evaluation.truth import TruthReport
 
 
@@ -50,3 +51,19 @@ def charts_text(report: "ChartReport") -> str:
         rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}"))
     without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
     return table(columns, rows) + lines([*without, f"  {report.sheet}: every method on every frame, to look at"])
+
+
+def spread_text(report: "SpreadReport") -> str:
+    """The same spots between frames."""
+    measures = (
+        ("brightness of one spot between views, robust spread", "luminance", ".3f"),
+        ("brightness between frames, rms", "frame_offsets", ".3f"),
+        ("color of one spot between views, degrees", "angle_deg", ".2f"),
+    )
+    rows = [
+        (what, format(getattr(report.corrected, name), style), format(getattr(report.raw, name), style))
+        for what, name, style in measures
+    ]
+    return table(("between frames", "corrected", "raw images"), rows) + lines(
+        [f"{report.corrected.spots} spots in {report.pairs} pairs of frames; brightness as natural logarithm of a ratio"]
+    )

@@ -1,10 +1,12 @@
 """The color stage: images and range maps in, corrected images out. numpy at its face; numba and torch load when first used."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry.light_model import Light, with_fall_off
 from stereo_seecolor.color.photometry.survey import NO_RANGE, Fitter, FrameFitter, ReadPixels, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.exposure import choose
@@ -87,15 +89,26 @@ class Corrector:
             return self._without_pixels(start)
         return dense.fit(image.reshape(-1, 3)[known], range_m.reshape(-1)[known], self.config, start)
 
-    def survey_fitter(self) -> Fitter:
-        """Frames in, one at a time and in their order; a water for each of them out, by ``color.lock``."""
+    def survey_fitter(self, light: Light | None = None, linked: Collection[str] = ()) -> Fitter:
+        """Frames in, one at a time and in their order; a water for each of them out, by ``color.lock``.
+
+        light: what was divided out of the frames; how light falls off with range then follows from what it saw.
+        linked: frames that show the same as the one before them, and so share its water.
+        """
+
+        def fit(table: MomentTable, start: Water | None) -> Water:
+            return with_fall_off(self.fit(table, start), light)
+
+        def fit_measured(table: MomentTable, pixels: ReadPixels, start: Water | None) -> Water:
+            return with_fall_off(self._fit_measured(table, pixels, start), light)
+
         if self.config.lock == "frame":
-            return FrameFitter(self._fit_measured)
+            return FrameFitter(fit_measured)
         from stereo_seecolor.color.photometry.stretches import AutoFitter  # loads numba
 
         if self.config.lock == "auto":
-            return AutoFitter(self.config, self.fit)
-        return (SurveyFitter if self.config.lock == "survey" else SlidingFitter)(self.config, self.fit)
+            return AutoFitter(self.config, fit, linked)
+        return (SurveyFitter if self.config.lock == "survey" else SlidingFitter)(self.config, fit)
 
     def apply(
         self,

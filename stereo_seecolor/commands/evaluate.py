@@ -1,4 +1,4 @@
-"""Compare a finished run with the known truth of the dive it was made from."""
+"""Compare a finished run with the known truth of the dive it was made from, or its frames with each other."""
 
 import hashlib
 from collections.abc import Iterable
@@ -6,9 +6,13 @@ from pathlib import Path
 
 from calibration import Rectification, RectifiedPair
 from calibration.formats import load_rig
+from stereo_seecolor.commands.raw_images import RawImages
+from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.spread import ComparedFrame, SpreadReport, measure_spread
 from stereo_seecolor.evaluation.truth import FrameFiles, TruthReport, evaluate_truth
-from stereo_seecolor.run_folder.finished_run import FinishedFrame, open_run
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 GEOMETRY_TOLERANCE = 1e-6
 """Relative difference of focal length, center and baseline up to which two cameras are one: rounding in files is far below it."""
@@ -27,6 +31,32 @@ def evaluate(out: Path, truth: Path) -> TruthReport:
     return evaluate_truth(
         {frame.name: _files(frame) for frame in run.frames if {"range", "corrected"} <= frame.products.keys()}, truth
     )
+
+
+def evaluate_spread(out: Path) -> SpreadReport:
+    """How much the same spots of the reef differ between the frames of the run in ``out``; needs no truth, but the dive's images.
+
+    Raises InputError where no two frames show the same, or the images are gone.
+    """
+    run = open_run(out)
+    frames = _Compared(run)
+    return measure_spread(frames, frames.geometry, run.config.color.input_encoding)
+
+
+class _Compared(Lazy[ComparedFrame]):
+    """The frames of a run before and after correction, read when asked for."""
+
+    def __init__(self, run: FinishedRun) -> None:
+        self._raw, self._frames = RawImages(run), SurveyFrames(run)
+        self.geometry = self._frames.geometry
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def item(self, number: int) -> ComparedFrame:
+        """Read one frame."""
+        shown = self._frames[number]
+        return ComparedFrame(self._raw.rectified(shown.name), shown)
 
 
 def _files(frame: FinishedFrame) -> FrameFiles:

@@ -37,6 +37,7 @@ def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *
         if waters is None and not fit_only:
             color(dive, folder, pairing, None)
             return
+        dive.leave_light()
         known = dive.waters(pairs) if waters is None else {pair.name: waters[pair.name] for pair in pairs if pair.name in waters}
         if fit_only:
             folder.write(WATER, waters_content(known))

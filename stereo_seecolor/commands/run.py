@@ -10,7 +10,6 @@ from stereo_seecolor.commands.over_pairs import Job, Opened, StereoInputs, claim
 from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
-from stereo_seecolor.errors import ConfigError
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Water
@@ -44,8 +43,6 @@ def run(
     if water or options.shard.whole:
         command = StereoCommand(inputs, config, options, "corrected")
         return command.into(out, lambda dive, folder, pairing: color(dive, folder, pairing, water, options.shard), water)
-    if config.color.lights == "learn":
-        raise ConfigError("color.lights=learn: a rig's lights are learned from the whole dive: run it without --shard")
     return StereoCommand(inputs, config, options, "range").into(out, lambda dive, _, pairing: dive.count(pairing.pairs))
 
 
@@ -122,7 +119,7 @@ def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, s
         return
     waters = read_waters(water, [pair.name for pair in pairing.pairs]) if water else dive.waters(pairing.pairs)
     if waters and (water is None or water.resolve() != (folder.root / WATER).resolve()):
-        folder.write(WATER, waters_content(waters))
+        folder.write(WATER, waters_content(waters, dive.light))
     dive.correct(pairing.pairs, waters)
 
 

@@ -6,17 +6,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import Rectification
 from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
 from stereo_seecolor.color.photometry.sightings import KeyFrame, find_sightings
+from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.placement import place
-from stereo_seecolor.records import Image, Water
+from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MEASURED_WATER
@@ -60,9 +59,8 @@ class _KeyFrames(Lazy[KeyFrame]):
     """The placed frames of a run, as the camera saw them and rectified, read when asked for."""
 
     def __init__(self, run: FinishedRun, frames: SurveyFrames, poses: NDArray[np.float64]) -> None:
-        self._run, self._frames, self._poses = run, frames, poses
+        self._raw, self._frames, self._poses = RawImages(run), frames, poses
         self._placed = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
-        self._rectification = Rectification.from_rig(run.rig)
 
     def __len__(self) -> int:
         return len(self._placed)
@@ -71,6 +69,4 @@ class _KeyFrames(Lazy[KeyFrame]):
         """A frame, raw and rectified."""
         placed = int(self._placed[number])
         frame = self._frames[placed]
-        raw = read_image(self._run.frame(frame.name).left, self._run.config.input)
-        image: Image = self._rectification.upright(self._rectification.apply_left(raw))
-        return KeyFrame(image, frame.range_m, self._poses[placed])
+        return KeyFrame(self._raw.rectified(frame.name), frame.range_m, self._poses[placed])

@@ -2,14 +2,13 @@
 
 import hashlib
 import json
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.run_folder.layout import WATER, fit_file
-from stereo_seecolor.run_folder.water_file import read_waters, waters_content
+from stereo_seecolor.run_folder.water_file import read_waters
 from stereo_seecolor.water import Water
 
 
@@ -22,9 +21,9 @@ class KeptFit:
     sha256: str
 
     @classmethod
-    def of(cls, key: str, notes: tuple[str, ...], waters: Mapping[str, Water]) -> "KeptFit":
-        """The record of a fit that gave these waters, by frame name."""
-        return cls(key, notes, hashlib.sha256(waters_content(waters)).hexdigest())
+    def of(cls, key: str, notes: tuple[str, ...], content: bytes) -> "KeptFit":
+        """The record of a fit that gave the water.json of this content."""
+        return cls(key, notes, hashlib.sha256(content).hexdigest())
 
     def save(self, root: Path) -> None:
         """Write it. Raises OutputError."""

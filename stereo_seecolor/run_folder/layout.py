@@ -111,6 +111,11 @@ def progress_file(root: Path) -> Path:
     return state(root, "progress.json")
 
 
+def light_file(root: Path) -> Path:
+    """Where the light of the dive is kept, and what it was solved from."""
+    return state(root, "light.json")
+
+
 def table_file(name: str) -> str:
     """Where the moment table of a frame is kept, relative to OUT."""
     return f"{STATE}/tables/{name}.table"

@@ -14,11 +14,15 @@ def write_waters(path: Path, waters: Mapping[str, Water]) -> None:
     write_atomic(path, waters_content(waters))
 
 
-def waters_content(waters: Mapping[str, Water]) -> bytes:
-    """The content of a water.json: one water for all frames if they share it, else each frame's under its name."""
+def waters_content(waters: Mapping[str, Water], light: Mapping[str, Any] | None = None) -> bytes:
+    """The content of a water.json: one water for all frames if they share it, else each frame's under its name.
+
+    light: what was divided out of the frames before.
+    """
     first = next(iter(waters.values())).content() if waters else None
     shared = first is not None and all(water.content() == first for water in set(waters.values()))
-    return water_document({"water": first} if shared else {"frames": {name: water.content() for name, water in waters.items()}})
+    body = {"water": first} if shared else {"frames": {name: water.content() for name, water in waters.items()}}
+    return water_document(body | ({"light": light} if light else {}))
 
 
 def read_waters(path: Path, names: Sequence[str]) -> dict[str, Water]:

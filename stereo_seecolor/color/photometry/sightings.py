@@ -1,6 +1,6 @@
 """The same places of the reef seen from several frames: found by projecting known ranges from known poses."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -37,46 +37,42 @@ class KeyFrame:
 @dataclass(frozen=True, eq=False)
 class Sightings:
     """place: (N,) int64, which place was seen, 0..P-1, ascending, each two times or more. frame: (N,) int64.
-    range_m: (N,) meters. light: (N, 3) linear, share of full scale, mean over the place.
+    range_m: (N,) meters. light: (N, 3) linear, share of full scale, mean over the place. pixel: (N, 2) x, y of its middle.
     """
 
     place: NDArray[np.int64]
     frame: NDArray[np.int64]
     range_m: Vector
     light: Vector
+    pixel: Vector
 
 
 def find_sightings(frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding) -> Sightings:
     """Where the frames see the same places; wrong matches are few but not none. Each frame is asked for twice, one at a time."""
     number = min(PLACES_A_FRAME, PLACES // max(len(frames), 1))
-    points_m = np.concatenate([_places_m(frame, geometry, number) for frame in frames])
-    places, numbers, ranges, lights = [], [], [], []
-    for index, frame in enumerate(frames):
-        place, range_m, light = _View.of(frame, geometry, encoding).look_at(points_m)
+    points_m = np.concatenate([View.of(frame, geometry, None).places_m(number) for frame in frames])
+    return look(points_m, (View.of(frame, geometry, encoding) for frame in frames))
+
+
+def look(points_m: Vector, views: "Iterable[View]") -> Sightings:
+    """Which of the (P, 3) places the views see, those that one view alone sees left out; frames are numbered as they come."""
+    places, numbers, ranges, lights, pixels = [], [], [], [], []
+    for index, view in enumerate(views):
+        place, range_m, light, pixel = view.look_at(points_m)
         places.append(place)
         numbers.append(np.full(place.size, index))
         ranges.append(range_m)
         lights.append(light)
-    place, seen_by, range_m, light = (np.concatenate(parts) for parts in (places, numbers, ranges, lights))
+        pixels.append(pixel)
+    place, seen_by, range_m, light, pixel = (np.concatenate(parts) for parts in (places, numbers, ranges, lights, pixels))
     several = np.bincount(place, minlength=len(points_m))[place] > 1
     order = np.flatnonzero(several)[np.argsort(place[several], kind="stable")]
     compact = np.unique(place[order], return_inverse=True)[1]
-    return Sightings(compact, seen_by[order], range_m[order], light[order])
-
-
-def _places_m(frame: KeyFrame, geometry: RectifiedPair, number: int) -> Vector:
-    """(P, 3) about ``number`` world points on a grid over what a frame measured."""
-    level_m = _without_edges(frame.range_m)
-    height, width = level_m.shape
-    step = max(int(np.sqrt(height * width / max(number, 1))), 1)
-    grid = np.zeros((height, width), np.bool_)
-    grid[step // 2 :: step, step // 2 :: step] = True
-    points = geometry.points_from_range(level_m)[grid & np.isfinite(level_m)].astype(np.float64)
-    return np.asarray(points @ frame.T_world_camera[:3, :3].T + frame.T_world_camera[:3, 3])
+    return Sightings(compact, seen_by[order], range_m[order], light[order], pixel[order])
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
+class View:
     """A frame made ready: ``sums`` is the integral image of its linear light, ``level_m`` its range without edges."""
 
     geometry: RectifiedPair
@@ -85,18 +81,27 @@ class _View:
     sums: Vector
 
     @classmethod
-    def of(cls, frame: KeyFrame, geometry: RectifiedPair, encoding: InputEncoding) -> "_View":
-        bits = 8 * frame.image.dtype.itemsize
-        light = decoded_values(bits, encoding)[frame.image].astype(np.float64)
-        light[(light >= FULL).any(axis=2)] = np.nan
-        blind = np.isnan(light[..., 0])
-        sums = np.zeros((light.shape[0] + 1, light.shape[1] + 1, 4))
-        sums[1:, 1:, :3] = np.nan_to_num(light).cumsum(axis=0).cumsum(axis=1)
-        sums[1:, 1:, 3] = blind.astype(float).cumsum(axis=0).cumsum(axis=1)
+    def of(cls, frame: KeyFrame, geometry: RectifiedPair, encoding: InputEncoding | None) -> "View":
+        """encoding: None where only its ranges are wanted."""
+        sums = np.zeros((2, 2, 4))
+        if encoding is not None:
+            light = decoded_values(8 * frame.image.dtype.itemsize, encoding)[frame.image]
+            blind = (light >= FULL).any(axis=2)
+            light[blind] = 0
+            sums = cv2.integral(np.dstack([light, blind.astype(np.float32)]), sdepth=cv2.CV_64F)
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
-    def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector]:
-        """Which of the (P, 3) places this frame sees, by number; the range to each, and its light (n, 3)."""
+    def places_m(self, number: int) -> Vector:
+        """(P, 3) about ``number`` world points on a grid over what the frame measured."""
+        height, width = self.level_m.shape
+        step = max(int(np.sqrt(height * width / max(number, 1))), 1)
+        grid = np.zeros((height, width), np.bool_)
+        grid[step // 2 :: step, step // 2 :: step] = True
+        points = self.geometry.points_from_range(self.level_m)[grid & np.isfinite(self.level_m)].astype(np.float64)
+        return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
+
+    def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
+        """Which of the (P, 3) places this frame sees, by number; the range to each, its light (n, 3) and pixel (n, 2)."""
         farthest_m = float(np.nanmax(self.level_m)) if np.isfinite(self.level_m).any() else 0.0
         near = np.flatnonzero(np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1) < (1 + SAME_PLACE) * farthest_m)
         local = (points_m[near] - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :3]
@@ -116,7 +121,7 @@ class _View:
         with np.errstate(divide="ignore", invalid="ignore"):
             mean = (corners[3] - corners[2] - corners[1] + corners[0]) / (2 * half_px[:, None]) ** 2
         seen &= np.nan_to_num(mean[:, 3], nan=1.0) < 1e-6
-        return near[seen], range_m[seen], mean[seen, :3]
+        return near[seen], range_m[seen], mean[seen, :3], np.column_stack([x, y])[seen]
 
     def _sum_to(self, x: Vector, y: Vector) -> Vector:
         """(P, 4) sum over all pixels left of and above a point, fractions of pixels counted."""

@@ -4,7 +4,7 @@ Frames are collected in chunks of neighbors, at most 64, each with the sum of it
 most alike first, as long as they fit the water of both together about as well as they fit waters of their own.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
@@ -100,10 +100,13 @@ class _Evidence:
 
 
 class AutoFitter(Fitter):
-    """Frames in, one at a time and in their order; the water of its stretch for each of them out."""
+    """Frames in, one at a time and in their order; the water of its stretch for each of them out.
 
-    def __init__(self, config: ColorConfig, fit: FitTable) -> None:
-        self._config, self._fit = config, fit
+    linked: frames that show the same spots as the one before them: between these the dive is never cut.
+    """
+
+    def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
+        self._config, self._fit, self._linked = config, fit, linked
         self._chunks: list[_Chunk] = []
         self._chunk_frames = 1
         self.stretches: list[list[str]] = []
@@ -114,7 +117,7 @@ class AutoFitter(Fitter):
         known = table.pixels.any()
         classes = {class_of(brightness, self._config): _PackedClass(table.packed(), brightness)} if known else {}
         chunk = _Chunk({name: brightness.packed()}, classes)
-        if self._chunks and len(self._chunks[-1].frames) < self._chunk_frames:
+        if self._chunks and (name in self._linked or len(self._chunks[-1].frames) < self._chunk_frames):
             self._chunks[-1] += chunk
             return
         self._chunks.append(chunk)

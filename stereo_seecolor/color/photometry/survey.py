@@ -108,7 +108,7 @@ class SurveyFitter(Fitter):
     """``color.lock: survey``. One water and one exposure for all frames.
 
     Where the camera holds its exposure, frames that are far darker or brighter than most take no part, and get the survey's water
-    as their exposure shows it. Where it does not (``camera_exposure: auto``), every frame is first brought to one exposure.
+    as their exposure shows it. Where it does not (``camera_exposure: brightness``), every frame is first brought to one exposure.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
@@ -124,7 +124,7 @@ class SurveyFitter(Fitter):
             return
         kind = class_of(brightness, self._config)
         reference = self._classes.get(0)
-        if self._config.camera_exposure == "auto" and reference and kind != BLACK:
+        if self._config.camera_exposure == "brightness" and reference and kind != BLACK:
             table = darkened(table, brightness.ratio(reference.brightness), self._config.input_encoding)
         frame = ExposureClass(table, Brightness.of(table, self._config.input_encoding))
         self._classes[kind] = self._classes[kind] + frame if kind in self._classes else frame
@@ -157,7 +157,7 @@ def class_of(brightness: Brightness, config: ColorConfig) -> int:
     """The class of a frame of that brightness."""
     if not np.isfinite(brightness.stops):
         return BLACK
-    return 0 if config.camera_exposure == "auto" else int(np.floor(brightness.stops / CLASS_STOPS))
+    return 0 if config.camera_exposure == "brightness" else int(np.floor(brightness.stops / CLASS_STOPS))
 
 
 def _as_exposed(water: Water, frame: Brightness, survey: Brightness, most: int, config: ColorConfig) -> Water:
@@ -166,7 +166,7 @@ def _as_exposed(water: Water, frame: Brightness, survey: Brightness, most: int, 
     kind = class_of(frame, config)
     if kind == BLACK:
         return water
-    if config.camera_exposure == "auto":
+    if config.camera_exposure == "brightness":
         return exposed(water, frame.ratio(survey))
     if abs(kind - most) <= 1:
         return water

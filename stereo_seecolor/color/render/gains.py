@@ -57,7 +57,7 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
 
 def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Gain and offset (3, N) of J = gain I - offset at (N,) ranges and exposure 1, with no cap but against overflow."""
-    gain = 1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T
+    gain = 1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T * range_m**water.fall_off
     return gain, gain * water.backscatter(range_m).T
 
 

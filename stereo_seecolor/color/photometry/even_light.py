@@ -1,0 +1,72 @@
+"""Taking the light of a survey out of an image: each value becomes what even light and the usual exposure would have given."""
+
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.light_model import SHAPE, FrameLight
+from stereo_seecolor.color.render.tone import FULL_AT
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values, encode
+from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.records import Image, Map
+
+NODES = {8: 4096, 16: 65536}
+"""Steps of the logarithm of light, by bit depth: half a step is below a quarter of a value."""
+DARKEST = -12.0
+"""Logarithm of the darkest light that is told from black: a tenth of the least value of 16 bits."""
+
+MOST = SHAPE.most
+"""As a plain number, which compiled functions can read."""
+
+
+class _Scale(NamedTuple):
+    """log_light (V,): of each value. values (NODES,): of each step of the logarithm, from DARKEST to 0."""
+
+    log_light: NDArray[np.float32]
+    values: NDArray[Any]
+
+
+def even_light(image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding) -> Image:
+    """The image with the pattern and the frame's gain divided out, at its own depth.
+
+    range_m: (H, W), where unknown the pattern is that of the reference range.
+    What is pushed beyond full scale clips, and what the camera had clipped stays clipped.
+    """
+    out = np.empty_like(image)
+    log_range = light.light.log_range(range_m).astype(np.float32)
+    clipped = int(np.ceil(FULL_AT * np.iinfo(image.dtype).max))
+    scale = _scale(8 * image.dtype.itemsize, encoding)
+    _even(np.ascontiguousarray(image), log_range, light.maps, light.log_gain.astype(np.float32), scale, clipped, out)
+    return out
+
+
+@lru_cache
+def _scale(bit_depth: int, encoding: InputEncoding) -> _Scale:
+    full = 2**bit_depth - 1
+    light = decoded_values(bit_depth, encoding).astype(np.float64)
+    log_light = np.log(np.maximum(light, np.exp(DARKEST))).astype(np.float32)
+    steps = np.exp(np.linspace(DARKEST, 0, NODES[bit_depth]))
+    steps[0] = 0
+    values = np.round((encode(steps, "srgb") if encoding == "srgb" else steps) * full)
+    return _Scale(log_light, values.astype(np.uint8 if bit_depth == 8 else np.uint16))
+
+
+@compiled
+def _even(image: Any, log_range: Any, maps: Any, log_gain: Any, scale: Any, clipped: int, out: Any) -> None:
+    most, last = np.float32(MOST), scale.values.size - 1
+    step = np.float32(last / -DARKEST)
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            z = log_range[row, column]
+            for c in range(3):
+                value = image[row, column, c]
+                pattern = np.float32(0)
+                for k in range(maps.shape[3] - 1, -1, -1):
+                    pattern = pattern * z + maps[row, column, c, k]
+                pattern = min(max(pattern, -most), most)
+                light = scale.log_light[value] - pattern - log_gain[c]
+                at = np.int64((light - np.float32(DARKEST)) * step + np.float32(0.5))
+                shown = scale.values[min(max(at, 0), last)]
+                out[row, column, c] = max(shown, value) if value >= clipped else shown

@@ -1,0 +1,159 @@
+"""The light of a survey: what an image shows of one surface depends on where in the picture, at what range and in which frame.
+
+    log I_c(u, v, z, frame) = log of the scene's own + log pattern_c(u, v, z) + log gain_c(frame)
+
+The pattern is the lens' vignette times the light of the rig's own lamps: smooth over the picture and over range, the same in all
+frames. Its logarithm is a polynomial, of mean 0 over the picture at every range: the trend with range is the water's.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.records import Water
+from stereo_seecolor.water_limits import LIMITS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PatternShape:
+    """The polynomial. On 20 frames of a strobe-lit reef, half of its sightings left out, degrees 6 and 8 gain nothing more."""
+
+    degree: int = 4
+    """In both directions of the picture together: lamps and lenses are as smooth as that."""
+    range_degree: int = 2
+    """In the logarithm of the range."""
+    range_step: float = 0.2
+    """Logarithm of range that is 1 in the polynomial: keeps its terms of like size at usual relief."""
+    most: float = 1.6
+    """Largest logarithm of the pattern, up and down: a factor of 5; more is extrapolation."""
+
+
+SHAPE = PatternShape()
+PLACES = tuple((a, b) for total in range(1, SHAPE.degree + 1) for a in range(total, -1, -1) for b in [total - a])
+"""Powers of x and y of the pattern's terms."""
+PATTERN = len(PLACES)
+"""Terms of the pattern at the reference range; as many follow for each power of the range."""
+TERMS = PATTERN * (SHAPE.range_degree + 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Light:
+    """The light of a survey.
+
+    coefficients: (TERMS, 3) of the logarithm of the pattern, R, G, B. reference_m: the range at which the pattern is its first
+    part alone. seen_m: nearest and farthest range that it was measured at. gains: name of a frame -> (3,) logarithm of its gain.
+    fade: power of the range by which the light of a surface falls off, water and lamps together; 0 where it was not measured.
+    """
+
+    coefficients: Array
+    reference_m: float
+    seen_m: tuple[float, float]
+    gains: Mapping[str, Array] = field(default_factory=dict)
+    fade: float = 0.0
+
+    def on(self, name: str, size: tuple[int, int]) -> "FrameLight":
+        """In a frame of that name, of a picture of ``size`` (width, height)."""
+        return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size))
+
+    def log_pattern(self, pixel: Array, range_m: Array, size: tuple[int, int]) -> Array:
+        """(N, 3) at (N, 2) pixels x, y of a picture of ``size`` (width, height), at (N,) ranges."""
+        terms = pattern_terms(pixel, self.log_range(range_m), size)
+        return np.clip(terms @ self.coefficients, -SHAPE.most, SHAPE.most)
+
+    def log_range(self, range_m: NDArray[np.floating]) -> Array:
+        """What the polynomial takes: 0 at the reference range, and where the range is unknown."""
+        known = np.where(np.isfinite(range_m) & (range_m > 0), range_m, self.reference_m)
+        return np.asarray(np.log(np.clip(known, *self.seen_m) / self.reference_m) / SHAPE.range_step)
+
+    def maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
+        """(H, W, 3, range_degree + 1) coefficients of the powers of ``log_range`` for each pixel and channel."""
+        if size not in self._maps:
+            self._maps[size] = self._computed_maps(size)
+        return self._maps[size]
+
+    @cached_property
+    def _maps(self) -> dict[tuple[int, int], NDArray[np.float32]]:
+        return {}
+
+    def _computed_maps(self, size: tuple[int, int]) -> NDArray[np.float32]:
+        width, height = size
+        x, y = _normalized(np.arange(width, dtype=np.float64), width), _normalized(np.arange(height, dtype=np.float64), height)
+        parts = self.coefficients.reshape(SHAPE.range_degree + 1, PATTERN, 3)
+        grid = np.zeros((SHAPE.degree + 1, SHAPE.degree + 1, 3, SHAPE.range_degree + 1))
+        for term, (a, b) in enumerate(PLACES):
+            grid[a, b] = parts[:, term].T
+            grid[0, 0] -= _mean(a, b) * parts[:, term].T
+        powers_x, powers_y = (np.stack([at**k for k in range(SHAPE.degree + 1)]) for at in (x, y))
+        rows = np.einsum("by,abck->ayck", powers_y, grid)
+        return np.asarray(np.einsum("ax,ayck->yxck", powers_x, rows), dtype=np.float32)
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """Hash of all of it."""
+        return content_key(self.content())
+
+    def content(self) -> dict[str, Any]:
+        """As JSON holds it."""
+        return {
+            "reference_m": self.reference_m,
+            "seen_m": list(self.seen_m),
+            "fade": self.fade,
+            "log_pattern": self.coefficients.tolist(),
+            "log_gains": {name: gain.tolist() for name, gain in self.gains.items()},
+        }
+
+    @classmethod
+    def from_content(cls, content: Any) -> "Light":
+        """What ``content`` gave. Raises ValueError, KeyError or TypeError where it is something else."""
+        coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
+        near_m, far_m = (float(value) for value in content["seen_m"])
+        gains = {str(name): np.array(gain, dtype=np.float64).reshape(3) for name, gain in content["log_gains"].items()}
+        return cls(coefficients, float(content["reference_m"]), (near_m, far_m), gains, float(content["fade"]))
+
+
+@dataclass(frozen=True, eq=False)
+class FrameLight:
+    """The light in one frame. log_gain: (3,), 0 where none was measured. maps: as ``Light.maps``, of the pixels at hand."""
+
+    light: Light
+    log_gain: Array
+    maps: NDArray[np.float32]
+
+    def seen_through(self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]) -> "FrameLight":
+        """In the pixels of another image, such as the unrectified one; ``warp`` takes (H, W) maps there."""
+        powers = range(self.maps.shape[-1])
+        maps = [np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1) for c in range(3)]
+        return replace(self, maps=np.stack(maps, axis=2))
+
+
+def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Array:
+    """(N, TERMS) of the polynomial, each of mean 0 over the picture."""
+    x, y = (_normalized(pixel[:, axis], size[axis]) for axis in (0, 1))
+    flat = np.stack([x**a * y**b - _mean(a, b) for a, b in PLACES], axis=1)
+    return np.concatenate([flat * log_range[:, None] ** k for k in range(SHAPE.range_degree + 1)], axis=1)
+
+
+def _normalized(pixel: Array, size: int) -> Array:
+    """-1 at the first edge of the picture, 1 at the last."""
+    return (2 * pixel + 1 - size) / size
+
+
+def _mean(a: int, b: int) -> float:
+    """Of x^a y^b over the picture."""
+    return 0.0 if a % 2 or b % 2 else 1.0 / ((a + 1) * (b + 1))
+
+
+def with_fall_off(water: Water, light: Light | None) -> Water:
+    """The water with what of the light's fading with range it does not explain: the fall-off of the rig's own lamps."""
+    if light is None or not light.fade:
+        return water
+    near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))
+    near, far = np.log(water.attenuation(near_far_m)).mean(axis=1)
+    return replace(water, fall_off=float(np.clip(light.fade - (near - far) / SHAPE.range_step, 0.0, LIMITS.fall_off)))

@@ -1,0 +1,189 @@
+"""The light of a survey from places that several frames see: robust least squares on the sums of windows of neighboring frames.
+
+    log light of sighting k = scene(place_k) + terms_k coefficients + trend(range_k) + log_gain(frame_k)
+
+What a place looks like is unknown and eliminated within its window, so each window adds its own normal equations. The trend with
+range holds the water and the fall-off of the lamps; it is fitted beside the rest and left in the pictures. Luminance (the mean
+logarithm of R, G, B) and color (the rest) are solved apart, as moving shadows and caustics spoil the one and hardly the other.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.light_model import PATTERN, SHAPE, TERMS, pattern_terms
+from stereo_seecolor.color.photometry.sightings import Sightings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """How the sums are made and weighted."""
+
+    rounds: int = 5
+    """Of new weights; more change nothing that is seen."""
+    outlier: float = 1.5
+    """Robust standard deviations beyond which a sighting weighs less than half (Cauchy): caustics, fish, wrong matches."""
+    alike: float = 10.0
+    """So many sightings count as one: neighbors are under the same caustic, and share errors of range and pose."""
+
+
+@dataclass(frozen=True)
+class Expected:
+    """Prior standard deviations, of logarithms.
+
+    A slope of the pattern along the track and a drift of gains look alike: gains are held so close to 0 that the pattern takes it.
+    """
+
+    coefficient: float
+    """Of a coefficient of the pattern."""
+    ranged: float
+    """Of how much it changes where the range changes by a fifth."""
+    trend: float
+    """Of the trend with range, for a range that is a fifth longer."""
+    gain: float
+    """Of a frame's gain."""
+
+
+LUMINANCE = Expected(coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15)
+"""Corners at half the light and a fall-off as of lamps are common; strobes and exposures vary by a fifth of a stop."""
+COLOR = Expected(coefficient=0.2, ranged=0.05, trend=0.2, gain=0.03)
+"""Lamps and lens change color less than brightness, and a frame's light hardly at all. With 0.5 for gains the frames of a real dive
+drifted from pink to green, at the same agreement between views."""
+
+SETTINGS = SolverSettings()
+
+
+class Use(NamedTuple):
+    """Terms in use. ranged: the pattern changes with range."""
+
+    pattern: bool = False
+    ranged: bool = False
+    gains: bool = False
+
+    def __str__(self) -> str:
+        names = {"pattern": "a pattern over the picture", "ranged": "its change with range", "gains": "a gain for each frame"}
+        return ", ".join(name for key, name in names.items() if getattr(self, key)) or "nothing"
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Sightings of one window.
+
+    place (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1), log_light (N, 3).
+    held (N,): sightings of places that are left out of the fit, to judge it.
+    """
+
+    place: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    terms: NDArray[np.float32]
+    trend: NDArray[np.float32]
+    log_light: Array
+    held: NDArray[np.bool_]
+
+    def part(self, held: bool) -> "Window":
+        """The sightings that are left out, or the others."""
+        chosen = self.held == held
+        place = np.unique(self.place[chosen], return_inverse=True)[1]
+        parts = (self.frame, self.terms, self.trend, self.log_light, self.held)
+        return Window(place, *(values[chosen] for values in parts))
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """coefficients: (TERMS, Q) of the terms in use, else 0. trend: (1, Q), by log_range. gains: (F, Q) logarithms, of mean 0."""
+
+    coefficients: Array
+    trend: Array
+    gains: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Views:
+    """What makes a Window of sightings. size: of the picture. reference_m, seen_m: as a Light's."""
+
+    size: tuple[int, int]
+    reference_m: float
+    seen_m: tuple[float, float]
+
+    def window(self, seen: Sightings, frames: NDArray[np.int64], usable: NDArray[np.bool_]) -> Window:
+        """frames: numbers in the dive of the sightings' frames. usable (N,): sightings that count."""
+        place = seen.place[usable]
+        kept = np.flatnonzero(usable)[np.bincount(place, minlength=1)[place] > 1] if place.size else np.zeros(0, np.int64)
+        place = np.unique(seen.place[kept], return_inverse=True)[1]
+        log_range = np.log(np.clip(seen.range_m[kept], *self.seen_m) / self.reference_m) / SHAPE.range_step
+        terms = pattern_terms(seen.pixel[kept], log_range, self.size).astype(np.float32)
+        trend = log_range[:, None].astype(np.float32)
+        held = (place // 2) % 2 == 1  # every other two neighbors of the grid
+        return Window(place, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
+
+
+def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, expected: Expected) -> Solution:
+    """``values``: of each window (N, Q), the logarithms that are to be explained. frames: number of frames in all."""
+    columns = np.zeros(TERMS + 1, np.bool_)
+    columns[:PATTERN], columns[PATTERN:TERMS], columns[TERMS:] = use.pattern, use.ranged, True
+    number, outputs = int(columns.sum()), values[0].shape[1]
+    size = number + (frames if use.gains else 0)
+    deviations = [expected.coefficient] * PATTERN + [expected.ranged] * (TERMS - PATTERN) + [expected.trend]
+    deviation = np.concatenate([np.array(deviations)[columns], np.full(size - number, expected.gain)])
+    prior = np.full(size, 1e-3)
+    designs = [_design(window, columns, use.gains) for window in windows]
+    weights = [np.ones(len(window.place)) for window in windows]
+    for _ in range(SETTINGS.rounds):
+        matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
+        for (design, at), window, value, weight in zip(designs, windows, values, weights, strict=True):
+            centered, target = _centered(window.place, design, weight), _centered(window.place, value, weight)
+            weighted = weight[:, None] * centered
+            matrix[np.ix_(at, at)] += centered.T @ weighted
+            slope[at] += weighted.T @ target
+        matrix[np.diag_indices(size)] += prior
+        found = np.linalg.solve(matrix, slope)
+        off = [
+            np.sqrt((_centered(window.place, value - design @ found[at], weight) ** 2).mean(axis=1))
+            for (design, at), window, value, weight in zip(designs, windows, values, weights, strict=True)
+        ]
+        scale = max(_robust_deviation(np.concatenate(off)), 1e-4)
+        weights = [1.0 / (1.0 + (distance / (SETTINGS.outlier * scale)) ** 2) for distance in off]
+        prior = SETTINGS.alike * scale**2 / deviation**2
+    coefficients = np.zeros((TERMS + 1, outputs))
+    coefficients[columns] = found[:number]
+    gains = found[number:] - found[number:].mean(axis=0) if use.gains else np.zeros((frames, outputs))
+    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains)
+
+
+def explained(window: Window, solution: Solution, trend: bool = True) -> Array:
+    """(N, Q) what a solution says of a window's sightings, up to their places; without the trend, what would be taken out."""
+    part = window.terms @ solution.coefficients + solution.gains[window.frame]
+    return part + window.trend @ solution.trend if trend else part
+
+
+def _design(window: Window, columns: NDArray[np.bool_], gains: bool) -> tuple[Array, NDArray[np.int64]]:
+    """The columns that a window's sightings touch, and which these are of all."""
+    design = np.concatenate([window.terms, window.trend], axis=1)[:, columns].astype(np.float64)
+    number = np.arange(design.shape[1])
+    if not gains:
+        return design, number
+    seen_by, index = np.unique(window.frame, return_inverse=True)
+    return np.concatenate([design, np.eye(len(seen_by))[index]], axis=1), np.concatenate([number, len(number) + seen_by])
+
+
+def _centered(place: NDArray[np.int64], values: Array, weights: Array) -> Array:
+    return values - _place_mean(place, values, weights)
+
+
+def _place_mean(place: NDArray[np.int64], values: Array, weights: Array) -> Array:
+    """(N, Q) the weighted mean over the sightings of each one's place."""
+    if not len(place):
+        return values
+    first = np.flatnonzero(np.diff(place, prepend=-1))
+    sums = np.add.reduceat(values * weights[:, None], first, axis=0)
+    return np.asarray((sums / np.add.reduceat(weights, first)[:, None])[place])
+
+
+def _robust_deviation(values: Array) -> float:
+    """Of the absolute values of errors."""
+    return 1.4826 * float(np.median(values)) if values.size else 0.0

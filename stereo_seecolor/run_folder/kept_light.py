@@ -1,0 +1,35 @@
+"""What the light of a dive was solved from, and the solution, kept in OUT so that a rerun does not solve it again."""
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.run_folder.layout import light_file
+
+
+@dataclass(frozen=True)
+class KeptLight:
+    """key: hash of all that it was solved from. note: what the run said of it. light: the content of a Light, None = not used.
+
+    linked: frames that show the same as the one before them.
+    """
+
+    key: str
+    note: str
+    light: dict[str, Any] | None
+    linked: tuple[str, ...]
+
+    def save(self, root: Path) -> None:
+        """Write it. Raises OutputError."""
+        write_atomic(light_file(root), json.dumps(asdict(self)).encode())
+
+    @classmethod
+    def load(cls, root: Path) -> "KeptLight | None":
+        """What an earlier run kept; None where there is none, or it is damaged."""
+        try:
+            content = json.loads(light_file(root).read_bytes())
+            return cls(**{**content, "linked": tuple(content["linked"])})
+        except (OSError, ValueError, TypeError, KeyError):
+            return None

@@ -1,0 +1,152 @@
+"""The light of a survey from spots that several frames see: known patterns and gains come back; even light is left alone."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.even_light import even_light
+from stereo_seecolor.color.photometry.light_model import TERMS, Light, with_fall_off
+from stereo_seecolor.color.photometry.light_solver import Use
+from stereo_seecolor.color.photometry.sightings import Sightings
+from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
+from stereo_seecolor.records import Water
+
+SIZE = (160, 128)
+FRAMES = 12
+ALL = Use(pattern=True, ranged=True, gains=True)
+
+
+def vignette(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logarithm: light lost towards the corners, more so on the right."""
+    x, y = ((2 * pixel[:, axis] + 1 - SIZE[axis]) / SIZE[axis] for axis in (0, 1))
+    return -0.3 * (x**2 + y**2) - 0.15 * x
+
+
+def windows(pattern: bool, gains: NDArray[np.float64], noise: float, fade: float = 0.0) -> list[SeenWindow]:
+    """Spots of random color that move down the picture from frame to frame, one window a frame, four frames each."""
+    rng = np.random.default_rng(1)
+    found = []
+    for first in range(FRAMES - 3):
+        places, views = 300, 4
+        place = np.repeat(np.arange(places), views)
+        start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (places, 2))
+        view = np.tile(np.arange(views), places)
+        pixel = start[place] + np.stack([rng.uniform(-20, 20, place.size), 25.0 * view], axis=1)
+        range_m = rng.uniform(1.5, 2.5, place.size)
+        log_light = np.log(rng.uniform(0.05, 0.3, (places, 3)))[place] + gains[first + view]
+        log_light += (vignette(pixel) * pattern - fade * np.log(range_m / 2))[:, None] + noise * rng.standard_normal(
+            (place.size, 1)
+        )
+        log_light[rng.random(place.size) < 0.05] += 1.0  # fish, and flashes of the sun
+        seen = Sightings(place, view, range_m, np.exp(log_light), pixel)
+        found.append(SeenWindow(np.arange(first, first + views), seen))
+    return found
+
+
+def solved(*arguments: float | bool | NDArray[np.float64], allowed: Use = ALL, **keywords: float) -> SurveyLight:
+    names = [f"{i:02d}" for i in range(FRAMES)]
+    found = solve_light(windows(*arguments, **keywords), names, SIZE, allowed)  # type: ignore[arg-type]
+    assert found is not None
+    return found
+
+
+def some_gains() -> NDArray[np.float64]:
+    gains = 0.25 * np.random.default_rng(2).standard_normal((FRAMES, 1)) * np.ones(3)
+    return np.asarray(gains - gains.mean())
+
+
+def pattern_error(light: Light) -> float:
+    """rms of what is left of the vignette, once its mean is taken out."""
+    y, x = np.mgrid[: SIZE[1] : 4, : SIZE[0] : 4]
+    pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
+    left = light.log_pattern(pixel, np.full(len(pixel), light.reference_m), SIZE)[:, 1] - vignette(pixel)
+    return float(left.std())
+
+
+def test_pattern_and_gains_come_back() -> None:
+    gains = some_gains()
+    found = solved(True, gains, 0.1)
+    assert found.light is not None
+    assert (found.luminance.use.pattern, found.luminance.use.gains, any(found.color.use)) == (True, True, False)
+    assert pattern_error(found.light) < 0.05
+    measured = np.stack([found.light.gains[f"{i:02d}"] for i in range(FRAMES)])
+    assert np.abs(measured - gains).max() < 0.1  # a slope of the pattern along the track and a drift of gains look alike
+    assert np.abs(measured.mean()) < 1e-9
+    assert found.luminance.after.between_views < 0.6 * found.luminance.before.between_views
+    assert found.luminance.after.between_frames < 0.3 * found.luminance.before.between_frames
+    assert "a pattern over the picture" in found.note
+    assert found.content()["luminance"]["used"][0] == "pattern"
+
+
+def test_frames_that_differ_in_color_get_a_gain_for_each_channel() -> None:
+    gains = 0.1 * np.random.default_rng(3).standard_normal((FRAMES, 3))
+    gains -= gains.mean(axis=0)
+    found = solved(False, gains, 0.02)
+    assert found.light is not None
+    assert found.color.use == Use(gains=True)
+    measured = np.stack([found.light.gains[f"{i:02d}"] for i in range(FRAMES)])
+    assert np.abs(measured - gains).max() < 0.03
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.4])
+def test_even_light_is_left_alone(noise: float) -> None:
+    found = solved(False, np.zeros((FRAMES, 3)), noise)
+    assert found.light is None
+    assert found.note == ""
+
+
+def test_terms_that_are_switched_off_are_not_used() -> None:
+    found = solved(True, some_gains(), 0.1, allowed=Use(pattern=True))
+    assert found.light is not None
+    assert (found.luminance.use.pattern, found.luminance.use.gains, found.light.gains) == (True, False, {})
+
+
+def test_the_fall_off_of_lamps_is_what_water_does_not_explain() -> None:
+    found = solved(True, np.zeros((FRAMES, 3)), 0.05, fade=2.0)
+    assert found.light is not None
+    assert found.light.fade == pytest.approx(2.0, abs=0.2)
+    clear, every = Water(*np.zeros((8, 3))), np.ones(3)
+    assert with_fall_off(clear, found.light).fall_off == pytest.approx(found.light.fade)
+    gray = Water(*np.zeros((6, 3)), y=0.5 * every, x=0 * every)
+    explained = 0.5 * found.light.reference_m
+    assert with_fall_off(gray, found.light).fall_off == pytest.approx(found.light.fade - explained, abs=0.02)
+    assert with_fall_off(gray, None) is gray
+
+
+def some_light() -> Light:
+    coefficients = 0.05 * np.random.default_rng(4).standard_normal((TERMS, 3))
+    return Light(coefficients, 2.0, (1.2, 3.0), {"a": np.array([0.1, 0.0, -0.2])}, 1.5)
+
+
+def test_light_survives_json() -> None:
+    light = some_light()
+    again = Light.from_content(light.content())
+    assert again.content() == light.content()
+    assert again.fingerprint == light.fingerprint != Light.from_content({**light.content(), "fade": 1.0}).fingerprint
+
+
+@pytest.mark.parametrize(("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "linear"), (np.uint16, "srgb")])
+def test_taking_light_out_is_the_inverse_of_its_model(dtype: type, encoding: str) -> None:
+    from stereo_seecolor.color.table.encoding import decoded_values
+
+    light, full = some_light(), np.iinfo(dtype).max
+    rng = np.random.default_rng(5)
+    image = rng.integers(full // 10, full // 2, (*SIZE[::-1], 3)).astype(dtype)
+    range_m = rng.uniform(1.0, 3.5, SIZE[::-1]).astype(np.float32)
+    range_m[:4] = np.nan
+    out = even_light(image, range_m, light.on("a", SIZE), encoding)  # type: ignore[arg-type]
+    y, x = np.mgrid[: SIZE[1], : SIZE[0]]
+    pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
+    known_m = np.nan_to_num(range_m.ravel(), nan=light.reference_m).astype(float)
+    factor = np.exp(light.log_pattern(pixel, known_m, SIZE) + light.gains["a"]).reshape(image.shape)
+    decoded = decoded_values(8 * image.dtype.itemsize, encoding)  # type: ignore[arg-type]
+    expected = decoded[image] / factor
+    inside = expected < 0.9
+    tolerance = 0.05 if dtype == np.uint8 else 0.001  # half a value of 255 is 4 % in the dark
+    assert np.abs(decoded[out] / expected - 1)[inside].max() < tolerance
+
+
+def test_what_the_camera_clipped_stays_clipped() -> None:
+    image = np.full((*SIZE[::-1], 3), 255, np.uint8)
+    out = even_light(image, np.full(SIZE[::-1], 2.0, np.float32), some_light().on("a", SIZE), "srgb")
+    assert (out == 255).all()
