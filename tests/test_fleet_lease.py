@@ -81,6 +81,21 @@ def test_a_lease_gives_signs_of_life_and_notices_that_it_was_lost(out: Path, mon
         check_lease(out, me.token)
 
 
+def test_a_network_that_fails_for_a_moment_costs_no_lease(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with leased(out, locked=True) as me:
+        with monkeypatch.context() as failing:
+            failing.setattr(Path, "read_bytes", stale_handle)
+            check_lease(out, me.token)
+            assert lease._beat(out, me)
+            assert writer(out) == ""
+        assert lease._beat(out, me)
+    assert not (out / ".state/lease.json").exists()
+
+
+def stale_handle(path: Path) -> bytes:
+    raise OSError(116, "Stale file handle")
+
+
 def test_where_the_file_system_has_no_locks_the_lease_alone_guards_the_folder(tmp_path: Path, monkeypatch) -> None:
     def no_locks(self) -> None:
         raise OSError(folder.errno.ENOLCK, "No locks available")

@@ -387,7 +387,9 @@ def held(root: Path) -> Iterator[Holder]:
         state(root).mkdir(parents=True, exist_ok=True)
         lock.acquire()
     except Timeout as error:
-        now = Holder.load(root)
+        now = None
+        with contextlib.suppress(OSError):
+            now = Holder.load(root)
         who = f" ({now})" if now else ""
         raise OutputError(f"{root}: another run is writing into it now{who}: wait for it, or choose another --out") from error
     except OSError as error:

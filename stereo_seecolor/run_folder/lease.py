@@ -55,12 +55,12 @@ class Holder:
 
     @classmethod
     def load(cls, root: Path) -> "Holder | None":
-        """Who holds OUT; None where nobody does."""
+        """Who holds OUT; None where nobody does. Raises OSError where that cannot be seen now, as when a network fails."""
         try:
             return cls(**json.loads(lease_file(root).read_bytes()))
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, TypeError):
+        except (ValueError, TypeError):  # being written just now, or damaged
             return cls("somebody", "an unknown machine", 0, "")
 
     @property
@@ -92,10 +92,10 @@ def leased(root: Path, locked: bool) -> Iterator[Holder]:
     Raises OutputError where another holds it, or did and was not seen to end.
     """
     path, me = lease_file(root), Holder.me()
-    other = Holder.load(root)
-    if other and not (other.here and (locked or not other.alive)):
-        raise OutputError(_refusal(root, other))
     with output_errors(path):
+        other = Holder.load(root)
+        if other and not (other.here and (locked or not other.alive)):
+            raise OutputError(_refusal(root, other))
         if other:
             path.unlink(missing_ok=True)
         try:
@@ -107,13 +107,17 @@ def leased(root: Path, locked: bool) -> Iterator[Holder]:
         with heartbeat(lambda: _beat(root, me), TIMES.beat_s):
             yield me
     finally:
-        if Holder.load(root) == me:
-            path.unlink(missing_ok=True)
+        with contextlib.suppress(OSError):
+            if Holder.load(root) == me:
+                path.unlink(missing_ok=True)
 
 
 def check_lease(root: Path, token: str) -> None:
-    """Raise OutputError where OUT is not, or no longer, held under this token."""
-    holder = Holder.load(root)
+    """Raise OutputError where OUT is not, or no longer, held under this token; what cannot be seen now is seen the next time."""
+    try:
+        holder = Holder.load(root)
+    except OSError:
+        return
     if holder is None or holder.token != token:
         now = f"{holder} writes into it now" if holder else f"{lease_file(root)} was removed"
         raise OutputError(f"{root}: is no longer held by this run: {now}; run the same line again when nobody else does")
@@ -121,7 +125,10 @@ def check_lease(root: Path, token: str) -> None:
 
 def writer(root: Path) -> str:
     """Who writes into OUT now, for a person; "" where nobody does, or nobody has given a sign of life for long."""
-    holder = Holder.load(root)
+    try:
+        holder = Holder.load(root)
+    except OSError:
+        return ""
     return str(holder) if holder and holder.alive and _age_s(root) <= TIMES.stale_s else ""
 
 
