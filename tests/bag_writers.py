@@ -9,12 +9,13 @@ import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
-from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from calibration.formats import load_rig, ros
 from calibration.formats.document import load_document
 
 STORES = {".bag": get_typestore(Stores.ROS1_NOETIC)} | dict.fromkeys((".db3", ".mcap"), get_typestore(Stores.ROS2_HUMBLE))
+STORES[".bag"].register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", "tf2_msgs/msg/TFMessage"))
 START_NS, STEP_NS = 1_700_000_000_123_456_789, 250_000_000
 LEFT, RIGHT = "/stereo/left", "/stereo/right"
 
@@ -52,7 +53,7 @@ def write_bag(path: Path, messages: Iterable[Sent], compression: Sequence[Any] =
 def _message(store: Any, sent: Sent, is_ros1: bool) -> Any:
     time = store.types["builtin_interfaces/msg/Time"](*divmod(sent.stamp_ns, 10**9))
     header = store.types["std_msgs/msg/Header"](**({"seq": 0} if is_ros1 else {}), stamp=time, frame_id="camera")
-    fields = {"header": header, **sent.fields}
+    fields = {**({} if sent.type.endswith("TFMessage") else {"header": header}), **sent.fields}
     if sent.type.endswith("CameraInfo"):
         roi = store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
         fields |= {"binning_x": 0, "binning_y": 0, "roi": roi}

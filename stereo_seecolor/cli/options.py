@@ -77,7 +77,10 @@ WaterFile = Annotated[
 PosesFile = Annotated[
     Path | None,
     typer.Option(
-        "--poses", metavar="FILE", help="Trajectory of the dive: TUM, KITTI, COLMAP, or AUV tables.", rich_help_panel=COLOR
+        "--poses",
+        metavar="FILE",
+        help="Trajectory of the dive: TUM, KITTI, COLMAP, AUV tables, or a ROS bag.",
+        rich_help_panel=COLOR,
     ),
 ]
 ConfigFile = Annotated[

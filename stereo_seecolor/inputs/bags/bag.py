@@ -20,7 +20,12 @@ SUFFIXES = frozenset({".bag", ".active", ".db3", ".mcap"})
 """``.bag.active``: what ROS 1 calls a bag that is being recorded, or was when the power went."""
 
 IMAGE, COMPRESSED, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
-INDEXED = frozenset({IMAGE, COMPRESSED, CAMERA_INFO})
+POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped")
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+STATIC_TRANSFORMS = "/tf_static"
+"""Where the mounts are; /tf, which moves, is counted only."""
+
+INDEXED = frozenset({IMAGE, COMPRESSED, CAMERA_INFO, *POSES})
 """Of these each message's place is kept, some hundred bytes; the others are counted."""
 
 HEAD_BYTES = 32
@@ -102,7 +107,7 @@ def open_bag(path: Path) -> Bag:
             topic = gathered.setdefault((message.channel.topic, message.channel.msgtype), _Gathered())
             topic.count += 1
             topic.first_ns, topic.last_ns = min(topic.first_ns, message.time_ns), max(topic.last_ns, message.time_ns)
-            if message.channel.msgtype in INDEXED:
+            if message.channel.msgtype in INDEXED or message.channel.topic == STATIC_TRANSFORMS:
                 stamp_ns = _stamp_ns(message, file)
                 unstamped[message.channel.topic] += not stamp_ns
                 topic.entries.append(Entry(message.channel, stamp_ns or message.time_ns, file, message.place))

@@ -12,7 +12,7 @@ from calibration import CalibrationError, StereoRig
 from calibration.formats import ros
 from calibration.formats.section import Section
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.bags.bag import COMPRESSED, Entry, needs_library
+from stereo_seecolor.inputs.bags.bag import COMPRESSED, TRANSFORMS, Entry, needs_library
 from stereo_seecolor.inputs.headers import JPEG_SIGNATURE, PNG_SIGNATURE
 
 CHANNELS = {
@@ -136,6 +136,10 @@ def _camera_info(message: Any) -> dict[str, Any]:
 @lru_cache
 def _store(encoding: str) -> Any:
     """Definitions of the standard messages, whose layout is the same in every release of ROS 1, and of ROS 2."""
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    return get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    store = get_typestore(Stores.ROS1_NOETIC if encoding == "ros1" else Stores.ROS2_HUMBLE)
+    for name in TRANSFORMS:
+        if name not in store.types:  # ROS 1 has them in packages that rosbags does not know
+            store.register(get_types_from_msg("geometry_msgs/TransformStamped[] transforms", name))
+    return store

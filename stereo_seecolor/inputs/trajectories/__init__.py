@@ -8,6 +8,7 @@ import numpy as np
 
 from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.bags.bag import is_bag
 from stereo_seecolor.inputs.trajectories import (
     acfr,
     colmap,
@@ -25,7 +26,7 @@ from stereo_seecolor.records import Trajectory
 
 FORMATS = (
     "TUM, KITTI, COLMAP images.txt, Metashape cameras (XML) and reference (text), oplab, ACFR stereo_pose_est.data, ORCA, Matisse "
-    "(CSV and dim2); or any table with a map of its columns, nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
+    "(CSV and dim2), ROS bags; or any table with a map of its columns, nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
 )
 
 _Reader = Callable[[Lines, MountConfig], Trajectory]
@@ -38,12 +39,16 @@ _FORMATS: tuple[tuple[Callable[[Lines], bool], _Reader], ...] = tuple(
 def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     """Read the poses of the left camera from any known format; ``camera`` of what is returned tells whether of the raw one.
 
-    path: the file, or a table with a map of its columns: ``nav.csv:time=UTC,lat=Latitude,...`` (roles in column_map.ROLES).
-    mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude (oplab, ORCA, Matisse).
+    path: the file, a ROS bag, or a table with a map of its columns: ``nav.csv:time=UTC,lat=Latitude,...`` (column_map.ROLES).
+    mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude (oplab, ORCA, Matisse, bags).
     A pose that is not finite is kept as NaN, so that the map can name the frame that has none.
 
     Raises InputError for a file that cannot be read, is of no known format, or holds no pose.
     """
+    if is_bag(path):
+        from stereo_seecolor.inputs.bags.track import read_track
+
+        return read_track(path, mount or MountConfig())
     file, columns = column_map.split_spec(path)
     lines, mount = read_lines(file), mount or MountConfig()
     trajectory = column_map.read(lines, columns, mount) if columns else _reader(lines)(lines, mount)
