@@ -218,6 +218,20 @@ def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page])
 
 
 @pytest.mark.slow
+def test_of_thousands_of_frames_only_those_in_sight_are_in_the_page(opened: Callable[[str], Page], out: Path) -> None:
+    head, tail = "seecolor.dive(", ");\n"
+    dive = json.loads((out / "page/dive.js").read_text().removeprefix(head).removesuffix(tail))
+    count = 5000
+    dive |= {"names": [f"n{i}" for i in range(count)], "status": ["failed"] * count, "plots": {}, "problems_of": {}}
+    (out / "page/dive.js").write_text(f"{head}{json.dumps(dive)}{tail}")
+    page = opened("frames/n2500")
+    expect(page.locator(".frame-name")).to_have_text("n2500")
+    assert page.locator(".strip-item").count() < 60
+    expect(page.locator("#strip-2500")).to_be_visible()
+    page.locator(".strip").press("End")
+    expect(page.locator("#strip-4999")).to_be_visible()
+
+
 def test_nothing_is_wider_than_a_phone(browser: Browser, out: Path) -> None:
     context = browser.new_context(viewport={"width": 360, "height": 740})
     page = context.new_page()

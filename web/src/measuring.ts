@@ -49,7 +49,7 @@ export class Measuring {
       element("div", { class: "toolbar" }, tool.root, this.finish, this.undo, this.said),
       element("p", { class: "hint" }, text("measure.hint")),
       this.chart,
-      element("div", { class: "scroll" }, element("table", { class: "measures" }, element("thead", {}, element("tr", {}, ...heads, element("th"))), this.list)),
+      element("div", { class: "scroll" }, element("table", { class: "measures" }, element("thead", {}, element("tr", {}, ...heads, element("td"))), this.list)),
       element("div", { class: "toolbar" }, ...exports),
     );
     this.overlay.setAttribute("class", "overlay");

@@ -10,7 +10,7 @@ const FIRST = ["coverage", "median_range_m", "exposure"];
 
 /** Draw all plots of the dive into a section. */
 export function drawPlots(section: HTMLElement, dive: Dive, text: Text, chosen: (name: string) => void): void {
-  section.append(element("p", { class: "hint" }, text("plots.hint")));
+  section.append(element("h2", { class: "aside" }, text("plots.title")), element("p", { class: "hint" }, text("plots.hint")));
   const keys = Object.keys(dive.plots);
   const order = [...FIRST.filter((key) => keys.includes(key)), ...keys.filter((key) => !FIRST.includes(key) && key !== "seconds")];
   if (keys.includes("seconds")) order.push("seconds");
