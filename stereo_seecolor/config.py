@@ -235,7 +235,7 @@ class MappingConfig(_Stage):
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="Edge of a tile of the map, meters; memory grows with its square. Not set: 600 voxels.",
+        description="Edge of a tile of the map, meters; memory grows with its square. auto: 600 voxels.",
     )
     mount: MountConfig = MountConfig()
     max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
@@ -264,16 +264,19 @@ class MappingConfig(_Stage):
         default=None, gt=0, description="Standard error of a prior's roll, pitch and heading. Not set: estimated from the dive."
     )
     mosaic_m: float | None = Field(
-        default=None, gt=0, allow_inf_nan=False, description="Pixel of the orthomosaic, meters. Not set: half a voxel."
+        default=None,
+        gt=0,
+        allow_inf_nan=False,
+        description="Pixel of the orthomosaic, meters. auto: a pixel of the images on the bottom, on large areas half a voxel.",
     )
     dem_m: float | None = Field(
-        default=None, gt=0, allow_inf_nan=False, description="Pixel of the terrain model, meters. Not set: a voxel."
+        default=None, gt=0, allow_inf_nan=False, description="Pixel of the terrain model, meters. auto: a voxel."
     )
     metrics_m: float | None = Field(
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="Edge of a square of the structural metrics, meters. Not set: 100 pixels of the terrain model.",
+        description="Edge of a square of the structural metrics, meters. auto: 100 pixels of the terrain model.",
     )
 
     @property
@@ -288,13 +291,21 @@ class MappingConfig(_Stage):
 
     @property
     def mosaic_cell_m(self) -> float:
-        """mosaic_m, or what follows from the voxels: images are about twice as fine as the voxels that suit them."""
+        """mosaic_m, or what suits a large area; the map of a small one is as fine as its images."""
         return self.mosaic_m or self.voxel_m / 2
 
     @property
     def square_m(self) -> float:
         """metrics_m, or what follows from the terrain's cells: 1 m at 1 cm."""
         return self.metrics_m or 100 * self.terrain_cell_m
+
+    @model_validator(mode="before")
+    @classmethod
+    def _auto_is_not_set(cls, values: Any) -> Any:
+        sizes = ("tile_m", "mosaic_m", "dem_m", "metrics_m")
+        if not isinstance(values, dict):
+            return values
+        return {key: None if key in sizes and value == "auto" else value for key, value in values.items()}
 
     @model_validator(mode="after")
     def _tile_holds_blocks(self) -> Self:

@@ -8,17 +8,24 @@ from typing import Any
 import numpy as np
 import pytest
 import rasterio
-from mapping_scene import CONFIG, PAIR, flat_frame, read_cloud, track
+from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, read_cloud, track
+from track_scenes import with_noisy_disparities
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import ConfigError, MappingError
 from stereo_seecolor.mapping import limits
+from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, Sampling
+from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.surface.surface import Surface
+from stereo_seecolor.mapping.surface.tiles import Tiling, cut
+from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
+from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
 from stereo_seecolor.mapping.track import loop_closure
 from stereo_seecolor.records import Trajectory
+from stereo_seecolor.synthetic.survey import SurveySpec
 
 
 def build(folder: Path, trajectory: Trajectory | None = None, **settings: Any) -> MapSummary:
@@ -168,3 +175,45 @@ def test_ranges_too_uncertain_for_the_voxels_take_no_memory(tmp_path: Path) -> N
     assert FrameIndex.build([noisy], PAIR, Sampling(0.08, max_std_m=0.09)).certain[0].all()  # all alike: none is left out
     build_map([oblique], PAIR, tmp_path, CONFIG, track(1))
     assert read_cloud(tmp_path / "cloud.ply")["position"][:, 2].min() > -0.1
+
+
+def test_auto_is_not_set() -> None:
+    sizes = ["tile_m", "mosaic_m", "dem_m", "metrics_m"]
+    assert load_config(None, [f"mapping.{key}=auto" for key in sizes]).mapping == MappingConfig()
+
+
+@pytest.mark.parametrize(("voxel_m", "cell_m"), [(0.02, 0.01), (0.1, 0.01), (0.002, 0.01)])
+def test_the_mosaic_of_a_small_area_is_as_fine_as_its_images(voxel_m: float, cell_m: float) -> None:
+    """A pixel covers 7.5 mm here: neither coarser for coarse voxels, nor finer for fine ones."""
+    config = MappingConfig(voxel_m=voxel_m)
+    survey = Survey([flat_frame(0)], PAIR, FrameIndex.build([flat_frame(0)], PAIR))
+    component = Component.of(survey, Placement(track(1).T_world_camera, np.zeros(1, np.int64)), 0)
+    sized = with_mosaic_cell(config, component, cut(component, voxel_m, config.tile_edge_m))
+    assert sized.mosaic_m == cell_m
+    assert with_mosaic_cell(config.model_copy(update={"mosaic_m": 0.3}), component, Tiling((), voxel_m, 1, 1)).mosaic_m == 0.3
+
+
+def test_the_mosaic_of_a_large_area_has_half_a_voxel() -> None:
+    survey = Survey([flat_frame(0)], PAIR, FrameIndex.build([flat_frame(0)], PAIR))
+    component = Component.of(survey, Placement(track(1).T_world_camera, np.zeros(1, np.int64)), 0)
+    square_km = Tiling((), 0.1, 1, int(1e6 / 0.8**2))
+    assert with_mosaic_cell(MappingConfig(voxel_m=0.1), component, square_km).mosaic_m == 0.05
+
+
+@pytest.mark.slow
+def test_voxels_follow_the_surface_seen_not_the_air_in_front_of_it() -> None:
+    """Looking forward over a floor, from 2 to 20 m, ranges noisy, against looking down: blocks over each of the ground's."""
+    blocks = []
+    for tilt_deg in (5.0, 72.0):
+        spec = SurveySpec(pairs=2, lines=1, image_size=(256, 208), seed=3, tilt_deg=tilt_deg, altitude_m=(1.8, 1.8))
+        reef = ReefFrames(spec, noise_px=0.0)
+        with np.errstate(invalid="ignore"):
+            frames = [with_noisy_disparities(frame, reef.pair, 0.2, seed) for seed, frame in enumerate(reef)]  # type: ignore[arg-type]
+        for frame in frames:
+            frame.range_m[~(frame.range_m < 20)] = np.nan
+        sampling = Sampling(spacing_m=0.2, max_std_m=0.05 / np.sqrt(MIN_WEIGHT))
+        survey = Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair, sampling))
+        component = Component.of(survey, Placement(reef.trajectory.T_world_camera, np.zeros(2, np.int64)), 0)
+        tiling = cut(component, 0.05, 30.0)
+        blocks.append(sum(len(tile.blocks) for tile in tiling.tiles) / tiling.columns)
+    assert blocks[1] < 2 * blocks[0]

@@ -1,5 +1,6 @@
 """What is made of a map: terrain, mosaic, metrics, preview, and files that geographic programs open."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import laspy
@@ -9,6 +10,7 @@ import pytest
 import rasterio
 from mapping_scene import CONFIG, PAIR, flat_frame, track
 
+from stereo_seecolor.mapping.raster import mosaic
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.preview import render_preview
@@ -158,15 +160,26 @@ def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
 def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     frames = [flat_frame(i, fish=i == 1) for i in range(4)]
     build_map(frames, PAIR, tmp_path, CONFIG, track(4, step_m=0.15))
-    with rasterio.open(tmp_path / "orthomosaic.tif") as mosaic:
-        rgba = mosaic.read()
-        assert mosaic.colorinterp[3].name == "alpha"
-        assert mosaic.profile["tiled"]
-        assert mosaic.crs is None
+    with rasterio.open(tmp_path / "orthomosaic.tif") as file:
+        rgba = file.read()
+        assert file.colorinterp[3].name == "alpha"
+        assert file.profile["tiled"]
+        assert file.crs is None
     painted = rgba[3] == 255
     assert painted.mean() > 0.9
     np.testing.assert_array_equal(np.unique(rgba[:3, painted], axis=1).ravel(), [200, 120, 40])
     assert (rgba[:3, ~painted] == 0).all()
+
+
+def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mosaic, "SETTINGS", replace(mosaic.SETTINGS, views_a_meter=1))
+    build_map([flat_frame(i) for i in range(6)], PAIR, tmp_path, CONFIG.model_copy(update={"mosaic_m": 0.01}), track(6, step_m=0.6))
+    with rasterio.open(tmp_path / "orthomosaic.tif") as painted, rasterio.open(tmp_path / "dem.tif") as terrain:
+        heights = terrain.read(1)
+        known_m2 = np.isfinite(heights).sum() * terrain.res[0] ** 2
+        assert (painted.read(4) == 255).sum() * painted.res[0] ** 2 > 0.97 * known_m2
 
 
 def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:

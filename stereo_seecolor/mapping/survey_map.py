@@ -23,6 +23,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, 
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import Georeference
+from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames, Unplaced
 from stereo_seecolor.mapping.surface import extraction, islands
@@ -159,10 +160,11 @@ class _Builder:
         component = Component.of(self.survey, self.placed.placement, number)
         check_extent(component, self.config.voxel_m)
         tiling = cut(component, self.config.voxel_m, self.config.tile_edge_m)
-        check_tiling(tiling, self.config)
+        config = with_mosaic_cell(self.config, component, tiling)
+        check_tiling(tiling, config)
         place = Georeference(component.offset_m, self.trajectory.origin if self.trajectory else None)
         files = [_write_track(folder / "trajectory.tum", component), _write_poses(folder / "poses.csv", component, self.placed)]
-        files += [_write_description(folder / "map.json", place, self.config)]
+        files += [_write_description(folder / "map.json", place, config)]
         store = TileStore(self.tiles / f"{number}", tiling, component)
 
         def fuse(tile: Tile) -> None:
@@ -178,7 +180,7 @@ class _Builder:
         cloud, mesh, points = write_map(store.surfaces(), tiling.tile_m, folder, _comment(place))
         files += [cloud, mesh, write_preview(folder, store.surfaces)]
         scratch = folder / ".scratch"
-        rasters = Rasters.render(component, store.surfaces, self.config, scratch)
+        rasters = Rasters.render(component, store.surfaces, config, scratch)
         files += write_rasters(folder, rasters, place) if rasters else ()
         shutil.rmtree(scratch, ignore_errors=True)
         return files, points

@@ -26,6 +26,8 @@ class MosaicSettings:
     """How views are chosen."""
 
     views_a_meter: int = 12  # frames that a block is painted from, for each meter of its edge: more never win
+    repaints: int = 3  # so often views are chosen anew for what the first ones do not see,
+    unpainted: float = 0.01  # where that is more than this fraction of the cells
     cached_frames: int = 16  # read frames that are kept, some 10 MB each: neighboring blocks share them
     smooth_px: int = 21  # costs are averaged over it, cells: seams run in straight stretches (Rhemann et al. 2011)
     feather_px: float = 2.0  # standard deviation of the blend across a seam, cells
@@ -48,11 +50,25 @@ def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder
     for done, (rows, columns) in enumerate(windows):
         points = _points(terrain, grid, rows, columns)
         if np.isfinite(points[..., 2]).any():
-            reaching = _reaching(points, boxes, component.T_local_camera)
-            views = [(frame, component.T_local_camera[i]) for i, frame in zip(reaching, cache.read(reaching), strict=True)]
-            mosaic.write(rows, columns, _paint(points, views, survey.geometry))
+            mosaic.write(rows, columns, _painted(points, boxes, component, cache))
         survey.progress(f"painting the mosaic{component.label}", done + 1, len(windows))
     return mosaic
+
+
+def _painted(points: Array, boxes: dict[int, tuple[Array, Array]], component: Component, cache: "_Cache") -> NDArray[np.uint8]:
+    """(4, h, w): by the views nearest to the block's middle, then what those do not see by the views nearest to it."""
+    painted = np.zeros((4, *points.shape[:2]), np.uint8)
+    known = np.isfinite(points[..., 2])
+    left = known
+    for _ in range(SETTINGS.repaints):
+        reaching = _reaching(points, left, boxes, component.T_local_camera)
+        views = [(frame, component.T_local_camera[i]) for i, frame in zip(reaching, cache.read(reaching), strict=True)]
+        painted[:, left] = _paint(points, views, component.survey.geometry)[:, left]
+        boxes = {i: box for i, box in boxes.items() if i not in reaching}
+        left = known & (painted[3] == 0)
+        if left.sum() <= SETTINGS.unpainted * known.sum():
+            break
+    return painted
 
 
 class _Cache:
@@ -111,9 +127,9 @@ def _points(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Ar
         return np.stack([x, y, np.where(weight > 0.5, z / weight, np.nan)], axis=-1)
 
 
-def _reaching(points: Array, boxes: dict[int, tuple[Array, Array]], T: Array) -> list[int]:
-    """The frames that see part of the block, those right above its middle first, no more than are of use."""
-    low, high = points[..., :2].min(axis=(0, 1)), points[..., :2].max(axis=(0, 1))
+def _reaching(points: Array, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Array, Array]], T: Array) -> list[int]:
+    """The frames that see part of the wanted cells, those right above their middle first, no more than are of use."""
+    low, high = points[wanted][:, :2].min(axis=0), points[wanted][:, :2].max(axis=0)
     middle = (low + high) / 2
     near = [i for i, box in boxes.items() if (box[0] <= high).all() and (box[1] >= low).all()]
     side = max(1, int(np.ceil(float((high - low).max()))))
