@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.chart_finder import find_charts
+from stereo_seecolor.evaluation.chart_spread import seen_chart, spread_over_charts
+from stereo_seecolor.evaluation.chart_types import CLASSIC
 from stereo_seecolor.evaluation.charts import OURS, ChartReport, correct_by_all, evaluate_charts, score_target
 from stereo_seecolor.evaluation.others import OtherResults
-from stereo_seecolor.evaluation.targets import CHART_SRGB, chart, find_chart, neutral, read_targets, targets_of
+from stereo_seecolor.evaluation.targets import chart, neutral, read_targets, targets_of
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 CELL, GAP = 44, 8
@@ -26,7 +29,7 @@ def draw_chart(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     for patch in range(24):
         row, column = divmod(patch, 6)
         y, x = y0 + GAP + row * (CELL + GAP), x0 + GAP + column * (CELL + GAP)
-        image[y : y + CELL, x : x + CELL] = CHART_SRGB[patch]
+        image[y : y + CELL, x : x + CELL] = CLASSIC.srgb[patch]
     corners = CORNER + np.array([[0, 0], [width, 0], [width, height], [0, height]])
     return np.clip(image + 0.005 * rng.standard_normal(image.shape), 0, 1), corners
 
@@ -63,17 +66,19 @@ def test_a_cast_is_seen(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
 
 
 def test_the_chart_is_found_through_blue_water(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
-    image, corners = chart_image
-    found = find_chart(eight_bit(image * [0.35, 0.8, 0.9]))
-    assert found is not None
-    given = chart("c", corners, SIZE)
-    for patch, true in zip(found.patches, given.patches, strict=True):
-        assert (patch & true).sum() > 0.5 * true.sum()
+    image, _ = chart_image
+    (found,) = targets_of([], eight_bit(image * [0.35, 0.8, 0.9]), flat_range())
+    assert (found.name, found.type) == ("chart", CLASSIC)
+    for number, patch in enumerate(found.patches):
+        row, column = divmod(number, 6)
+        y, x = (CORNER[::-1] + GAP + np.array([row, column]) * (CELL + GAP)).astype(int)
+        inside = patch[y : y + CELL, x : x + CELL].sum()
+        assert inside > 0.9 * patch.sum() > 400, "within the patch that was drawn"
 
 
 def test_no_chart_is_no_target() -> None:
     empty = eight_bit(np.random.default_rng(0).uniform(0.2, 0.6, (*SIZE, 3)))
-    assert find_chart(empty) is None
+    assert find_charts(empty) == ()
     assert targets_of([], empty, flat_range()) == ()
 
 
@@ -192,7 +197,7 @@ def test_patches_of_unknown_range_are_left_out(chart_image: tuple[np.ndarray, np
 def test_what_has_no_target_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
     (folders[0] / "a.tiff").unlink()
     (folders[1] / "a.tiff").unlink()
-    with pytest.raises(InputError, match="no ColorChecker was found in any of 1 images"):
+    with pytest.raises(InputError, match="no color chart was found in any of 1 images"):
         evaluate_charts(*folders)
     file = tmp_path / "targets.json"
     file.write_text("{}")
@@ -205,11 +210,11 @@ def test_what_has_no_target_is_named(folders: tuple[Path, Path], tmp_path: Path)
     [
         ("[", "cannot be read"),
         ("[1]", "must hold"),
-        ('{"a": [{"circle": [[0, 0], [1, 1], [2, 0]]}]}', "is one polygon or chart"),
+        ('{"a": [{"circle": [[0, 0], [1, 1], [2, 0]]}]}', "is one polygon, chart or dkk"),
         ('{"a": [{"polygon": [[0, 0], [1, 1]]}]}', "3 corners or more"),
         ('{"a": [{"chart": [[0, 0], [1, 1], [2, 0]]}]}', "a chart its 4"),
-        ('{"a": [{"polygon": "here"}]}', "is one polygon or chart"),
-        ('{"a": [{}]}', "is one polygon or chart"),
+        ('{"a": [{"polygon": "here"}]}', "is one polygon, chart or dkk"),
+        ('{"a": [{}]}', "is one polygon, chart or dkk"),
     ],
 )
 def test_bad_targets_are_named(tmp_path: Path, content: str, message: str) -> None:
@@ -241,3 +246,18 @@ def test_unknown_ranges_are_left_out_by_ours(chart_image: tuple[np.ndarray, np.n
     results = correct_by_all(eight_bit(chart_image[0]), range_m, RunConfig())
     assert np.isnan(results[OURS][:, :100]).all()
     assert np.isfinite(results[OURS][:, 100:]).all()
+
+
+def test_a_patch_that_fades_with_range_is_spread(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+    image, corners = chart_image
+    target = chart("c", corners, SIZE)
+    true = [seen_chart("true", target, image, np.full(SIZE, meters, np.float32)) for meters in (1, 3)]
+    cast = encode_srgb(decode_srgb(image) * [0.5, 1, 1])
+    faded = [seen_chart("faded", target, picture, np.full(SIZE, 2.0, np.float32)) for picture in (image, cast)]
+    seen = [one for one in (*true, *faded) if one]
+    alike, spread = spread_over_charts(seen)
+    assert (alike.method, alike.charts, alike.nearest_m, alike.farthest_m) == ("true", 2, 1, 3)
+    assert (alike.angle_deg, alike.luminance) == (pytest.approx(0, abs=1e-4), pytest.approx(0, abs=1e-9))
+    assert spread.angle_deg > 5
+    assert spread_over_charts(seen[:1]) == ()
+    assert seen_chart("n", neutral("w", corners, eight_bit(image), flat_range()), image, flat_range()) is None

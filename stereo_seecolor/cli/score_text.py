@@ -50,7 +50,28 @@ def charts_text(report: "ChartReport") -> str:
         numbers = [f"{value:.1f}" for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)]
         rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}"))
     without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
-    return table(columns, rows) + lines([*without, f"  {report.sheet}: every method on every frame, to look at"])
+    sheet = f"  {report.sheet}: every method on every frame, to look at"
+    return table(columns, rows) + _ranges_text(report) + lines([*without, sheet])
+
+
+def _ranges_text(report: "ChartReport") -> str:
+    """How alike the same patch comes out at all ranges."""
+    if not report.spreads:
+        return ""
+    columns = ("method", "charts", "range m", "patch angle", "patch luminance")
+    rows = [
+        (
+            row.method,
+            f"{row.charts} {row.chart}",
+            f"{row.nearest_m:.1f}..{row.farthest_m:.1f}",
+            f"{row.angle_deg:.1f}",
+            f"{row.luminance:.2f}",
+        )
+        for row in report.spreads
+    ]
+    return lines(["the same patch on charts at several ranges: mean angle, and spread of the logarithm of luminance"]) + table(
+        columns, rows
+    )
 
 
 def spread_text(report: "SpreadReport") -> str:

@@ -12,9 +12,10 @@ from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.baselines import METHODS
+from stereo_seecolor.evaluation.chart_spread import SeenChart, SpreadRow, seen_chart, spread_over_charts
 from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gain, lab_from_linear, score_neutral
 from stereo_seecolor.evaluation.others import OtherResults
-from stereo_seecolor.evaluation.targets import GRAYS, Target, read_targets, targets_of
+from stereo_seecolor.evaluation.targets import Target, read_targets, targets_of
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
@@ -47,7 +48,7 @@ class ChartRow:
 
 @dataclass(frozen=True)
 class ChartReport:
-    """rows: every method on every target. sheet: the contact sheet, if asked for.
+    """rows: every method on every target. spreads: every method over charts at several ranges. sheet: if one was asked for.
 
     without_target: frames that had none, and "frame: target" of targets without one pixel to score (clipped, dark, range unknown).
     """
@@ -55,6 +56,7 @@ class ChartReport:
     rows: tuple[ChartRow, ...]
     without_target: tuple[str, ...]
     sheet: Path | None = None
+    spreads: tuple[SpreadRow, ...] = ()
 
     def means(self) -> tuple[ChartRow, ...]:
         """A row a method: means over the targets on which it left pixels to score (of pixels the sum)."""
@@ -73,7 +75,7 @@ def evaluate_charts(
     """Every method on every target in a folder of images with range maps of the same stems.
 
     targets: JSON of polygons and chart corners (see ``read_targets``), and only images that it names count; without it each image
-    is searched for a ColorChecker. sheet: where to write the contact sheet (PNG). others: folders of what other tools made of the
+    is searched for charts. sheet: where to write the contact sheet (PNG). others: folders of what other tools made of the
     images, under the same names. Raises InputError, also where there is no target.
     """
     config, results = config or RunConfig(), OtherResults.of(others)
@@ -81,6 +83,7 @@ def evaluate_charts(
     rows: list[ChartRow] = []
     without: list[str] = []
     tiles: list[list[NDArray[np.uint8]]] = []
+    seen: list[SeenChart] = []
     for pair in pair_by_stem(images, ranges).pairs:
         image, range_m = read_image(pair.left, config.input), read_range_map(pair.right)
         if range_m.shape != image.shape[:2]:
@@ -95,18 +98,20 @@ def evaluate_charts(
         rows += [
             score_target(pair.name, target, method, result, range_m) for target in usable for method, result in corrected.items()
         ]
+        each = (seen_chart(method, target, result, range_m) for target in usable for method, result in corrected.items())
+        seen += [chart for chart in each if chart]
         tiles.append([_tile(f"{pair.name}  {method}", result) for method, result in corrected.items()])
     if not rows:
         raise InputError(_nothing_found(images, targets, len(without)))
     if sheet:
         write_atomic(sheet, _sheet(tiles))
-    return ChartReport(tuple(rows), tuple(without), sheet)
+    return ChartReport(tuple(rows), tuple(without), sheet, spread_over_charts(seen))
 
 
 def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
     if targets:
         return f"{targets}: none of its targets can be seen with a known range in the {number} images of {images}"
-    return f"{images}: no ColorChecker was found in any of {number} images: give its corners with --targets"
+    return f"{images}: no color chart was found in any of {number} images: give its corners with --targets"
 
 
 def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, NDArray[np.float64]]:
@@ -123,7 +128,7 @@ def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, N
 def score_target(frame: str, target: Target, method: str, result: NDArray[np.float64], range_m: Map) -> ChartRow:
     """A method's row for a target; patches of which the method knows no pixel are left out, NaN where that is all of them."""
     colors = [result[patch] for patch in target.patches]
-    grays = colors if target.srgb is None else colors[GRAYS]
+    grays = colors if target.type is None else colors[target.type.grays]
     whole = np.concatenate(colors)
     known = np.isfinite(whole).all(axis=-1)
     seen = range_m[target.mask]
@@ -134,7 +139,7 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
         range_m=float(np.nanmedian(seen)) if np.isfinite(seen).any() else float("nan"),
         psi_deg=_mean_of([score_neutral(pixels).psi_deg for pixels in grays]),
         psi_linear_deg=_mean_of([score_neutral(decode_srgb(pixels)).psi_deg for pixels in grays]),
-        ciede2000=_difference(colors, target.srgb),
+        ciede2000=_difference(colors, target.type.srgb if target.type else None),
         clipped_fraction=float(clipped(whole[known]).mean()) if known.any() else float("nan"),
         pixels=int(known.sum()),
     )

@@ -1,0 +1,89 @@
+"""How alike the same patch comes out on charts at several ranges: what a correction is for, and no color needs to be known."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.evaluation.chart_types import ChartType
+from stereo_seecolor.evaluation.targets import Target
+from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.records import Map
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Of linear sRGB (IEC 61966-2-1)."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeenChart:
+    """A chart as a method leaves it. colors: (N, 3) linear means of its patches, NaN where the method knows none of a patch."""
+
+    method: str
+    type: ChartType
+    range_m: float
+    colors: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SpreadRow:
+    """A method on all charts of a kind. nearest_m, farthest_m: their median ranges.
+
+    angle_deg: mean angle between a patch's color and its mean direction over the charts, in linear light, after one gain a channel
+    that makes the mean of all gray: else what leaves everything blue would look alike. luminance: standard deviation of the
+    logarithm of a patch's luminance over the charts, mean over patches. NaN where no patch is known on two charts.
+    """
+
+    method: str
+    chart: str
+    charts: int
+    nearest_m: float
+    farthest_m: float
+    angle_deg: float
+    luminance: float
+
+
+def seen_chart(method: str, target: Target, result: NDArray[np.float64], range_m: Map) -> SeenChart | None:
+    """What a method leaves of a chart: result (H, W, 3) in [0, 1] as displayed, NaN where unknown. None for what is no chart."""
+    if target.type is None:
+        return None
+    colors = np.full((len(target.patches), 3), np.nan)
+    for number, patch in enumerate(target.patches):
+        pixels = result[patch]
+        known = pixels[np.isfinite(pixels).all(axis=-1)]
+        if len(known):
+            colors[number] = decode_srgb(known).mean(axis=0)
+    seen = range_m[target.mask]
+    median_m = float(np.nanmedian(seen)) if np.isfinite(seen).any() else float("nan")
+    return SeenChart(method, target.type, median_m, colors)
+
+
+def spread_over_charts(seen: Sequence[SeenChart]) -> tuple[SpreadRow, ...]:
+    """A row for each method and kind of chart that was seen at least twice."""
+    groups = dict.fromkeys((chart.method, chart.type.name) for chart in seen)
+    members = {group: [chart for chart in seen if (chart.method, chart.type.name) == group] for group in groups}
+    return tuple(_row(charts) for charts in members.values() if len(charts) > 1)
+
+
+def _row(charts: Sequence[SeenChart]) -> SpreadRow:
+    colors = np.stack([chart.colors for chart in charts])
+    colors = colors / np.maximum(np.nanmean(colors.reshape(-1, 3), axis=0), 1e-9)
+    ranges_m = [chart.range_m for chart in charts if np.isfinite(chart.range_m)] or [float("nan")]
+    angles, luminances = [], []
+    for patch in range(colors.shape[1]):
+        values = colors[:, patch]
+        known = values[np.isfinite(values).all(axis=1) & (values @ LUMINANCE > 0)]
+        if len(known) > 1:
+            directions = known / np.linalg.norm(known, axis=1, keepdims=True)
+            mean = directions.mean(axis=0) / np.linalg.norm(directions.mean(axis=0))
+            angles.append(np.degrees(np.arccos(np.clip(directions @ mean, -1, 1))).mean())
+            luminances.append(np.log(known @ LUMINANCE).std())
+    return SpreadRow(
+        charts[0].method,
+        charts[0].type.name,
+        len(charts),
+        min(ranges_m),
+        max(ranges_m),
+        float(np.mean(angles)) if angles else float("nan"),
+        float(np.mean(luminances)) if luminances else float("nan"),
+    )

@@ -1,0 +1,106 @@
+"""Finding color charts: small, tilted, turned, through drawn water, several at once; and nothing where there is none."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor.evaluation.chart_finder import find_charts
+from stereo_seecolor.evaluation.chart_types import CHART_TYPES, CLASSIC, DKK, ChartType
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+
+SIZE = (240, 320)
+
+
+def rubble(seed: int) -> np.ndarray:
+    """(H, W, 3) encoded, textured at all scales."""
+    rng = np.random.default_rng(seed)
+    layers = [cv2.resize(rng.standard_normal((3 * 2**k, 4 * 2**k, 3)), SIZE[::-1], interpolation=cv2.INTER_CUBIC) for k in range(6)]
+    return np.clip(0.4 + 0.06 * sum(layers), 0, 1)
+
+
+def placed(image: np.ndarray, type: ChartType, corners: np.ndarray) -> np.ndarray:
+    """The chart in its black frame, drawn by an exact homography at four times the resolution."""
+    frame = type.frame
+    whole = np.array([[-frame, -frame], [type.size[0] + frame, type.size[1] + frame]])
+    onto = cv2.getPerspectiveTransform(type.corners, np.float32(4 * corners))
+    large = cv2.resize(image, None, fx=4, fy=4)
+    cells = [
+        (np.array([whole[0, 0], whole[0, 1], *(whole[1] - whole[0])]), np.full(3, 0.1)),
+        *zip(type.cells, type.srgb, strict=True),
+    ]
+    for number, ((x, y, w, h), color) in enumerate(cells):
+        gap = 0.06 if number else 0
+        outline = np.float32([[x + gap, y + gap], [x + w - gap, y + gap], [x + w - gap, y + h - gap], [x + gap, y + h - gap]])
+        cv2.fillPoly(large, [np.round(cv2.perspectiveTransform(outline[None], onto)[0]).astype(np.int32)], color.tolist())
+    return cv2.resize(large, SIZE[::-1], interpolation=cv2.INTER_AREA)
+
+
+def under_water(image: np.ndarray, meters: float) -> np.ndarray:
+    """Through so much of a blue-green water, with noise, 8 bits."""
+    light = decode_srgb(image) * np.exp(-meters * np.array([0.35, 0.08, 0.06])) + np.array([0.03, 0.12, 0.2]) * (
+        1 - np.exp(-0.2 * meters)
+    )
+    noise = 0.004 * np.random.default_rng(1).standard_normal(light.shape)
+    return np.round(255 * np.clip(encode_srgb(np.clip(light + noise, 0, 1)), 0, 1)).astype(np.uint8)
+
+
+def outline(center: tuple[float, float], width: float, angle_deg: float, squeeze: float = 1.0) -> np.ndarray:
+    angle = np.radians(angle_deg)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    half = np.array([[-3, -2], [3, -2], [3, 2], [-3, 2]]) * [1, squeeze] * width / 6
+    return half @ turn.T + center
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("type", CHART_TYPES, ids=lambda type: type.name)
+@pytest.mark.parametrize(("width", "angle_deg", "squeeze", "meters"), [(36, 5, 0.9, 3), (110, -97, 0.8, 4)])
+def test_a_chart_is_found_where_it_is(type: ChartType, width: float, angle_deg: float, squeeze: float, meters: float) -> None:
+    corners = outline((170, 115), width, angle_deg, squeeze)
+    (found,) = find_charts(under_water(placed(rubble(0), type, corners), meters))
+    assert found.type is type
+    assert np.abs(found.corners - corners).max() < 0.25 * width / 6 + 0.5
+
+
+@pytest.mark.slow
+def test_several_charts_of_two_kinds(tmp_path: Path) -> None:
+    truth = [(CLASSIC, outline((80, 60), 60, 3)), (DKK, outline((240, 80), 45, -6)), (CLASSIC, outline((160, 180), 30, 0))]
+    image = rubble(3)
+    for type, corners in truth:
+        image = placed(image, type, corners)
+    found = find_charts(under_water(image, 2))
+    assert len(found) == 3
+    for type, corners in truth:
+        distances = [float(np.hypot(*(chart.corners.mean(axis=0) - corners.mean(axis=0)))) for chart in found]
+        nearest = found[int(np.argmin(distances))]
+        assert nearest.type is type
+        assert np.abs(nearest.corners - corners).max() < 3
+
+
+@pytest.mark.slow
+def test_rubble_is_no_chart() -> None:
+    assert find_charts(under_water(rubble(0), 2)) == ()
+
+
+@pytest.mark.parametrize(
+    "image", [np.zeros((40, 60, 3), np.uint8), np.full((300, 400, 3), 255, np.uint8), np.zeros((2, 2, 3), np.uint16)]
+)
+def test_pictures_of_nothing(image: np.ndarray) -> None:
+    assert find_charts(image) == ()
+
+
+@pytest.mark.real_data
+@pytest.mark.slow
+def test_four_charts_at_five_to_ten_meters(real_data: Path) -> None:
+    image = cv2.imread(str(real_data / "seathru" / "3374.png"))[..., ::-1]
+    found = find_charts(np.ascontiguousarray(image))
+    assert [chart.type for chart in found] == [DKK] * 4
+    middles = np.array(sorted(chart.corners.mean(axis=0).tolist() for chart in found))
+    np.testing.assert_allclose(middles, [[367, 271], [405, 310], [426, 262], [484, 300]], atol=3)
+
+
+@pytest.mark.real_data
+@pytest.mark.slow
+def test_a_real_picture_without_a_chart(real_data: Path) -> None:
+    assert find_charts(np.ascontiguousarray(cv2.imread(str(real_data / "aloe" / "left.png"))[..., ::-1])) == ()
