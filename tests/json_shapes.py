@@ -83,15 +83,12 @@ COLOR_SCORE = {
 }
 SCORES = {"range": RANGE_SCORE, "color": COLOR_SCORE, "raw_color": COLOR_SCORE}
 TRUTH = {"frames": [{"name": str, **SCORES}], "missing": [str], **SCORES}
-<<<<<<< HEAD
 SPREAD = {"luminance": float, "frame_offsets": float, "angle_deg": float, "spots": int}
-=======
 SPREAD_ROW = {
     **dict.fromkeys(("method", "chart"), str),
     "charts": int,
     **dict.fromkeys(("nearest_m", "farthest_m", "angle_deg", "luminance"), NUMBER),
 }
->>>>>>> 3814eee (Find small, tilted and several color charts of two kinds; say how alike a patch is over range)
 CHART_ROW = {
     "frame": str,
     "target": str,
@@ -207,10 +204,7 @@ SHAPES: dict[str, Shape] = {
     "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int},
     "water": {**END, "out": str, "path": str, "water": dict},
     "evaluate": {**END, **TRUTH},
-<<<<<<< HEAD
-    "evaluate --chart": {**END, "rows": [CHART_ROW], "means": [CHART_ROW], "without_target": [str], "sheet": str},
     "evaluate --spread": {**END, "raw": SPREAD, "corrected": SPREAD, "pairs": int},
-=======
     "evaluate --chart": {
         **END,
         "rows": [CHART_ROW],
@@ -219,7 +213,6 @@ SHAPES: dict[str, Shape] = {
         "without_target": [str],
         "sheet": str,
     },
->>>>>>> 3814eee (Find small, tilted and several color charts of two kinds; say how alike a patch is over range)
     "synthesize": {**END, "out": str, "spec": dict},
     "demo": {**END, **RUN, "truth": TRUTH},
     "calibrate": {
