@@ -59,6 +59,7 @@ export class Scene {
   private readonly spot: Points;
   private relief = false;
   private waiting = false;
+  private placed = false;
 
   constructor(
     private readonly about: About,
@@ -86,7 +87,6 @@ export class Scene {
     this.scene.add(this.spot);
     this.addTrack(dive);
     this.listen();
-    this.home();
     void this.load(about.whole ?? "");
   }
 
@@ -95,6 +95,8 @@ export class Scene {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / Math.max(height, 1);
     this.camera.updateProjectionMatrix();
+    if (!this.placed) this.home();
+    this.placed = true;
     this.draw();
   }
 
@@ -105,7 +107,7 @@ export class Scene {
     const center = box.getCenter(new Vector3());
     const size = Math.max(box.getSize(new Vector3()).length(), 0.1);
     this.controls.target.copy(center);
-    this.camera.position.copy(center).add(new Vector3(-0.25, -0.75, 0.85).multiplyScalar(size * 0.8));
+    this.camera.position.copy(center).add(new Vector3(-0.25, -0.75, 0.85).multiplyScalar(size * 0.8 * Math.max(1, 1.2 / this.camera.aspect)));
     this.camera.near = size / 2000;
     this.camera.far = size * 20;
     this.camera.updateProjectionMatrix();
