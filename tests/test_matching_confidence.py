@@ -19,6 +19,13 @@ def matched(best: np.ndarray, checked: np.ndarray | None = None) -> MatchedDispa
     return MatchedDisparity(disparity.astype(np.float32), best.astype(np.float32), np.ones(best.shape, np.float32))
 
 
+def fattened(best: np.ndarray, left: np.ndarray, rows: slice = EVERYTHING, odds: float = 1.0) -> np.ndarray:
+    context = Context.of(matched(best), left)
+    return fattening(
+        (best.astype(np.float32), left), context, rows, np.full((rows.stop - rows.start, SHAPE[1]), odds, np.float32), 0.5
+    )
+
+
 def gray(levels: np.ndarray | float) -> np.ndarray:
     return np.broadcast_to(np.asarray(levels) * 256, SHAPE).astype(np.uint16)
 
@@ -49,7 +56,7 @@ def test_where_nothing_was_found_the_surroundings_stay_finite() -> None:
     nothing = np.full(SHAPE, np.nan)
     context = Context.of(matched(nothing), gray(100))
     assert np.isfinite(context.roughness).all() and not context.known.any()
-    assert not fattening(nothing.astype(np.float32), gray(100), context, EVERYTHING).any()
+    assert not fattened(nothing, gray(100)).any()
 
 
 def test_samples_are_interpolated_to_the_size_of_the_image() -> None:
@@ -68,7 +75,7 @@ def test_a_pixel_with_the_gray_of_what_lies_behind_is_fattened(rows: slice) -> N
     column = np.arange(SHAPE[1])
     best = np.where(column >= 36, 40.0, 20.0) + np.zeros(SHAPE)
     left = gray(np.where(column >= 40, 160, 60))
-    found = fattening(best.astype(np.float32), left, Context.of(matched(best), left), rows)
+    found = fattened(best, left, rows)
     assert found.shape == (rows.stop - rows.start, SHAPE[1])
     assert found[:, 36:40].min() > 0.9
     assert found[:, 40:46].max() < 0.25  # the mean of the near surface takes in what spreads
@@ -77,8 +84,9 @@ def test_a_pixel_with_the_gray_of_what_lies_behind_is_fattened(rows: slice) -> N
 
 def test_equal_grays_say_nothing_about_the_edge() -> None:
     best = np.where(np.arange(SHAPE[1]) >= 36, 40.0, 20.0) + np.zeros(SHAPE)
-    found = fattening(best.astype(np.float32), gray(100), Context.of(matched(best), gray(100)), EVERYTHING)
+    found = fattened(best, gray(100))
     np.testing.assert_allclose(found[:, 36:40], 0.5)
+    assert not fattened(best, gray(100), odds=0.4).any()  # rejected already
 
 
 def test_less_confidence_leaves_the_ranges_that_are_known_as_they_are() -> None:

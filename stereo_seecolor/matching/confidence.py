@@ -35,21 +35,6 @@ _UNIQUENESS, _SUPPORT, _RELIEF = WEIGHTS.uniqueness / _LOG_2, WEIGHTS.support / 
 _FATTENING, _LEAST_RELIEF = WEIGHTS.fattening / _LOG_2, WEIGHTS.least_relief_px
 
 
-@dataclass(frozen=True, eq=False)
-class Evidence:
-    """What is known of each pixel of some rows, (rows, W).
-
-    uniqueness: as the search gave it. support, relief: of refine_rows. surroundings: log odds, base 2, of surroundings().
-    fattening: 0..1.
-    """
-
-    uniqueness: Map
-    support: Map
-    relief: Map
-    surroundings: Map
-    fattening: Map
-
-
 def surroundings(context: Context, shape: tuple[int, ...]) -> Map:
     """(H, W) what the surroundings add to the log odds, base 2, of each pixel of an image of that shape."""
     rough = np.log(context.roughness + np.float32(WEIGHTS.least_relief_px))
@@ -57,27 +42,38 @@ def surroundings(context: Context, shape: tuple[int, ...]) -> Map:
     return enlarged(odds.astype(np.float32), shape)
 
 
-def judge_rows(least: float, evidence: Evidence, disparity: Map, confidence: Map) -> None:
-    """Fill the confidence that |disparity error| <= 1 px; make disparities NaN where it is under ``least``."""
-    own = evidence.uniqueness, evidence.support, evidence.relief
-    _judge(np.float32(least), own, evidence.surroundings, evidence.fattening, (disparity, confidence))
+def least_odds(least: float) -> float:
+    """The log odds, base 2, below which no confidence reaches ``least`` (0..1); a little less, for what rounding does."""
+    return float(np.log2(max(least, 1e-30)) - np.log2(max(1 - least, 1e-30))) - 1e-3
 
 
 @compiled
-def _judge(least: Any, own: tuple[Map, Map, Map], surroundings: Any, fattening: Map, judged: tuple[Map, Map]) -> None:
-    one, unknown, least_relief = np.float32(1), np.float32(np.nan), np.float32(_LEAST_RELIEF)
-    per_uniqueness, per_support = np.float32(_UNIQUENESS), np.float32(_SUPPORT)
-    per_relief, per_fattening = np.float32(_RELIEF), np.float32(_FATTENING)
-    for y in range(judged[0].shape[0]):
-        unique_row, support_row, relief_row = own[0][y], own[1][y], own[2][y]
-        disparity_row, confidence_row = judged[0][y], judged[1][y]
-        around_row, fat_row = surroundings[y], fattening[y]
+def weigh_rows(evidence: tuple[Map, Map, Map, Map], odds: Map) -> None:
+    """Fill the log odds, base 2, that |disparity error| <= 1 px, before fattening, of pixels known or not.
+
+    evidence: uniqueness, as the search gave it; support and relief, of refine_rows; surroundings.
+    """
+    uniqueness, support, relief, around = evidence
+    one, least_relief = np.float32(1), np.float32(_LEAST_RELIEF)
+    per_uniqueness, per_support, per_relief = np.float32(_UNIQUENESS), np.float32(_SUPPORT), np.float32(_RELIEF)
+    for y in range(odds.shape[0]):
+        unique_row, support_row, relief_row = uniqueness[y], support[y], relief[y]
+        around_row, odds_row = around[y], odds[y]
+        for x in range(odds_row.size):
+            total = per_uniqueness * np.sqrt(min(unique_row[x], one)) + per_support * support_row[x] + around_row[x]
+            odds_row[x] = total + per_relief * _log2(relief_row[x] + least_relief)
+
+
+@compiled
+def judge_rows(least: Any, fattening: Map, disparity: Map, confidence: Map) -> None:
+    """Turn the log odds in ``confidence`` into the confidence; make disparities NaN where it is under ``least``."""
+    one, unknown, bound, per_fattening = np.float32(1), np.float32(np.nan), np.float32(least), np.float32(_FATTENING)
+    for y in range(confidence.shape[0]):
+        disparity_row, confidence_row, fat_row = disparity[y], confidence[y], fattening[y]
         for x in range(confidence_row.size):
-            odds = per_uniqueness * np.sqrt(min(unique_row[x], one)) + per_support * support_row[x] + around_row[x]
-            odds += per_relief * _log2(relief_row[x] + least_relief) + per_fattening * fat_row[x]
-            chance = one / (one + _exp2(-odds))
+            chance = one / (one + _exp2(-(confidence_row[x] + per_fattening * fat_row[x])))
             confidence_row[x] = chance
-            disparity_row[x] = disparity_row[x] if chance >= least else unknown
+            disparity_row[x] = disparity_row[x] if chance >= bound else unknown
 
 
 @compiled(inline=True)

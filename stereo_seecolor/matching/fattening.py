@@ -37,15 +37,21 @@ _REACH, _EVERY = CONSTANTS.reach, CONTEXT.every
 _STEP, _SAME, _NOISE, _ALONE = CONSTANTS.step_px, CONSTANTS.same_px, CONSTANTS.noise_levels, CONSTANTS.alone_levels
 
 
-def fattening(best: Map, left: Gray, context: Context, rows: slice) -> Map:
-    """(rows, W) how much more a pixel looks like the surface behind it than like its own, 0..1; 0 where nothing lies behind."""
-    found = np.zeros((rows.stop - rows.start, best.shape[1]), np.float32)
-    _fattening(best[rows], left[rows], rows.start, (context.disparity, context.farthest, context.levels), found)
+def fattening(images: tuple[Map, Gray], context: Context, rows: slice, odds: Map, least: float) -> Map:
+    """(rows, W) how much more a pixel looks like the surface behind it than like its own, 0..1; 0 where nothing lies behind.
+
+    images: disparity (MatchedDisparity.best) and left image, (H, W). odds: (rows, W); pixels below ``least`` are left at 0.
+    """
+    best, left = images
+    found = np.zeros(odds.shape, np.float32)
+    samples = context.disparity, context.farthest, context.levels
+    _fattening((best[rows], left[rows]), rows.start, samples, odds, np.float32(least), found)
     return found
 
 
 @compiled
-def _fattening(best: Any, left: Any, first: int, samples: tuple[Map, Map, Map], found: Any) -> None:
+def _fattening(images: Any, first: int, samples: tuple[Map, Map, Map], odds: Any, least: Any, found: Any) -> None:
+    best, left = images
     farthest = samples[1]
     height, width = farthest.shape
     step, scale = np.float32(_STEP), np.float32(1 / 256)
@@ -55,7 +61,7 @@ def _fattening(best: Any, left: Any, first: int, samples: tuple[Map, Map, Map], 
             far = farthest[row, column] + step
             end = best.shape[1] if column == width - 1 else (column + 1) * _EVERY
             for x in range(column * _EVERY, end):
-                if best[y, x] > far:
+                if odds[y, x] >= least and best[y, x] > far:
                     found[y, x] = _likeness(best[y, x], np.float32(left[y, x]) * scale, row, column, samples)
 
 

@@ -8,7 +8,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import diagnostics
-from stereo_seecolor.matching.confidence import Evidence, judge_rows, surroundings
+from stereo_seecolor.matching.confidence import judge_rows, least_odds, surroundings, weigh_rows
 from stereo_seecolor.matching.context import Context
 from stereo_seecolor.matching.disparity import UNKNOWN, Engine, MatchedDisparity
 from stereo_seecolor.matching.fattening import fattening
@@ -107,9 +107,11 @@ class Matcher:
             support, relief = refine_rows(pair, gain, found, rows.start, disparity, maps.std[rows])
             if self._engine.refined:
                 disparity[:] = found.best[rows]
-            fat = fattening(found.best, pair.left, context, rows)
-            evidence = Evidence(found.uniqueness[rows], support, relief, around[rows], fat)
-            judge_rows(self._config.min_confidence, evidence, disparity, maps.confidence[rows])
+            odds = maps.confidence[rows]
+            weigh_rows((found.uniqueness[rows], support, relief, around[rows]), odds)
+            least = self._config.min_confidence
+            doubt = fattening((found.best, pair.left), context, rows, odds, least_odds(least))
+            judge_rows(least, doubt, disparity, maps.confidence[rows])
             if not self._config.fill:
                 maps.measure(self._pair, limits_m, rows)
 
