@@ -1,6 +1,7 @@
 """Live: the newest pair wins, drops are counted, nothing that a pair does ends it, memory is flat."""
 
 import json
+import re
 import shutil
 import tracemalloc
 import urllib.error
@@ -10,13 +11,16 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from bag_writers import camera_infos, dive_messages, name_by_stamps, write_bag
 
 from stereo_seecolor.color.photometry.survey import SlidingFitter
-from stereo_seecolor.commands.live import LiveOptions, live
+from stereo_seecolor.commands.live import LiveInputs, LiveOptions, live
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import ColorError, InputError, OutputError
+from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.live import session as live_session
+from stereo_seecolor.live.played_bag import PlayedBag
 from stereo_seecolor.live.preview import Preview, served
 from stereo_seecolor.live.processing import LiveProcessor
 from stereo_seecolor.live.session import LiveCounts, LiveSession
@@ -109,9 +113,13 @@ class Endless:
 
     dropped = 0
     waiting = ""
+    ended = False
 
     def __init__(self) -> None:
         self.number = 0
+
+    def latency_s(self, pair: Pair) -> float:
+        return 0.1
 
     def newest(self) -> Pair:
         return Pair(f"{self.number:06d}", Path("left"), Path("right"))
@@ -226,5 +234,26 @@ def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
 def test_live_ends_after_so_many_pairs_without_a_page(incoming) -> None:
     dive, folder, arrive = incoming
     arrive(2)
-    found = live(folder / "L", folder / "R", dive.root / "cam.yaml", options=LiveOptions(pairs=1))
+    inputs = LiveInputs(folder / "L", folder / "R", calib=dive.root / "cam.yaml")
+    found = live(inputs, options=LiveOptions(pairs=1))
     assert (found.done, found.failed, found.dropped, found.last_error) == (1, 0, 0, "")
+
+
+def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
+    dive = make_dive(4)
+    name_by_stamps(dive.root)
+    bag = write_bag(tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)])
+    pairing, now_s = open_dive(bag, "", InputConfig()).pairing, [100.0]
+    played = PlayedBag(pairing, bag, lambda: now_s[0])
+    taken = []
+    for step_s in (0.0, 0.1, 0.16, 0.5):  # pairs are 0.25 s apart
+        now_s[0] += step_s
+        if pair := played.newest():
+            taken.append((pairing.pairs.index(pair), round(played.latency_s(pair), 3)))
+            played.take(pair)
+    assert taken == [(0, 0.0), (1, 0.01), (3, 0.01)]
+    assert (played.dropped, played.ended) == (1, True)
+    code, printed, said = cli("live", "--bag", bag)
+    assert code == 0, said
+    done, dropped = (int(re.search(rf"(\d+) {what}", printed)[1]) for what in ("pairs corrected", "passed over"))  # type: ignore[index]
+    assert done + dropped == 4

@@ -74,7 +74,7 @@ def run(
     """The whole job: stereo pairs in; range maps, true-color images and colored clouds out."""
     from stereo_seecolor.config_file import load_config
 
-    _check_sources(left, right, calib, bag, topics)
+    check_sources(left, right, calib, bag, topics)
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
     if (shard or cluster) and bag:
@@ -102,7 +102,7 @@ def _part(shard: str, fuse: bool) -> Shard:
     return shard_of(shard)
 
 
-def _check_sources(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> None:
+def check_sources(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> None:
     """Raise typer.BadParameter unless a bag, or both sides and their calibration, are given."""
     if bag and (left or right):
         raise typer.BadParameter("--bag holds both sides: give it, or --left and --right")

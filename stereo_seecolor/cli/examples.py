@@ -13,7 +13,7 @@ EXAMPLES = {
         f"run {SIDES} --out PARTS/2 --shard 2/8",
         "run --left dive.mp4 --right dive.mp4 --calib cam.yaml --out OUT --config settings.yaml",
     ),
-    "live": ("live --left INCOMING/left --right INCOMING/right --calib cam.yaml --port 8080",),
+    "live": ("live --left INCOMING/left --right INCOMING/right --calib cam.yaml --port 8080", "live --bag dive.mcap --port 8080"),
     "sync": ("sync left.mp4 right.mp4",),
     "bag-info": ("bag-info dive.mcap", "bag-info BAG --topics left=/fwd/image,right=/aft/image"),
     "correct": ("correct --images IMAGES --range RANGES --out OUT",),

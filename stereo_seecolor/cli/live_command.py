@@ -6,12 +6,15 @@ from typing import Annotated
 import typer
 
 from stereo_seecolor.cli.console import lines
-from stereo_seecolor.cli.options import AsJson, Calib, ConfigFile, LogFile, Settings, Verbose
+from stereo_seecolor.cli.options import AsJson, ConfigFile, LogFile, OneCalib, Settings, Topics, Verbose
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.streams import write_error
 
-LeftFolder = Annotated[Path, typer.Option("--left", metavar="FOLDER", help="Folder that left images arrive in.")]
-RightFolder = Annotated[Path, typer.Option("--right", metavar="FOLDER", help="The same of the right side.")]
+LeftFolder = Annotated[Path | None, typer.Option("--left", metavar="FOLDER", help="Folder that left images arrive in.")]
+RightFolder = Annotated[Path | None, typer.Option("--right", metavar="FOLDER", help="The same of the right side.")]
+Played = Annotated[
+    Path | None, typer.Option("--bag", metavar="BAG", help="ROS bag instead of two folders, played at its own rate.")
+]
 KeptIn = Annotated[
     Path | None,
     typer.Option("--out", metavar="FOLDER", help="Keep all products there, in a new or empty folder. Default: none are kept."),
@@ -24,9 +27,11 @@ Pairs = Annotated[int | None, typer.Option("--pairs", metavar="N", min=1, help="
 
 
 def live(
-    left: LeftFolder,
-    right: RightFolder,
-    calib: Calib,
+    left: LeftFolder = None,
+    right: RightFolder = None,
+    calib: OneCalib = None,
+    bag: Played = None,
+    topics: Topics = "",
     port: Port = None,
     out: KeptIn = None,
     pairs: Pairs = None,
@@ -36,15 +41,18 @@ def live(
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
-    """Correct pairs as they arrive in two folders; the newest pair wins, and the water is that of the last frames."""
-    from stereo_seecolor.commands.live import LiveOptions
+    """Correct pairs as they arrive in two folders or a played bag; the newest wins, the water is that of the last frames."""
+    from stereo_seecolor.cli.dive_commands import check_sources
+    from stereo_seecolor.commands.live import LiveInputs, LiveOptions
     from stereo_seecolor.commands.live import live as correct_live
     from stereo_seecolor.config_file import load_config
 
+    check_sources(left, right, calib, bag, topics)
     report = Report("live", as_json, "none", verbose, log_file)
     with report.working():
         options = LiveOptions(out, port, pairs, lambda address: write_error(f"{address}\n"))
-        found = correct_live(left, right, calib, load_config(config, settings or []), options)
+        inputs = LiveInputs(left, right, bag, topics, calib or "")
+        found = correct_live(inputs, load_config(config, settings or []), options)
     said = [f"{found.done} pairs corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
     if found.latency_median_s is not None and found.latency_p95_s is not None:
         said.append(f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s")

@@ -1,4 +1,4 @@
-"""``live``: pairs are corrected as they arrive in two folders."""
+"""``live``: pairs are corrected as they arrive."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.formats import load_rig
+from stereo_seecolor.commands.bag_inputs import BagInputs
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.live.played_bag import PlayedBag
 from stereo_seecolor.live.preview import Preview, served
 from stereo_seecolor.live.processing import LiveFrame, LiveProcessor
-from stereo_seecolor.live.session import LiveCounts, LiveSession
+from stereo_seecolor.live.session import LiveCounts, LiveSession, Source
 from stereo_seecolor.live.watch import FolderWatch
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.run_folder.products import correction_files, range_files
@@ -19,7 +21,7 @@ from stereo_seecolor.run_folder.products import correction_files, range_files
 
 @dataclass(frozen=True)
 class LiveResult:
-    """What happened. dropped: left images passed over for newer ones. Latencies: from the file to the corrected image, seconds."""
+    """What happened. dropped: left images passed over for newer ones. Latencies: from arrival to the corrected image, seconds."""
 
     done: int
     failed: int
@@ -42,21 +44,39 @@ class LiveOptions:
     announce: Callable[[str], None] = lambda _: None
 
 
-def live(
-    left: Path, right: Path, calib: str | Path, config: RunConfig | None = None, options: LiveOptions | None = None
-) -> LiveResult:
-    """Correct the newest pair of two folders that fill, again and again, with the water of the last frames.
+@dataclass(frozen=True)
+class LiveInputs:
+    """Two folders that fill, or a bag that is played at its own rate; calib: as for load_rig, "" for the bag's own camera_info."""
 
-    calib: any calibration that load_rig reads. A pair that fails is counted; a folder that is not there is waited for.
-    Raises CalibrationError for the rig; OutputError if ``out`` holds anything or cannot be written, or the port is taken.
+    left: Path | None = None
+    right: Path | None = None
+    bag: Path | None = None
+    topics: str = ""
+    calib: str | Path = ""
+
+    def open(self, config: RunConfig) -> tuple[Source, Pipeline]:
+        """Raises CalibrationError for the rig; InputError, DeviceError for a bag."""
+        if self.bag is not None:
+            opened = BagInputs(self.bag, self.calib, self.topics).open(config)
+            return PlayedBag(opened.pairing, self.bag), opened.pipeline
+        assert self.left and self.right
+        return FolderWatch(self.left, self.right, config.input), Pipeline(load_rig(self.calib), config)
+
+
+def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptions | None = None) -> LiveResult:
+    """Correct the newest pair that has arrived, again and again, with the water of the last frames.
+
+    A pair that fails is counted; a folder that is not there is waited for.
+    Raises CalibrationError for the rig; OutputError if ``out`` holds anything or cannot be written, or the port is taken; for a
+    bag also InputError and DeviceError.
     """
     config, options = config or RunConfig(), options or LiveOptions()
-    pipeline = Pipeline(load_rig(calib), config)
+    source, pipeline = inputs.open(config)
     if options.out is not None and options.out.exists() and any(options.out.iterdir()):
         raise OutputError(
             f"{options.out}: is there already: live keeps its pictures in a new or an empty folder; nothing was touched"
         )
-    session = LiveSession(FolderWatch(left, right, config.input), LiveProcessor(pipeline).process, lambda _: None)
+    session = LiveSession(source, LiveProcessor(pipeline).process, lambda _: None)
     preview = Preview(session.counts)
     session.show = lambda frame: _show(frame, pipeline, preview if options.port is not None else None, options.out)
     with ExitStack() as stack:

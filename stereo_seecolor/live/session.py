@@ -35,6 +35,13 @@ class Source(Protocol):
     def take(self, pair: Pair) -> None:
         """This pair, and what came before it, is done."""
 
+    @property
+    def ended(self) -> bool:
+        """No pair will come any more."""
+
+    def latency_s(self, pair: Pair) -> float:
+        """Seconds since the pair arrived."""
+
 
 @dataclass
 class LiveCounts:
@@ -66,9 +73,9 @@ class LiveSession:
     _tried: tuple[str, float] = ("", 0.0)
 
     def run(self, ended: Callable[[LiveCounts], bool]) -> LiveCounts:
-        """Until ``ended`` says so, or Ctrl-C."""
+        """Until ``ended`` says so, the source ends, or Ctrl-C."""
         try:
-            while not ended(self.counts):
+            while not (ended(self.counts) or self.source.ended):
                 if not self.step():
                     time.sleep(POLL_S)
         except KeyboardInterrupt:
@@ -83,7 +90,7 @@ class LiveSession:
             return False
         try:
             frame = self.process(pair)
-            self.counts.latencies_s.append(latency_s(pair))
+            self.counts.latencies_s.append(self.source.latency_s(pair))
             self.counts.done += 1
             self.show(frame)
         except OutputError:
@@ -107,12 +114,3 @@ class LiveSession:
         if self._tried[0] != pair.name:
             self._tried = (pair.name, now_s)
         return now_s - self._tried[1] < SETTLE_S
-
-
-def latency_s(pair: Pair) -> float:
-    """Seconds since the later of a pair's files was written; 0 where the clocks of disk and program disagree."""
-    try:
-        written_s = max(path.stat().st_mtime for path in (pair.left, pair.right))
-    except OSError:
-        return 0.0
-    return max(0.0, time.time() - written_s)

@@ -77,6 +77,19 @@ class FolderWatch:
         self._left.new = self._left.new[passed + 1 :]
         self._right.new = self._right.new[self._right.new.index(pair.right) + 1 :]
 
+    @property
+    def ended(self) -> bool:
+        """Never: more may come."""
+        return False
+
+    def latency_s(self, pair: Pair) -> float:
+        """Seconds since the later of a pair's files was written; 0 where the clocks of disk and program disagree."""
+        try:
+            written_s = max(path.stat().st_mtime for path in (pair.left, pair.right))
+        except OSError:
+            return 0.0
+        return max(0.0, time.time() - written_s)
+
 
 def _image_names(folder: Path) -> Iterator[str]:
     with os.scandir(folder) as entries:
