@@ -18,10 +18,12 @@ from conftest import AtPair, contents
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.errors import OutputError
+from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder.finished_run import open_run
 
+ROOT = Path(__file__).resolve().parents[1]
 PROGRAM = str(Path(sys.executable).parent / "stereo-seecolor")
 
 
@@ -73,6 +75,34 @@ def test_kills_at_random_instants_change_nothing(make_dive, tmp_path) -> None:
     assert not list((tmp_path / "killed").rglob(".writing-*"))
     rows = list(csv.DictReader((tmp_path / "killed/frames.csv").read_text().splitlines()))
     assert [row["status"] for row in rows] == ["ok"] * 10
+
+
+KILLED_AT_THE_END = """
+import os, signal, sys
+from stereo_seecolor.cli import main
+from stereo_seecolor.commands import over_pairs
+over_pairs.write_reports = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+main()
+"""
+
+
+def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes_for_a_run(make_dive, tmp_path, cli) -> None:
+    """All frames are of the new settings then, and run.json is of the old ones."""
+    dive, out = make_dive(2), tmp_path / "out"
+    assert cli(*dive.command(out))[0] == 0
+    words = dive.command(out, "--set", "matching.min_confidence=0.5")
+    killed = subprocess.run([sys.executable, "-c", KILLED_AT_THE_END, *words], cwd=ROOT, capture_output=True)
+    assert killed.returncode == -signal.SIGKILL
+    code, _, said = cli("fuse", str(out))
+    assert code == 1 and said.count("\n") == 1
+    assert "a run with other settings was killed" in said and "run the same line again" in said
+    with pytest.raises(InputError, match="was killed"):
+        open_run(out)
+    code, printed, _ = cli(*words)
+    assert code == 0 and "2 of them kept" in printed
+    assert open_run(out).config.matching.min_confidence == 0.5
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "whole", open_run(out).config)
+    assert contents(out) == contents(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("at", [2, 7])

@@ -110,11 +110,17 @@ def settings_file(out: Path) -> Path:
 def open_run(out: Path) -> FinishedRun:
     """Read a run's folder, wherever it lies now and whether or not its inputs are still there.
 
-    Raises InputError if ``out`` holds no run of this version of the program.
+    Raises InputError if ``out`` holds no run of this version of the program, or one that was killed before it could describe what
+    it made.
     """
     manifest = Manifest(out)
     content = _run_content(out)
     dive = manifest.dive()
+    described = content.get("settings", {})
+    if any(dive.settings.get(stage) != settings for stage, settings in described.items()):
+        raise InputError(
+            f"{out}: a run with other settings was killed, or is under way, and {RUN} is of the run before: run the same line again"
+        )
     order = {name: number for number, name in enumerate(content["frames"])}
     records = sorted(manifest.frames(), key=lambda record: (order.get(record.name, len(order)), record.name))
     last = "corrected" if "corrected" in dive.settings else "range"

@@ -49,7 +49,7 @@ class RunDescription:
 def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -> None:
     """Write run.json and frames.csv. Raises OutputError."""
     folder.write(FRAMES_TABLE, frames_csv(summary.rows))
-    pieces = JSONEncoder(indent=2, allow_nan=False).iterencode(_content(run, summary))
+    pieces = JSONEncoder(indent=2, allow_nan=False).iterencode(_content(run, summary, folder.dive.settings))
     folder.write(RUN, (piece.encode() for piece in (*pieces, "\n")))
 
 
@@ -102,7 +102,7 @@ def _source(written: int, count: int) -> Any:
     return "partly kept from an earlier run" if written else "kept from an earlier run"
 
 
-def _content(run: RunDescription, summary: RunSummary) -> dict[str, Any]:
+def _content(run: RunDescription, summary: RunSummary, settings: Mapping[Stage, str]) -> dict[str, Any]:
     rectification = run.rectification
     content: dict[str, Any] = finite(
         {
@@ -115,6 +115,7 @@ def _content(run: RunDescription, summary: RunSummary) -> dict[str, Any]:
             "platform": platform.platform(),
             "libraries": {"python": sys.version.split()[0]} | {name: _version(name) for name in LIBRARIES},
             "inputs": {**run.inputs, "files": {row.name: row.hashes for row in summary.rows if row.hashes}},
+            "settings": {stage: key for stage, key in settings.items() if stage != "page"},  # which is made of what this describes
             "config": run.config.model_dump(mode="json"),
             "geometry": asdict(rectification.pair) if rectification else None,
             "T_rectified_left": rectification.T_rectified_left.tolist() if rectification else None,
