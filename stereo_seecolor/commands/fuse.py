@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from stereo_seecolor.commands.placed_frames import describe_frames
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory, trajectory_file
 from stereo_seecolor.progress import Listener, Silence
@@ -52,6 +53,7 @@ def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, 
         with building_map(folder, folder.digest("corrected")) as building:
             workspace = Workspace(tiles_folder(out), _stages_of(listener or Silence()))
             summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)
+        describe_frames(folder)
     aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.set_aside)
     stopped = () if run.state == "complete" else ("the run was stopped: pairs that it did not come to are not in the map",)
     return replace(summary.moved(building, out / MAP), warnings=(*summary.warnings, *aside, *stopped))

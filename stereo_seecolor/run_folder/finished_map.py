@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.run_folder.layout import MAP
 
 
@@ -28,7 +29,7 @@ class FinishedMap:
 
     track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that was seen, None where there is no
     terrain model. cell_m: edges of voxels and cells by name. offset_m: (3,), what to add to the map's own
-    coordinates to get those of its world. pieces: number of further components.
+    coordinates to get those of its world. pieces: number of further components. origin: of x and y on Earth.
     """
 
     folder: Path
@@ -38,6 +39,7 @@ class FinishedMap:
     cell_m: dict[str, float]
     offset_m: list[float]
     pieces: int
+    origin: GeoOrigin | None = None
 
 
 def open_map(out: Path) -> FinishedMap | None:
@@ -59,9 +61,18 @@ def open_map(out: Path) -> FinishedMap | None:
             cell_m=cell_m,
             offset_m=[float(value) for value in description["offset_m"]],
             pieces=len(list(folder.glob("piece_*"))),
+            origin=GeoOrigin(**description["origin"]) if description["origin"] else None,
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error
+
+
+def track_points(out: Path) -> tuple[TrackPoint, ...]:
+    """The frames of all components of a map; none where there is no map, or it is damaged."""
+    try:
+        return tuple(_point(row) for path in sorted((out / MAP).glob("**/poses.csv")) for row in _rows(path))
+    except (OSError, ValueError, KeyError, TypeError):
+        return ()
 
 
 def _rows(path: Path) -> list[dict[str, str]]:

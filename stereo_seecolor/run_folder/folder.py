@@ -226,6 +226,15 @@ class RunFolder:
             self.written[stage].add(name)
         self.set_aside += [path for path in aside if path not in self.set_aside]
 
+    def rewrite(self, frame: FrameRecord, contents: Mapping[str, bytes]) -> None:
+        """Replace files that a frame has by others (path relative to OUT -> content); its stages stay. Raises OutputError."""
+        if not contents:
+            return
+        temporaries = self._write_temporaries(contents.items())
+        files = {path: (Stamp.of(temporary), *frame.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
+        self.manifest.save_frame(replace(frame, files={**frame.files, **files}))
+        self._move_into_place(temporaries, files)
+
     def discard(self, name: str) -> None:
         """Delete all that the program wrote of a frame: it failed, or its input is gone."""
         frame = self.manifest.frame(name)

@@ -11,7 +11,10 @@ from typing import Any, Literal
 
 from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.records import FrameRow, Status
+from stereo_seecolor.run_folder.finished_map import TrackPoint
 
+RESIDUALS = ("position_residual_m", "attitude_residual_deg")
+"""Columns of frames.csv that a map with given poses adds."""
 _PATH = re.compile(r"^\S*/.*?: ")
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
@@ -158,6 +161,19 @@ def _row(cells: dict[str, str], stages: Sequence[str]) -> FrameRow:
         seconds=seconds,
         facts=numbers,
     )
+
+
+def with_residuals(content: bytes, points: Sequence[TrackPoint]) -> bytes:
+    """frames.csv with how far each given pose is from what the pictures show as last columns; without, where none was given."""
+    residuals = {point.name: (point.position_residual_m, point.attitude_residual_deg) for point in points}
+    header, *rows = csv.reader(io.StringIO(content.decode(), newline=""))
+    kept = [i for i, name in enumerate(header) if name not in RESIDUALS]
+    given = any(value is not None for values in residuals.values() for value in values)
+    lines = [_csv_line([header[i] for i in kept] + [*(RESIDUALS if given else ())])]
+    for row in rows:
+        values = residuals.get(row[0], (None, None)) if given else ()
+        lines.append(_csv_line([row[i] for i in kept] + ["" if value is None else f"{value:.4f}" for value in values]))
+    return b"".join(lines)
 
 
 def _csv_line(cells: Sequence[object]) -> bytes:

@@ -13,9 +13,10 @@ from typing import Any
 from calibration import Rectification
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.finished_map import track_points
 from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary, frames_csv
+from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary, frames_csv, with_residuals
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     FRAMES_TABLE,
@@ -48,9 +49,16 @@ class RunDescription:
 
 def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -> None:
     """Write run.json and frames.csv. Raises OutputError."""
-    folder.write(FRAMES_TABLE, frames_csv(summary.rows))
+    folder.write(FRAMES_TABLE, with_residuals(b"".join(frames_csv(summary.rows)), track_points(folder.root)))
     pieces = JSONEncoder(indent=2, allow_nan=False).iterencode(_content(run, summary, folder.dive.settings))
     folder.write(RUN, (piece.encode() for piece in (*pieces, "\n")))
+
+
+def renew_frames_table(folder: RunFolder) -> None:
+    """Bring the residuals in frames.csv up to the map. Raises OutputError."""
+    path = folder.root / FRAMES_TABLE
+    if path.is_file():
+        folder.write(FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root)))
 
 
 def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
