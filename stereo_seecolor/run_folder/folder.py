@@ -193,7 +193,8 @@ class RunFolder:
         before = dict(old.files) if old else {}
         self._delete(before.keys() - live, before)
         temporaries = self._write_temporaries(contents.values())
-        stamps = {path: (Stamp.of(temporary),) for path, temporary in temporaries.items()}
+        with output_errors(self.root):
+            stamps = {path: (Stamp.of(temporary),) for path, temporary in temporaries.items()}
         files = {path: stamps.get(path, ()) + before.get(path, ())[:2] for path in live if path in stamps or path in before}
         frame = replace(frame, files=files)
         check_lease(self.root, self._token)
@@ -231,7 +232,8 @@ class RunFolder:
         if not contents:
             return
         temporaries = self._write_temporaries(contents.items())
-        files = {path: (Stamp.of(temporary), *frame.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
+        with output_errors(self.root):
+            files = {path: (Stamp.of(temporary), *frame.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
         self.manifest.save_frame(replace(frame, files={**frame.files, **files}))
         self._move_into_place(temporaries, files)
 
