@@ -15,7 +15,7 @@ class ConfidenceWeights:
     """Logistic regression: log odds = uniqueness * sqrt(min(u, 1)) + support * s + relief * log(r + least_relief_px)
     + known * k + roughness * log(q + least_relief_px) + fattening * g + offset.
 
-    Fitted to half of a real reef dive, whose views check each other, and to drawn reefs and cards in clear to turbid water;
+    Fitted to half of a real reef dive, whose views check each other, and to drawn cards and boulders in clear to hazy water;
     docs/matching.md shows it on others.
     """
 
