@@ -38,6 +38,7 @@ def merge(
         typer.Option("--fit-only", metavar="", help="Stop when water.json is there: run --shard --water corrects on all machines."),
     ] = False,
     workers: Workers = DEFAULT_WORKERS,
+    cluster: ClusterName = "",
     overwrite: Overwrite = False,
     as_json: AsJson = False,
     progress: Progress = "auto",
@@ -48,8 +49,8 @@ def merge(
     from stereo_seecolor.commands.merge import merge as join
 
     report = Report("merge", as_json, progress, verbose, log_file)
-    with report.working() as listener:
-        options = run_options(workers, overwrite, False, False, None, listener)
+    with report.working() as listener, computing(cluster) as compute:
+        options = replace(run_options(workers, overwrite, False, False, None, listener), cluster=compute)
         summary = join(parts, out, options, fit_only=fit_only)
     report.end(run_content(summary, out), run_text(summary, out), run_exit_code(summary))
 

@@ -15,7 +15,7 @@ from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.layout import WATER
+from stereo_seecolor.run_folder.layout import WATER, state
 from stereo_seecolor.run_folder.part import Part
 from stereo_seecolor.run_folder.water_file import waters_content
 
@@ -49,7 +49,8 @@ def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *
             for frame in part.frames():
                 folder.adopt(part.root, frame)
         command = StereoCommand(inputs, opened.pipeline.config, options, "range" if fit_only else "corrected")
-        return stereo_job(opened, command, passes).conduct(folder, options)
+        with options.compute.sharing(state(folder.root), inputs.paths):
+            return stereo_job(opened, command, passes).conduct(folder, options)
 
 
 def _opened(parts: Sequence[Part]) -> Opened:

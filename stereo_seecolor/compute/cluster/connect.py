@@ -23,6 +23,8 @@ JOB_CLASSES = {
 FORMS = f"local:N, tcp://HOST:PORT, or {', '.join(JOB_CLASSES)} with a file, such as slurm:cluster.yaml"
 SCHEDULER_TIMEOUT_S, LOCAL_TIMEOUT_S = 20, 120
 """A scheduler of a cluster answers within a second; a worker process of a busy machine needs up to a minute to import all."""
+LOST_S = 60
+"""Seconds that a lost worker has to come back by itself, before another is started in its place."""
 FAILURES_ALLOWED = 10
 """Workers that a batch may lose before it is given up: machines are taken away, but a batch that ends every worker ends the run."""
 
@@ -39,8 +41,8 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
 
     from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
 
-    settings = {"distributed.scheduler.allowed-failures": FAILURES_ALLOWED, "distributed.admin.low-level-log-length": 0}
-    with dask.config.set(settings), opener() as (address, workers, timeout_s):
+    settings = {"distributed.scheduler.allowed-failures": FAILURES_ALLOWED, "distributed.deploy.lost-worker-timeout": LOST_S}
+    with dask.config.set(settings), opener() as (address, revive, timeout_s):
         try:
             client: Any = Client(address, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, TimeoutError, ValueError) as error:
@@ -48,12 +50,12 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
                 f"{name}: no scheduler answers ({error}): start one with dask scheduler, and workers with dask worker {name}"
             ) from error
         with client:
-            _wait(client, name, workers, timeout_s)
-            yield DaskCompute(client, name)
+            _wait(client, name, timeout_s)
+            yield DaskCompute(client, name, revive)
 
 
-Opened = tuple[Any, int, float]
-"""Scheduler's address or cluster, workers to wait for, seconds to wait."""
+Opened = tuple[Any, Callable[[], object], float]
+"""Scheduler's address or cluster; what starts workers in place of those that are lost; seconds to wait for the first."""
 
 
 def _opener(name: str) -> Callable[[], Any]:
@@ -85,12 +87,12 @@ def _local(workers: int) -> Iterator[Opened]:
             silence_logs=50,
         ) as started,
     ):
-        yield started, 1, LOCAL_TIMEOUT_S
+        yield started, lambda: started.scale(workers), LOCAL_TIMEOUT_S
 
 
 @contextmanager
 def _running(address: str) -> Iterator[Opened]:
-    yield address, 1, LOCAL_TIMEOUT_S
+    yield address, lambda: None, LOCAL_TIMEOUT_S
 
 
 @contextmanager
@@ -109,12 +111,12 @@ def _jobs(kind: str, file: Path) -> Iterator[Opened]:
         raise ClusterError(f"{file}: {' '.join(str(error).split())}") from error
     with started:
         started.scale(jobs=jobs.jobs)
-        yield started, 1, jobs.wait_s
+        yield started, lambda: started.scale(jobs=jobs.jobs), jobs.wait_s
 
 
-def _wait(client: Any, name: str, workers: int, timeout_s: float) -> None:
+def _wait(client: Any, name: str, timeout_s: float) -> None:
     try:
-        client.wait_for_workers(workers, timeout=timeout_s)
+        client.wait_for_workers(1, timeout=timeout_s)
     except TimeoutError as error:
         raise ClusterError(
             f"{name}: no worker came within {timeout_s:.0f} s: start some (dask worker), or look at the queue and at the jobs' logs"

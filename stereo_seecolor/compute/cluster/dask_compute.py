@@ -2,6 +2,7 @@
 
 import logging
 import secrets
+import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -24,8 +25,8 @@ from stereo_seecolor.errors import ClusterError
 
 AHEAD = 2
 """Batches a worker that are under way or wait: it has the next one when it ends one."""
-SILENCE_S = 60.0
-"""Seconds without a result after which it is said if there is no worker."""
+REVIVE_S = 15.0
+"""Seconds between two looks at whether all workers are there: a worker of a busy machine needs some to start."""
 
 Future = Any
 """Of Dask, whose classes carry no types."""
@@ -34,10 +35,11 @@ log = logging.getLogger(__name__)
 
 
 class DaskCompute:
-    """Work on the workers of a cluster. name: as on the command line."""
+    """Work on the workers of a cluster. name: as on the command line. revive: starts workers in place of those that are lost."""
 
-    def __init__(self, client: Any, name: str) -> None:
-        self._client, self._name = client, name
+    def __init__(self, client: Any, name: str, revive: Callable[[], object]) -> None:
+        self._client, self._name, self._revive = client, name, revive
+        self._revived_s = time.monotonic()
         self._probes: tuple[Probe, ...] = ()
 
     @contextmanager
@@ -94,6 +96,7 @@ class DaskCompute:
 
     def _workers(self) -> int:
         """Batches that can be done at once now; 1 where no worker has come yet."""
+        self._look_after_workers()
         try:
             return max(int(sum(self._client.nthreads().values())), 1)
         except (OSError, CommClosedError) as error:
@@ -102,7 +105,7 @@ class DaskCompute:
     def _result(self, future: Future) -> Done:
         while True:
             try:
-                result: Done = future.result(timeout=SILENCE_S)
+                result: Done = future.result(timeout=REVIVE_S)
                 return result
             except KilledWorker as error:
                 raise ClusterError(
@@ -114,8 +117,15 @@ class DaskCompute:
             except ImportError as error:
                 raise ClusterError(f"{self._name}: a worker lacks {error.name}: install stereo-seecolor there, too") from error
             except TimeoutError:
-                if not self._client.nthreads():
-                    log.warning("%s: no worker is connected: waiting for one", self._name)
+                self._look_after_workers()
+
+    def _look_after_workers(self) -> None:
+        now_s = time.monotonic()
+        if now_s - self._revived_s >= REVIVE_S:
+            self._revived_s = now_s
+            self._revive()
+            if not self._client.nthreads():
+                log.warning("%s: no worker is connected: waiting for one", self._name)
 
     def _gone(self, error: Exception) -> ClusterError:
         return ClusterError(f"{self._name}: the scheduler is gone ({error}): run the same line again, what is done is kept")
