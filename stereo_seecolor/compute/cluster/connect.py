@@ -81,7 +81,7 @@ def _local(workers: int) -> Iterator[Opened]:
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # any free port: two runs on one machine must not meet
             worker_dashboard_address=None,
             local_directory=folder,
             silence_logs=50,
