@@ -63,6 +63,8 @@ class SearchLimits:
 
 
 LIMITS = SearchLimits()
+_BORDER = 0.1
+"""Of a patch, where gap and blur begin."""
 _NOTHING = 1e-9
 """A spread of values that is the rounding of one level."""
 
@@ -99,15 +101,24 @@ def _of_type(picture: Floats, type: ChartType) -> Iterator[FoundChart]:
         """(K,) of outlines (K, 2, 3)."""
         return np.asarray(_correlations(_at(picture, _mapped(outlines, units)), reference).mean(axis=1), np.float64)
 
+    patches = _patch_points(type).reshape(-1, 2)
+    colors = np.repeat(type.srgb, len(patches) // len(type.cells), axis=0)
+
+    def inside(outlines: Affine) -> NDArray[np.float64]:
+        """As agreement, the patches counting twice: charts differ in their gaps and frames."""
+        return _correlations(_at(picture, _mapped(outlines, patches)), colors).mean(axis=1) + agreement(outlines)
+
     found: list[tuple[float, Affine]] = []
     for place in _candidates(picture[..., 1], type):
         starts = _starts(type, place)
         scores = agreement(starts)
         found += [(float(scores[i]), starts[i]) for i in np.argsort(-scores)[: LIMITS.starts]]
     for _, start in nlargest(LIMITS.refined, found, key=itemgetter(0)):
-        chart = _judged(picture, type, _refined(type, start, agreement))
-        if chart:
-            yield chart
+        outline = _refined(type, start, agreement)
+        if _judged(picture, type, outline):
+            chart = _judged(picture, type, _refined(type, outline, inside))
+            if chart:
+                yield chart
 
 
 @dataclass(frozen=True)
@@ -222,11 +233,17 @@ def _sample_points(type: ChartType) -> NDArray[np.float64]:
     return np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
 
 
+def _patch_points(type: ChartType) -> NDArray[np.float64]:
+    """(N, 25, 2): points all over each patch but its border, units."""
+    inner = np.stack(np.meshgrid(*[np.linspace(_BORDER, 1 - _BORDER, 5)] * 2), axis=-1).reshape(-1, 2)
+    return np.asarray(type.cells[:, None, :2] + inner * type.cells[:, None, 2:], np.float64)
+
+
 def _patch_means(picture: Floats, type: ChartType, M: Affine) -> NDArray[np.float64]:
     """(N, 3): the middles of the patches."""
-    inner = np.stack(np.meshgrid(np.linspace(0.3, 0.7, 5), np.linspace(0.3, 0.7, 5)), axis=-1).reshape(-1, 2)
-    units = type.cells[:, None, :2] + inner * type.cells[:, None, 2:]
-    return np.asarray(_at(picture, _mapped(M[None], units)).mean(axis=1), np.float64)
+    units = _patch_points(type)
+    middles = units.mean(axis=1, keepdims=True) + 0.5 * (units - units.mean(axis=1, keepdims=True))
+    return np.asarray(_at(picture, _mapped(M[None], middles)).mean(axis=1), np.float64)
 
 
 def _at(picture: Floats, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
