@@ -106,7 +106,8 @@ def _of_type(picture: Floats, type: ChartType) -> Iterator[FoundChart]:
 
     def inside(outlines: Affine) -> NDArray[np.float64]:
         """As agreement, the patches counting twice: charts differ in their gaps and frames."""
-        return _correlations(_at(picture, _mapped(outlines, patches)), colors).mean(axis=1) + agreement(outlines)
+        of_patches = _correlations(_at(picture, _mapped(outlines, patches)), colors).mean(axis=1)
+        return np.asarray(of_patches + agreement(outlines), np.float64)
 
     found: list[tuple[float, Affine]] = []
     for place in _candidates(picture[..., 1], type):
