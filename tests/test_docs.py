@@ -20,7 +20,7 @@ FRAMES = range(3, 9)
 """The frames of the sample dive where its two lines overlap: enough for everything, and half the time."""
 
 FINISHED = (0, None)
-SHOWN_ONLY = ("view", "bag-info", "measure", "campaign")
+SHOWN_ONLY = ("view", "bag-info", "measure", "campaign", "sync")
 """Commands that open a window, or need files that a user has: only their help is asked for."""
 
 MOST_BYTES = 200_000

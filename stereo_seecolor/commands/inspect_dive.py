@@ -25,6 +25,9 @@ STROBE_CENTER_TO_CORNER = 1.6
 PASSES_THAT_READ = 2
 """A run reads every pair once to measure and once to correct."""
 
+PAGE_BYTES, PAGE_FRAMES, PAGE_FRACTION = 1_100_000, 30, 0.1
+"""The page's scripts; the frames it makes pictures of, and their size as a fraction of a frame's files (the sample dive's)."""
+
 CLOUD_BYTES = 15
 """Of a point: three floats and three bytes."""
 
@@ -76,6 +79,8 @@ def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfi
     results = [result for result, _ in timed]
     ranges_m = [result.range_map.range_m[np.isfinite(result.range_map.range_m)] for result in results]
     median_range_m = float(np.median([float(np.median(found)) for found in ranges_m if found.size] or [np.nan]))
+    frame_bytes = int(np.mean([_bytes_written(result, config) for result in results]))
+    page_bytes = PAGE_BYTES + int(PAGE_FRACTION * min(pairs, PAGE_FRAMES) * frame_bytes)
     brightness = _center_to_corner([result.frame.left for result in results])
     return Measured(
         coverage=float(np.mean([np.isfinite(result.range_map.range_m).mean() for result in results])),
@@ -83,7 +88,7 @@ def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfi
         ground_resolution_m=median_range_m / float(pipeline.rectification.pair.focal_px),
         center_to_corner=brightness,
         strobes=brightness > STROBE_CENTER_TO_CORNER,
-        disk_bytes=pairs * int(np.mean([_bytes_written(result, config) for result in results])),
+        disk_bytes=pairs * frame_bytes + page_bytes,
         seconds=pairs * min(seconds for _, seconds in timed),
     )
 
