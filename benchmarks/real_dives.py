@@ -242,6 +242,10 @@ INTRODUCTION = """# Real dives
 python benchmarks/real_dives.py DATA
 ```
 
+![The map of the sample dive from a slant, and its orthomosaic](images/map_sample.jpg)
+
+*The map of the synthetic sample dive, since these dives may not be shown.*
+
 Written by this command, on data as they were published: a reef dive of a diver's rig (20 consecutive pairs at 2 Hz, 1360x1024, a
 vertical pair with color on the left and monochrome on the right, strobe-lit, calibrated in water with MATLAB; Australian Centre
 for Field Robotics), and calibration files of four real underwater rigs. None of it may be shown or passed on, so that there are
