@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.srgb import encode_srgb
+from stereo_seecolor.files.decode import eight_bit
 
 
 @dataclass(frozen=True)
@@ -43,18 +43,6 @@ def _smaller(pixels: NDArray[Any], longer_px: int) -> NDArray[Any]:
 
 
 def _jpeg(pixels: NDArray[Any], quality: int) -> bytes:
-    shown = eight_bit(pixels)
-    bgr = shown if shown.ndim == 2 else cv2.cvtColor(shown, cv2.COLOR_RGB2BGR)
     encoded: NDArray[np.uint8]
-    _, encoded = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    _, encoded = cv2.imencode(".jpg", cv2.cvtColor(eight_bit(pixels), cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, quality])
     return encoded.tobytes()
-
-
-def eight_bit(pixels: NDArray[Any]) -> NDArray[np.uint8]:
-    """An image of any output format as 8-bit sRGB, of the same shape."""
-    if pixels.dtype == np.uint16:
-        return (pixels >> 8).astype(np.uint8)
-    if pixels.dtype == np.float32:
-        encoded: NDArray[np.float32] = 255 * encode_srgb(np.clip(pixels, 0, 1))
-        return np.rint(encoded).astype(np.uint8)
-    return pixels.astype(np.uint8, copy=False)
