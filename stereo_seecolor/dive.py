@@ -36,6 +36,7 @@ class Dive:
         self.table = FrameTable()
         self.notes: tuple[str, ...] = ()
         self.light: dict[str, Any] | None = None
+        self._ranged = False
         self._light_known = not options.shard.whole  # a part of a dive must be lit as the other parts are
         self._linked: frozenset[str] = frozenset()
         self._config, self._corrector, self._geometry = source.config, source.corrector, source.geometry
@@ -73,7 +74,8 @@ class Dive:
     def _fit(self, pairs: Sequence[Pair]) -> tuple[dict[str, Water], tuple[str, ...]]:
         """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
         fitter = self._corrector.survey_fitter(self._stages.light, self._linked)
-        for row, (ranged, table) in self._pass("ranges", pairs, self._stages.counted):
+        stage = "waters" if self._ranged else "ranges"
+        for row, (ranged, table) in self._pass(stage, pairs, self._stages.counted):
             fitter.add(row.name, table, self._stages.reader(ranged))
         return fitter.waters(), fitter.notes()
 
@@ -120,6 +122,7 @@ class Dive:
         from stereo_seecolor.dive_light import LightSearch  # loads the search for features
 
         self._begin_ranges()
+        self._ranged = True
         good = [ranged for _, (ranged, _) in self._pass("ranges", pairs, self._stages.counted)]  # tables while pixels are at hand
         frames = [(ranged.pair.name, self._stages.reader(ranged)) for ranged in good]
         found = LightSearch(frames, geometry, self._config.color.input_encoding).solve(allowed)

@@ -84,7 +84,7 @@ def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water():
 
 def test_a_camera_that_exposes_by_itself_is_followed():
     factors = [1.0, 0.7, 0.5, 0.8, 1.2]
-    corrector, waters = waters_of([reef(i, e) for i, e in enumerate(factors)], lock="survey", camera_exposure="auto")
+    corrector, waters = waters_of([reef(i, e) for i, e in enumerate(factors)], lock="survey", camera_exposure="brightness")
     relative = np.array([waters[str(i)].white[1] for i in range(5)])
     assert relative / relative[0] == pytest.approx(factors, rel=0.06)
     brightness = [corrector.apply(*reef(i, e), waters[str(i)]).image.mean() for i, e in enumerate(factors)]

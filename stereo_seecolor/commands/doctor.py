@@ -56,6 +56,8 @@ EXTRAS = (
     Library("lz4", "lz4", "bags", "no bags that are compressed with LZ4"),
     Library("zstandard", "zstandard", "bags", "no bags that are compressed with Zstandard"),
     Library("av", "av", "video", "no synchronization of two videos (sync)"),
+    Library("distributed", "dask", "cluster", "no runs on several machines (--cluster)"),
+    Library("dask_jobqueue", "dask-jobqueue", "cluster", "no clusters of SLURM, PBS, LSF, SGE or HTCondor (--cluster)"),
     Library("onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"),
     Library("rerun", "rerun-sdk", "viewer", "view opens Open3D's plainer window"),
 )
