@@ -24,6 +24,11 @@ from stereo_seecolor.run_folder.kept_light import KeptLight
 from stereo_seecolor.run_folder.progress_file import ProgressFile
 from stereo_seecolor.run_folder.water_file import waters_content
 
+LEAST_LIT_FRAMES = 10
+"""Of fewer frames the light is not solved: too few spots are seen in many parts of the picture, and reef passes for light (three
+frames of a real dive came out pink on one side and yellow in a corner, though spots left out of the fit agreed better).
+"""
+
 
 class Dive:
     """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
@@ -109,7 +114,7 @@ class Dive:
         """What the dive's own overlapping frames say of its light: an earlier run's, or solved now."""
         color, geometry = self._config.color, self._geometry
         allowed = Use(color.lights == "auto", color.lights == "auto", color.camera_exposure == "auto")
-        if geometry is None or len(pairs) < 2 or not any(allowed):
+        if geometry is None or len(pairs) < LEAST_LIT_FRAMES or not any(allowed):
             return
         kept = KeptLight.load(self._folder.root)
         if kept is None or self._options.verify or kept.key != self._stages.fit_key(pairs):
