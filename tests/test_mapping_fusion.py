@@ -150,7 +150,7 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
     straight, resumed = tmp_path / "straight", tmp_path / "resumed"
     whole = Stopping(frames, fails_at=-1)
     build_map(whole, PAIR, straight, CONFIG, track(6))
-    stopped = Stopping(frames, fails_at=6 + 10)
+    stopped = Stopping(frames, fails_at=2 * whole.reads // 3)
     with pytest.raises(KeyboardInterrupt):
         build_map(stopped, PAIR, resumed, CONFIG, track(6))
     assert not (resumed / "cloud.ply").exists()
@@ -162,8 +162,10 @@ def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_tiles_of_frames_that_were_made_anew_are_not_kept(tmp_path: Path) -> None:
+    whole = Stopping([flat_frame(i) for i in range(6)], fails_at=-1)
+    build_map(whole, PAIR, tmp_path / "whole", CONFIG, track(6))
     with pytest.raises(KeyboardInterrupt):
-        build_map(Stopping([flat_frame(i) for i in range(6)], fails_at=6 + 10), PAIR, tmp_path, CONFIG, track(6))
+        build_map(Stopping(whole.frames, fails_at=2 * whole.reads // 3), PAIR, tmp_path, CONFIG, track(6))
     assert list((tmp_path / ".tiles").rglob("*.npz"))
     build_map([flat_frame(i, color=(10, 20, 230)) for i in range(6)], PAIR, tmp_path, CONFIG, track(6))
     np.testing.assert_array_equal(np.unique(read_cloud(tmp_path / "cloud.ply")["color"], axis=0), [[10, 20, 230]])

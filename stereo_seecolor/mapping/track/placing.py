@@ -42,7 +42,7 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
         return Placed(upright(own, survey.index, "unknown"), None, unknown, unknown)
     given = place(survey.index, trajectory, config)
     spots = spot_check(survey, given, config.voxel_m)
-    if spots.exact:
+    if spots.exact and _is_upright(given, survey, trajectory):
         verdict = examine(given, survey, spots.edges, trajectory, config)
         exact = _as_given(given, survey, trajectory)
         return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg)
@@ -59,6 +59,15 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     if navigation.advice:
         placement = placement.with_warnings(navigation.advice)
     return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg)
+
+
+def _is_upright(given: Placement, survey: Survey, trajectory: Trajectory) -> bool:
+    """False for poses that are exact, and upside down: the whole track tells what they are."""
+    try:
+        _as_given(given, survey, trajectory)
+    except MappingError:
+        return False
+    return True
 
 
 def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
