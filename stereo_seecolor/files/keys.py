@@ -2,12 +2,26 @@
 
 import hashlib
 import json
+from dataclasses import fields, is_dataclass
+
+import numpy as np
 
 
 def content_key(*parts: object) -> str:
     """A hash of everything that an output depends on; equal parts give equal keys, on any machine."""
     digest = hashlib.sha256()
     for part in parts:
-        content = part if isinstance(part, bytes) else json.dumps(part, sort_keys=True, default=str).encode()
+        content = part if isinstance(part, bytes) else json.dumps(part, sort_keys=True, default=_plain).encode()
         digest.update(len(content).to_bytes(8, "little") + content)
     return digest.hexdigest()
+
+
+def _plain(value: object) -> object:
+    """What JSON cannot hold, as content: how numpy prints arrays is a setting of the process, and long ones are cut."""
+    if isinstance(value, np.ndarray):
+        return [str(value.dtype), value.shape, hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()]
+    if isinstance(value, np.generic):
+        return value.item()
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: getattr(value, field.name) for field in fields(value)}
+    return str(value)
