@@ -55,7 +55,7 @@ class Pipeline:
         tables = (table.tobytes() for pair in maps if pair for table in pair)
         config = self.config
         sections = (config.input.model_dump(), config.matching.model_dump(), config.output.range_std)
-        return content_key(__version__, repr(self.geometry), *tables, *sections)
+        return content_key(__version__, self.geometry, *tables, *sections)
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
         """The files of a pair, by side."""

@@ -28,12 +28,6 @@ def contents(out: Path) -> dict[str, bytes]:
     return found | {"water.json": (out / "water.json").read_bytes()}
 
 
-@pytest.fixture(autouse=True)
-def numpys_own_printing() -> None:
-    """colour-science, which some tests import, sets how numpy prints numbers in the whole process."""
-    np.set_printoptions(legacy=False)
-
-
 @pytest.fixture
 def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
     """Run a command in this process; (exit code, what was printed, what was said on standard error)."""

@@ -8,11 +8,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.evaluation.chart_types import ChartType
 from stereo_seecolor.evaluation.targets import Target
-from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Map
-
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Of linear sRGB (IEC 61966-2-1)."""
 
 
 @dataclass(frozen=True, eq=False)

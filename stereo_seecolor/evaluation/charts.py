@@ -17,7 +17,7 @@ from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gai
 from stereo_seecolor.evaluation.others import OtherResults
 from stereo_seecolor.evaluation.targets import Target, read_targets, targets_of
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import pair_by_stem
 from stereo_seecolor.records import Image, Map
@@ -151,7 +151,7 @@ def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64]
     if not seen:
         return float("nan")
     means = np.stack([decode_srgb(known[patch]).mean(axis=0) for patch in seen])
-    truth = np.repeat(means @ [[0.2126], [0.7152], [0.0722]], 3, axis=1) if srgb is None else decode_srgb(srgb[seen])
+    truth = np.repeat(means @ LUMINANCE[:, None], 3, axis=1) if srgb is None else decode_srgb(srgb[seen])
     exposed = means * exposure_gain(means, truth) if srgb is not None else means
     return float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(truth))))
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.srgb import LUMINANCE
 from stereo_seecolor.geometry import inverse, transformed
 from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
@@ -42,8 +43,6 @@ class SpreadSettings:
 
 
 SETTINGS = SpreadSettings()
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
-"""Of linear R, G, B (IEC 61966-2-1)."""
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ def write(posed: PosedRun, folder: Path) -> None:
 
 def _camera_text(posed: PosedRun) -> str:
     g = posed.geometry
-    numbers = (g.focal_px, g.focal_px, g.cx_left_px + CENTER_PX, g.cy_px + CENTER_PX)
+    numbers = (g.focal_px, g.focal_px, *posed.principal_point_px)
     return f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE {g.image_size[0]} {g.image_size[1]} {_text(numbers)}\n"
 
 

@@ -15,7 +15,6 @@ from stereo_seecolor.files.encode import encode_depth_mm
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.run_folder.layout import CLOUD
 
-CENTER_PX = 0.5
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 METERS_PER_UNIT = 0.001
 """Of the depth maps: 16-bit millimeters, which is what Nerfstudio takes unless told otherwise."""
@@ -30,7 +29,8 @@ def write(posed: PosedRun, folder: Path) -> None:
     content = {
         "camera_model": "OPENCV",
         **{"w": g.image_size[0], "h": g.image_size[1], "fl_x": g.focal_px, "fl_y": g.focal_px},
-        **{"cx": g.cx_left_px + CENTER_PX, "cy": g.cy_px + CENTER_PX, "k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0},
+        **dict(zip(("cx", "cy"), posed.principal_point_px, strict=True)),
+        **{"k1": 0.0, "k2": 0.0, "p1": 0.0, "p2": 0.0},
         "ply_file_path": "points.ply",
         "depth_unit_scale_factor": METERS_PER_UNIT,
         "frames": [

@@ -1,7 +1,5 @@
 """What every export is made from: corrected frames, the camera they share, and where it stood for each of them."""
 
-import csv
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -14,6 +12,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.inputs.trajectories.axes import poses, rotation_from_quaternion
 from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
 from stereo_seecolor.run_folder.layout import CLOUD, MAP, MESH
 
@@ -40,6 +39,11 @@ class PosedRun:
         """OUT/map."""
         return self.run.root / MAP
 
+    @property
+    def principal_point_px(self) -> tuple[float, float]:
+        """As most programs count pixels: (0.5, 0.5) is the center of the top left one."""
+        return self.geometry.cx_left_px + 0.5, self.geometry.cy_px + 0.5
+
     @cached_property
     def T_camera_map(self) -> NDArray[np.float64]:
         """(N, 4, 4), the inverse of T_map_camera."""
@@ -52,18 +56,16 @@ def open_posed_run(out: Path) -> PosedRun:
     folder = out / MAP
     if run.geometry is None or not all((folder / name).is_file() for name in ("map.json", CLOUD, MESH)):
         raise InputError(f"{out}: holds no map, which knows where the frames were taken: make it with stereo-seecolor fuse {out}")
+    made = open_map(out)
+    assert made is not None, "map.json is there"
+    names, offset_m = [point.name for point in made.track], np.array(made.offset_m, np.float64)
     try:
-        description = json.loads((folder / "map.json").read_bytes())
-        with (folder / "poses.csv").open(encoding="utf-8", newline="") as file:
-            names = [row["name"] for row in csv.DictReader(file)]
         rows = np.loadtxt(folder / "trajectory.tum", ndmin=2)
-        offset_m = np.array(description["offset_m"], np.float64)
         T = poses(rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - offset_m)
-        origin = GeoOrigin(**description["origin"]) if description["origin"] else None
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as error:
+    except (OSError, ValueError, IndexError) as error:
         raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error
     if len(names) != len(T):
         raise InputError(f"{folder}: trajectory.tum and poses.csv differ: make the map again with stereo-seecolor fuse {out}")
     current = {frame.name: frame for frame in run.frames}
     chosen = [i for i, name in enumerate(names) if name in current]
-    return PosedRun(run, run.geometry, tuple(current[names[i]] for i in chosen), T[chosen], offset_m, origin)
+    return PosedRun(run, run.geometry, tuple(current[names[i]] for i in chosen), T[chosen], offset_m, made.origin)

@@ -12,6 +12,9 @@ POWER, SCALE, OFFSET = 2.4, 1.055, 0.055
 LINEAR_SLOPE, LINEAR_LIGHT, LINEAR_ENCODED = 12.92, 0.0031308, 0.04045
 """Encoded = LINEAR_SLOPE light, up to this light and this encoded value."""
 
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Weights of linear red, green and blue."""
+
 
 def decode_srgb(encoded: NDArray[Float]) -> NDArray[Float]:
     """Encoded values -> linear light, any shape, same dtype.

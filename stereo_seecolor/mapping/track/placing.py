@@ -42,9 +42,9 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
         return Placed(upright(own, survey.index, "unknown"), None, unknown, unknown)
     given = place(survey.index, trajectory, config)
     spots = spot_check(survey, given, config.voxel_m)
-    if spots.exact and _is_upright(given, survey, trajectory):
+    exact = _as_given_or_none(given, survey, trajectory) if spots.exact else None
+    if exact is not None:
         verdict = examine(given, survey, spots.edges, trajectory, config)
-        exact = _as_given(given, survey, trajectory)
         return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg)
     track = odometry.follow(survey)
     verdict = examine(given, survey, track.edges, trajectory, config)
@@ -61,17 +61,16 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg)
 
 
-def _is_upright(given: Placement, survey: Survey, trajectory: Trajectory) -> bool:
-    """False for poses that are exact, and upside down: the whole track tells what they are."""
-    try:
-        _as_given(given, survey, trajectory)
-    except MappingError:
-        return False
-    return True
-
-
 def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
     return upright(given, survey.index, trajectory.up)
+
+
+def _as_given_or_none(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement | None:
+    """None for poses that are upside down: the whole track tells what they are."""
+    try:
+        return _as_given(given, survey, trajectory)
+    except MappingError:
+        return None
 
 
 def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig) -> tuple[Placement, Navigation]:
