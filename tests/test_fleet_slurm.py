@@ -28,7 +28,7 @@ def slurm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     try:
         file = tmp_path / "cluster.yaml"
-        file.write_text(f"{{jobs: 1, cores: 2, memory: 2GB, interface: lo, wait_s: 180, log_directory: {tmp_path / 'logs'}}}")
+        file.write_text(f"{{jobs: 1, cores: 1, memory: 2GB, interface: lo, wait_s: 180, log_directory: {tmp_path / 'logs'}}}")
         yield file
     finally:
         subprocess.run([SCRIPT, "stop", folder], check=False)
