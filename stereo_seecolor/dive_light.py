@@ -26,7 +26,7 @@ class SightingSettings:
 
     width_px: int = 700
     """Images are reduced to about it: lamps and lenses are smooth, and a fourth of the pixels takes a fourth of the time."""
-    places: int = 800
+    patches: int = 800
     """Spots looked for in each frame, on a grid: some 500 are seen again."""
     back: tuple[int, ...] = (1, 2, 4)
     """Frames before that each frame is held against: the farther, the more of the picture a spot has crossed."""
@@ -103,7 +103,7 @@ class LightSearch:
                     views.append(replace(other.view, T_world_camera=pose.T_a_b))
                     numbers.append(other.number)
             if len(views) > 1:
-                yield SeenWindow(np.array(numbers), look(frame.view.places_m(SETTINGS.places), views))
+                yield SeenWindow(np.array(numbers), look(frame.view.patches_m(SETTINGS.patches), views))
             last = [*last, frame][-max(SETTINGS.back) :]
 
 

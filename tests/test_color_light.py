@@ -27,18 +27,18 @@ def windows(pattern: bool, gains: NDArray[np.float64], noise: float, fade: float
     rng = np.random.default_rng(1)
     found = []
     for first in range(FRAMES - 3):
-        places, views = 300, 4
-        place = np.repeat(np.arange(places), views)
-        start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (places, 2))
-        view = np.tile(np.arange(views), places)
-        pixel = start[place] + np.stack([rng.uniform(-20, 20, place.size), 25.0 * view], axis=1)
-        range_m = rng.uniform(1.5, 2.5, place.size)
-        log_light = np.log(rng.uniform(0.05, 0.3, (places, 3)))[place] + gains[first + view]
+        patches, views = 300, 4
+        patch = np.repeat(np.arange(patches), views)
+        start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (patches, 2))
+        view = np.tile(np.arange(views), patches)
+        pixel = start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1)
+        range_m = rng.uniform(1.5, 2.5, patch.size)
+        log_light = np.log(rng.uniform(0.05, 0.3, (patches, 3)))[patch] + gains[first + view]
         log_light += (vignette(pixel) * pattern - fade * np.log(range_m / 2))[:, None] + noise * rng.standard_normal(
-            (place.size, 1)
+            (patch.size, 1)
         )
-        log_light[rng.random(place.size) < 0.05] += 1.0  # fish, and flashes of the sun
-        seen = Sightings(place, view, range_m, np.exp(log_light), pixel)
+        log_light[rng.random(patch.size) < 0.05] += 1.0  # fish, and flashes of the sun
+        seen = Sightings(patch, view, range_m, np.exp(log_light), pixel)
         found.append(SeenWindow(np.arange(first, first + views), seen))
     return found
 

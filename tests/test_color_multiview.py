@@ -1,4 +1,4 @@
-"""The water from places seen twice: known waters come back, whatever the reef's colors, moving light and wrong matches."""
+"""The water from patches seen twice: known waters come back, whatever the reef's colors, moving light and wrong matches."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -26,17 +26,17 @@ def water_named(name: WaterName) -> Water:
 
 
 def sightings_through(water: Water, colors: NDArray[np.float64], noise: float = 0.003, each: int = 5) -> Sightings:
-    """Places (P, 3) of these linear colors seen ``each`` times, in as many frames, at random ranges."""
+    """Patches (P, 3) of these linear colors seen ``each`` times, in as many frames, at random ranges."""
     rng = np.random.default_rng(1)
-    place = np.repeat(np.arange(len(colors)), each)
-    range_m = rng.uniform(*RANGES_M, place.size)
-    light = colors[place] * water.white * water.attenuation(range_m) + water.backscatter(range_m)
+    patch = np.repeat(np.arange(len(colors)), each)
+    range_m = rng.uniform(*RANGES_M, patch.size)
+    light = colors[patch] * water.white * water.attenuation(range_m) + water.backscatter(range_m)
     light += noise * rng.standard_normal(light.shape)
-    return Sightings(place, np.tile(np.arange(each), len(colors)), range_m, light, np.zeros((place.size, 2)))
+    return Sightings(patch, np.tile(np.arange(each), len(colors)), range_m, light, np.zeros((patch.size, 2)))
 
 
-def reef(places: int = 1500) -> NDArray[np.float64]:
-    return np.asarray(np.random.default_rng(2).beta(1.2, 4.0, (places, 3)))
+def reef(patches: int = 1500) -> NDArray[np.float64]:
+    return np.asarray(np.random.default_rng(2).beta(1.2, 4.0, (patches, 3)))
 
 
 def rate(water: Water) -> NDArray[np.float64]:
@@ -65,7 +65,7 @@ def test_a_red_reef_gives_the_same_water() -> None:
 def test_moving_light_does_not_mislead() -> None:
     truth = water_named("coastal-green")
     clean = sightings_through(truth, reef(3000))
-    flicker = np.exp(0.3 * np.random.default_rng(3).standard_normal((clean.place.size, 1)))
+    flicker = np.exp(0.3 * np.random.default_rng(3).standard_normal((clean.patch.size, 1)))
     veil = truth.backscatter(clean.range_m)
     found = fit_sightings(replace(clean, light=(clean.light - veil) * flicker + veil), "srgb")
     np.testing.assert_allclose(rate(found), rate(truth), rtol=0.05)
@@ -75,7 +75,7 @@ def test_wrong_matches_weigh_little() -> None:
     truth = water_named("blue-ocean")
     clean = sightings_through(truth, reef(3000))
     rng = np.random.default_rng(4)
-    wrong = rng.random(clean.place.size) < 0.08
+    wrong = rng.random(clean.patch.size) < 0.08
     light = np.where(wrong[:, None], rng.permutation(clean.light), clean.light)
     np.testing.assert_allclose(rate(fit_sightings(replace(clean, light=light), "srgb")), rate(truth), rtol=0.1)
 
@@ -90,7 +90,7 @@ def test_same_sightings_same_water() -> None:
 def test_what_cannot_carry_a_fit_is_refused() -> None:
     seen = sightings_through(water_named("turbid"), reef(300))
     with pytest.raises(ColorError, match="only 20 sightings"):
-        fit_sightings(Sightings(seen.place[:20], seen.frame[:20], seen.range_m[:20], seen.light[:20], seen.pixel[:20]), "srgb")
+        fit_sightings(Sightings(seen.patch[:20], seen.frame[:20], seen.range_m[:20], seen.light[:20], seen.pixel[:20]), "srgb")
     with pytest.raises(ColorError, match="fly at two altitudes"):
         fit_sightings(replace(seen, range_m=np.full(seen.range_m.shape, 2.0)), "srgb")
 
@@ -121,8 +121,8 @@ def test_clipped_places_and_edges_are_left_out(dive: tuple[RectifiedPair, list[K
     geometry, frames = dive[0], dive[1][:4]
     usual = find_sightings(frames, geometry, "srgb")
     assert np.isfinite(usual.light).all()
-    assert (np.bincount(usual.place) >= 2).all()
+    assert (np.bincount(usual.patch) >= 2).all()
     blown = [replace(frame, image=np.full_like(frame.image, 255)) for frame in frames]
-    assert find_sightings(blown, geometry, "srgb").place.size == 0
+    assert find_sightings(blown, geometry, "srgb").patch.size == 0
     unknown = [replace(frame, range_m=np.full_like(frame.range_m, np.nan)) for frame in frames]
-    assert find_sightings(unknown, geometry, "srgb").place.size == 0
+    assert find_sightings(unknown, geometry, "srgb").patch.size == 0

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 from stereo_seecolor.color.device import find_device
 from stereo_seecolor.color.fitting.losses import attenuation_loss, backscatter_loss, clamp_direct
 from stereo_seecolor.color.fitting.model import AttenuationNet, BackscatterNet, Scale, Spread
-from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, cold_water, raw_rates, raw_shares, water_of
+from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, cold_water, raw_fractions, raw_rates, water_of
 from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
@@ -58,13 +58,13 @@ def load(network: nn.Module, water: Water) -> None:
     with torch.no_grad():
         for name, layer in network.named_children():
             if isinstance(layer, Scale | Spread):
-                share = isinstance(layer, Scale) and layer.share
-                raw = (raw_shares if share else raw_rates)(getattr(water, name))
+                fraction = isinstance(layer, Scale) and layer.fraction
+                raw = (raw_fractions if fraction else raw_rates)(getattr(water, name))
                 layer.weight.copy_(torch.from_numpy(raw).reshape(3, 1, 1, 1))
 
 
 def _value(network: nn.Module, name: str) -> NDArray[np.float64]:
     layer = network.get_submodule(name)
     raw = layer.get_parameter("weight").detach().double().cpu().flatten()
-    value = torch.sigmoid(raw) if isinstance(layer, Scale) and layer.share else nn.functional.softplus(raw)
+    value = torch.sigmoid(raw) if isinstance(layer, Scale) and layer.fraction else nn.functional.softplus(raw)
     return np.asarray(value.numpy())

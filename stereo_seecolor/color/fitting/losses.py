@@ -3,8 +3,10 @@
 import torch
 from torch import Tensor
 
-CLAMP_DEVIATIONS = 5.0
-"""The direct signal is clamped to this many standard deviations about its mean before attenuation is fitted."""
+from stereo_seecolor.color.fitting.paper_losses import PAPER
+
+LEAST_VARIANCE = 1e-24
+"""Under the root of a standard deviation: gives one color a gradient."""
 
 
 def backscatter_loss(direct: Tensor, penalty: float) -> Tensor:
@@ -18,14 +20,14 @@ def backscatter_loss(direct: Tensor, penalty: float) -> Tensor:
 def clamp_direct(direct: Tensor) -> Tensor:
     """D within five standard deviations of its channel's mean, and within [0, 1]."""
     mean, deviation = direct.mean(dim=(2, 3), keepdim=True), _deviation(direct)[..., None, None]
-    low, high = (mean - CLAMP_DEVIATIONS * deviation).clamp(0, 1), (mean + CLAMP_DEVIATIONS * deviation).clamp(0, 1)
+    low, high = (mean - PAPER.clamp_deviations * deviation).clamp(0, 1), (mean + PAPER.clamp_deviations * deviation).clamp(0, 1)
     return torch.minimum(torch.maximum(direct, low), high)
 
 
 def attenuation_loss(true_color: Tensor, direct: Tensor) -> Tensor:
     """Saturation + intensity + variation of J against the clamped direct signal D, both (B, 3, H, W)."""
     saturation = (true_color - 1).clamp(min=0).square().mean()
-    intensity = (true_color.mean(dim=(2, 3)) - 0.5).square().mean()
+    intensity = (true_color.mean(dim=(2, 3)) - PAPER.target).square().mean()
     variation = (_deviation(true_color) - _deviation(direct)).square().mean()
     return saturation + intensity + variation
 
@@ -33,4 +35,4 @@ def attenuation_loss(true_color: Tensor, direct: Tensor) -> Tensor:
 def _deviation(x: Tensor) -> Tensor:
     """(B, 3) standard deviation of each channel (over N, so that one pixel has 0), with a gradient where it is 0."""
     mean = x.mean(dim=(2, 3), keepdim=True)
-    return (x - mean).square().mean(dim=(2, 3)).clamp(min=1e-24).sqrt()
+    return (x - mean).square().mean(dim=(2, 3)).clamp(min=LEAST_VARIANCE).sqrt()

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stereo_seecolor.color.fitting.robust import SETTINGS as ROBUST
 from stereo_seecolor.color.fitting.robust import begin_content, parameters, trust_in
 from stereo_seecolor.color.fitting.robust_solver import NOISE, Data, Prior, cost_at, minimize
 from stereo_seecolor.color.fitting.scene_prior import WATER, whole_prior
@@ -31,7 +32,7 @@ def quality(seen: RangeQuantiles, settings: RobustConfig, water: Water | None = 
     Half a sum of squares, in standard deviations, priors included: 0 or above.
     water: of the robust method, or any other whose attenuation far away is above 0.
     """
-    scale = max(float(seen.light[..., -2].max()), 1e-6)
+    scale = max(float(seen.light[..., -2].max()), ROBUST.least_light)
     light = seen.light / scale
     mean, precision, _ = (part.copy() for part in whole_prior(len(seen.range_m), settings))
     brightest = np.log(light[:, :, -2].mean(axis=1) + NOISE.floor)

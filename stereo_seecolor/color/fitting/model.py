@@ -1,7 +1,8 @@
 """The paper's two networks (DeepSeeColor, figs. backscatter-net and attenuation-net): 1x1 convolutions on a range map.
 
-Every raw weight passes through a sigmoid (shares of full scale) or a softplus (rates): bounded, and with a gradient everywhere. The
-paper holds weights at or above zero (a rate clamped there has no gradient and never comes back) and ends in a sigmoid (B >= 0.5).
+Every raw weight passes through a sigmoid (fractions of full scale) or a softplus (rates): bounded, and with a gradient everywhere.
+The paper holds weights at or above zero (a rate clamped there has no gradient and never comes back) and ends in a
+sigmoid (B >= 0.5).
 """
 
 import torch
@@ -38,16 +39,16 @@ class Spread(nn.Module):
 
 
 class Scale(nn.Module):
-    """A diagonal 3x3 scaling as a grouped 1x1 convolution. weight: (3, 1, 1, 1) before a sigmoid (share) or a softplus (rate)."""
+    """A diagonal 3x3 scaling, a grouped 1x1 convolution. weight: (3, 1, 1, 1) before a sigmoid (fraction) or a softplus (rate)."""
 
-    def __init__(self, share: bool) -> None:
+    def __init__(self, fraction: bool) -> None:
         super().__init__()
         self.weight = nn.Parameter(torch.zeros(3, 1, 1, 1))
-        self.share = share
+        self.fraction = fraction
 
     def forward(self, x: Tensor) -> Tensor:
         """(B, 3, H, W) -> (B, 3, H, W)."""
-        weight = torch.sigmoid(self.weight) if self.share else functional.softplus(self.weight)
+        weight = torch.sigmoid(self.weight) if self.fraction else functional.softplus(self.weight)
         return functional.conv2d(x, weight, groups=3)
 
 
@@ -56,14 +57,14 @@ class BackscatterNet(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.gamma_inf, self.beta, self.eta, self.alpha = Scale(share=True), Spread(), Scale(share=True), Spread()
+        self.gamma_inf, self.beta, self.eta, self.alpha = Scale(fraction=True), Spread(), Scale(fraction=True), Spread()
         self.ged, self.cged = GatedExponentialDecay(), ComplementaryGatedExponentialDecay()
 
     def forward(self, range_m: Tensor) -> Tensor:
-        """(B, 1, H, W) meters -> (B, 3, H, W) backscatter as a share of full scale."""
-        veil: Tensor = self.gamma_inf(self.cged(self.beta(range_m)))
+        """(B, 1, H, W) meters -> (B, 3, H, W) backscatter as a fraction of full scale."""
+        saturating: Tensor = self.gamma_inf(self.cged(self.beta(range_m)))
         residual: Tensor = self.eta(self.ged(self.alpha(range_m)))
-        return veil + residual
+        return saturating + residual
 
 
 class AttenuationNet(nn.Module):
@@ -71,11 +72,11 @@ class AttenuationNet(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.w, self.v, self.y, self.x = Scale(share=False), Spread(), Scale(share=False), Spread()
+        self.w, self.v, self.y, self.x = Scale(fraction=False), Spread(), Scale(fraction=False), Spread()
         self.ged = GatedExponentialDecay()
 
     def forward(self, range_m: Tensor) -> Tensor:
-        """(B, 1, H, W) meters -> (B, 3, H, W) share of the light that arrives."""
+        """(B, 1, H, W) meters -> (B, 3, H, W) fraction of the light that arrives."""
         coefficient = self.w(self.ged(self.v(range_m))) + self.y(self.ged(self.x(range_m)))
         attenuation: Tensor = self.ged(range_m * coefficient)
         return attenuation

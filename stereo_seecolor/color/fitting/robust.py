@@ -9,7 +9,7 @@ those of natural scenes, a little warm, and the brighter the nearer to gray. The
 its curvature is the covariance.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,18 +24,30 @@ from stereo_seecolor.records import Water
 
 Vector = NDArray[np.float64]
 
-FEW_PIXELS = 200.0
-"""Quantiles of this many pixels count half: neighbors are often of one thing."""
-NOTHING_LEARNED = 0.9
-"""A standard error of at least this fraction of the prior's is no measurement: the image added nothing."""
-LITTLE_RELIEF = 1.2
-"""Farthest against nearest range; below, a fit's attenuation is dominated by the prior."""
+
+@dataclass(frozen=True)
+class RobustSettings:
+    """How quantiles are weighed and what counts as measured."""
+
+    few_pixels: float = 200.0
+    """Quantiles of this many pixels weigh half: neighbors are often of one thing."""
+    nothing_learned: float = 0.9
+    """A standard error of at least this fraction of the prior's is no measurement: the image added nothing."""
+    little_relief: float = 1.2
+    """Farthest over nearest range; below, a fit's attenuation is dominated by the prior."""
+    least_direct: float = 0.05
+    """Direct signal left at least when the first backscatter is subtracted, fraction of the light: a logarithm needs some."""
+    least_light: float = 1e-6
+    """Fraction of full scale, a tenth of a value of 16 bits: a black image is scaled by this instead of by 0."""
+
+
+SETTINGS = RobustSettings()
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
     """The water of a table with at least one pixel, with standard errors; warnings where the table cannot carry its own.
 
-    start: a water to begin from; it changes the time the fit takes, not where it ends. The white point's level is such that
+    start: a water to begin from; it changes the time the fit takes, not where it ends. The white point's brightness is such that
     a scene's brightest thousandth is near full scale at exposure 1.
     """
     return fit_quantiles(quantiles_by_range(table, config.input_encoding), config, start)
@@ -43,7 +55,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
 
 def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
     """As ``fit``, from the quantiles of a table."""
-    scale = max(float(seen.light[..., -2].max()), 1e-6)
+    scale = max(float(seen.light[..., -2].max()), SETTINGS.least_light)
     light = seen.light / scale
     mean, precision, prior_error = whole_prior(len(seen.range_m), config.robust)
     x = mean.copy()
@@ -53,7 +65,7 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
     begin_content(x, seen.range_m, light)
     x, curvature = minimize(x, Data(seen.range_m, light, seen.clipped, trust_in(seen)), Prior(mean, precision), NOISE)
     covariance = np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER]
-    learned = deviations(covariance) < NOTHING_LEARNED * prior_error
+    learned = deviations(covariance) < SETTINGS.nothing_learned * prior_error
     water = _water(x[:WATER].reshape(5, 3), scale, config)
     errors = standard_errors(water, covariance)
     errors = {name: np.where(known, errors[name], np.nan) for name, known in zip(errors, learned, strict=True)}
@@ -61,7 +73,7 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
 
 
 def standard_errors(water: Water, covariance: NDArray[np.float64]) -> dict[str, Vector]:
-    """Marginal standard errors of y, w, beta, gamma_inf, white (without its level, which is exposure), to first order.
+    """Marginal standard errors of y, w, beta, gamma_inf, white (without its brightness, which is exposure), to first order.
 
     covariance: (15, 15) of log far, log(near / far), log beta, log(gamma_inf / white), log white, each R, G, B. What two of them
     share in a parameter is counted with their covariance: w = far (near / far - 1), gamma_inf = (gamma_inf / white) white.
@@ -87,14 +99,14 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
     if seen.clipped.all():
         return ("every pixel is at full scale: the water is the prior's (Jerlov's types), not measured",)
     near_m, far_m = seen.range_m[0], seen.range_m[-1]
-    if far_m > LITTLE_RELIEF * near_m:
+    if far_m > SETTINGS.little_relief * near_m:
         return ()
     return (f"little relief, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; use color.lock=survey",)
 
 
 def trust_in(seen: RangeQuantiles) -> Vector:
     """(G,) weight of each range, 0..1; none where all is at full scale."""
-    return np.asarray(seen.pixels / (seen.pixels + FEW_PIXELS) * (not seen.clipped.all()))
+    return np.asarray(seen.pixels / (seen.pixels + SETTINGS.few_pixels) * (not seen.clipped.all()))
 
 
 def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
@@ -102,7 +114,10 @@ def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> Non
     log_far, log_near, log_beta, log_backscatter, log_white = x[:WATER].reshape(5, 3, 1)
     backscatter = np.exp(log_backscatter + log_white) * -np.expm1(-np.exp(log_beta) * range_m)
     loss = range_m * np.exp(log_far) * (1 + np.expm1(log_near) * np.exp(-RATE_OF_CHANGE * range_m))
-    direct = np.log(np.maximum(light - backscatter[..., None], 0.05 * light) + NOISE.floor) + (loss - log_white)[..., None]
+    direct = (
+        np.log(np.maximum(light - backscatter[..., None], SETTINGS.least_direct * light) + NOISE.floor)
+        + (loss - log_white)[..., None]
+    )
     reflectance = x[WATER : WATER + direct[:, 0].size].reshape(3, 1, -1)
     brightness = (direct - reflectance).mean(axis=(0, 2))
     x[WATER + reflectance.size :] = brightness - brightness.mean()

@@ -15,12 +15,38 @@ from stereo_seecolor.compute.compiled import compiled
 Array = NDArray[np.float64]
 
 WATER = 15
-OUTER, INNER = 20, 6
-"""Most steps: of new weights, and between."""
-LARGEST_MOVE = 1.0
-"""Of a logarithm in one step: a factor of e."""
+
+
+class Steps(NamedTuple):
+    """Levenberg's damped Gauss-Newton steps. A tuple, since compiled code cannot read a dataclass."""
+
+    outer: int = 20
+    """Most steps with new weights."""
+    inner: int = 6
+    """Most steps between these."""
+    largest_move: float = 1.0
+    """Of a logarithm in one step: a factor of e."""
+    first_damping: float = 1e-3
+    """Of the matrix's diagonal."""
+    more_damping: float = 8.0
+    """Factor after a step that did not lower the cost."""
+    less_damping: float = 0.2
+    """Factor after one that did."""
+    most_damping: float = 1e6
+    """Beyond, steps are too short to matter."""
+    least_damping: float = 1e-6
+    """Below, a step is nearly Gauss-Newton's."""
+    inner_converged: float = 1e-3
+    """Fraction of the cost by which a step with the same weights must lower it."""
+    outer_converged: float = 3e-4
+    """The same for a step with new weights."""
+
+
+STEPS = Steps()
 BRIGHTEST = 20.0
 """Logarithms of light beyond count as this: exp(20) is finite, and no image's."""
+LEAST_PIVOT = 1e-300
+"""Of Cholesky's factors: a matrix that rounding made singular gives a huge step, which ``largest_move`` bounds."""
 
 
 class Noise(NamedTuple):
@@ -70,29 +96,29 @@ def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, A
     n = x.size
     normal, nothing = Normal(np.zeros((n, n)), np.zeros(n)), Normal(np.zeros((0, 0)), np.zeros(0))
     weights = np.empty(data.light.shape)
-    trial, damping = x.copy(), 1e-3
-    for _ in range(OUTER):
+    trial, damping = x.copy(), STEPS.first_damping
+    for _ in range(STEPS.outer):
         _weigh(x, data, noise, weights)
         cost = _cost(x, data, prior, weights, noise, normal)
         start = cost
-        for _ in range(INNER):
+        for _ in range(STEPS.inner):
             damped = normal.matrix.copy()
             for i in range(n):
                 damped[i, i] *= 1 + damping
             move = _solve(damped, normal.slope)
             for i in range(n):
-                trial[i] = x[i] - min(max(move[i], -LARGEST_MOVE), LARGEST_MOVE)
+                trial[i] = x[i] - min(max(move[i], -STEPS.largest_move), STEPS.largest_move)
             new = _cost(trial, data, prior, weights, noise, nothing)
             if new >= cost:
-                damping = min(damping * 8, 1e6)
+                damping = min(damping * STEPS.more_damping, STEPS.most_damping)
                 continue
-            small = cost - new < 1e-3 * cost
+            small = cost - new < STEPS.inner_converged * cost
             x[:], cost = trial, new
-            damping = max(damping * 0.2, 1e-6)
+            damping = max(damping * STEPS.less_damping, STEPS.least_damping)
             if small:
                 break
             _cost(x, data, prior, weights, noise, normal)
-        if start - cost < 3e-4 * start:
+        if start - cost < STEPS.outer_converged * start:
             break
     _cost(x, data, prior, weights, noise, normal)
     return x, normal.matrix
@@ -207,7 +233,7 @@ def _solve(matrix: Any, vector: Any) -> Any:
         s = matrix[j, j]
         for k in range(j):
             s -= matrix[j, k] * matrix[j, k]
-        root = np.sqrt(max(s, 1e-300))
+        root = np.sqrt(max(s, LEAST_PIVOT))
         matrix[j, j] = root
         for i in range(j + 1, n):
             s = matrix[i, j]

@@ -36,14 +36,23 @@ class ScenePrior:
     brightness: float = 0.5
     """Standard deviation of a range's brightness (light, shade, content), all channels together."""
     mean_brightness: float = 100.0
-    """Precision that holds the mean of the brightnesses near 0: the level is the exposure's."""
+    """Precision that holds the mean of the brightnesses near 0: the overall brightness is the exposure's."""
 
 
 SCENE = ScenePrior()
-PINNED = 1e-6
-"""Variance of a logarithm that the configuration sets."""
-SET_WHITE_LEVEL = 4.0
-"""Variance of the level of a white point whose color is set: exposure is free."""
+
+
+@dataclass(frozen=True)
+class SetByUser:
+    """Variances of logarithms that the configuration sets."""
+
+    value: float = 1e-6
+    """Of each: a thousandth of the parameter, which keeps the covariance invertible."""
+    white_brightness: float = 4.0
+    """Of the brightness of a white point whose color is set: a factor of 7 up or down, as exposure is free."""
+
+
+SET = SetByUser()
 
 
 @lru_cache(maxsize=64)
@@ -75,14 +84,14 @@ def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
     """What is known of the water's fifteen parameters, and what the configuration sets of them."""
     mean, covariance = (part.copy() for part in water_prior(settings.water_depth_m))
     if settings.attenuation == "constant":
-        mean, covariance = _set(mean, covariance, slice(3, 6), np.zeros(3), level=0.0)
+        mean, covariance = _set(mean, covariance, slice(3, 6), np.zeros(3), together=0.0)
     if settings.white_point != "scene":
         white = np.zeros(3) if settings.white_point == "none" else np.log(settings.white_point)
-        mean, covariance = _set(mean, covariance, slice(12, WATER), white - white.mean(), level=SET_WHITE_LEVEL)
+        mean, covariance = _set(mean, covariance, slice(12, WATER), white - white.mean(), together=SET.white_brightness)
     return mean, covariance
 
 
-def _set(mean: Vector, covariance: Matrix, where: slice, values: Vector, level: float) -> tuple[Vector, Matrix]:
-    """A Gaussian with some of its numbers as good as known, but for what all of them share (variance ``level``)."""
-    gain = covariance[:, where] @ np.linalg.inv(covariance[where, where] + PINNED * np.eye(3) + level)
+def _set(mean: Vector, covariance: Matrix, where: slice, values: Vector, together: float) -> tuple[Vector, Matrix]:
+    """A Gaussian with some of its numbers as good as known, but for what all of them share (variance ``together``)."""
+    gain = covariance[:, where] @ np.linalg.inv(covariance[where, where] + SET.value * np.eye(3) + together)
     return mean + gain @ (values - mean[where]), covariance - gain @ covariance[where]

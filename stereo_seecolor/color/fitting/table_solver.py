@@ -3,46 +3,81 @@
 No loss of the paper couples two channels, so what looks like 24 parameters are six problems of four.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, rates, raw_rates, raw_shares, shares, water_of
+from stereo_seecolor.color.fitting.paper_losses import PAPER
+from stereo_seecolor.color.fitting.parameters import (
+    ATTENUATION,
+    BACKSCATTER,
+    COLD,
+    fractions,
+    rates,
+    raw_fractions,
+    raw_rates,
+    water_of,
+)
 from stereo_seecolor.color.fitting.table_losses import Channel, Direct, attenuation_loss, backscatter_loss, direct_sums, sums_below
+from stereo_seecolor.color.fitting.table_search import SEARCH, curvature, loss_of, minimize
 from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.records import Water
 
 Four = NDArray[np.float64]
 """The four parameters of one channel's backscatter or attenuation."""
 
-COLD_STEPS, WARM_STEPS = 120, 25
-MOST_RESTARTS, LEAST_GAIN = 4, 1e-4
-CLAMP_DEVIATIONS = 5.0
-"""The direct signal is clamped to this many standard deviations about its mean before attenuation is fitted."""
 
-DIFFERENCE = 0.05
-"""Step of raw weights for second derivatives: the backscatter loss has a kink at each value, and wants to be seen from afar."""
+@dataclass(frozen=True)
+class ErrorSettings:
+    """Standard errors at a minimum: which weights the image constrains."""
 
-LEAST_CURVATURE, MOST_ERROR = 1e-7, 3.0
-"""A direction this much flatter than the steepest is not seen; an error of a raw weight beyond this is a factor of twenty."""
+    least_curvature: float = 1e-7
+    """Fraction of the steepest direction's curvature; a flatter direction is not constrained by the image."""
+    most_unconstrained: float = 0.01
+    """Squared cosine of a weight with such directions, above which its error is unknown."""
+    most_error: float = 3.0
+    """Of a raw weight: a factor of twenty of the parameter, which is no measurement."""
 
-IS_SHARE = np.array([True, False, True, False])
+
+ERRORS = ErrorSettings()
+
+
+@dataclass(frozen=True)
+class Guesses:
+    """Where searches begin; the lowest of the minima that they lead to is taken."""
+
+    above_darkest: float = 0.02
+    """Backscatter far away above the mean of the darkest pixels, fraction of full scale."""
+    flat: float = 0.2
+    """Optical depth of backscatter at the mean range for the flat guess; 1 for the steep one."""
+    attenuation: tuple[tuple[float, float, float, float], ...] = (
+        (0.5, 0.1, 0.5, 0.1),
+        (0.3, 0.02, 2.0, 2.0),
+        (0.5, 0.02, 20.0, 4.0),
+    )
+    """w, v, y, x of three guesses, flat to steep; w and y in rates that lift the mean to a half, v and x in 1 / mean range."""
+    least_mean: float = 1e-3
+    """Fraction of full scale that a black channel's mean counts as."""
+    least_depth: float = 0.1
+    """Least optical depth at the mean range: also a bright image is looked at through water."""
+
+
+GUESSES = Guesses()
+IS_FRACTION = np.array([True, False, True, False])
 NOTHING = Direct(np.zeros(0), np.zeros((0, 2)), 0.0, 1.0, 0.0)
-
-LONGEST_STEP = 2.0
-"""No raw weight moves farther at once: beyond, a sigmoid or softplus is flat and a weight may not come back."""
 
 
 def fit(table: MomentTable, penalty: float, encoding: InputEncoding, start: Water | None = None) -> Water:
     """The water that minimizes the paper's losses over the table's pixels, of which there must be some; with standard errors."""
     found, errors = np.empty((8, 3)), np.empty((8, 3))
     for c, channel in enumerate(channels(table, encoding)):
-        veil, dimming = (None, None) if start is None else (_parameters(start, BACKSCATTER, c), _parameters(start, ATTENUATION, c))
-        found[:4, c], errors[:4, c] = fit_backscatter(channel, penalty, veil)
-        found[4:, c], errors[4:, c] = fit_attenuation(channel, direct_signal(channel, found[:4, c]), dimming)
+        backscatter, attenuation = (
+            (None, None) if start is None else (_parameters(start, BACKSCATTER, c), _parameters(start, ATTENUATION, c))
+        )
+        found[:4, c], errors[:4, c] = fit_backscatter(channel, penalty, backscatter)
+        found[4:, c], errors[4:, c] = fit_attenuation(channel, direct_signal(channel, found[:4, c]), attenuation)
     return replace(water_of(found, encoding), standard_errors=dict(zip(BACKSCATTER + ATTENUATION, errors, strict=True)))
 
 
@@ -50,8 +85,8 @@ def fit_backscatter(channel: Channel, penalty: float, start: Four | None) -> tup
     """Gamma, beta, eta, alpha of one channel at the least loss, and their standard errors."""
     guesses = [_raw_backscatter(guess) for guess in _backscatter_guesses(channel, penalty)]
     raw = _best(0, None if start is None else _raw_backscatter(start), guesses, channel, NOTHING, penalty)
-    found = np.where(IS_SHARE, shares(raw), rates(raw))
-    slope = np.where(IS_SHARE, found * (1 - found), shares(raw))
+    found = np.where(IS_FRACTION, fractions(raw), rates(raw))
+    slope = np.where(IS_FRACTION, found * (1 - found), fractions(raw))
     return found, slope * _standard_errors(0, raw, channel, NOTHING, penalty)
 
 
@@ -59,7 +94,7 @@ def fit_attenuation(channel: Channel, direct: Direct, start: Four | None) -> tup
     """Parameters w, v, y, x of one channel at the least loss, and their standard errors."""
     guesses = [raw_rates(guess) for guess in _attenuation_guesses(channel, direct)]
     raw = _best(1, None if start is None else raw_rates(start), guesses, channel, direct, 0.0)
-    return rates(raw), shares(raw) * _standard_errors(1, raw, channel, direct, 0.0)
+    return rates(raw), fractions(raw) * _standard_errors(1, raw, channel, direct, 0.0)
 
 
 def losses(table: MomentTable, water: Water, penalty: float) -> tuple[float, float]:
@@ -90,7 +125,7 @@ def direct_signal(channel: Channel, parameters: NDArray[np.float64]) -> Direct:
     total = channel.below[:, -1]
     mean = float((total[:, 1] - backscatter * total[:, 0]).sum() / number)
     square = float((total[:, 2] - 2 * backscatter * total[:, 1] + backscatter**2 * total[:, 0]).sum() / number)
-    width = CLAMP_DEVIATIONS * np.sqrt(max(square - mean**2, 0.0))
+    width = PAPER.clamp_deviations * np.sqrt(max(square - mean**2, 0.0))
     floor, ceiling = (float(np.clip(limit, 0.0, 1.0)) for limit in (mean - width, mean + width))
     sums = direct_sums(channel, backscatter, floor, ceiling)
     mean, square = sums.sum(axis=0) / number
@@ -107,14 +142,14 @@ def _best(
 ) -> Four:
     """The lowest minimum: from ``warm`` in a few steps where it begins lower than every guess, else from each of the guesses."""
     slopes, gradient = np.empty((channel.z.size, 4)), np.empty(4)
-    begin = [_loss(which, raw, channel, direct, penalty, slopes, gradient) for raw in guesses]
-    if warm is not None and _loss(which, warm, channel, direct, penalty, slopes, gradient) <= min(begin):
-        return _minimum(which, warm, channel, direct, penalty, WARM_STEPS)[1]
-    minima = [_minimum(which, raw, channel, direct, penalty, COLD_STEPS) for raw in guesses]
+    begin = [loss_of(which, raw, channel, direct, penalty, slopes, gradient) for raw in guesses]
+    if warm is not None and loss_of(which, warm, channel, direct, penalty, slopes, gradient) <= min(begin):
+        return _minimum(which, warm, channel, direct, penalty, SEARCH.warm_steps)[1]
+    minima = [_minimum(which, raw, channel, direct, penalty, SEARCH.cold_steps) for raw in guesses]
     loss, best = min(minima, key=lambda minimum: minimum[0])
-    for _ in range(MOST_RESTARTS):  # a kink can hold the search; without what it learned of the curvature it may get away
-        again, found = _minimum(which, best, channel, direct, penalty, COLD_STEPS)
-        if again > (1 - LEAST_GAIN) * loss:
+    for _ in range(SEARCH.most_restarts):  # a kink can hold the search; without what it learned of the curvature it may get away
+        again, found = _minimum(which, best, channel, direct, penalty, SEARCH.cold_steps)
+        if again > (1 - SEARCH.least_gain) * loss:
             break
         loss, best = again, found
     return best
@@ -126,22 +161,22 @@ def _minimum(which: int, raw: Four, channel: Channel, direct: Direct, penalty: f
 
 
 def _standard_errors(which: int, raw: NDArray[np.float64], channel: Channel, direct: Direct, penalty: float) -> NDArray[np.float64]:
-    """(4,) standard errors of raw weights at a minimum, NaN where the levels cannot tell a weight.
+    """(4,) standard errors of raw weights at a minimum, NaN where the image does not constrain a weight.
 
-    The sandwich of an M-estimator (Huber 1967), H^-1 (sum of g g^T) H^-1, with the levels of range as its independent parts g:
+    The sandwich of an M-estimator (Huber 1967), H^-1 (sum of g g^T) H^-1, with the range bins as its independent parts g:
     pixels of one range err together, by the same range error and the same lack of something dark.
     """
-    levels = channel.z.size
-    if levels <= 2 * raw.size:
+    bins = channel.z.size
+    if bins <= 2 * raw.size:
         return np.full(raw.size, np.nan)
-    slopes, hessian = np.empty((levels, 4)), np.empty((4, 4))
+    slopes, hessian = np.empty((bins, 4)), np.empty((4, 4))
     curvature(which, raw, channel, direct, penalty, slopes, hessian)
     values, vectors = np.linalg.eigh(0.5 * (hessian + hessian.T))
-    seen = values > LEAST_CURVATURE * max(values[-1], 1e-300)
+    seen = values > ERRORS.least_curvature * max(values[-1], 1e-300)
     inverse = (vectors[:, seen] / values[seen]) @ vectors[:, seen].T
-    errors = np.sqrt(np.diag(inverse @ (slopes.T @ slopes) @ inverse) * levels / (levels - raw.size))
-    told = (vectors[:, ~seen] ** 2).sum(axis=1) < 0.01
-    return np.where(told & (errors < MOST_ERROR), errors, np.nan)
+    errors = np.sqrt(np.diag(inverse @ (slopes.T @ slopes) @ inverse) * bins / (bins - raw.size))
+    constrained = (vectors[:, ~seen] ** 2).sum(axis=1) < ERRORS.most_unconstrained
+    return np.where(constrained & (errors < ERRORS.most_error), errors, np.nan)
 
 
 def _parameters(water: Water, names: tuple[str, ...], channel: int) -> NDArray[np.float64]:
@@ -149,114 +184,24 @@ def _parameters(water: Water, names: tuple[str, ...], channel: int) -> NDArray[n
 
 
 def _raw_backscatter(parameters: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(IS_SHARE, raw_shares(parameters), raw_rates(parameters))
+    return np.where(IS_FRACTION, raw_fractions(parameters), raw_rates(parameters))
 
 
 def _backscatter_guesses(channel: Channel, penalty: float) -> list[NDArray[np.float64]]:
-    """From the darkest of each level, which is what the loss looks for: at one level its optimum is the 1 / (1 + k) quantile."""
+    """From the darkest of each range bin, which is what the loss looks for: in one bin its optimum is the 1 / (1 + k) quantile."""
     number = channel.below[:, -1, 0]
     reached = channel.below[:, 1:, 0] > (number / (1 + penalty))[:, None]
     darkest = channel.light[reached.argmax(axis=1)]
-    middle = float(np.average(channel.z, weights=number))
+    middle_m = float(np.average(channel.z, weights=number))
     low = float(np.average(darkest, weights=number))
-    steep, flat = [low + 0.02, 1 / middle, low, 1 / middle], [low + 0.02, 0.2 / middle, 0.5 * low, 0.2 / middle]
-    return [np.array(steep), np.array(flat), np.array([0.1, 0.2, 0.02, 1.0])]
+    gamma = low + GUESSES.above_darkest
+    steep, flat = [gamma, 1 / middle_m, low, 1 / middle_m], [gamma, GUESSES.flat / middle_m, 0.5 * low, GUESSES.flat / middle_m]
+    return [np.array(steep), np.array(flat), np.array([COLD.gamma_inf, COLD.beta, COLD.eta, COLD.alpha])]
 
 
 def _attenuation_guesses(channel: Channel, direct: Direct) -> list[NDArray[np.float64]]:
     """From the rate that would lift the mean to a half at the mean range."""
-    middle = float(np.average(channel.z, weights=channel.below[:, -1, 0]))
+    middle_m = float(np.average(channel.z, weights=channel.below[:, -1, 0]))
     mean = float(direct.sums[:, 0].sum()) * 3 * channel.scale
-    rate = max(float(np.log(0.5 / max(mean, 1e-3))), 0.1) / middle
-    flat, steep = [0.5 * rate, 0.1 / middle, 0.5 * rate, 0.1 / middle], [0.3 * rate, 0.02 / middle, 2 * rate, 2 / middle]
-    steeper = [0.5 * rate, 0.02 / middle, 20 * rate, 4 / middle]
-    return [np.array(flat), np.array(steep), np.array(steeper)]
-
-
-@compiled
-def _loss(which, raw, channel, direct, penalty, slopes, gradient):  # type: ignore[no-untyped-def]
-    loss = backscatter_loss(raw, channel, penalty, slopes) if which == 0 else attenuation_loss(raw, channel, direct, slopes)
-    gradient[:] = 0.0
-    for level in range(slopes.shape[0]):
-        for i in range(4):
-            gradient[i] += slopes[level, i]
-    return loss
-
-
-@compiled
-def curvature(which, raw, channel, direct, penalty, slopes, hessian):  # type: ignore[no-untyped-def]
-    """The Hessian by central differences of the gradient, and the gradient's parts by level, at ``raw``."""
-    forward, back = np.empty(4), np.empty(4)
-    for i in range(4):
-        moved = raw.copy()
-        moved[i] = raw[i] + DIFFERENCE
-        _loss(which, moved, channel, direct, penalty, slopes, forward)
-        moved[i] = raw[i] - DIFFERENCE
-        _loss(which, moved, channel, direct, penalty, slopes, back)
-        for j in range(4):
-            hessian[i, j] = (forward[j] - back[j]) / (2.0 * DIFFERENCE)
-    _loss(which, raw, channel, direct, penalty, slopes, forward)
-
-
-@compiled
-def minimize(which, raw, channel, direct, penalty, most_steps):  # type: ignore[no-untyped-def]
-    """BFGS with a weak Wolfe line search, which also holds on losses with kinks (Lewis and Overton 2013).
-
-    Gives the loss and the raw weights.
-    """
-    n = raw.size
-    x, gradient, slopes = raw.copy(), np.empty(n), np.empty((channel.z.size, n))
-    loss = _loss(which, x, channel, direct, penalty, slopes, gradient)
-    inverse = np.eye(n) * (0.2 / max(np.sqrt(np.sum(gradient * gradient)), 1e-12))
-    trial_gradient, small = np.empty(n), 0
-    for _ in range(most_steps):
-        direction = -_times(inverse, gradient)
-        longest = np.max(np.abs(direction))
-        if longest > LONGEST_STEP:
-            direction *= LONGEST_STEP / longest
-        slope = np.sum(direction * gradient)
-        if not slope < 0.0:
-            break
-        step, low, high = 1.0, 0.0, np.inf
-        trial, trial_loss = x, loss
-        for _ in range(25):
-            trial = x + step * direction
-            trial_loss = _loss(which, trial, channel, direct, penalty, slopes, trial_gradient)
-            if trial_loss > loss + 1e-4 * step * slope:
-                high = step
-            elif np.sum(trial_gradient * direction) < 0.9 * slope and step * longest < 10 * LONGEST_STEP:
-                low = step
-            else:
-                break
-            step = 0.5 * (low + high) if high < np.inf else 2.0 * step
-        if not trial_loss < loss:
-            break
-        small = small + 1 if loss - trial_loss <= 1e-7 * abs(loss) else 0
-        _update(inverse, trial - x, trial_gradient - gradient)
-        x, loss = trial, trial_loss
-        gradient[:] = trial_gradient
-        if small == 2:
-            break
-    return loss, x
-
-
-@compiled
-def _times(matrix, vector):  # type: ignore[no-untyped-def]
-    out = np.zeros(vector.size)
-    for i in range(vector.size):
-        for j in range(vector.size):
-            out[i] += matrix[i, j] * vector[j]
-    return out
-
-
-@compiled
-def _update(inverse, step, change):  # type: ignore[no-untyped-def]
-    """The BFGS update of the inverse Hessian, left out where the curvature is not positive."""
-    curvature = np.sum(step * change)
-    if curvature <= 1e-14 * np.sqrt(np.sum(step * step) * np.sum(change * change)):
-        return
-    across = _times(inverse, change)
-    weight = (1.0 + np.sum(change * across) / curvature) / curvature
-    for i in range(step.size):
-        for j in range(step.size):
-            inverse[i, j] += weight * step[i] * step[j] - (across[i] * step[j] + step[i] * across[j]) / curvature
+    rate = max(float(np.log(PAPER.target / max(mean, GUESSES.least_mean))), GUESSES.least_depth) / middle_m
+    return [np.array([w * rate, v / middle_m, y * rate, x / middle_m]) for w, v, y, x in GUESSES.attenuation]

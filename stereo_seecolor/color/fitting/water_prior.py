@@ -5,6 +5,7 @@ each becomes the fifteen numbers of the model, and the prior is the Gaussian of 
 water that exists, and a white point on light that such water lets through.
 """
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -16,18 +17,68 @@ Vector = NDArray[np.float64]
 
 _KD = np.stack(list(KD_JERLOV.values()))  # from the clearest ocean to turbid coast
 _WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
-_PEAKS_NM, _WIDTHS_NM = np.array([605.0, 535.0, 460.0]), np.array([30.0, 35.0, 30.0])  # Jiang et al., WACV 2013, their 28 cameras
 _RANGE_M = np.array([0.5, 1.0, 2.0, 3.5, 5.5, 8.0])
 RATE_OF_CHANGE = 0.25
 """1/m: over 4 m a coefficient goes from near to far. Any light stays monotone in range while near is below 8 times far."""
-_SAMPLES = 256
-_DEEPEST_M = 15.0
 
 
-_ALL_RATES, _RATE, _FAR, _BETA, _NEAR, _VEIL, _VEIL_CHANNEL, _WHITE, _EXPOSURE = 0.4, 0.6, 0.1, 0.2, 0.5, 0.5, 0.3, 0.15, 2.0
-"""Standard deviations of what the ensemble leaves out (logarithms): rates of all channels together, of a channel, of its
-attenuation and backscatter apart; near attenuation against far; the veil of all channels and of one; the white point of a
-channel (a camera's own balance); the exposure."""
+@dataclass(frozen=True)
+class Ensemble:
+    """The waters, depths and cameras that the prior is the Gaussian of."""
+
+    samples: int = 256
+    """Twice as many move no mean by more than a fiftieth of its standard deviation."""
+    deepest_m: float = 15.0
+    """Of the scene below the surface, where that is not known, and"""
+    most_optical_depth: float = 2.0
+    """of daylight in the clearest part of the spectrum: deeper, dives bring lamps."""
+    least_scattering_per_m: float = 0.02
+    """Of the clearest water type, whose table gives nearly none."""
+    beam_scattering: float = 0.4
+    """Largest fraction of scattering that is lost to an image: most goes on nearly straight."""
+    peaks_nm: tuple[float, float, float] = (605.0, 535.0, 460.0)
+    """Of the filters R, G, B (Jiang et al., WACV 2013, their 28 cameras)."""
+    widths_nm: tuple[float, float, float] = (30.0, 35.0, 30.0)
+    """Standard deviations of the filters (the same)."""
+    peak_nm: float = 15.0
+    """By how much a camera's peaks differ from these at most: a choice."""
+    width_fraction: float = 0.2
+    """By what fraction a camera's widths differ from these at most: a choice."""
+    lit_above_m: float = 1.0
+    """The water between is lit at a depth within this of the bottom's."""
+    scattering_reference_nm: float = 535.0
+    """Wavelength at which the scattering of particles is stated; its power of the wavelength is 0 to -1."""
+    gamma_inf: tuple[float, float] = (0.02, 12.0)
+    """Least backscatter against the white point, and the factor from least to most."""
+    seen_at_m: float = 2.0
+    """Range at which the backscatter of a spectrum becomes one rate."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Standard deviations, of logarithms, of what the ensemble leaves out."""
+
+    rate_all: float = 0.4
+    """Attenuation and backscatter rates of all channels together."""
+    rate: float = 0.6
+    """Both rates of a channel."""
+    far: float = 0.1
+    """The attenuation of a channel apart from its backscatter rate."""
+    beta: float = 0.2
+    """The backscatter rate of a channel apart from its attenuation."""
+    near: float = 0.5
+    """Near attenuation against far."""
+    gamma_inf_all: float = 0.5
+    """Backscatter far away, all channels together."""
+    gamma_inf: float = 0.3
+    """Backscatter far away, of a channel."""
+    white: float = 0.15
+    """White point of a channel: a camera's own balance."""
+    exposure: float = 2.0
+    """White point of all channels together: nothing is known of the exposure."""
+
+
+ENSEMBLE, LEFT_OUT = Ensemble(), LeftOut()
 
 
 @lru_cache
@@ -37,7 +88,7 @@ def water_prior(depth_m: float | None = None) -> tuple[Vector, Vector]:
     a_c(z) = far + (near - far) exp(-z RATE_OF_CHANGE). White is known up to the exposure, which is given a wide spread.
     depth_m: how far below the surface the scene lies, where known; else anything from the surface to where little red is left.
     """
-    samples = np.stack([_water(draw, depth_m) for draw in _low_discrepancy(_SAMPLES, 10)])
+    samples = np.stack([_water(draw, depth_m) for draw in _low_discrepancy(ENSEMBLE.samples, 10)])
     return samples.mean(axis=0), np.cov(samples.T) + _left_out()
 
 
@@ -47,12 +98,12 @@ def _left_out() -> NDArray[np.float64]:
     out = np.zeros((5, 3, 5, 3))
     for i in (0, 2):  # attenuation and backscatter are lost to the same water
         for j in (0, 2):
-            out[i, :, j] = _ALL_RATES**2 * every + _RATE**2 * each
-    out[0, :, 0] += _FAR**2 * each
-    out[1, :, 1] += _NEAR**2 * each
-    out[2, :, 2] += _BETA**2 * each
-    out[3, :, 3] += _VEIL**2 * every + _VEIL_CHANNEL**2 * each
-    out[4, :, 4] += _WHITE**2 * each + _EXPOSURE**2 * every
+            out[i, :, j] = LEFT_OUT.rate_all**2 * every + LEFT_OUT.rate**2 * each
+    out[0, :, 0] += LEFT_OUT.far**2 * each
+    out[1, :, 1] += LEFT_OUT.near**2 * each
+    out[2, :, 2] += LEFT_OUT.beta**2 * each
+    out[3, :, 3] += LEFT_OUT.gamma_inf_all**2 * every + LEFT_OUT.gamma_inf**2 * each
+    out[4, :, 4] += LEFT_OUT.white**2 * each + LEFT_OUT.exposure**2 * every
     return out.reshape(15, 15)
 
 
@@ -61,29 +112,35 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
     at = draw[0] * (len(_KD) - 1)
     table = _KD[int(at)] * (1 - at % 1) + _KD[int(at) + 1] * (at % 1)
     kd = np.interp(_WAVELENGTH_NM, TABLE_NM, table)
-    scattering = max(scattering_per_m(table), 0.02)
-    beam = kd + 0.4 * draw[1] * scattering  # most of what is scattered goes on nearly straight, and is not lost to an image
-    depth_m = draw[2] * min(_DEEPEST_M, 2.0 / kd.min()) if depth_m is None else depth_m
+    scattering = max(scattering_per_m(table), ENSEMBLE.least_scattering_per_m)
+    beam = kd + ENSEMBLE.beam_scattering * draw[1] * scattering
+    depth_m = draw[2] * min(ENSEMBLE.deepest_m, ENSEMBLE.most_optical_depth / kd.min()) if depth_m is None else depth_m
     sunlight = np.exp(-kd * depth_m)
     channels = _channels(draw[3:7])
     white = channels @ sunlight
     transmission = np.exp(-np.outer(_RANGE_M, beam)) * sunlight @ channels.T / white
     fall, far = np.polyfit(np.exp(-RATE_OF_CHANGE * _RANGE_M), -np.log(transmission) / _RANGE_M[:, None], 1)
-    above = np.exp(kd * 2 * (draw[7] - 0.5))  # the veil is lit at the depth of the water between, within a meter of the bottom's
-    veil_spectrum = sunlight * above * (_WAVELENGTH_NM / 535.0) ** -draw[8] * scattering / beam
-    veil = channels @ veil_spectrum
-    reached = channels @ (veil_spectrum * -np.expm1(-2.0 * beam)) / veil
+    above = np.exp(kd * 2 * ENSEMBLE.lit_above_m * (draw[7] - 0.5))
+    scattered = sunlight * above * (_WAVELENGTH_NM / ENSEMBLE.scattering_reference_nm) ** -draw[8] * scattering / beam
+    backscatter = channels @ scattered
+    reached = channels @ (scattered * -np.expm1(-ENSEMBLE.seen_at_m * beam)) / backscatter
     log_white = np.log(white)
-    log_veil = np.log(veil) - log_white + np.log(0.02) + draw[9] * np.log(12.0)
+    log_backscatter = np.log(backscatter) - log_white + np.log(ENSEMBLE.gamma_inf[0]) + draw[9] * np.log(ENSEMBLE.gamma_inf[1])
     return np.concatenate(
-        [np.log(far), np.log1p(fall / far), np.log(-np.log1p(-reached) / 2.0), log_veil, log_white - log_white.mean()]
+        [
+            np.log(far),
+            np.log1p(fall / far),
+            np.log(-np.log1p(-reached) / ENSEMBLE.seen_at_m),
+            log_backscatter,
+            log_white - log_white.mean(),
+        ]
     )
 
 
 def _channels(draw: Vector) -> NDArray[np.float64]:
     """(3, wavelengths) a camera's filters, of unit sum; peaks and widths a little off the usual."""
-    peaks = _PEAKS_NM + 15.0 * (2 * draw[:3] - 1)
-    widths = _WIDTHS_NM * (0.8 + 0.4 * draw[3])
+    peaks = ENSEMBLE.peaks_nm + ENSEMBLE.peak_nm * (2 * draw[:3] - 1)
+    widths = np.array(ENSEMBLE.widths_nm) * (1 - ENSEMBLE.width_fraction + 2 * ENSEMBLE.width_fraction * draw[3])
     filters = np.exp(-0.5 * ((_WAVELENGTH_NM - peaks[:, None]) / widths[:, None]) ** 2)
     return np.asarray(filters / filters.sum(axis=1, keepdims=True))
 

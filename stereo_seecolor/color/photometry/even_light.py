@@ -15,7 +15,7 @@ from stereo_seecolor.records import Image, Map
 NODES = {8: 4096, 16: 65536}
 """Steps of the logarithm of light, by bit depth: half a step is below a quarter of a value."""
 DARKEST = -12.0
-"""Logarithm of the darkest light that is told from black: a tenth of the least value of 16 bits."""
+"""Logarithm of the darkest light that is distinguished from black: 0.4 of the least linear value of 16 bits."""
 
 MOST = SHAPE.most
 """As a plain number, which compiled functions can read."""

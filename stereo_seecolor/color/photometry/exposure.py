@@ -10,12 +10,12 @@ from stereo_seecolor.color.table.encoding import InputEncoding, decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.records import Water
 
-_PACKED = np.dtype([("level", "u1"), ("light", "<f4"), ("pixels", "<i4")])
+_PACKED = np.dtype([("range_bin", "u1"), ("light", "<f4"), ("pixels", "<i4")])
 
 
 @dataclass(frozen=True, eq=False)
 class Brightness:
-    """Linear light summed over the channels and pixels of each level, and the pixels; both (256,) and to be added."""
+    """Linear light summed over the channels and pixels of each range bin, and the pixels; both (256,) and to be added."""
 
     light: NDArray[np.floating]
     pixels: NDArray[np.signedinteger]
@@ -29,10 +29,10 @@ class Brightness:
         return Brightness(self.light + other.light, self.pixels + other.pixels)
 
     def packed(self) -> bytes:
-        """The levels that have pixels, in 9 bytes each, for the thousands of frames of a dive."""
-        levels = np.flatnonzero(self.pixels)
-        packed = np.empty(levels.size, _PACKED)
-        packed["level"], packed["light"], packed["pixels"] = levels, self.light[levels], self.pixels[levels]
+        """The range bins that have pixels, in 9 bytes each, for the thousands of frames of a dive."""
+        bins = np.flatnonzero(self.pixels)
+        packed = np.empty(bins.size, _PACKED)
+        packed["range_bin"], packed["light"], packed["pixels"] = bins, self.light[bins], self.pixels[bins]
         return packed.tobytes()
 
     @classmethod
@@ -40,7 +40,7 @@ class Brightness:
         """What ``packed`` gave, to single precision; no longer to be added."""
         packed = np.frombuffer(content, _PACKED)
         light, pixels = np.zeros(RANGE_BINS, np.float32), np.zeros(RANGE_BINS, np.int32)
-        light[packed["level"]], pixels[packed["level"]] = packed["light"], packed["pixels"]
+        light[packed["range_bin"]], pixels[packed["range_bin"]] = packed["light"], packed["pixels"]
         return cls(light, pixels)
 
     @property

@@ -1,4 +1,4 @@
-"""Which terms of the light a dive determines: each is used only where places that were left out of the fit agree better with it."""
+"""Which terms of the light a dive determines: each is used only where patches left out of the fit agree better with it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_solver import Expected, Solution, Use, Window, explained, solve
+from stereo_seecolor.color.photometry.light_solver import ROBUST_DEVIATION, Expected, Solution, Use, Window, explained, solve
 
 Array = NDArray[np.float64]
 
@@ -16,14 +16,14 @@ class ChoiceSettings:
     """When a term is worth using."""
 
     better: float = 0.02
-    """Fraction by which it must lower the spread between views of places left out; chance lowers it by less than 1 %."""
+    """Fraction by which it must lower the spread between views of patches left out; chance lowers it by less than 1 %."""
     visible: float = 0.003
     """Least by which it must lower it, natural logarithm: less is not seen, even side by side."""
     offset: float = 0.03
     """Offsets between frames (rms, logarithm) that are worth a gain for each frame, which may then hardly change the spread,"""
     offset_left: float = 0.8
     """if at most this fraction of them is left."""
-    least_places: int = 300
+    least_patches: int = 300
     """Left out and seen by two frames or more: fewer judge nothing."""
 
 
@@ -32,7 +32,7 @@ SETTINGS = ChoiceSettings()
 
 @dataclass(frozen=True)
 class Spread:
-    """How views of places left out differ, natural logarithm.
+    """How views of patches left out differ, natural logarithm.
 
     between_views: robust standard deviation of the difference of two views.
     between_frames: rms of the medians of pairs of frames, weighted by their sightings.
@@ -44,7 +44,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A solution with the terms that help; what was there before and what is left, both on places left out of a fit."""
+    """A solution with the terms that help; what was there before and what is left, both on patches left out of a fit."""
 
     use: Use
     solution: Solution
@@ -56,7 +56,7 @@ def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, fra
     """Begin with nothing, and add the term that lowers the spread most, as long as one lowers it enough. values: as ``solve``'s."""
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
     fitted, judged = ([value[window.held == held] for window, value in zip(windows, values, strict=True)] for held in (False, True))
-    enough = sum(len(np.unique(window.place)) for window in judge) >= SETTINGS.least_places
+    enough = sum(len(np.unique(window.patch)) for window in judge) >= SETTINGS.least_patches
 
     def score(use: Use) -> Spread:
         return spread_left(judge, judged, solve(fit, fitted, use, frames, expected))
@@ -74,11 +74,11 @@ def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, fra
 
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:
-    """Differences between each view of a place and the one before it, once the solution is taken out."""
+    """Differences between each view of a patch and the one before it, once the solution is taken out."""
     differences, pairs = [], []
     for window, value in zip(windows, values, strict=True):
         left = value - explained(window, solution)
-        again = np.flatnonzero(np.diff(window.place) == 0)
+        again = np.flatnonzero(np.diff(window.patch) == 0)
         differences.append(left[again + 1] - left[again])
         pairs.append(np.stack([window.frame[again], window.frame[again + 1]], axis=1))
     difference, pair = np.concatenate(differences), np.concatenate(pairs)
@@ -87,7 +87,7 @@ def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: So
     kind, index, number = np.unique(pair, axis=0, return_inverse=True, return_counts=True)
     squares = [float((np.median(difference[index.ravel() == k], axis=0) ** 2).mean()) for k in range(len(kind))]
     size = np.sqrt(((difference - np.median(difference, axis=0)) ** 2).mean(axis=1))
-    return Spread(1.4826 * float(np.median(size)), float(np.sqrt(np.average(squares, weights=number))))
+    return Spread(ROBUST_DEVIATION * float(np.median(size)), float(np.sqrt(np.average(squares, weights=number))))
 
 
 def _next(use: Use) -> list[Use]:

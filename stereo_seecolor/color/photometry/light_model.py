@@ -36,9 +36,9 @@ class PatternShape:
 
 
 SHAPE = PatternShape()
-PLACES = tuple((a, b) for total in range(1, SHAPE.degree + 1) for a in range(total, -1, -1) for b in [total - a])
+POWERS = tuple((a, b) for total in range(1, SHAPE.degree + 1) for a in range(total, -1, -1) for b in [total - a])
 """Powers of x and y of the pattern's terms."""
-PATTERN = len(PLACES)
+PATTERN = len(POWERS)
 """Terms of the pattern at the reference range; as many follow for each power of the range."""
 TERMS = PATTERN * (SHAPE.range_degree + 1)
 
@@ -87,7 +87,7 @@ class Light:
         x, y = _normalized(np.arange(width, dtype=np.float64), width), _normalized(np.arange(height, dtype=np.float64), height)
         parts = self.coefficients.reshape(SHAPE.range_degree + 1, PATTERN, 3)
         grid = np.zeros((SHAPE.degree + 1, SHAPE.degree + 1, 3, SHAPE.range_degree + 1))
-        for term, (a, b) in enumerate(PLACES):
+        for term, (a, b) in enumerate(POWERS):
             grid[a, b] = parts[:, term].T
             grid[0, 0] -= _mean(a, b) * parts[:, term].T
         powers_x, powers_y = (np.stack([at**k for k in range(SHAPE.degree + 1)]) for at in (x, y))
@@ -136,7 +136,7 @@ class FrameLight:
 def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Array:
     """(N, TERMS) of the polynomial, each of mean 0 over the picture."""
     x, y = (_normalized(pixel[:, axis], size[axis]) for axis in (0, 1))
-    flat = np.stack([x**a * y**b - _mean(a, b) for a, b in PLACES], axis=1)
+    flat = np.stack([x**a * y**b - _mean(a, b) for a, b in POWERS], axis=1)
     return np.concatenate([flat * log_range[:, None] ** k for k in range(SHAPE.range_degree + 1)], axis=1)
 
 

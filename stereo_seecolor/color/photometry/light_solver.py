@@ -1,8 +1,8 @@
-"""The light of a survey from places that several frames see: robust least squares on the sums of windows of neighboring frames.
+"""The light of a survey from patches that several frames see: robust least squares on the sums of windows of neighboring frames.
 
-    log light of sighting k = scene(place_k) + terms_k coefficients + trend(range_k) + log_gain(frame_k)
+    log light of sighting k = scene(patch_k) + terms_k coefficients + trend(range_k) + log_gain(frame_k)
 
-What a place looks like is unknown and eliminated within its window, so each window adds its own normal equations. The trend with
+What a patch looks like is unknown and eliminated within its window, so each window adds its own normal equations. The trend with
 range holds the water and the fall-off of the lamps; it is fitted beside the rest and left in the pictures. Luminance (the mean
 logarithm of R, G, B) and color (the rest) are solved apart, as moving shadows and caustics spoil the one and hardly the other.
 """
@@ -30,6 +30,10 @@ class SolverSettings:
     """Robust standard deviations beyond which a sighting weighs less than half (Cauchy): caustics, fish, wrong matches."""
     alike: float = 10.0
     """So many sightings count as one: neighbors are under the same caustic, and share errors of range and pose."""
+    first_prior: float = 1e-3
+    """Precision of all unknowns in the first round, before the scatter is known: it only keeps the system solvable."""
+    least_scale: float = 1e-4
+    """Least robust standard deviation of the residuals, logarithm: sightings without noise would all be outliers."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +60,8 @@ COLOR = Expected(coefficient=0.2, ranged=0.05, trend=0.2, gain=0.03)
 drifted from pink to green, at the same agreement between views."""
 
 SETTINGS = SolverSettings()
+ROBUST_DEVIATION = 1.4826
+"""Standard deviation over median absolute deviation of a Gaussian."""
 
 
 class Use(NamedTuple):
@@ -74,11 +80,11 @@ class Use(NamedTuple):
 class Window:
     """Sightings of one window.
 
-    place (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1), log_light (N, 3).
-    held (N,): sightings of places that are left out of the fit, to judge it.
+    patch (N,): ascending. frame (N,): number in the dive. terms (N, TERMS), trend (N, 1), log_light (N, 3).
+    held (N,): sightings of patches that are left out of the fit, to judge it.
     """
 
-    place: NDArray[np.int64]
+    patch: NDArray[np.int64]
     frame: NDArray[np.int64]
     terms: NDArray[np.float32]
     trend: NDArray[np.float32]
@@ -88,9 +94,9 @@ class Window:
     def part(self, held: bool) -> "Window":
         """The sightings that are left out, or the others."""
         chosen = self.held == held
-        place = np.unique(self.place[chosen], return_inverse=True)[1]
+        patch = np.unique(self.patch[chosen], return_inverse=True)[1]
         parts = (self.frame, self.terms, self.trend, self.log_light, self.held)
-        return Window(place, *(values[chosen] for values in parts))
+        return Window(patch, *(values[chosen] for values in parts))
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,14 +118,14 @@ class Views:
 
     def window(self, seen: Sightings, frames: NDArray[np.int64], usable: NDArray[np.bool_]) -> Window:
         """frames: numbers in the dive of the sightings' frames. usable (N,): sightings that count."""
-        place = seen.place[usable]
-        kept = np.flatnonzero(usable)[np.bincount(place, minlength=1)[place] > 1] if place.size else np.zeros(0, np.int64)
-        place = np.unique(seen.place[kept], return_inverse=True)[1]
+        patch = seen.patch[usable]
+        kept = np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1] if patch.size else np.zeros(0, np.int64)
+        patch = np.unique(seen.patch[kept], return_inverse=True)[1]
         log_range = np.log(np.clip(seen.range_m[kept], *self.seen_m) / self.reference_m) / SHAPE.range_step
         terms = pattern_terms(seen.pixel[kept], log_range, self.size).astype(np.float32)
         trend = log_range[:, None].astype(np.float32)
-        held = (place // 2) % 2 == 1  # every other two neighbors of the grid
-        return Window(place, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
+        held = (patch // 2) % 2 == 1  # every other two neighbors of the grid
+        return Window(patch, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
 
 
 def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, expected: Expected) -> Solution:
@@ -130,23 +136,23 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     size = number + (frames if use.gains else 0)
     deviations = [expected.coefficient] * PATTERN + [expected.ranged] * (TERMS - PATTERN) + [expected.trend]
     deviation = np.concatenate([np.array(deviations)[columns], np.full(size - number, expected.gain)])
-    prior = np.full(size, 1e-3)
+    prior = np.full(size, SETTINGS.first_prior)
     designs = [_design(window, columns, use.gains) for window in windows]
-    weights = [np.ones(len(window.place)) for window in windows]
+    weights = [np.ones(len(window.patch)) for window in windows]
     for _ in range(SETTINGS.rounds):
         matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
         for (design, at), window, value, weight in zip(designs, windows, values, weights, strict=True):
-            centered, target = _centered(window.place, design, weight), _centered(window.place, value, weight)
+            centered, target = _centered(window.patch, design, weight), _centered(window.patch, value, weight)
             weighted = weight[:, None] * centered
             matrix[np.ix_(at, at)] += centered.T @ weighted
             slope[at] += weighted.T @ target
         matrix[np.diag_indices(size)] += prior
         found = np.linalg.solve(matrix, slope)
         off = [
-            np.sqrt((_centered(window.place, value - design @ found[at], weight) ** 2).mean(axis=1))
+            np.sqrt((_centered(window.patch, value - design @ found[at], weight) ** 2).mean(axis=1))
             for (design, at), window, value, weight in zip(designs, windows, values, weights, strict=True)
         ]
-        scale = max(_robust_deviation(np.concatenate(off)), 1e-4)
+        scale = max(_robust_deviation(np.concatenate(off)), SETTINGS.least_scale)
         weights = [1.0 / (1.0 + (distance / (SETTINGS.outlier * scale)) ** 2) for distance in off]
         prior = SETTINGS.alike * scale**2 / deviation**2
     coefficients = np.zeros((TERMS + 1, outputs))
@@ -156,7 +162,7 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
 
 
 def explained(window: Window, solution: Solution, trend: bool = True) -> Array:
-    """(N, Q) what a solution says of a window's sightings, up to their places; without the trend, what would be taken out."""
+    """(N, Q) what a solution says of a window's sightings, up to their patches; without the trend, what would be taken out."""
     part = window.terms @ solution.coefficients + solution.gains[window.frame]
     return part + window.trend @ solution.trend if trend else part
 
@@ -171,19 +177,19 @@ def _design(window: Window, columns: NDArray[np.bool_], gains: bool) -> tuple[Ar
     return np.concatenate([design, np.eye(len(seen_by))[index]], axis=1), np.concatenate([number, len(number) + seen_by])
 
 
-def _centered(place: NDArray[np.int64], values: Array, weights: Array) -> Array:
-    return values - _place_mean(place, values, weights)
+def _centered(patch: NDArray[np.int64], values: Array, weights: Array) -> Array:
+    return values - _patch_mean(patch, values, weights)
 
 
-def _place_mean(place: NDArray[np.int64], values: Array, weights: Array) -> Array:
-    """(N, Q) the weighted mean over the sightings of each one's place."""
-    if not len(place):
+def _patch_mean(patch: NDArray[np.int64], values: Array, weights: Array) -> Array:
+    """(N, Q) the weighted mean over the sightings of each one's patch."""
+    if not len(patch):
         return values
-    first = np.flatnonzero(np.diff(place, prepend=-1))
+    first = np.flatnonzero(np.diff(patch, prepend=-1))
     sums = np.add.reduceat(values * weights[:, None], first, axis=0)
-    return np.asarray((sums / np.add.reduceat(weights, first)[:, None])[place])
+    return np.asarray((sums / np.add.reduceat(weights, first)[:, None])[patch])
 
 
 def _robust_deviation(values: Array) -> float:
     """Of the absolute values of errors."""
-    return 1.4826 * float(np.median(values)) if values.size else 0.0
+    return ROBUST_DEVIATION * float(np.median(values)) if values.size else 0.0

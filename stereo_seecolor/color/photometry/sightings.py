@@ -1,4 +1,4 @@
-"""The same places of the reef seen from several frames: found by projecting known ranges from known poses."""
+"""The same patches of the reef seen from several frames: found by projecting known ranges from known poses."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,16 +13,34 @@ from stereo_seecolor.records import Image, Map
 
 Vector = NDArray[np.float64]
 
-PATCH_M = 0.05
-"""Places are this wide on the reef, in every frame: a mean over them sees the same texture from any range."""
-PLACES, PLACES_A_FRAME = 20_000, 1600
-"""At most so many places are looked for, in all and in a frame."""
-SAME_PLACE = 0.02
-"""A place is the same if the other frame's range agrees with the projected one to this share."""
-LEVEL_PATCH = 0.06
-"""A place is left out where the range varies within it by more than this share: an edge."""
-FULL = 0.98
-"""Light beyond this share of full scale may be clipped."""
+
+@dataclass(frozen=True)
+class SightingSettings:
+    """Which patches are looked for, and when a frame sees one. Held by tests on the sample dive."""
+
+    patch_m: float = 0.05
+    """Patches are this wide on the reef, in every frame: a mean over them sees the same texture from any range."""
+    most_patches: int = 20_000
+    """Looked for in all frames together: bounds memory and time."""
+    most_patches_a_frame: int = 1600
+    """About a grid of 40 by 40."""
+    same_range: float = 0.02
+    """A patch is the same if the frame's range agrees with the projected one to this fraction: more than the error of a range."""
+    most_relief: float = 0.06
+    """A patch is left out where the range varies by more than this fraction within ``relief_px``: an edge."""
+    relief_px: int = 7
+    """Pixels, a square's side."""
+    clipped: float = 0.98
+    """Light beyond this fraction of full scale may be clipped."""
+    nearest_m: float = 0.05
+    """Depth in front of the camera below which a projection is not trusted."""
+    most_clipped: float = 1e-6
+    """Fraction of a patch's pixels that may be clipped: none, up to the rounding of the integral image."""
+    far_m: float = 1e6
+    """Stands for an unknown range when edges are looked for, so that its neighbors are one."""
+
+
+SETTINGS = SightingSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,11 +54,11 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """place: (N,) int64, which place was seen, 0..P-1, ascending, each two times or more. frame: (N,) int64.
-    range_m: (N,) meters. light: (N, 3) linear, share of full scale, mean over the place. pixel: (N, 2) x, y of its middle.
+    """patch: (N,) int64, which patch was seen, 0..P-1, ascending, each two times or more. frame: (N,) int64.
+    range_m: (N,) meters. light: (N, 3) linear, fraction of full scale, mean over the patch. pixel: (N, 2) x, y of its middle.
     """
 
-    place: NDArray[np.int64]
+    patch: NDArray[np.int64]
     frame: NDArray[np.int64]
     range_m: Vector
     light: Vector
@@ -48,36 +66,36 @@ class Sightings:
 
 
 def find_sightings(frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding) -> Sightings:
-    """Where the frames see the same places; wrong matches are few but not none. Each frame is asked for twice, one at a time."""
-    number = min(PLACES_A_FRAME, PLACES // max(len(frames), 1))
-    points_m = np.concatenate([View.of(frame, geometry, None).places_m(number) for frame in frames])
+    """Where the frames see the same patches; wrong matches are few but not none. Each frame is asked for twice, one at a time."""
+    number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
+    points_m = np.concatenate([View.of(frame, geometry, None).patches_m(number) for frame in frames])
     return look(points_m, (View.of(frame, geometry, encoding) for frame in frames))
 
 
 def look(points_m: Vector, views: "Iterable[View]") -> Sightings:
-    """Which of the (P, 3) places the views see, those that one view alone sees left out; frames are numbered as they come."""
-    places, numbers, ranges, lights, pixels = [], [], [], [], []
+    """Which of the (P, 3) patches the views see, those that one view alone sees left out; frames are numbered as they come."""
+    patches, numbers, ranges, lights, pixels = [], [], [], [], []
     for index, view in enumerate(views):
-        place, range_m, light, pixel = view.look_at(points_m)
-        places.append(place)
-        numbers.append(np.full(place.size, index))
+        patch, range_m, light, pixel = view.look_at(points_m)
+        patches.append(patch)
+        numbers.append(np.full(patch.size, index))
         ranges.append(range_m)
         lights.append(light)
         pixels.append(pixel)
-    place, seen_by, range_m, light, pixel = (np.concatenate(parts) for parts in (places, numbers, ranges, lights, pixels))
-    several = np.bincount(place, minlength=len(points_m))[place] > 1
-    order = np.flatnonzero(several)[np.argsort(place[several], kind="stable")]
-    compact = np.unique(place[order], return_inverse=True)[1]
+    patch, seen_by, range_m, light, pixel = (np.concatenate(parts) for parts in (patches, numbers, ranges, lights, pixels))
+    several = np.bincount(patch, minlength=len(points_m))[patch] > 1
+    order = np.flatnonzero(several)[np.argsort(patch[several], kind="stable")]
+    compact = np.unique(patch[order], return_inverse=True)[1]
     return Sightings(compact, seen_by[order], range_m[order], light[order], pixel[order])
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A frame made ready: ``sums`` is the integral image of its linear light, ``level_m`` its range without edges."""
+    """A frame made ready: ``sums`` is the integral image of its linear light, ``smooth_range_m`` its range, NaN at edges."""
 
     geometry: RectifiedPair
     T_world_camera: NDArray[np.float64]
-    level_m: Map
+    smooth_range_m: Map
     sums: Vector
 
     @classmethod
@@ -86,41 +104,43 @@ class View:
         sums = np.zeros((2, 2, 4))
         if encoding is not None:
             light = decoded_values(8 * frame.image.dtype.itemsize, encoding)[frame.image]
-            blind = (light >= FULL).any(axis=2)
-            light[blind] = 0
-            sums = cv2.integral(np.dstack([light, blind.astype(np.float32)]), sdepth=cv2.CV_64F)
+            clipped = (light >= SETTINGS.clipped).any(axis=2)
+            light[clipped] = 0
+            sums = cv2.integral(np.dstack([light, clipped.astype(np.float32)]), sdepth=cv2.CV_64F)
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
-    def places_m(self, number: int) -> Vector:
+    def patches_m(self, number: int) -> Vector:
         """(P, 3) about ``number`` world points on a grid over what the frame measured."""
-        height, width = self.level_m.shape
+        height, width = self.smooth_range_m.shape
         step = max(int(np.sqrt(height * width / max(number, 1))), 1)
         grid = np.zeros((height, width), np.bool_)
         grid[step // 2 :: step, step // 2 :: step] = True
-        points = self.geometry.points_from_range(self.level_m)[grid & np.isfinite(self.level_m)].astype(np.float64)
+        points = self.geometry.points_from_range(self.smooth_range_m)[grid & np.isfinite(self.smooth_range_m)].astype(np.float64)
         return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
 
     def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
-        """Which of the (P, 3) places this frame sees, by number; the range to each, its light (n, 3) and pixel (n, 2)."""
-        farthest_m = float(np.nanmax(self.level_m)) if np.isfinite(self.level_m).any() else 0.0
-        near = np.flatnonzero(np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1) < (1 + SAME_PLACE) * farthest_m)
+        """Which of the (P, 3) patches this frame sees, by number; the range to each, its light (n, 3) and pixel (n, 2)."""
+        farthest_m = float(np.nanmax(self.smooth_range_m)) if np.isfinite(self.smooth_range_m).any() else 0.0
+        near = np.flatnonzero(
+            np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1) < (1 + SETTINGS.same_range) * farthest_m
+        )
         local = (points_m[near] - self.T_world_camera[:3, 3]) @ self.T_world_camera[:3, :3]
         range_m = np.linalg.norm(local, axis=1)
         with np.errstate(divide="ignore", invalid="ignore"):
             x = self.geometry.focal_px * local[:, 0] / local[:, 2] + self.geometry.cx_left_px
             y = self.geometry.focal_px * local[:, 1] / local[:, 2] + self.geometry.cy_px
-            half_px = 0.5 * PATCH_M * self.geometry.focal_px / local[:, 2]
-        height, width = self.level_m.shape
-        inside = (local[:, 2] > 0.05) & (x - half_px > 0) & (y - half_px > 0)
+            half_px = 0.5 * SETTINGS.patch_m * self.geometry.focal_px / local[:, 2]
+        height, width = self.smooth_range_m.shape
+        inside = (local[:, 2] > SETTINGS.nearest_m) & (x - half_px > 0) & (y - half_px > 0)
         inside &= (x + half_px < width - 1) & (y + half_px < height - 1)
         x, y, half_px = (np.where(inside, value, 0.0) for value in (x, y, half_px))
-        measured_m = self.level_m[np.round(y).astype(int), np.round(x).astype(int)]
+        measured_m = self.smooth_range_m[np.round(y).astype(int), np.round(x).astype(int)]
         with np.errstate(invalid="ignore"):
-            seen = inside & (np.abs(measured_m - range_m) < SAME_PLACE * range_m)
+            seen = inside & (np.abs(measured_m - range_m) < SETTINGS.same_range * range_m)
         corners = [self._sum_to(x + dx * half_px + 0.5, y + dy * half_px + 0.5) for dy in (-1, 1) for dx in (-1, 1)]
         with np.errstate(divide="ignore", invalid="ignore"):
             mean = (corners[3] - corners[2] - corners[1] + corners[0]) / (2 * half_px[:, None]) ** 2
-        seen &= np.nan_to_num(mean[:, 3], nan=1.0) < 1e-6
+        seen &= np.nan_to_num(mean[:, 3], nan=1.0) < SETTINGS.most_clipped
         return near[seen], range_m[seen], mean[seen, :3], np.column_stack([x, y])[seen]
 
     def _sum_to(self, x: Vector, y: Vector) -> Vector:
@@ -134,6 +154,6 @@ class View:
 
 
 def _without_edges(range_m: Map) -> Map:
-    known = np.where(np.isfinite(range_m), range_m, np.float32(1e6))
-    spread = cv2.morphologyEx(known, cv2.MORPH_GRADIENT, np.ones((7, 7), np.uint8))
-    return np.where(spread < LEVEL_PATCH * known, range_m, np.float32(np.nan))
+    known = np.where(np.isfinite(range_m), range_m, np.float32(SETTINGS.far_m))
+    spread = cv2.morphologyEx(known, cv2.MORPH_GRADIENT, np.ones((SETTINGS.relief_px, SETTINGS.relief_px), np.uint8))
+    return np.where(spread < SETTINGS.most_relief * known, range_m, np.float32(np.nan))

@@ -12,10 +12,18 @@ from stereo_seecolor.color.photometry.light_model import SHAPE, Light
 from stereo_seecolor.color.photometry.light_solver import COLOR, LUMINANCE, Use, Views, Window
 from stereo_seecolor.color.photometry.sightings import Sightings
 
-USABLE = (0.003, 0.97)
-"""Light of each channel, of full scale: below is noise and backscatter, above the camera may have clipped."""
-SEEN = (0.01, 0.99)
-"""Quantiles of the sightings' ranges, beyond which the pattern is not extrapolated."""
+
+@dataclass(frozen=True)
+class SightingLimits:
+    """Which sightings the light of a survey is measured from."""
+
+    light: tuple[float, float] = (0.003, 0.97)
+    """Linear light of each channel, fraction of full scale: below is noise and backscatter, above the camera may have clipped."""
+    range_quantiles: tuple[float, float] = (0.01, 0.99)
+    """Of the sightings' ranges: beyond these the pattern is not extrapolated."""
+
+
+LIMITS = SightingLimits()
 ANGLE = 0.8165
 """Radians of angle between two colors of a difference of 1 in the rms of their logarithms, near gray: sqrt(2/3)."""
 
@@ -72,10 +80,10 @@ def solve_light(windows: Sequence[SeenWindow], names: Sequence[str], size: tuple
     ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:
         return None
-    near_m, far_m = (float(value) for value in np.quantile(ranges, SEEN))
+    near_m, far_m = (float(value) for value in np.quantile(ranges, LIMITS.range_quantiles))
     views = Views(size, float(np.median(ranges)), (near_m, far_m))
     made = [views.window(window.seen, window.frames, _usable(window.seen)) for window in windows]
-    made = [window for window in made if len(window.place)]
+    made = [window for window in made if len(window.patch)]
     if not made:
         return None
     luminance = choose(made, [_mean(window) for window in made], allowed, len(names), LUMINANCE)
@@ -91,7 +99,8 @@ def solve_light(windows: Sequence[SeenWindow], names: Sequence[str], size: tuple
 
 
 def _usable(seen: Sightings) -> NDArray[np.bool_]:
-    return np.asarray(((seen.light > USABLE[0]) & (seen.light < USABLE[1])).all(axis=1))
+    darkest, brightest = LIMITS.light
+    return np.asarray(((seen.light > darkest) & (seen.light < brightest)).all(axis=1))
 
 
 def _mean(window: Window) -> NDArray[np.float64]:
