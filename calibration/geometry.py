@@ -4,7 +4,7 @@ Axes of the rectified left camera: x right, y down, z forward. ``depth_m`` is Z,
 ``range_m`` is the distance along the ray, which is what water acts on. NaN is unknown and stays NaN.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
 
 import numpy as np
@@ -29,6 +29,10 @@ class RectifiedPair:
     baseline_m: float
     image_size: tuple[int, int]
     quarter_turns: int = 0
+
+    def __reduce__(self) -> tuple[type["RectifiedPair"], tuple[object, ...]]:
+        """Without the tables computed from it, which are larger than the images."""
+        return RectifiedPair, tuple(getattr(self, field.name) for field in fields(self))
 
     @property
     def P_left(self) -> NDArray[np.float64]:

@@ -125,9 +125,6 @@ def fail(number: int) -> int:
 
 def test_results_come_in_order_and_errors_as_they_are(local: DaskCompute) -> None:
     assert list(local.each(square, range(30))) == [square(number) for number in range(30)]
-    assert local.total(square, iter(range(30))) == sum(map(square, range(30)))
-    with pytest.raises(ValueError, match="nothing to add up"):
-        local.total(square, [])
     with pytest.raises(OutputError, match="/disk: full at 0"):
         list(local.each(fail, range(3)))
     results = local.each(square, iter(range(10_000)))

@@ -1,6 +1,7 @@
 """Commands over the pairs of a dive: run, correct, range, rectify."""
 
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -43,7 +44,8 @@ from stereo_seecolor.cli.run_text import map_text, page_text, run_text
 from stereo_seecolor.compute.shard import Shard
 
 if TYPE_CHECKING:
-    from stereo_seecolor.config import RunConfig
+    from stereo_seecolor.mapping.survey_map import MapSummary
+    from stereo_seecolor.progress import Listener
     from stereo_seecolor.run_folder.frames_table import RunSummary
 
 
@@ -81,18 +83,21 @@ def run(
         raise typer.BadParameter("--shard and --cluster work on folders of images, and a bag is one file: run it here")
     part = _part(shard, fuse)
     report = Report("run", as_json, progress, verbose, log_file)
-    with report.working() as listener, computing(cluster) as compute:
-        loaded = load_config(config, with_refine(settings, refine))
-        if fuse:
-            from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
+    with ExitStack() as both_steps:  # the workers stay for the map
+        with report.working() as listener:
+            compute = both_steps.enter_context(computing(cluster))
+            loaded = load_config(config, with_refine(settings, refine))
+            if fuse:
+                from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
+                from stereo_seecolor.commands.fuse import fuse as fuse_frames
 
-            check_fusion(poses, loaded)
-        options = replace(run_options(workers, overwrite, strict, verify, config, listener), shard=part, cluster=compute)
-        summary = _run(left, right, calib, bag, topics)(out, loaded, options, water=water)
-    if summary.stopped:
-        _end(report, summary, out)
-    if fuse:
-        _end_with_map(report, summary, out, poses, loaded)
+                check_fusion(poses, loaded)
+            options = replace(run_options(workers, overwrite, strict, verify, config, listener), shard=part, cluster=compute)
+            summary = _run(left, right, calib, bag, topics)(out, loaded, options, water=water)
+        if summary.stopped:
+            _end(report, summary, out)
+        if fuse:
+            _end_with_map(report, summary, out, lambda listener: fuse_frames(out, poses, loaded, listener, compute))
     _end_with_page(report, summary, out)
 
 
@@ -222,13 +227,12 @@ def _end_with_page(report: Report, summary: "RunSummary", out: Path) -> NoReturn
     report.end({**run_content(summary, out), "page": page}, page_text(page), run_exit_code(summary))
 
 
-def _end_with_map(report: Report, summary: "RunSummary", out: Path, poses: Path | None, config: "RunConfig") -> NoReturn:
-    from stereo_seecolor.commands.fuse import fuse
+def _end_with_map(report: Report, summary: "RunSummary", out: Path, fuse: "Callable[[Listener], MapSummary]") -> NoReturn:
     from stereo_seecolor.commands.report import report as write_page
 
     report.say(run_text(summary, out))
     with report.working() as listener:
-        made = fuse(out, poses, config, listener)
+        made = fuse(listener)
         page = write_page(out, listener, brief=True).page
     content = {**run_content(summary, out), "page": page, "map": map_content(made)}
     report.end(content, map_text(made) + page_text(page), max(run_exit_code(summary), map_exit_code(made)))

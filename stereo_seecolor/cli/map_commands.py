@@ -8,8 +8,8 @@ import typer
 from stereo_seecolor.cli.contents import map_content, map_exit_code
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.export_text import export_text, formats_text
-from stereo_seecolor.cli.options import AsJson, ConfigFile, Finished, LogFile, PosesFile, Progress, Settings, Verbose
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.options import AsJson, ClusterName, ConfigFile, Finished, LogFile, PosesFile, Progress, Settings, Verbose
+from stereo_seecolor.cli.report import Report, computing
 from stereo_seecolor.cli.run_text import map_text, measures_text, page_text, report_text
 
 
@@ -18,6 +18,7 @@ def fuse(
     poses: PosesFile = None,
     config: ConfigFile = None,
     settings: Settings = None,
+    cluster: ClusterName = "",
     as_json: AsJson = False,
     progress: Progress = "auto",
     verbose: Verbose = False,
@@ -30,8 +31,8 @@ def fuse(
     from stereo_seecolor.run_folder.finished_run import settings_file
 
     report = Report("fuse", as_json, progress, verbose, log_file)
-    with report.working() as listener:
-        made = fuse_frames(out, poses, load_config(config or settings_file(out), settings or []), listener)
+    with report.working() as listener, computing(cluster) as compute:
+        made = fuse_frames(out, poses, load_config(config or settings_file(out), settings or []), listener, compute)
         page = write_page(out, listener, brief=True).page
     text = map_text(made) + page_text(page)
     report.end({"out": out, "page": page, "map": map_content(made)}, text, map_exit_code(made))

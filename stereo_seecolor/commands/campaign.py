@@ -138,7 +138,7 @@ def _run(folder: Path, dive: DiveEntry, out: Path, config: RunConfig, options: R
     done: State = "stopped" if summary.stopped else "done" if summary.all_done else "some pairs failed"
     state = replace(state, state=done, ok=summary.count("ok"), failed=summary.count("failed"))
     if (dive.fuse or dive.poses) and not summary.stopped:
-        fuse(out, folder / dive.poses if dive.poses else None, config, options.listener)
+        fuse(out, folder / dive.poses if dive.poses else None, config, options.listener, options.cluster)
     return state
 
 

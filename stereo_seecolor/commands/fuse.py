@@ -6,14 +6,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stereo_seecolor.commands.placed_frames import describe_frames
+from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory, trajectory_file
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import MAP
-from stereo_seecolor.run_folder.map_folder import building_map, tiles_folder
+from stereo_seecolor.run_folder.layout import MAP, state
+from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 if TYPE_CHECKING:
@@ -32,11 +34,17 @@ def check_fusion(poses: Path | None, config: RunConfig) -> None:
         read_trajectory(poses, config.mapping.mount)
 
 
-def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, listener: Listener | None = None) -> "MapSummary":
+def fuse(
+    out: Path,
+    poses: Path | None = None,
+    config: RunConfig | None = None,
+    listener: Listener | None = None,
+    compute: Compute | None = None,
+) -> "MapSummary":
     """Fuse a finished run into ``out``/map: cloud, mesh, trajectory and whatever else the config asks for.
 
     poses: a trajectory of the left camera in any known format; without it the program finds the track itself.
-    config: the settings; the run's own if not given.
+    config: the settings; the run's own if not given. compute: where the work runs; all cores of this machine if not given.
     Raises DeviceError, before the first frame, if a library is missing; InputError; MappingError; OutputError, also where another
     run or fusion writes into ``out`` now. A frame that is gone or damaged is named, and the rest fused. An earlier map is replaced
     when the new one is complete, and stays as it is otherwise.
@@ -44,14 +52,14 @@ def fuse(out: Path, poses: Path | None = None, config: RunConfig | None = None, 
     from stereo_seecolor.mapping.survey_map import Workspace, build_map
 
     run = open_run(out)
-    config = config or run.config
+    config, compute = config or run.config, compute or Threads(cores())
     check_fusion(poses, config)
     SurveyFrames(run)  # refuses a run that cannot be fused before anything is written into it
     with RunFolder.existing(out, (trajectory_file(poses),) if poses else ()) as folder:
         frames = SurveyFrames(open_run(out))
         trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
-        with building_map(folder, folder.digest("corrected")) as building:
-            workspace = Workspace(tiles_folder(out), _stages_of(listener or Silence()))
+        with compute.sharing(state(out), ()), building_map(folder, folder.digest("corrected")) as building:
+            workspace = Workspace(fusion_folder(out), _stages_of(listener or Silence()), compute)
             summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)
         describe_frames(folder)
     aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.set_aside)

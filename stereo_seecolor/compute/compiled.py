@@ -71,3 +71,10 @@ def compiled(
     if function is None:
         return lambda decorated: Compiled(decorated, options)
     return Compiled(function, options)
+
+
+def use_threads(number: int) -> None:
+    """Parallel loops that this thread calls from now on run on so many threads, or on as many as numba has."""
+    import numba
+
+    numba.set_num_threads(min(number, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]

@@ -3,19 +3,10 @@
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any, Protocol, Self, TypeVar
+from typing import Protocol, TypeVar
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-
-
-class Addable(Protocol):
-    """What can be added to its like; the order of additions may matter to its last bit."""
-
-    def __add__(self, other: Any, /) -> Self: ...
-
-
-Sum = TypeVar("Sum", bound=Addable)
 
 
 class Compute(Protocol):
@@ -29,9 +20,6 @@ class Compute(Protocol):
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every item, such as a pair, in the items' order; a bounded number is under way, items are taken as needed."""
-
-    def total(self, work: Callable[[Item], Sum], items: Iterable[Item]) -> Sum:
-        """The sum of ``work`` of every item, always added in the same order. Raises ValueError if there is no item."""
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
         """As ``each``, for work that fills the memory and uses all cores of a machine, such as a tile of the map."""

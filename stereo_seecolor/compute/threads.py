@@ -7,11 +7,10 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from functools import cache, reduce
-from operator import add
+from functools import cache
 from pathlib import Path
 
-from stereo_seecolor.compute.interface import Item, Result, Sum
+from stereo_seecolor.compute.interface import Item, Result
 
 Lock = threading.Lock
 
@@ -35,15 +34,6 @@ class Threads:
                     yield waiting.popleft().result()
             finally:
                 pool.shutdown(wait=True, cancel_futures=True)
-
-    def total(self, work: Callable[[Item], Sum], items: Iterable[Item]) -> Sum:
-        """The sum of ``work`` of every item, added from the first to the last. Raises ValueError if there is no item."""
-        results = self.each(work, items)
-        try:
-            first = next(results)
-        except StopIteration:
-            raise ValueError("nothing to add up") from None
-        return reduce(add, results, first)
 
     @contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.records import SurveyFrame
 
 NEAR_M = 1000.0
 """Cameras this near the world's origin need no other: float32 resolves 0.06 mm there."""
@@ -47,11 +46,6 @@ class Component:
     def points_m(self, frame: int) -> NDArray[np.float64]:
         """(n, 3) coarse points of a frame, local."""
         return transformed(self.T_local_camera[frame], self.survey.index.points_m[frame])
-
-    def read(self, frame: int) -> tuple[SurveyFrame, NDArray[np.float64]] | None:
-        """A frame with its pose; None if it cannot be read any more."""
-        found = self.survey.frames[frame]
-        return (found, self.T_local_camera[frame]) if isinstance(found, SurveyFrame) else None
 
     @cached_property
     def reach_m(self) -> float:

@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
 from stereo_seecolor.records import SurveyFrame
 
@@ -52,28 +54,26 @@ class FrameIndex:
 
     @classmethod
     def build(
-        cls, frames: Frames, geometry: RectifiedPair, sampling: Sampling = SAMPLING, progress: Progress = silent
+        cls,
+        frames: Frames,
+        geometry: RectifiedPair,
+        sampling: Sampling = SAMPLING,
+        progress: Progress = silent,
+        compute: Compute | None = None,
     ) -> "FrameIndex":
-        """Read every frame once; memory grows by some 50 KB a frame at the default spacing."""
-        names, times, points, lost, checksums, certain = [], [], [], {}, [], []
-        for i in range(len(frames)):
-            frame = frames[i]
-            names.append(frame.name)
-            if isinstance(frame, Unplaced):
-                lost[i] = frame.reason
-                times.append(np.nan)
-                points.append(np.zeros((0, 3), np.float32))
-                certain.append(np.zeros(0, np.bool_))
-                checksums.append(0)
-            else:
-                times.append(np.nan if frame.timestamp_s is None else frame.timestamp_s)
-                own, trusted = _coarse_points(frame, geometry, sampling)
-                points.append(own)
-                certain.append(trusted)
-                checksums.append(crc32(frame.color[:: sampling.max_stride_px].tobytes(), crc32(points[-1].tobytes())))
-            progress("reading the frames", i + 1, len(frames))
-        numbers = np.array(checksums, np.int64)
-        return cls(tuple(names), np.array(times, dtype=np.float64), tuple(points), lost, numbers, tuple(certain))
+        """Read every frame once; memory grows by some 50 KB a frame at the default spacing. compute: None for one thread."""
+        found: list[_Indexed] = []
+        for one in (compute or Threads(1)).each(_Glance(frames, geometry, sampling), range(len(frames))):
+            found.append(one)
+            progress("reading the frames", len(found), len(frames))
+        return cls(
+            names=tuple(one.name for one in found),
+            timestamps_s=np.array([one.timestamp_s for one in found], dtype=np.float64),
+            points_m=tuple(one.points_m for one in found),
+            lost={i: one.lost for i, one in enumerate(found) if one.lost is not None},
+            checksums=np.array([one.checksum for one in found], np.int64),
+            certain=tuple(one.certain for one in found),
+        )
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
@@ -89,6 +89,35 @@ class FrameIndex:
         rank = np.empty(len(self.names), np.int64)
         rank[self.order] = np.arange(len(self.names))
         return rank
+
+
+@dataclass(frozen=True, eq=False)
+class _Indexed:
+    """What the index knows of a frame. lost: why it cannot be read; None where it can."""
+
+    name: str
+    timestamp_s: float
+    points_m: NDArray[np.float32]
+    certain: NDArray[np.bool_]
+    checksum: int
+    lost: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Glance:
+    """Reads the frame of a number."""
+
+    frames: Frames
+    geometry: RectifiedPair
+    sampling: Sampling
+
+    def __call__(self, number: int) -> _Indexed:
+        frame = self.frames[number]
+        if isinstance(frame, Unplaced):
+            return _Indexed(frame.name, np.nan, np.zeros((0, 3), np.float32), np.zeros(0, np.bool_), 0, frame.reason)
+        points, certain = _coarse_points(frame, self.geometry, self.sampling)
+        checksum = crc32(frame.color[:: self.sampling.max_stride_px].tobytes(), crc32(points.tobytes()))
+        return _Indexed(frame.name, np.nan if frame.timestamp_s is None else frame.timestamp_s, points, certain, checksum)
 
 
 def _coarse_points(

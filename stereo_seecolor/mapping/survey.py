@@ -1,23 +1,31 @@
 """What all stages of a map share, and where its frames are placed."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
 from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
 
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Frames, the rectified geometry that they share, their index, and who is told of the progress."""
+    """Frames, the rectified geometry that they share, their index, who is told of the progress, and where the work runs.
+
+    scratch: a folder for features, which are used again if they were found in the same frames; None for one that is deleted.
+    """
 
     frames: Frames
     geometry: RectifiedPair
     index: FrameIndex
     progress: Progress = silent
+    compute: Compute = field(default_factory=lambda: Threads(1))
+    scratch: Path | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,12 +4,12 @@ import csv
 import json
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
@@ -27,11 +27,11 @@ from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames, Unplaced
 from stereo_seecolor.mapping.surface import extraction, islands
-from stereo_seecolor.mapping.surface.fusion import fuse_tile
 from stereo_seecolor.mapping.surface.join import write_map
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tile_store import TileStore
-from stereo_seecolor.mapping.surface.tiles import Tile, cut
+from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
+from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.navigation import Navigation
@@ -67,13 +67,14 @@ class MapSummary:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where finished tiles are kept, so that a map that was stopped goes on from them, who is told of the progress, and where
-    the work runs.
+    """Where finished work is kept, so that a map that was stopped goes on from it, who is told of the progress, and where the
+    work runs.
 
-    tiles: a folder that outlives the map's, whose tiles are used if they were made from the same; None: in the map's folder.
+    scratch: a folder that outlives the map's, whose features and tiles are used if they were made from the same; None: in the
+    map's folder. It is deleted when the map is done.
     """
 
-    tiles: Path | None = None
+    scratch: Path | None = None
     progress: Progress = silent
     compute: Compute = field(default_factory=lambda: Threads(1))
 
@@ -105,15 +106,16 @@ def build_map(
     """
     check()
     workspace = workspace or Workspace()
+    scratch = workspace.scratch or out_dir / ".scratch"
     started = time.perf_counter()
     found = RecoveredFrames(frames)
     check_voxel(found, geometry, config.voxel_m)
-    index = _index(found, geometry, config.voxel_m, workspace.progress)
-    survey = Survey(found, geometry, index, workspace.progress)
+    index = _index(found, geometry, config.voxel_m, workspace)
+    survey = Survey(found, geometry, index, workspace.progress, workspace.compute, scratch)
     placed = place_survey(survey, config, trajectory)
     placement = placed.placement
-    builder = _Builder(survey, placed, config, trajectory, workspace.tiles or out_dir / ".tiles", workspace.compute)
-    built = builder.build_all(out_dir)
+    built = _Builder(survey, placed, config, trajectory, scratch, found.lost).build_all(out_dir)
+    shutil.rmtree(scratch, ignore_errors=True)
     lost_on_the_way = [frame for i, frame in found.lost.items() if placement.components[i] >= 0]
     return MapSummary(
         frames=len(index.names),
@@ -128,10 +130,10 @@ def build_map(
     )
 
 
-def _index(frames: RecoveredFrames, geometry: RectifiedPair, voxel_m: float, progress: Progress) -> FrameIndex:
+def _index(frames: RecoveredFrames, geometry: RectifiedPair, voxel_m: float, workspace: Workspace) -> FrameIndex:
     """With points half a block apart, so that no block is missed; voxels are made for those that weigh anything in one view."""
     sampling = Sampling(spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT)))
-    index = FrameIndex.build(frames, geometry, sampling, progress)
+    index = FrameIndex.build(frames, geometry, sampling, workspace.progress, workspace.compute)
     if len(index.lost) == len(frames):
         raise MappingError(f"none of the {len(frames)} frames can be read: {next(iter(index.lost.values()), 'there are none')}")
     return index
@@ -139,21 +141,19 @@ def _index(frames: RecoveredFrames, geometry: RectifiedPair, voxel_m: float, pro
 
 @dataclass(frozen=True, eq=False)
 class _Builder:
-    """Makes the maps of a survey's components. tiles: where finished tiles are kept until the last map is done."""
+    """Makes the maps of a survey's components. scratch: where work is kept until the last map is done. lost: frames, by number."""
 
     survey: Survey
     placed: Placed
     config: MappingConfig
     trajectory: Trajectory | None
-    tiles: Path
-    compute: Compute
+    scratch: Path
+    lost: dict[int, Unplaced]
 
     def build_all(self, out_dir: Path) -> list[tuple[list[Path], int]]:
         """The map of each component; its files, and the points of its cloud."""
         numbers = range(len(self.placed.placement.sizes))
-        built = [self.build(number, out_dir / f"piece_{number}" if number else out_dir) for number in numbers]
-        shutil.rmtree(self.tiles, ignore_errors=True)
-        return built
+        return [self.build(number, out_dir / f"piece_{number}" if number else out_dir) for number in numbers]
 
     def build(self, number: int, folder: Path) -> tuple[list[Path], int]:
         """Write the map of a component; its files, and the points of its cloud."""
@@ -165,30 +165,29 @@ class _Builder:
         place = Georeference(component.offset_m, self.trajectory.origin if self.trajectory else None)
         files = [_write_track(folder / "trajectory.tum", component), _write_poses(folder / "poses.csv", component, self.placed)]
         files += [_write_description(folder / "map.json", place, config)]
-        store = TileStore(self.tiles / f"{number}", tiling, component)
-
-        def fuse(tile: Tile) -> None:
-            if not store.has(tile):
-                store.save(tile, fuse_tile(tile, tiling, _read(component, tile), self.survey.geometry))
-
-        for done, _ in enumerate(self.compute.tiles(fuse, tiling.tiles), 1):
-            self.survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))
-        for tile, kept in zip(tiling.tiles, islands.kept_parts(store.surfaces(), tiling.tile_m), strict=True):
+        store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component)
+        surfaces = partial(store.surfaces, tiling)
+        self._fuse(component, tiling, store)
+        for tile, kept in zip(tiling.tiles, islands.kept_parts(surfaces(), tiling.tile_m), strict=True):
             if not kept.all():
                 surface = store.load(tile)
                 store.save(tile, surface.only(kept[surface.parts]))
-        cloud, mesh, points = write_map(store.surfaces(), tiling.tile_m, folder, _comment(place))
-        files += [cloud, mesh, write_preview(folder, store.surfaces)]
-        scratch = folder / ".scratch"
-        rasters = Rasters.render(component, store.surfaces, config, scratch)
+        cloud, mesh, points = write_map(surfaces(), tiling.tile_m, folder, _comment(place))
+        files += [cloud, mesh, write_preview(folder, surfaces)]
+        scratch = folder / ".rasters"
+        rasters = Rasters.render(component, surfaces, config, scratch)
         files += write_rasters(folder, rasters, place) if rasters else ()
         shutil.rmtree(scratch, ignore_errors=True)
         return files, points
 
-
-def _read(component: Component, tile: Tile) -> Iterator[tuple[SurveyFrame, NDArray[np.float64]]]:
-    """The tile's frames that can be read, the next ones being read while one is fused."""
-    return (placed for placed in Threads(1).each(component.read, tile.frames) if placed is not None)
+    def _fuse(self, component: Component, tiling: Tiling, store: TileStore) -> None:
+        """All tiles that are not finished."""
+        left = [tile for tile in tiling.tiles if not store.has(tile)]
+        fusion = TileFusion(store, replace(tiling, tiles=()), self.survey.frames, self.survey.geometry)
+        placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)
+        for done, lost in enumerate(self.survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1):
+            self.lost.update(lost)
+            self.survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))
 
 
 def _write_track(path: Path, component: Component) -> Path:

@@ -15,9 +15,9 @@ from stereo_seecolor.run_folder.stamp import Stamp
 BUILDING, OLD = "map_building", "map_old"
 
 
-def tiles_folder(root: Path) -> Path:
-    """Where finished tiles are kept, so that a fusion that was killed goes on from them."""
-    return state(root, "tiles")
+def fusion_folder(root: Path) -> Path:
+    """Where features and finished tiles are kept, so that a fusion that was killed goes on from them."""
+    return state(root, "fusion")
 
 
 @contextmanager

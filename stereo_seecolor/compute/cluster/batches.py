@@ -26,7 +26,9 @@ SETTINGS = BatchSettings()
 class Batches(Generic[Item]):
     """Items cut into batches as they are asked for. The cut shows in no result, so it may follow the time that batches took."""
 
-    def __init__(self, items: Iterable[Item]) -> None:
+    def __init__(self, items: Iterable[Item], most: int | None = None) -> None:
+        """most: items a batch."""
+        self._most = most or SETTINGS.most
         self._items: Iterator[Item] = iter(items)
         self._left = len(items) if isinstance(items, Sized) else None
         self._seconds, self._done = 0.0, 0
@@ -48,4 +50,4 @@ class Batches(Generic[Item]):
             return 1
         size = SETTINGS.target_s * self._done / max(self._seconds, 1e-9)
         fair = size if self._left is None else self._left / (SETTINGS.rounds * max(workers, 1))
-        return max(1, min(int(min(size, fair)), SETTINGS.most))
+        return max(1, min(int(min(size, fair)), self._most))

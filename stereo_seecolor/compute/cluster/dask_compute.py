@@ -7,8 +7,6 @@ import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from functools import reduce
-from operator import add
 from pathlib import Path
 from typing import Any
 
@@ -19,17 +17,23 @@ from distributed.scheduler import KilledWorker
 
 from stereo_seecolor.compute.cluster.batches import Batches
 from stereo_seecolor.compute.cluster.ticket import Probe, Ticket
-from stereo_seecolor.compute.cluster.worker import Done, do_batch
-from stereo_seecolor.compute.interface import Item, Result, Sum
-from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.compute.cluster.worker import Done, Parcel, do_batch, do_tiles
+from stereo_seecolor.compute.interface import Item, Result
+from stereo_seecolor.errors import ClusterError, OutputError
 
 AHEAD = 2
 """Batches a worker that are under way or wait: it has the next one when it ends one."""
 REVIVE_S = 15.0
 """Seconds between two looks at whether all workers are there: a worker of a busy machine needs some to start."""
 
+TEMPORARY_PREFIX = ".writing-"
+"""Of files that the next run deletes where this one is killed (``files/atomic.py``)."""
+LARGE_BYTES = 1 << 16
+"""Work of more is written to a file that all workers read once, instead of travelling with every batch."""
+
 Future = Any
 """Of Dask, whose classes carry no types."""
+DoBatch = Callable[[Ticket, Parcel, bytes], Done]
 
 log = logging.getLogger(__name__)
 
@@ -45,10 +49,10 @@ class DaskCompute:
     @contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
         """Every worker makes sure that it sees this ``folder`` and the ``inputs`` before it begins."""
-        file = (folder / f".writing-probe-{secrets.token_hex(4)}").absolute()
+        file = (folder / f"{TEMPORARY_PREFIX}probe-{secrets.token_hex(4)}").absolute()
         seen = tuple(path.absolute() for path in inputs if path.exists())
         probe = Probe(file, secrets.token_hex(16), seen)
-        probe.file.write_text(probe.content)
+        _write(probe.file, probe.content.encode())
         self._probes += (probe,)
         try:
             yield
@@ -58,13 +62,23 @@ class DaskCompute:
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every item, in the items' order. A lost worker's batch is done again by another."""
-        send = self._sender(cloudpickle.dumps(work))
+        return self._ordered(do_batch, work, Batches(items), lambda nthreads: sum(nthreads.values()))
+
+    def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
+        """``work`` of every tile, in their order: one at a time on each worker, which gives it all its threads."""
+        return self._ordered(do_tiles, work, Batches(tiles, most=1), len)
+
+    def _ordered(
+        self, do: DoBatch, work: Callable[[Item], Result], batches: Batches[Item], at_once: Callable[[dict[str, int]], int]
+    ) -> Iterator[Result]:
+        """at_once: how many batches are done at once by workers of so many threads, by address."""
         waiting: deque[tuple[Future, int]] = deque()
-        batches, done = Batches(items), False
+        done = False
         with ExitStack() as ends:
+            send = self._sender(do, ends.enter_context(self._parcel(work)))
             ends.callback(lambda: self._cancel(future for future, _ in waiting))
             while waiting or not done:
-                workers = self._workers()
+                workers = max(at_once(self._threads()), 1)
                 while not done and len(waiting) < AHEAD * workers + 1:
                     batch = batches.next(workers)
                     done = not batch
@@ -77,28 +91,31 @@ class DaskCompute:
                     batches.learn(result.seconds, number)
                     yield from result.results
 
-    def total(self, work: Callable[[Item], Sum], items: Iterable[Item]) -> Sum:
-        """The sum of ``work`` of every item, added from the first to the last. Raises ValueError if there is no item."""
-        results = self.each(work, items)
+    @contextmanager
+    def _parcel(self, work: Callable[[Item], Result]) -> Iterator[Parcel]:
+        """The pickled work as it travels: in a file of the shared folder where it is large and there is one."""
+        content = cloudpickle.dumps(work)
+        if len(content) <= LARGE_BYTES or not self._probes:
+            yield content
+            return
+        file = self._probes[-1].file.with_name(f"{TEMPORARY_PREFIX}work-{secrets.token_hex(8)}")
         try:
-            first = next(results)
-        except StopIteration:
-            raise ValueError("nothing to add up") from None
-        return reduce(add, results, first)
+            _write(file, content)
+            yield file
+        finally:
+            file.unlink(missing_ok=True)
 
-    def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every tile, one after the other, here: tiles are fused where the map is put together."""
-        return map(work, tiles)
-
-    def _sender(self, work: bytes) -> Callable[[list[Any]], Future]:
+    def _sender(self, do: DoBatch, work: Parcel) -> Callable[[list[Any]], Future]:
         ticket = Ticket.mine(self._probes)
-        return lambda batch: self._client.submit(do_batch, ticket, work, batch, pure=False, key=f"batch-{uuid.uuid4()}")
+        return lambda batch: self._client.submit(
+            do, ticket, work, cloudpickle.dumps(batch), pure=False, key=f"batch-{uuid.uuid4()}"
+        )
 
-    def _workers(self) -> int:
-        """Batches that can be done at once now; 1 where no worker has come yet."""
+    def _threads(self) -> dict[str, int]:
+        """Of each worker that is connected now, by its address."""
         self._look_after_workers()
         try:
-            return max(int(sum(self._client.nthreads().values())), 1)
+            return dict(self._client.nthreads())
         except (OSError, CommClosedError) as error:
             raise self._gone(error) from error
 
@@ -134,3 +151,10 @@ class DaskCompute:
         left = list(futures)
         if left:
             self._client.cancel(left, force=True)
+
+
+def _write(file: Path, content: bytes) -> None:
+    try:
+        file.write_bytes(content)
+    except OSError as error:
+        raise OutputError(f"{file}: cannot be written: {error.strerror or error}: free the place and run again") from error

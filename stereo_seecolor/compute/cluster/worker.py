@@ -1,34 +1,63 @@
 """What runs on a worker: batches of items, one after the other."""
 
 import pickle
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.compute.cluster.ticket import Ticket, admit
+from stereo_seecolor.compute.compiled import use_threads
 
 WORKS_KEPT = 4
 """Passes whose tables, such as those of rectification, a worker keeps: a few dives at once, some 50 MB each."""
 
+Parcel = bytes | Path
+"""Pickled work, or the file that holds it where it is too large to travel with every batch."""
+
+_whole_worker = threading.Lock()
+
 
 @dataclass(frozen=True)
 class Done:
-    """A batch's results in its items' order, and how long it took."""
+    """A batch's results in its items' order, pickled, and how long it took.
 
-    results: list[Any]
+    Items and results travel pickled: of arrays, Dask would make such as cannot be written, or lie askew in memory.
+    """
+
+    pickled: bytes
     seconds: float
 
+    @property
+    def results(self) -> list[Any]:
+        """One for each item."""
+        results: list[Any] = pickle.loads(self.pickled)  # from a worker that serves this client
+        return results
 
-def do_batch(ticket: Ticket, work: bytes, items: Sequence[Any]) -> Done:
-    """The pickled ``work`` of every item. Raises ClusterError where this process cannot do it, and what ``work`` raises."""
+
+def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
+    """The pickled ``work`` of all pickled items. Raises ClusterError where this process cannot do it, and what ``work`` raises."""
     admit(ticket)
     start, do = time.perf_counter(), _unpickled(work)
-    return Done([do(item) for item in items], time.perf_counter() - start)
+    results = [do(item) for item in pickle.loads(items)]
+    return Done(pickle.dumps(results), time.perf_counter() - start)
+
+
+def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:
+    """As ``do_batch``, for work that fills the memory: one at a time in this process, on all threads of the worker."""
+    from distributed import get_worker
+
+    with _whole_worker:
+        admit(ticket)
+        use_threads(get_worker().state.nthreads)
+        return do_batch(ticket, work, items)
 
 
 @lru_cache(maxsize=WORKS_KEPT)
-def _unpickled(work: bytes) -> Callable[[Any], Any]:
-    function: Callable[[Any], Any] = pickle.loads(work)  # from the client that this worker serves
+def _unpickled(work: Parcel) -> Callable[[Any], Any]:
+    content = work.read_bytes() if isinstance(work, Path) else work
+    function: Callable[[Any], Any] = pickle.loads(content)  # from the client that this worker serves
     return function

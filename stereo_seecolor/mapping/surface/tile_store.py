@@ -1,14 +1,14 @@
 """Finished tiles on disk: so that memory is bounded, and a run that was stopped goes on where it was."""
 
 import hashlib
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.files.atomic import atomic_path, write_atomic
+from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.mapping.component import Component
+from stereo_seecolor.mapping.kept_folder import kept_folder
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
@@ -16,13 +16,13 @@ from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 class TileStore:
     """A folder with one file a tile, all made from the same poses, frames and settings."""
 
-    def __init__(self, folder: Path, tiling: Tiling, component: Component) -> None:
-        """Tiles in the folder that were made from anything else are deleted."""
-        self._folder, self._tiling = folder, tiling
-        key, mark = _key(tiling, component), folder / "made-from"
-        if not mark.is_file() or mark.read_text() != key:
-            shutil.rmtree(folder, ignore_errors=True)
-            write_atomic(mark, key.encode())
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    @classmethod
+    def of(cls, folder: Path, tiling: Tiling, component: Component) -> "TileStore":
+        """In ``folder``; tiles there that were made from anything else are deleted."""
+        return cls(kept_folder(folder, _key(tiling, component)))
 
     def has(self, tile: Tile) -> bool:
         """True if the tile is finished."""
@@ -38,9 +38,9 @@ class TileStore:
         with np.load(self._path(tile)) as content:
             return Surface(content["points"], content["normals"], content["colors"], content["triangles"])
 
-    def surfaces(self) -> Iterator[Surface]:
+    def surfaces(self, tiling: Tiling) -> Iterator[Surface]:
         """All tiles, one in memory at a time."""
-        return (self.load(tile) for tile in self._tiling.tiles)
+        return (self.load(tile) for tile in tiling.tiles)
 
     def _path(self, tile: Tile) -> Path:
         return self._folder / f"{tile.name}.npz"

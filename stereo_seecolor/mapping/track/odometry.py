@@ -1,6 +1,6 @@
 """Own stereo odometry: poses from what the frames show."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -13,10 +13,11 @@ from stereo_seecolor.mapping.recovered_frames import Unplaced
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import loop_closure, pose_graph
 from stereo_seecolor.mapping.track.components import agreeing, chain
-from stereo_seecolor.mapping.track.features import Features, detect
-from stereo_seecolor.mapping.track.image_errors import Pair, find_image_errors
-from stereo_seecolor.mapping.track.image_space import Observed
-from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose, fit_pose, relative_pose
+from stereo_seecolor.mapping.track.feature_store import FeatureStore
+from stereo_seecolor.mapping.track.features import Features
+from stereo_seecolor.mapping.track.image_errors import find_image_errors
+from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose
+from stereo_seecolor.mapping.track.track_work import CorrectedFeatures, Detection, Ends, Refitting, Relating, SeenPairs
 
 Array = NDArray[np.float64]
 
@@ -43,41 +44,31 @@ class Track:
     """
 
     survey: Survey
-    features: list[Features] = field(default_factory=list)
+    features: Sequence[Features] = ()
     edges: list[Edge] = field(default_factory=list)
     reasons: dict[int, str] = field(default_factory=dict)
     links: list[Edge] = field(default_factory=list)
-    found: dict[tuple[int, int], RelativePose | None] = field(default_factory=dict)
+    found: dict[Ends, RelativePose | None] = field(default_factory=dict)
 
-    def measure(self, a: int, b: int, loop: bool = False) -> Edge | None:
-        """The edge between the frames at two positions on the track; each pair is measured once."""
-        if (a, b) in self.found:
-            return None
-        relation = self.found[a, b] = relative_pose(self.features[a], self.features[b], self.survey.geometry)
-        return self._edge(a, b, relation, loop) if relation else None
+    def measure(self, pairs: Iterable[Ends], what: str, loop: bool = False) -> list[Edge]:
+        """The edges between the frames at two positions on the track; each pair is measured once. what: for the progress."""
+        new = [ends for ends in pairs if ends not in self.found]
+        relations = self.survey.compute.each(Relating(self.features, self.survey.geometry), new)
+        for done, (ends, relation) in enumerate(zip(new, relations, strict=True), 1):
+            self.found[ends] = relation
+            self.survey.progress(what, done, len(new))
+        return [self._edge(*ends, relation, loop) for ends in new if (relation := self.found[ends])]
 
     def take_out_image_errors(self) -> None:
         """Correct all features by the errors that the frames have in common, and measure the edges again by the same points."""
-        known = {ends: relation for ends, relation in self.found.items() if relation}
-        errors = find_image_errors(
-            [Pair(relation.T_a_b, *self._seen(ends, relation)) for ends, relation in known.items()], self.survey.geometry
-        )
+        known = [(ends, relation) for ends, relation in self.found.items() if relation]
+        errors = find_image_errors(SeenPairs(self.features, known), self.survey.geometry)
         if errors is None:
             return
-        self.features = [errors.corrected(features) for features in self.features]
-        self.edges = []
-        for (a, b), relation in known.items():
-            T, covariance, kept = fit_pose(relation.T_a_b, *self._seen((a, b), relation))
-            again = RelativePose(T, covariance, relation.index_a[kept], relation.index_b[kept])
-            self.found[a, b] = again
-            self.edges.append(self._edge(a, b, again, loop=False))
-
-    def _seen(self, ends: tuple[int, int], relation: RelativePose) -> tuple[Observed, Observed]:
-        a, b = self.features[ends[0]], self.features[ends[1]]
-        return (
-            Observed(a.points[relation.index_a], a.std[relation.index_a]),
-            Observed(b.points[relation.index_b], b.std[relation.index_b]),
-        )
+        self.features = CorrectedFeatures(self.features, errors)
+        again = list(self.survey.compute.each(Refitting(self.features), known))
+        self.found |= {ends: relation for (ends, _), relation in zip(known, again, strict=True)}
+        self.edges = [self._edge(*ends, relation, loop=False) for (ends, _), relation in zip(known, again, strict=True)]
 
     def _edge(self, a: int, b: int, relation: RelativePose, loop: bool) -> Edge:
         order = self.survey.index.order
@@ -94,19 +85,14 @@ class _Guess:
 
 def follow(survey: Survey) -> Track:
     """Measure each frame, in the order of time, against the last three; then without the errors that all images have."""
-    order = survey.index.order.tolist()
-    track = Track(survey, reasons=dict.fromkeys(order, "it shows nothing that another frame shows"))
-    for done, i in enumerate(order):
-        frame = survey.frames[i]
-        if isinstance(frame, Unplaced):
-            track.reasons[i] = frame.reason
-            track.features.append(Features.none())
-        else:
-            track.features.append(detect(frame, survey.geometry))
-        for back in range(done - 1, max(0, done - SETTINGS.window) - 1, -1):
-            if edge := track.measure(back, done):
-                track.edges.append(edge)
-        survey.progress("following the track", done + 1, len(order))
+    order, store = survey.index.order.tolist(), FeatureStore.of(survey)
+    track = Track(survey, store, reasons=dict.fromkeys(order, "it shows nothing that another frame shows"))
+    detection = Detection(survey.frames, survey.geometry, order, store)
+    for done, lost in enumerate(survey.compute.each(detection, range(len(order)))):
+        track.reasons |= {order[done]: lost} if lost else {}
+        survey.progress("finding features", done + 1, len(order))
+    near = [(back, here) for here in range(len(order)) for back in range(here - 1, max(0, here - SETTINGS.window) - 1, -1)]
+    track.edges += track.measure(near, "following the track")
     track.take_out_image_errors()
     return track
 
@@ -186,12 +172,7 @@ def _measure_loops(track: Track, guess: _Guess, number: int) -> list[Edge]:
         frames = frames[np.argsort(rank[frames])]
         points = ((int(rank[i]), transformed(guess.T[i], index.points_m[i])) for i in frames)
         candidates |= set(loop_closure.by_overlap(points, SETTINGS.window))
-    loops = []
-    for done, (a, b) in enumerate(sorted(candidates)):
-        if edge := track.measure(a, b, loop=True):
-            loops.append(edge)
-        track.survey.progress(f"closing loops, round {number + 1}", done + 1, len(candidates))
-    return loops
+    return track.measure(sorted(candidates), f"closing loops, round {number + 1}", loop=True)
 
 
 def _settle(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior]) -> _Guess:

@@ -1,0 +1,69 @@
+"""Features of a survey's frames on disk: so that memory is bounded, workers share them, and a track that was stopped goes on."""
+
+import shutil
+import tempfile
+import weakref
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.mapping.kept_folder import kept_folder
+from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.track.features import SETTINGS, Features
+from stereo_seecolor.version import __version__
+
+HELD = 64
+"""Frames whose features a process holds, some 0.4 MB each: neighbors are asked for again and again."""
+
+
+class FeatureStore(Lazy[Features]):
+    """A folder with one file a frame, by the frame's position on the track."""
+
+    def __init__(self, folder: Path, count: int) -> None:
+        self._folder, self._count = folder, count
+
+    @classmethod
+    def of(cls, survey: Survey) -> "FeatureStore":
+        """For a survey's frames; what was found in the same frames before is there already."""
+        index = survey.index
+        if survey.scratch is None:
+            return _Temporary(len(index.names))
+        key = content_key(__version__, SETTINGS, survey.geometry, index.checksums[index.order])
+        return cls(kept_folder(survey.scratch / "features", key), len(index.names))
+
+    def __len__(self) -> int:
+        return self._count
+
+    def item(self, number: int) -> Features:
+        """Those of the frame at a position. Raises FileNotFoundError where they were not found yet."""
+        return _loaded(self._path(number))
+
+    def has(self, number: int) -> bool:
+        """True if they are there."""
+        return self._path(number).is_file()
+
+    def save(self, number: int, features: Features) -> None:
+        """Raises OutputError."""
+        with atomic_path(self._path(number)) as path, path.open("wb") as file:
+            np.savez(file, points=features.points, std=features.std, descriptors=features.descriptors)
+
+    def _path(self, number: int) -> Path:
+        return self._folder / f"{number}.npz"
+
+
+class _Temporary(FeatureStore):
+    """In a folder that goes with this object."""
+
+    def __init__(self, count: int) -> None:
+        super().__init__(Path(tempfile.mkdtemp(prefix="stereo-seecolor-")), count)
+        weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+
+
+@lru_cache(maxsize=HELD)
+def _loaded(path: Path) -> Features:
+    with np.load(path) as content:
+        return Features(content["points"], content["std"], content["descriptors"])

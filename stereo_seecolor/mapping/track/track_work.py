@@ -1,0 +1,101 @@
+"""The work on frames and on pairs of frames of a track, as objects that can be sent to another process."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from calibration.geometry import RectifiedPair
+from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
+from stereo_seecolor.mapping.track.feature_store import FeatureStore
+from stereo_seecolor.mapping.track.features import Features, detect
+from stereo_seecolor.mapping.track.image_errors import ImageErrors, Pair
+from stereo_seecolor.mapping.track.image_space import Observed
+from stereo_seecolor.mapping.track.relative_pose import RelativePose, fit_pose, relative_pose
+
+Ends = tuple[int, int]
+"""Two positions on the track."""
+
+
+@dataclass(frozen=True, eq=False)
+class Detection:
+    """Finds the features of the frame at a position on the track, for the store; why there are none, "" where there are.
+
+    order: the frames by position.
+    """
+
+    frames: Frames
+    geometry: RectifiedPair
+    order: Sequence[int]
+    store: FeatureStore
+
+    def __call__(self, position: int) -> str:
+        """Raises OutputError."""
+        frame = self.frames[self.order[position]]
+        lost = isinstance(frame, Unplaced)
+        if lost or not self.store.has(position):
+            self.store.save(position, Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry))
+        return frame.reason if isinstance(frame, Unplaced) else ""
+
+
+@dataclass(frozen=True, eq=False)
+class Relating:
+    """The relative pose of the frames at two positions; None where they do not see the same."""
+
+    features: Sequence[Features]
+    geometry: RectifiedPair
+
+    def __call__(self, ends: Ends) -> RelativePose | None:
+        """As ``relative_pose``."""
+        return relative_pose(self.features[ends[0]], self.features[ends[1]], self.geometry)
+
+
+@dataclass(frozen=True, eq=False)
+class Refitting:
+    """A relative pose fitted again to the same points of other features."""
+
+    features: Sequence[Features]
+
+    def __call__(self, known: tuple[Ends, RelativePose]) -> RelativePose:
+        """As ``fit_pose``."""
+        ends, relation = known
+        pair = seen(self.features, ends, relation)
+        T, covariance, kept = fit_pose(pair.T_a_b, pair.a, pair.b)
+        return RelativePose(T, covariance, relation.index_a[kept], relation.index_b[kept])
+
+
+class CorrectedFeatures(Lazy[Features]):
+    """Features without the errors that all images have."""
+
+    def __init__(self, features: Sequence[Features], errors: ImageErrors) -> None:
+        self._features, self._errors = features, errors
+
+    def __len__(self) -> int:
+        return len(self._features)
+
+    def item(self, number: int) -> Features:
+        """Those of the frame at a position."""
+        return self._errors.corrected(self._features[number])
+
+
+class SeenPairs(Lazy[Pair]):
+    """What two frames both see, for each pair of a track that was measured."""
+
+    def __init__(self, features: Sequence[Features], known: Sequence[tuple[Ends, RelativePose]]) -> None:
+        self._features, self._known = features, known
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+    def item(self, number: int) -> Pair:
+        """The pair of a number."""
+        return seen(self._features, *self._known[number])
+
+
+def seen(features: Sequence[Features], ends: Ends, relation: RelativePose) -> Pair:
+    """The points of two frames that agree with their relative pose."""
+    a, b = features[ends[0]], features[ends[1]]
+    return Pair(
+        relation.T_a_b,
+        Observed(a.points[relation.index_a], a.std[relation.index_a]),
+        Observed(b.points[relation.index_b], b.std[relation.index_b]),
+    )
