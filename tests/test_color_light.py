@@ -113,6 +113,38 @@ def test_the_fall_off_of_lamps_is_what_water_does_not_explain() -> None:
     assert with_fall_off(gray, None) is gray
 
 
+def lamplight(pixel: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logarithm: two lamps beside a camera 70 degrees wide, of a beam that is half as bright at 37 degrees."""
+    ray = np.column_stack([(2 * pixel + 1 - np.array(SIZE)) / SIZE[0] * 0.7, np.ones(len(pixel))])
+    point_m = ray / np.linalg.norm(ray, axis=1, keepdims=True) * range_m[:, None]
+    away = [point_m - np.array([x_m, -0.12, -0.1]) for x_m in (-0.3, 0.42)]
+    distance_m = [np.linalg.norm(part, axis=1) for part in away]
+    return np.log(sum((part[:, 2] / d) ** 3 / d**2 for part, d in zip(away, distance_m, strict=True)))
+
+
+def night_windows(gains: NDArray[np.float64]) -> list[SeenWindow]:
+    """A camera that climbs from 1.6 to 2.6 m over spots of a rough bottom, which each four frames see."""
+    rng, found = np.random.default_rng(6), []
+    for first in range(FRAMES - 3):
+        patches, views = 300, 4
+        patch, view = np.repeat(np.arange(patches), views), np.tile(np.arange(views), patches)
+        start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (patches, 2))
+        pixel = start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1)
+        range_m = (1.6 + (first + view) / (FRAMES - 1)) * np.exp(rng.normal(0, 0.05, patches))[patch]
+        log_light = np.log(rng.uniform(0.05, 0.2, (patches, 3)))[patch] + gains[first + view]
+        log_light += (lamplight(pixel, range_m) + rng.normal(0, 0.02, patch.size))[:, None]
+        found.append(SeenWindow(np.arange(first, first + views), Sightings(patch, view, range_m, np.exp(log_light), pixel)))
+    return found
+
+
+def test_the_fall_off_of_lamps_is_told_from_frames_that_were_lit_less() -> None:
+    gains = np.repeat(0.15 * np.random.default_rng(7).standard_normal((FRAMES, 1)), 3, axis=1)
+    found = solve_light(night_windows(gains - gains.mean()), [f"{i:02d}" for i in range(FRAMES)], SIZE, ALL)
+    assert found is not None
+    assert found.light is not None
+    assert found.light.fade == pytest.approx(2.0, abs=0.5)
+
+
 def some_light() -> Light:
     coefficients = 0.05 * np.random.default_rng(4).standard_normal((TERMS, 3))
     return Light(coefficients, 2.0, (1.2, 3.0), {"a": np.array([0.1, 0.0, -0.2])}, 1.5)

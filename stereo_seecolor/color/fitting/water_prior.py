@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.fitting.low_discrepancy import low_discrepancy
 from stereo_seecolor.jerlov import KD_JERLOV, TABLE_NM, scattering_per_m
 
 Vector = NDArray[np.float64]
@@ -88,7 +89,7 @@ def water_prior(depth_m: float | None = None) -> tuple[Vector, Vector]:
     a_c(z) = far + (near - far) exp(-z RATE_OF_CHANGE). White is known up to the exposure, which is given a wide spread.
     depth_m: how far below the surface the scene lies, where known; else anything from the surface to where little red is left.
     """
-    samples = np.stack([_water(draw, depth_m) for draw in _low_discrepancy(ENSEMBLE.samples, 10)])
+    samples = np.stack([_water(draw, depth_m) for draw in low_discrepancy(ENSEMBLE.samples, 10)])
     return samples.mean(axis=0), np.cov(samples.T) + _left_out()
 
 
@@ -143,12 +144,3 @@ def _channels(draw: Vector) -> NDArray[np.float64]:
     widths = np.array(ENSEMBLE.widths_nm) * (1 - ENSEMBLE.width_fraction + 2 * ENSEMBLE.width_fraction * draw[3])
     filters = np.exp(-0.5 * ((_WAVELENGTH_NM - peaks[:, None]) / widths[:, None]) ** 2)
     return np.asarray(filters / filters.sum(axis=1, keepdims=True))
-
-
-def _low_discrepancy(number: int, dimensions: int) -> NDArray[np.float64]:
-    """(number, dimensions) points that fill the unit cube evenly: Kronecker's sequence on roots of the generalized golden ratio."""
-    ratio = 1.5
-    for _ in range(40):
-        ratio = (1 + ratio) ** (1 / (dimensions + 1))
-    steps = ratio ** -np.arange(1.0, dimensions + 1)
-    return np.asarray((0.5 + np.arange(1, number + 1)[:, None] * steps) % 1.0)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_solver import ROBUST_DEVIATION, Expected, Solution, Use, Window, explained, solve
+from stereo_seecolor.color.photometry.light_prior import LightPrior
+from stereo_seecolor.color.photometry.light_solver import ROBUST_DEVIATION, Solution, Use, Window, explained, solve
 
 Array = NDArray[np.float64]
 
@@ -52,14 +53,17 @@ class Choice:
     after: Spread
 
 
-def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, frames: int, expected: Expected) -> Choice:
-    """Begin with nothing, and add the term that lowers the spread most, as long as one lowers it enough. values: as ``solve``'s."""
+def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, frames: int, priors: Sequence[LightPrior]) -> Choice:
+    """Begin with nothing, and add the term that lowers the spread most, as long as one lowers it enough. values: as ``solve``'s.
+
+    Of several priors that is taken which the sightings fit best.
+    """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
     fitted, judged = ([value[window.held == held] for window, value in zip(windows, values, strict=True)] for held in (False, True))
     enough = sum(len(np.unique(window.patch)) for window in judge) >= SETTINGS.least_patches
 
     def score(use: Use) -> Spread:
-        return spread_left(judge, judged, solve(fit, fitted, use, frames, expected))
+        return spread_left(judge, judged, _best(fit, fitted, use, frames, priors))
 
     use, before = Use(), score(Use())
     now = before
@@ -70,7 +74,12 @@ def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, fra
         if not worth:
             break
         _, use, now = min(worth)
-    return Choice(use, solve(windows, values, use, frames, expected), before, now)
+    return Choice(use, _best(windows, values, use, frames, priors), before, now)
+
+
+def _best(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, priors: Sequence[LightPrior]) -> Solution:
+    solutions = (solve(windows, values, use, frames, prior) for prior in (priors if use.pattern else priors[:1]))
+    return min(solutions, key=lambda solution: solution.misfit)
 
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:

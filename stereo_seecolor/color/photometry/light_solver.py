@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_model import PATTERN, SHAPE, TERMS, pattern_terms
+from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.sightings import Sightings
 
 Array = NDArray[np.float64]
@@ -35,29 +36,6 @@ class SolverSettings:
     least_scale: float = 1e-4
     """Least robust standard deviation of the residuals, logarithm: sightings without noise would all be outliers."""
 
-
-@dataclass(frozen=True)
-class Expected:
-    """Prior standard deviations, of logarithms.
-
-    A slope of the pattern along the track and a drift of gains look alike: gains are held so close to 0 that the pattern takes it.
-    """
-
-    coefficient: float
-    """Of a coefficient of the pattern."""
-    ranged: float
-    """Of how much it changes where the range changes by a fifth."""
-    trend: float
-    """Of the trend with range, for a range that is a fifth longer."""
-    gain: float
-    """Of a frame's gain."""
-
-
-LUMINANCE = Expected(coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15)
-"""Corners at half the light and a fall-off as of lamps are common; strobes and exposures vary by a fifth of a stop."""
-COLOR = Expected(coefficient=0.2, ranged=0.05, trend=0.2, gain=0.03)
-"""Lamps and lens change color less than brightness, and a frame's light hardly at all. With 0.5 for gains the frames of a real dive
-drifted from pink to green, at the same agreement between views."""
 
 SETTINGS = SolverSettings()
 ROBUST_DEVIATION = 1.4826
@@ -101,11 +79,15 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """coefficients: (TERMS, Q) of the terms in use, else 0. trend: (1, Q), by log_range. gains: (F, Q) logarithms, of mean 0."""
+    """coefficients: (TERMS, Q) of the terms in use, else 0. trend: (1, Q), by log_range. gains: (F, Q) logarithms, of mean 0.
+
+    misfit: of the prior to the sightings, twice the negative logarithm of its evidence; to be compared between priors.
+    """
 
     coefficients: Array
     trend: Array
     gains: Array
+    misfit: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,37 +110,56 @@ class Views:
         return Window(patch, frames[seen.frame[kept]], terms, trend, np.log(seen.light[kept]), held)
 
 
-def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, expected: Expected) -> Solution:
+def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, prior: LightPrior) -> Solution:
     """``values``: of each window (N, Q), the logarithms that are to be explained. frames: number of frames in all."""
     columns = np.zeros(TERMS + 1, np.bool_)
     columns[:PATTERN], columns[PATTERN:TERMS], columns[TERMS:] = use.pattern, use.ranged, True
-    number, outputs = int(columns.sum()), values[0].shape[1]
-    size = number + (frames if use.gains else 0)
-    deviations = [expected.coefficient] * PATTERN + [expected.ranged] * (TERMS - PATTERN) + [expected.trend]
-    deviation = np.concatenate([np.array(deviations)[columns], np.full(size - number, expected.gain)])
-    prior = np.full(size, SETTINGS.first_prior)
-    designs = [_design(window, columns, use.gains) for window in windows]
+    known = prior.of(columns, frames if use.gains else 0)
+    parts = [
+        _Part(*_design(window, columns, use.gains), window.patch, value) for window, value in zip(windows, values, strict=True)
+    ]
     weights = [np.ones(len(window.patch)) for window in windows]
+    trust = SETTINGS.first_prior
     for _ in range(SETTINGS.rounds):
-        matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
-        for (design, at), window, value, weight in zip(designs, windows, values, weights, strict=True):
-            centered, target = _centered(window.patch, design, weight), _centered(window.patch, value, weight)
-            weighted = weight[:, None] * centered
-            matrix[np.ix_(at, at)] += centered.T @ weighted
-            slope[at] += weighted.T @ target
-        matrix[np.diag_indices(size)] += prior
-        found = np.linalg.solve(matrix, slope)
-        off = [
-            np.sqrt((_centered(window.patch, value - design @ found[at], weight) ** 2).mean(axis=1))
-            for (design, at), window, value, weight in zip(designs, windows, values, weights, strict=True)
-        ]
+        matrix, slope = _sums(parts, weights, len(known.mean))
+        pulled = slope + trust * (known.precision @ known.mean)[:, None]
+        found = np.asarray(np.linalg.solve(matrix + trust * known.precision, pulled), np.float64)
+        off = [part.off(found, weight) for part, weight in zip(parts, weights, strict=True)]
         scale = max(_robust_deviation(np.concatenate(off)), SETTINGS.least_scale)
         weights = [1.0 / (1.0 + (distance / (SETTINGS.outlier * scale)) ** 2) for distance in off]
-        prior = SETTINGS.alike * scale**2 / deviation**2
+        trust = SETTINGS.alike * max(scale, prior.systematic) ** 2
+    squares = sum(float((weight * distance**2).sum()) for weight, distance in zip(weights, off, strict=True))
+    number, outputs = int(columns.sum()), found.shape[1]
     coefficients = np.zeros((TERMS + 1, outputs))
     coefficients[columns] = found[:number]
     gains = found[number:] - found[number:].mean(axis=0) if use.gains else np.zeros((frames, outputs))
-    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains)
+    misfit = known.misfit(found, outputs * squares / trust, matrix / trust)
+    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, misfit)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """A window's equations. design (N, n): the columns that its sightings touch. at (n,): which these are of all."""
+
+    design: Array
+    at: NDArray[np.int64]
+    patch: NDArray[np.int64]
+    value: Array
+
+    def off(self, found: Array, weight: Array) -> Array:
+        """(N,) rms over the outputs of how far sightings are from what was found."""
+        return np.asarray(np.sqrt((_centered(self.patch, self.value - self.design @ found[self.at], weight) ** 2).mean(axis=1)))
+
+
+def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int) -> tuple[Array, Array]:
+    """The normal equations of all parts."""
+    matrix, slope = np.zeros((size, size)), np.zeros((size, parts[0].value.shape[1]))
+    for part, weight in zip(parts, weights, strict=True):
+        centered, target = _centered(part.patch, part.design, weight), _centered(part.patch, part.value, weight)
+        weighted = weight[:, None] * centered
+        matrix[np.ix_(part.at, part.at)] += centered.T @ weighted
+        slope[part.at] += weighted.T @ target
+    return matrix, slope
 
 
 def explained(window: Window, solution: Solution, trend: bool = True) -> Array:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_choice import Choice, choose
 from stereo_seecolor.color.photometry.light_model import SHAPE, Light
-from stereo_seecolor.color.photometry.light_solver import COLOR, LUMINANCE, Use, Views, Window
+from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
+from stereo_seecolor.color.photometry.light_solver import Use, Views, Window
 from stereo_seecolor.color.photometry.sightings import Sightings
 
 
@@ -86,8 +87,10 @@ def solve_light(windows: Sequence[SeenWindow], names: Sequence[str], size: tuple
     made = [window for window in made if len(window.patch)]
     if not made:
         return None
-    luminance = choose(made, [_mean(window) for window in made], allowed, len(names), LUMINANCE)
-    color = choose(made, [window.log_light - _mean(window) for window in made], allowed, len(names), COLOR)
+    priors = LightPrior.unknown(LUMINANCE), LightPrior.lamps(views.reference_m)
+    luminance = choose(made, [_mean(window) for window in made], allowed, len(names), priors)
+    colors = [window.log_light - _mean(window) for window in made]
+    color = choose(made, colors, allowed, len(names), (LightPrior.unknown(COLOR),))
     if not any(luminance.use) and not any(color.use):
         return SurveyLight(None, luminance, color)
     gains = luminance.solution.gains + color.solution.gains

@@ -1,0 +1,97 @@
+"""What lamps on a rig do to its pictures, before any is seen: drawn rigs, their light worked out, and how it varies.
+
+Near the rig their light changes over the picture as the range does, and it falls off by the square of the range. The two come
+together: a pattern that changes with range as that of lamps says how the light falls off. Views of the same spots hardly tell that
+from frames that were lit less.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.fitting.low_discrepancy import low_discrepancy
+from stereo_seecolor.color.photometry.light_model import SHAPE, TERMS, pattern_terms
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LampSettings:
+    """The rigs that are drawn; ends of even distributions."""
+
+    rigs: int = 400
+    """Some nine for each number of the pattern: the covariance is stable to a few percent."""
+    sideways_m: float = 0.8
+    """Lamps are up to this far from the camera, to both sides (or above and below): arms longer than that are rare."""
+    up_m: float = 0.5
+    """Across that."""
+    ahead_m: float = 0.3
+    """In front and behind."""
+    beam: tuple[float, float] = (0.5, 6.0)
+    """Power of the cosine from the lamp's axis: half the light at 75 and at 27 degrees."""
+    aim_rad: float = 0.3
+    """Standard deviation of a lamp's axis against the camera's, each way."""
+    attenuation: tuple[float, float] = (0.05, 0.5)
+    """Of luminance, 1/m: clear ocean to harbor. The light takes the way twice."""
+    corner: tuple[float, float] = (0.4, 1.0)
+    """Light that the lens leaves in the corners."""
+    alone: float = 0.3
+    """Fraction of rigs with one lamp."""
+    half_width: tuple[float, float] = (0.4, 0.9)
+    """Tangent of half the horizontal field of view: 44 to 84 degrees."""
+    rest: float = 0.05
+    """Standard deviation of what is not drawn (shading, reflectors), of a coefficient of the pattern; of its change a fifth."""
+    rest_trend: float = 0.04
+    """The same of the trend, for a range that is a fifth longer."""
+
+
+SETTINGS = LampSettings()
+_GRID, _SIZE = 9, (400, 300)
+_STEPS = np.linspace(-2, 2, 5)
+"""Ranges that are worked out, in steps of the polynomial: 0.67 to 1.5 times the reference."""
+
+
+@lru_cache(maxsize=4)
+def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
+    """Mean (TERMS + 1,) and covariance of the coefficients of the pattern and of the trend, of rigs with lamps."""
+    y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(_SIZE[::-1])[:, None, None] / _GRID)
+    places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(_SIZE) / (2 * _GRID) - 0.5
+    pixel, steps = np.tile(places, (len(_STEPS), 1)), np.repeat(_STEPS, len(places))
+    terms = np.column_stack([pattern_terms(pixel, steps, _SIZE), steps, np.ones_like(steps)])
+    light = np.stack(
+        [_light(draw, pixel, reference_m * np.exp(SHAPE.range_step * steps)) for draw in low_discrepancy(SETTINGS.rigs, 17)]
+    )
+    regular = 1e-6 * len(steps) * np.eye(terms.shape[1])
+    found = np.linalg.solve(terms.T @ terms + regular, terms.T @ light.T)[: TERMS + 1].T
+    number = TERMS // (SHAPE.range_degree + 1)
+    rest = np.array([SETTINGS.rest] * number + [0.2 * SETTINGS.rest] * (TERMS - number) + [SETTINGS.rest_trend])
+    return found.mean(axis=0), np.cov(found.T) + np.diag(rest**2)
+
+
+def _light(draw: Array, pixel: Array, range_m: Array) -> Array:
+    """(N,) logarithm of the light that comes back to pixels from ranges; draw: seventeen numbers in [0, 1)."""
+    tangent, corner = _between(SETTINGS.half_width, draw[0]), _between(SETTINGS.corner, draw[1])
+    attenuation, one = _between(SETTINGS.attenuation, draw[2]), draw[3] < SETTINGS.alone
+    across = (2 * pixel + 1 - np.array(_SIZE)) / _SIZE[0] * tangent
+    ray = np.column_stack([across, np.ones(len(pixel))])
+    ray /= np.linalg.norm(ray, axis=1, keepdims=True)
+    turned = [1, 0, 2] if draw[16] < 0.5 else [0, 1, 2]
+    lit = np.zeros(len(pixel))
+    for side, part in ((-1.0, draw[4:10]), (1.0, draw[10:16])):
+        lamp_m = np.array(
+            [side * SETTINGS.sideways_m * part[0], (2 * part[1] - 1) * SETTINGS.up_m, (2 * part[2] - 1) * SETTINGS.ahead_m]
+        )
+        away = ray * range_m[:, None] - lamp_m[turned]
+        distance_m = np.linalg.norm(away, axis=1)
+        axis = np.array([*(SETTINGS.aim_rad * np.sqrt(12) * (part[3:5] - 0.5)), 1.0])
+        cosine = np.maximum(away @ axis / np.linalg.norm(axis) / distance_m, 0.02)
+        beam = cosine ** _between(SETTINGS.beam, part[5]) / distance_m**2 * np.exp(-attenuation * distance_m)
+        lit += beam * (not (one and side > 0))
+    radius = (across**2).sum(axis=1) / (tangent**2 * (1 + (_SIZE[1] / _SIZE[0]) ** 2))
+    return np.asarray(np.log(lit) + np.log(corner) * radius - attenuation * range_m)
+
+
+def _between(ends: tuple[float, float], share: float) -> float:
+    return ends[0] + (ends[1] - ends[0]) * share
