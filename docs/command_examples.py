@@ -37,6 +37,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "measure": ("stereo-seecolor measure survey points.csv",),
     "report": ("stereo-seecolor report survey",),
     "view": ("stereo-seecolor view mapped  # opens the page in the browser",),
+    "metrics": ("stereo-seecolor metrics mapped --out metrics",),
     "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),
     "campaign": ("stereo-seecolor campaign campaign.yaml",),
     "plan": ("stereo-seecolor plan --left left --right right --calib cam.yaml",),

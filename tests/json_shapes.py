@@ -103,6 +103,9 @@ CHART_ROW = {
 FINDING = {"what": str, "ok": bool, "detail": str, "needed": bool, "without": str, "fix": str}
 SETTING_VALUE = (str, int, float, bool, list, None)
 
+STRUCTURE = ("rugosity_area", "rugosity_hvar", "fractal_dimension", "height_range_m", "vector_ruggedness", "mesh_rugosity")
+MEASURED = ("planar_m2", "surface_m2", "height_m", "volume_l", "rugosity")
+
 SHAPES: dict[str, Shape] = {
     "sync": {
         **END,
@@ -201,6 +204,36 @@ SHAPES: dict[str, Shape] = {
         ],
     },
     "view": {**END, "out": str, "mesh": (str, None), "viewer": str},
+    "metrics": {
+        **END,
+        "out": str,
+        "structure": [
+            {
+                "edge_m": float,
+                "squares": int,
+                **dict.fromkeys(("mean", "standard_error", "between_squares"), dict.fromkeys(STRUCTURE, (float, None))),
+            }
+        ],
+        "colonies": [
+            {
+                "name": str,
+                "label": str,
+                **dict.fromkeys(("measured", "standard_error"), dict.fromkeys(MEASURED, (float, None))),
+                "unseen": float,
+                "views": float,
+            }
+        ],
+        "cover": [
+            {
+                "label": str,
+                "outlines": int,
+                **dict.fromkeys(("surface_m2", "surface_std_m2", "planar_m2", "of_surface", "of_surface_std", "of_planar"), float),
+            }
+        ],
+        "unseen": [str],
+        **dict.fromkeys(("cell_m", "area_m2", "height_std_m"), (float, None)),
+        "files": [str],
+    },
     "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int},
     "water": {**END, "out": str, "path": str, "water": dict},
     "evaluate": {**END, **TRUTH},

@@ -15,6 +15,7 @@ from stereo_seecolor.cli import (
     live_command,
     machine_commands,
     map_commands,
+    reef_commands,
     rig_commands,
     score_commands,
     sync_command,
@@ -37,6 +38,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "report": map_commands.report,
         "view": map_commands.view,
         "measure": map_commands.measure,
+        "metrics": reef_commands.metrics,
         "export": map_commands.export,
     },
     "Single steps of run": {

@@ -59,11 +59,11 @@ def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
     east, north, residual = _plane(heights, known, cell_m)
     return ReefMetrics(
         coverage=coverage,
-        surface_rugosity=_surface_rugosity(heights, cell_m),
+        surface_rugosity=surface_rugosity(heights, cell_m),
         linear_rugosity=_linear_rugosity(heights, cell_m),
         slope_deg=float(np.degrees(np.arctan(np.hypot(east, north)))),
         aspect_deg=float(np.degrees(np.arctan2(-east, -north)) % 360),
-        vector_ruggedness=_vector_ruggedness(heights, cell_m),
+        vector_ruggedness=vector_ruggedness(heights, cell_m),
         fractal_dimension=_fractal_dimension(heights, cell_m),
         height_range_m=float(np.nanmax(residual) - np.nanmin(residual)),
     )
@@ -112,7 +112,7 @@ def _plane(heights: Heights, known: NDArray[np.bool_], cell_m: float) -> tuple[f
     return float(solution[0]), float(solution[1]), residual
 
 
-def _surface_rugosity(heights: Heights, cell_m: float) -> float:
+def surface_rugosity(heights: Heights, cell_m: float) -> float:
     """Two triangles between each four neighbors, both ways to halve the square averaged; only where all four are known."""
     a, b, c, d = heights[:-1, :-1], heights[:-1, 1:], heights[1:, :-1], heights[1:, 1:]
     area = np.zeros(a.shape)
@@ -126,7 +126,8 @@ def _linear_rugosity(heights: Heights, cell_m: float) -> float:
     return float(np.mean([np.nanmean(s) for s in steps]))
 
 
-def _vector_ruggedness(heights: Heights, cell_m: float) -> float:
+def vector_ruggedness(heights: Heights, cell_m: float) -> float:
+    """1 - length of the mean unit normal (Sappington et al. 2007); NaN where no cell has all its neighbors."""
     padded = heights
     west, east = padded[:, :-2], padded[:, 2:]
     rise_x = ((east - west)[:-2] + 2 * (east - west)[1:-1] + (east - west)[2:]) / (8 * cell_m)
@@ -144,7 +145,7 @@ def _fractal_dimension(heights: Heights, cell_m: float) -> float:
         coarse = heights[::scale, ::scale]
         if min(coarse.shape) < 4:
             break
-        rugosity = _surface_rugosity(coarse, cell_m * scale)
+        rugosity = surface_rugosity(coarse, cell_m * scale)
         if np.isfinite(rugosity):
             sizes.append(np.log(cell_m * scale))
             areas.append(np.log(rugosity))

@@ -1,0 +1,65 @@
+"""Metrics of a reef as text for a person."""
+
+from typing import TYPE_CHECKING
+
+from stereo_seecolor.cli.console import lines, table
+
+if TYPE_CHECKING:
+    from stereo_seecolor.metrics.site_metrics import SiteMetrics
+
+
+def metrics_text(result: "SiteMetrics") -> str:
+    """Structure at each scale, then outlines and cover where there are any; each number with its standard error."""
+    head = f"{result.area_m2:.2f} m2 seen, cells of {1000 * result.cell_m:g} mm"
+    parts = [lines([f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"]), _structure(result)]
+    if result.colonies:
+        parts += [_outlines(result), _cover(result)]
+    parts += [lines([f"not seen: {name}" for name in result.unseen]), lines([f"  {path}" for path in result.files])]
+    return "\n".join(part for part in parts if part)
+
+
+def _structure(result: "SiteMetrics") -> str:
+    """A column for each scale; in brackets the standard error, in units of the last digit."""
+    if not result.structure:
+        return "no square of 0.25 m or more was seen well enough\n"
+    names = tuple(vars(result.structure[0].mean))
+    rows = [("squares", *(f"{each.squares}" for each in result.structure))]
+    rows += [
+        (name, *(_concise(vars(each.mean)[name], vars(each.standard_error)[name]) for each in result.structure)) for name in names
+    ]
+    return table(("in squares of", *(f"{each.edge_m:g} m" for each in result.structure)), rows)
+
+
+def _concise(value: float, error: float) -> str:
+    """1.398(2) is 1.398 +- 0.002."""
+    return f"{value:.3f}({1000 * error:.0f})"
+
+
+def _outlines(result: "SiteMetrics") -> str:
+    rows = [
+        (
+            each.name,
+            each.label,
+            f"{1e4 * each.measured.planar_m2:.0f}",
+            f"{1e4 * each.measured.surface_m2:.0f} +- {1e4 * each.standard_error.surface_m2:.0f}",
+            f"{100 * each.measured.height_m:.1f} +- {100 * each.standard_error.height_m:.1f}",
+            f"{each.measured.volume_l:.3f} +- {each.standard_error.volume_l:.3f}",
+            f"{each.views:.1f}",
+        )
+        for each in result.colonies
+    ]
+    return table(("outline", "label", "planar cm2", "surface cm2", "height cm", "volume l", "views"), rows)
+
+
+def _cover(result: "SiteMetrics") -> str:
+    rows = [
+        (
+            each.label,
+            f"{each.outlines}",
+            f"{each.surface_m2:.4f} +- {each.surface_std_m2:.4f}",
+            f"{each.of_surface:.1%} +- {each.of_surface_std:.1%}",
+            f"{each.of_planar:.1%}",
+        )
+        for each in result.cover
+    ]
+    return table(("label", "n", "surface m2", "of the surface", "in plan"), rows)

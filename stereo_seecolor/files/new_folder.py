@@ -1,0 +1,35 @@
+"""A folder that is written as a whole or not at all."""
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.atomic import flush_folder, output_errors, temporary_path
+
+
+def refuse_filled(folder: Path) -> None:
+    """Raises OutputError if ``folder`` holds anything, or is no folder."""
+    if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
+        raise OutputError(f"{folder}: is there already: this goes into a new or an empty folder; nothing was touched")
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[Path]:
+    """A folder to write into, which becomes ``folder`` when the block ends well, and is removed otherwise.
+
+    Raises OutputError if ``folder`` holds anything, or cannot be written.
+    """
+    refuse_filled(folder)
+    building = temporary_path(folder)
+    try:
+        with output_errors(folder):
+            building.mkdir(parents=True)
+            yield building
+            if folder.is_dir():
+                folder.rmdir()  # empty, as was looked at
+            building.rename(folder)
+            flush_folder(folder.parent)
+    finally:
+        shutil.rmtree(building, ignore_errors=True)

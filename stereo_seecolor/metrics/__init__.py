@@ -1,0 +1,1 @@
+"""What ecologists publish of a reef's structure, with standard errors."""

@@ -1,0 +1,119 @@
+"""A colony, or whatever an outline holds: its planar area, its surface, its height and its volume above the ground around it."""
+
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.raster.reef_metrics import surface_rugosity
+from stereo_seecolor.metrics.outlines import Outline
+from stereo_seecolor.metrics.redraw import spread_of
+from stereo_seecolor.site.mesh import SiteMesh
+from stereo_seecolor.site.terrain import Terrain
+from stereo_seecolor.site.terrain_errors import TerrainErrors
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+RIM_CELLS = 2
+"""The ground around an outline: the cells up to this far outside."""
+FEWEST_RIM_CELLS = 6
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Square meters, meters and liters. surface_m2: of the mesh, overhangs included. volume_l: above the plane through the rim."""
+
+    planar_m2: float
+    surface_m2: float
+    height_m: float
+    volume_l: float
+    rugosity: float
+
+
+@dataclass(frozen=True)
+class Colony:
+    """What an outline holds, with standard errors from the range errors; unseen: fraction of its cells without a surface.
+
+    views: mean number of frames behind a cell.
+    """
+
+    name: str
+    label: str
+    measured: Measured
+    standard_error: Measured
+    unseen: float
+    views: float
+
+
+def measure_outlines(outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[Colony | None]:
+    """What each holds; None where nothing of it was seen."""
+    masks = [outline.mask(terrain.grid) for outline in outlines]
+    seen = [i for i, mask in enumerate(masks) if (mask & terrain.known).any()]
+    if not seen:
+        return [None] * len(outlines)
+    windows = {i: _window(masks[i]) for i in seen}
+
+    def by_terrain(heights: Array) -> Array:
+        each = [_by_terrain(heights[windows[i]], masks[i][windows[i]], terrain.grid.cell_m) for i in seen]
+        return np.array([astuple(one) for one in each]).ravel()
+
+    values, errs = (v.reshape(len(seen), -1) for v in (by_terrain(terrain.height_m), spread_of(by_terrain, terrain, errors)))
+    colonies: list[Colony | None] = [None] * len(outlines)
+    for i, value, error in zip(seen, values, errs, strict=True):
+        known = masks[i] & terrain.known
+        fraction = float(known.sum() / masks[i].sum())
+        surface_m2 = mesh_area_m2(mesh, terrain, masks[i]) / fraction
+        measured = replace(Measured(*value), surface_m2=surface_m2, rugosity=surface_m2 / value[0])
+        views = float(errors.views[known].mean())
+        colonies[i] = Colony(outlines[i].name, outlines[i].label, measured, Measured(*error), 1 - fraction, views)
+    return colonies
+
+
+def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:
+    """Square meters of mesh over, and below, the cells of a mask."""
+    column, row = np.rint(terrain.grid.pixels(mesh.triangle_centers_m)).astype(int).T
+    height, width = terrain.grid.shape
+    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+    return float(mesh.triangle_areas_m2[inside][mask[row[inside], column[inside]]].sum())
+
+
+def _by_terrain(heights: Array, inside: Mask, cell_m: float) -> Measured:
+    """As the terrain alone shows it; what was not seen is taken to be like the rest."""
+    above = (heights - _ground(heights, inside))[inside]
+    planar_m2 = float(inside.sum()) * cell_m**2
+    own = np.where(inside, heights, np.nan)
+    rugosity = surface_rugosity(own, cell_m) if _has_squares(own) else float("nan")
+    seen = above[np.isfinite(above)]
+    height_m, mean_m = (float(seen.max()), float(seen.mean())) if len(seen) else (float("nan"), float("nan"))
+    return Measured(planar_m2, rugosity * planar_m2, height_m, 1000 * mean_m * planar_m2, rugosity)
+
+
+def _has_squares(heights: Array) -> bool:
+    """Whether any four neighbors are known."""
+    known = np.isfinite(heights)
+    return bool((known[:-1, :-1] & known[:-1, 1:] & known[1:, :-1] & known[1:, 1:]).any())
+
+
+def _window(mask: Mask) -> tuple[slice, slice]:
+    """The cells around an outline, its rim with them."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    margin = RIM_CELLS + 1
+    return (
+        slice(max(int(rows[0]) - margin, 0), int(rows[-1]) + margin + 1),
+        slice(max(int(columns[0]) - margin, 0), int(columns[-1]) + margin + 1),
+    )
+
+
+def _ground(heights: Array, inside: Mask) -> Array:
+    """(H, W) the plane through the rim around an outline; NaN where too little of that was seen."""
+    near = cv2.dilate(inside.astype(np.uint8), np.ones((2 * RIM_CELLS + 1,) * 2, np.uint8)) > 0
+    rows, columns = np.nonzero(near & ~inside & np.isfinite(heights))
+    if len(rows) < FEWEST_RIM_CELLS:
+        return np.full_like(heights, np.nan)
+    basis = np.stack([columns, rows, np.ones(len(rows))], axis=-1).astype(np.float64)
+    plane = np.linalg.lstsq(basis, heights[rows, columns], rcond=None)[0]
+    row, column = np.indices(heights.shape)
+    return np.asarray(column * plane[0] + row * plane[1] + plane[2])

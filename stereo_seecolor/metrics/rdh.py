@@ -1,0 +1,84 @@
+"""Rugosity, fractal dimension and height range of a square: the three that one geometry ties together.
+
+Torres-Pulliza et al. 2020, Nature Ecology & Evolution 4:1495: the mean height range dh(L) of squares of edge L grows as L^(3 - D).
+Their plane: R^2 = dh(L0)^2 / (2 L0^2) + 1 with L0 the finest edge. Means of ranges and the logarithmic regression are those of the
+R package habtools (method hvar). Nothing is leveled: a slope counts as height, as it does there.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.raster.reef_metrics import surface_rugosity
+
+Heights = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RdhSettings:
+    """Which scales enter."""
+
+    halvings: int = 4  # edges of L, L/2, ... L/16, as habtools' documentation suggests: 2, 1, 0.5, 0.25, 0.125 m
+    finest_cells: int = 4  # a height range of fewer cells is too small
+    fewest_scales: int = 3  # two always lie on a line
+
+
+SETTINGS = RdhSettings()
+
+
+@dataclass(frozen=True)
+class Rdh:
+    """rugosity_hvar: from height ranges at the finest edge. rugosity_area: area of the surface over its planar area (Jenness 2004).
+
+    fractal_dimension: 2 flat to 3. height_range_m: highest less lowest. NaN where too little was seen.
+    """
+
+    rugosity_hvar: float
+    rugosity_area: float
+    fractal_dimension: float
+    height_range_m: float
+
+
+def rdh(height_m: NDArray[np.floating], cell_m: float, edges_m: Sequence[float] | None = None) -> Rdh:
+    """Of a square of terrain (H, W), NaN where unknown. edges_m: the scales; by default the square's edge halved four times."""
+    heights = np.asarray(height_m, np.float64)
+    edge_m = min(heights.shape) * cell_m
+    wanted = edges_m or [edge_m / 2**k for k in range(SETTINGS.halvings + 1)]
+    parts = sorted({max(1, round(edge_m / edge)) for edge in wanted if edge >= SETTINGS.finest_cells * cell_m})
+    edges = edge_m / np.array(parts, np.float64)
+    ranges = np.array([mean_height_range(heights, part) for part in parts])
+    finest = ranges[-1] / edges[-1] if parts else np.nan
+    return Rdh(
+        rugosity_hvar=float(np.sqrt(finest**2 / 2 + 1)),
+        rugosity_area=surface_rugosity(heights, cell_m),
+        fractal_dimension=_dimension(edges, ranges),
+        height_range_m=float(np.nanmax(heights) - np.nanmin(heights)) if np.isfinite(heights).any() else float("nan"),
+    )
+
+
+def plane_dimension(rugosity: float, height_range_m: float, edge_m: float, finest_m: float) -> float:
+    """D that the plane equation gives for R and H: 3 - log(H / (sqrt 2 L0 sqrt(R^2 - 1))) / log(L / L0)."""
+    finest_range_m = np.sqrt(2) * finest_m * np.sqrt(rugosity**2 - 1)
+    return float(3 - np.log(height_range_m / finest_range_m) / np.log(edge_m / finest_m))
+
+
+def mean_height_range(heights: Heights, parts: int) -> float:
+    """Mean of highest less lowest over parts x parts squares; squares of which less than half is known do not count."""
+    row, column = (np.arange(n) * parts // n for n in heights.shape)
+    square = (row[:, None] * parts + column[None, :]).ravel()
+    known = np.isfinite(heights).ravel()
+    high, low = np.full(parts**2, -np.inf), np.full(parts**2, np.inf)
+    np.maximum.at(high, square[known], heights.ravel()[known])
+    np.minimum.at(low, square[known], heights.ravel()[known])
+    full = np.bincount(square[known], minlength=parts**2) >= 0.5 * np.bincount(square, minlength=parts**2)
+    return float((high - low)[full].mean()) if full.any() else float("nan")
+
+
+def _dimension(edges_m: Heights, ranges_m: Heights) -> float:
+    """3 - slope of log range over log edge; a surface without any height is flat."""
+    usable = np.isfinite(ranges_m) & (ranges_m > 0)
+    if usable.sum() >= SETTINGS.fewest_scales:
+        return 3 - float(np.polyfit(np.log(edges_m[usable]), np.log(ranges_m[usable]), 1)[0])
+    return 2.0 if len(ranges_m) and (ranges_m == 0).all() else float("nan")

@@ -1,0 +1,57 @@
+"""The numbers of a site as tables: one CSV each, standard errors beside the values."""
+
+import csv
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.metrics.colony import Colony
+from stereo_seecolor.metrics.site_metrics import SiteMetrics
+from stereo_seecolor.metrics.structure import StructureAtScale
+
+Row = dict[str, Any]
+
+
+def tables(result: SiteMetrics) -> dict[str, list[Row]]:
+    """Name of the table -> its rows; those of outlines only where there are outlines."""
+    found = {"structure": [_scale(each) for each in result.structure], "outlines": [_outline(each) for each in result.colonies]}
+    found["cover"] = [asdict(each) for each in result.cover]
+    return {name: rows for name, rows in found.items() if rows}
+
+
+def write_tables(folder: Path, content: dict[str, list[Row]]) -> None:
+    """A CSV for each table; numbers that are not known are empty."""
+    for name, rows in content.items():
+        with atomic_path(folder / f"{name}.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(rows[0])
+            writer.writerows([cell(value) for value in row.values()] for row in rows)
+
+
+def cell(value: Any) -> Any:
+    """A value as a cell of a CSV."""
+    if isinstance(value, float):
+        return f"{value:.6g}" if value == value else ""
+    return value
+
+
+def _scale(scale: StructureAtScale) -> Row:
+    return {"edge_m": scale.edge_m, "squares": scale.squares} | _with_errors(
+        asdict(scale.mean), {"std": asdict(scale.standard_error), "between": asdict(scale.between_squares)}
+    )
+
+
+def _outline(colony: Colony) -> Row:
+    head: Row = {"name": colony.name, "label": colony.label}
+    body = _with_errors(asdict(colony.measured), {"std": asdict(colony.standard_error)})
+    return head | body | {"unseen": colony.unseen, "views": colony.views}
+
+
+def _with_errors(values: Row, others: dict[str, Row]) -> Row:
+    """Each value with its columns of errors beside it: rugosity, rugosity_std, ..."""
+    row: Row = {}
+    for name, value in values.items():
+        row[name] = value
+        row |= {f"{name}_{suffix}": columns[name] for suffix, columns in others.items()}
+    return row

@@ -1,0 +1,46 @@
+"""The mesh of a fused run in memory, in coordinates of one's choice."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.geometry import transformed
+from stereo_seecolor.run_folder.layout import MAP, MESH
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SiteMesh:
+    """points_m, normals: (V, 3) float64, z up, the map's own coordinates. color: (V, 3) uint8. triangles: (T, 3) vertex numbers."""
+
+    points_m: Array
+    normals: Array
+    color: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+
+    def moved(self, T: Array) -> "SiteMesh":
+        """The mesh through a rigid transform (4, 4)."""
+        return SiteMesh(transformed(T, self.points_m), self.normals @ T[:3, :3].T, self.color, self.triangles)
+
+    @property
+    def triangle_areas_m2(self) -> Array:
+        """(T,) area of each triangle."""
+        a, b, c = (self.points_m[self.triangles[:, k]] for k in range(3))
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    @property
+    def triangle_centers_m(self) -> Array:
+        """(T, 3) center of each triangle."""
+        return np.asarray(self.points_m[self.triangles].mean(axis=1))
+
+
+def read_mesh(out: Path) -> SiteMesh:
+    """The mesh of the map's main component in OUT/map."""
+    path = out / MAP / MESH
+    vertices = read_vertices(path)
+    points, normals = (np.asarray(vertices[name], np.float64) for name in ("position", "normal"))
+    return SiteMesh(points, normals, np.array(vertices["color"]), np.array(read_triangles(path)["indices"]))

@@ -1,0 +1,50 @@
+"""Heights and colors of a mesh seen from straight above, on a grid."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.rasterize import rasterize
+from stereo_seecolor.site.mesh import SiteMesh
+
+
+@dataclass(frozen=True, eq=False)
+class Terrain:
+    """The highest surface over each cell of ``grid``: height_m (H, W), color (H, W, 3) 0..255 as float32; NaN where unknown."""
+
+    grid: Grid
+    height_m: NDArray[np.float64]
+    color: NDArray[np.float32]
+
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(H, W) True where there is a surface."""
+        return np.isfinite(self.height_m)
+
+    @property
+    def slopes(self) -> NDArray[np.float64]:
+        """(2, H, W) rise of the surface to the east and to the north, NaN at holes."""
+        rows, columns = np.gradient(self.height_m, self.grid.cell_m)
+        return np.stack([columns, -rows])
+
+    @property
+    def points_m(self) -> NDArray[np.float64]:
+        """(H, W, 3) of the cells' centers on the surface."""
+        x, y = self.grid.centers(slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1]))
+        return np.stack([x, y, self.height_m], axis=-1)
+
+
+def grid_of(mesh: SiteMesh, cell_m: float) -> Grid:
+    """The cells that cover a mesh."""
+    return Grid.around(mesh.points_m.min(axis=0), mesh.points_m.max(axis=0), cell_m)
+
+
+def terrain_of(mesh: SiteMesh, grid: Grid) -> Terrain:
+    """A mesh on a grid."""
+    height = np.full(grid.shape, np.nan)
+    color = np.full((*grid.shape, 3), np.nan, np.float32)
+    pixels = np.concatenate([grid.pixels(mesh.points_m), mesh.points_m[:, 2:]], axis=1)
+    rasterize(pixels, mesh.color.astype(np.float32), mesh.triangles, height, color)
+    return Terrain(grid, height, color)

@@ -1,0 +1,293 @@
+"""Structure, colonies and cover of a site: against closed forms, and with standard errors that hold."""
+
+import csv
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from json_shapes import SHAPES, mismatch
+from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+from numpy.typing import NDArray
+
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.export.posed_run import PosedRun, open_posed_run
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.metrics.colony import Colony, Measured, measure_outlines
+from stereo_seecolor.metrics.cover import cover
+from stereo_seecolor.metrics.outline_files import read_outlines
+from stereo_seecolor.metrics.outlines import Outline
+from stereo_seecolor.metrics.rdh import mean_height_range, plane_dimension, rdh
+from stereo_seecolor.metrics.structure import structure
+from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.site.mesh import SiteMesh, read_mesh
+from stereo_seecolor.site.terrain import Terrain, grid_of, terrain_of
+from stereo_seecolor.site.terrain_errors import TerrainErrors, terrain_errors
+
+CELL_M = 0.01
+RIM_M = 0.1743
+"""Around a dome of 0.15 m; no center of a cell lies on it."""
+Array = NDArray[np.float64]
+
+
+def mesh_of(height: Callable[[Array, Array], Array], half_m: float = 0.3) -> SiteMesh:
+    """z = height(x, y) over a square, triangulated at CELL_M."""
+    steps = round(half_m / CELL_M)
+    x, y = np.meshgrid(*(np.arange(-steps, steps + 1) * CELL_M,) * 2)
+    points = np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3)
+    n = 2 * steps + 1
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    triangles = np.concatenate([corner[:, None] + [0, 1, n], corner[:, None] + [1, n + 1, n]]).astype(np.int32)
+    return SiteMesh(points, np.tile([0.0, 0, 1], (n * n, 1)), np.full((n * n, 3), 90, np.uint8), triangles)
+
+
+def site(mesh: SiteMesh, std_m: float = 0.003, correlation_m: float = 0.01) -> tuple[Terrain, TerrainErrors]:
+    terrain = terrain_of(mesh, grid_of(mesh, CELL_M))
+    return terrain, TerrainErrors(np.full(terrain.grid.shape, std_m), np.full(terrain.grid.shape, 4, np.int32), correlation_m)
+
+
+def circle(radius_m: float, name: str = "a", label: str = "") -> Outline:
+    angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
+    return Outline(name, label, (radius_m * np.stack([np.cos(angle), np.sin(angle)], axis=-1),))
+
+
+def dome(x: Array, y: Array, radius_m: float = 0.15) -> Array:
+    return np.sqrt(np.maximum(radius_m**2 - x**2 - y**2, 0))
+
+
+def test_a_slope_has_the_dimension_of_a_plane_and_the_rugosity_of_its_tilt() -> None:
+    row, column = np.indices((200, 200))
+    across = 0.5 / np.sqrt(2) * 0.01 * (row + column)  # rises by 0.5 along the diagonal
+    found = rdh(across, 0.01)
+    assert found.rugosity_area == pytest.approx(np.sqrt(1 + 0.5**2), abs=1e-9)
+    assert found.height_range_m == pytest.approx(across.max() - across.min())
+    assert found.fractal_dimension == pytest.approx(2, abs=0.03)
+    # by ranges of the heights at cells' centers: 12 of them span 11 cells, a range of sqrt(2) 0.5 11 / 12 of the edge
+    assert found.rugosity_hvar == pytest.approx(np.sqrt(1 + 0.5**2), abs=0.03)
+    flat = rdh(np.zeros((64, 64)), 0.01)
+    assert (flat.rugosity_hvar, flat.fractal_dimension, flat.height_range_m) == (1, 2, 0)
+    assert flat.rugosity_area == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("dimension", "tolerance"), [(2.2, 0.25), (2.5, 0.12), (2.8, 0.12)])
+def test_the_dimension_of_a_fractal_surface_is_found(dimension: float, tolerance: float) -> None:
+    """Height ranges are known to say too much of a smooth surface: their largest square holds few independent heights."""
+    n, rng = 1024, np.random.default_rng(3)
+    frequency = np.hypot(np.fft.fftfreq(n)[:, None], np.fft.rfftfreq(n)[None, :])
+    frequency[0, 0] = np.inf
+    spectrum = np.fft.rfft2(rng.standard_normal((n, n))) * frequency ** -(3 - dimension + 1)
+    heights = np.fft.irfft2(spectrum)[:512, :512]
+    assert rdh(heights / heights.std(), 0.01).fractal_dimension == pytest.approx(dimension, abs=tolerance)
+
+
+def test_the_three_numbers_lie_on_their_plane() -> None:
+    edges, finest_range_m, dimension = (2.0, 0.125), 0.09, 2.24
+    height_range_m = finest_range_m * (edges[0] / edges[1]) ** (3 - dimension)
+    rugosity = np.sqrt(finest_range_m**2 / (2 * edges[1] ** 2) + 1)
+    assert plane_dimension(rugosity, height_range_m, *edges) == pytest.approx(dimension, abs=1e-12)
+
+
+def test_height_ranges_leave_out_squares_that_were_hardly_seen() -> None:
+    heights = np.zeros((8, 8))
+    heights[:4, :4], heights[0, 0] = np.nan, 50.0
+    heights[4:, 4:] = np.arange(16).reshape(4, 4)
+    assert mean_height_range(heights, 2) == pytest.approx((0 + 0 + 15) / 3)
+    assert np.isnan(mean_height_range(np.full((8, 8), np.nan), 2))
+
+
+def test_a_half_sphere_has_its_volume_surface_and_height() -> None:
+    mesh = mesh_of(dome)
+    terrain, errors = site(mesh)
+    (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors)
+    assert colony is not None
+    ring_m2 = np.pi * (RIM_M**2 - 0.15**2)
+    assert colony.measured.planar_m2 == pytest.approx(np.pi * RIM_M**2, rel=0.01)
+    assert colony.measured.volume_l == pytest.approx(1000 * 2 / 3 * np.pi * 0.15**3, rel=0.01)
+    assert colony.measured.height_m == pytest.approx(0.15, abs=1e-3)
+    assert colony.measured.surface_m2 == pytest.approx(2 * np.pi * 0.15**2 + ring_m2, rel=0.03)  # steep cells at the foot
+    assert (colony.views, colony.unseen) == (4, 0)
+
+
+def test_a_volume_stands_above_ground_that_slopes() -> None:
+    mesh = mesh_of(lambda x, y: dome(x, y) + 0.4 * x - 0.2 * y)
+    terrain, errors = site(mesh)
+    (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors)
+    assert colony is not None and colony.measured.volume_l == pytest.approx(1000 * 2 / 3 * np.pi * 0.15**3, rel=0.01)
+
+
+def test_the_mesh_counts_what_overhangs() -> None:
+    ground = mesh_of(lambda x, y: 0 * x)
+    table = ground.moved(np.block([[np.eye(3), np.array([[0], [0], [0.2]])], [np.zeros(3), 1]]))
+    both = SiteMesh(
+        *(np.concatenate([getattr(ground, n), getattr(table, n)]) for n in ("points_m", "normals", "color")),
+        np.concatenate([ground.triangles, table.triangles + len(ground.points_m)]),
+    )
+    terrain, errors = site(both)
+    (scale, *_) = structure(both, terrain, errors)
+    assert scale.mean.rugosity_area == pytest.approx(1, abs=1e-9)
+    assert scale.mean.mesh_rugosity == pytest.approx(2, abs=0.05)  # a cell at the edge is half covered
+
+
+def test_standard_errors_are_the_spread_of_repeated_surveys() -> None:
+    """Surveys of one dome with errors of known size: their volumes differ by as much as each of them says."""
+    rng, clean = np.random.default_rng(1), mesh_of(dome)
+    found = []
+    for _ in range(24):
+        noisy = clean.points_m + np.array([0, 0, 0.004]) * rng.standard_normal((len(clean.points_m), 1))
+        mesh = SiteMesh(noisy, clean.normals, clean.color, clean.triangles)
+        terrain, errors = site(mesh, 0.004, correlation_m=0.0)
+        (colony,) = measure_outlines([circle(RIM_M)], mesh, terrain, errors)
+        assert colony is not None
+        found.append((colony.measured.volume_l, colony.standard_error.volume_l))
+    volumes, said = np.array(found).T
+    assert 0.6 < volumes.std(ddof=1) / said.mean() < 1.6
+
+
+def test_cover_is_of_the_surface_and_not_of_its_plan() -> None:
+    colonies = [colony("coral", 2.0, 1.0, 0.1), colony("coral", 4.0, 2.0, 0.1), colony("", 2.0, 3.0, 0.2)]
+    coral, sand = cover(colonies)
+    assert (coral.label, coral.outlines, coral.surface_m2, coral.of_surface, coral.of_planar) == ("coral", 2, 6, 0.75, 0.5)
+    assert (sand.label, sand.of_surface) == ("unlabeled", 0.25)
+    # of a / (a + b) with a = 6 +- 0.1 sqrt 2, b = 2 +- 0.2
+    assert coral.of_surface_std == pytest.approx(np.hypot(2 * 0.1 * np.sqrt(2), 6 * 0.2) / 64)
+    assert sand.of_surface_std == pytest.approx(coral.of_surface_std)
+
+
+def colony(label: str, surface_m2: float, planar_m2: float, std_m2: float) -> Colony:
+    nothing = float("nan")
+    error = Measured(0, std_m2, nothing, nothing, nothing)
+    return Colony("", label, Measured(planar_m2, surface_m2, nothing, nothing, nothing), error, 0, 3)
+
+
+def test_an_outline_with_a_hole_covers_the_cells_whose_centers_it_holds() -> None:
+    grid = Grid(0.0, 1.0, 0.1, (10, 10))
+    outer, inner = (
+        np.array([[0.04, 0.04], [0.96, 0.04], [0.96, 0.96], [0.04, 0.96]]),
+        np.array([[0.3, 0.3], [0.6, 0.3], [0.6, 0.6], [0.3, 0.6]]),
+    )
+    mask = Outline("", "", (outer, inner)).mask(grid)
+    expected = np.ones((10, 10), bool)
+    expected[4:7, 3:6] = False
+    assert (mask == expected).all()
+    assert not Outline("", "", (outer + 0.02,)).mask(grid)[:, 0].any()
+
+
+@pytest.fixture(scope="module")
+def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A flat bottom at z = 0, seen from 1.5 m by five frames 0.3 m apart."""
+    folder = tmp_path_factory.mktemp("run")
+    write_run(folder / "out", [flat_frame(i) for i in range(5)], PAIR)
+    write_tum(folder / "nav.tum", track(5))
+    fuse(folder / "out", folder / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})))
+    return folder / "out"
+
+
+def test_terrain_is_surer_where_more_frames_saw_it(fused: Path) -> None:
+    posed, mesh = open_posed_run(fused), read_mesh(fused)
+    terrain = terrain_of(mesh, grid_of(mesh, 0.02))
+    errors = terrain_errors(posed, terrain, 0.02)
+    assert errors.views.max() >= 3
+    once, often = errors.views == 1, errors.views == 3
+    single_m = 0.004 * 1.5**2  # straight below; further out the range and its error grow, and the ray leans
+    assert np.nanmin(errors.std_m[once]) == pytest.approx(single_m, rel=0.2)
+    assert np.nanmedian(errors.std_m[often]) == pytest.approx(single_m / np.sqrt(3), rel=0.25)
+    assert np.isnan(errors.std_m[errors.views == 0]).all()
+
+
+def write_geojson(path: Path, rings: dict[str, list[list[float]]], **members: object) -> Path:
+    features = [
+        {"type": "Feature", "properties": {"Label": label}, "geometry": {"type": "Polygon", "coordinates": [[*ring, ring[0]]]}}
+        for label, ring in rings.items()
+    ]
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": features, **members}))
+    return path
+
+
+SQUARE = [[0.2, -0.2], [0.6, -0.2], [0.6, 0.2], [0.2, 0.2]]
+
+
+def test_metrics_of_a_run_with_outlines(fused: Path, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]) -> None:
+    far = [[x + 50, y] for x, y in SQUARE]
+    polygons = write_geojson(tmp_path / "p.geojson", {"coral": SQUARE, "far": far})
+    code, said, _ = cli("metrics", fused, "--polygons", polygons, "--out", tmp_path / "to", "--json")
+    result = json.loads(said)
+    assert mismatch(result, SHAPES["metrics"]) is None
+    assert (code, result["unseen"]) == (3, ["2"])
+    (coral,) = result["colonies"]
+    assert coral["measured"]["planar_m2"] == pytest.approx(0.16, rel=0.06)
+    assert coral["measured"]["rugosity"] == pytest.approx(1, abs=0.02)
+    with (tmp_path / "to/structure.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[0]["rugosity_area"]) == pytest.approx(1, abs=0.01) and float(rows[0]["rugosity_area_std"]) > 0
+    assert sorted(path.name for path in (tmp_path / "to").iterdir()) == ["cover.csv", "outlines.csv", "structure.csv"]
+    code, said, _ = cli("metrics", fused, "--polygons", polygons)
+    assert "not seen: 2" in said and "coral" in said
+    with pytest.raises(OutputError, match="new or an empty folder"):
+        from stereo_seecolor.commands.metrics import metrics
+
+        metrics(fused, None, tmp_path / "to")
+
+
+def georeferenced(fused: Path) -> PosedRun:
+    posed = open_posed_run(fused)
+    return PosedRun(posed.run, posed.geometry, posed.frames, posed.T_map_camera, np.array([100.0, 200, 0]), GeoOrigin(-18.5, 147.2))
+
+
+def test_geojson_in_meters_degrees_or_a_named_system_is_the_same_outline(fused: Path, tmp_path: Path) -> None:
+    import pyproj
+
+    posed = georeferenced(fused)
+    world = [[x + 100, y + 200] for x, y in SQUARE]
+    degrees = [list(degrees_from_north_east(y, x, posed.origin))[::-1] for x, y in world]
+    utm = pyproj.Transformer.from_crs("OGC:CRS84", "EPSG:32755", always_xy=True)
+    files = [
+        write_geojson(tmp_path / "m.json", {"a": world}),
+        write_geojson(tmp_path / "d.json", {"a": degrees}),
+        write_geojson(
+            tmp_path / "u.json",
+            {"a": [list(utm.transform(*place)) for place in degrees]},
+            crs={"type": "name", "properties": {"name": "urn:ogc:def:crs:EPSG::32755"}},
+        ),
+    ]
+    for file in files:
+        (outline,) = read_outlines(file, posed)
+        np.testing.assert_allclose(outline.rings[0][:4], SQUARE, atol=2e-3)
+        assert (outline.name, outline.label) == ("1", "a")
+
+
+def test_a_taglab_project_is_in_pixels_of_the_orthomosaic(fused: Path, tmp_path: Path) -> None:
+    import rasterio
+
+    with rasterio.open(fused / "map/orthomosaic.tif") as file:
+        west, north, cell_m, size = file.bounds.left, file.bounds.top, file.res[0], (file.width, file.height)
+    contour = [[(x - west) / cell_m - 0.5, (north - y) / cell_m - 0.5] for x, y in SQUARE]
+    region = {"id": 7, "class name": "Pocillopora", "contour": contour, "inner contours": []}
+    image = {"width": size[0], "height": size[1], "annotations": {"regions": [region]}}
+    project = tmp_path / "project.json"
+    project.write_text(json.dumps({"images": [image]}))
+    (outline,) = read_outlines(project, open_posed_run(fused))
+    np.testing.assert_allclose(outline.rings[0], SQUARE, atol=1e-9)
+    assert (outline.name, outline.label) == ("7", "Pocillopora")
+    project.write_text(json.dumps({"images": [{**image, "width": 3}]}))
+    with pytest.raises(InputError, match=r"no image of .* px, the size of orthomosaic.tif"):
+        read_outlines(project, open_posed_run(fused))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("{", "is no GeoJSON"),
+        ('{"type": "FeatureCollection", "features": []}', "holds no polygon"),
+        ('{"features": 3}', "is damaged, or of a form"),
+        ('{"type": "Feature", "geometry": {"type": "Point", "coordinates": [1, 2]}}', "holds no polygon"),
+    ],
+)
+def test_files_without_outlines_say_so(fused: Path, tmp_path: Path, content: str, message: str) -> None:
+    (tmp_path / "p.json").write_text(content)
+    with pytest.raises(InputError, match=message):
+        read_outlines(tmp_path / "p.json", open_posed_run(fused))
