@@ -203,7 +203,7 @@ def test_sixteen_bits_become_eight(fused: Path, tmp_path: Path) -> None:
 
 def test_nothing_is_written_over(fused: Path, tmp_path: Path) -> None:
     (tmp_path / "mine.txt").write_text("mine")
-    with pytest.raises(OutputError, match="is there already: an export goes into a new or an empty folder"):
+    with pytest.raises(OutputError, match="is there already: this goes into a new or an empty folder"):
         export(fused, "glb", tmp_path)
     with pytest.raises(OutputError, match="is there already"):
         export(fused, "glb", tmp_path / "mine.txt")

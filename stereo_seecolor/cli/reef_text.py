@@ -43,12 +43,11 @@ def _outlines(result: "SiteMetrics") -> str:
             f"{1e4 * each.measured.planar_m2:.0f}",
             f"{1e4 * each.measured.surface_m2:.0f} +- {1e4 * each.standard_error.surface_m2:.0f}",
             f"{100 * each.measured.height_m:.1f} +- {100 * each.standard_error.height_m:.1f}",
-            f"{each.measured.volume_l:.3f} +- {each.standard_error.volume_l:.3f}",
-            f"{each.views:.1f}",
+            f"{each.measured.volume_l:.2f} +- {each.standard_error.volume_l:.2f}",
         )
         for each in result.colonies
     ]
-    return table(("outline", "label", "planar cm2", "surface cm2", "height cm", "volume l", "views"), rows)
+    return table(("outline", "label", "planar cm2", "surface cm2", "height cm", "volume l"), rows)
 
 
 def _cover(result: "SiteMetrics") -> str:
