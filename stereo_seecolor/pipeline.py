@@ -26,6 +26,9 @@ from stereo_seecolor.matching.pair_check import PairCheck
 from stereo_seecolor.records import Correction, FrameResult, Image, Map, Mask, RangeMap, StereoFrame, Water, is_monochrome
 from stereo_seecolor.version import __version__
 
+Match = Callable[[StereoFrame], RangeMap]
+"""The range map of a rectified pair."""
+
 
 class Pipeline:
     """One pair through all stages. Built once for a rig; every method may be called from many threads."""
@@ -80,15 +83,15 @@ class Pipeline:
         """The rectified left image of a pair, upright, and its range map. Raises InputError, MatchingError, CalibrationError."""
         with clock("read"):
             raw = self.read(pair)
-        rectified, range_map = self._ranged(raw, clock)
+        rectified, range_map = self._ranged(raw, clock, self.match)
         return rectified.left, range_map
 
-    def _ranged(self, raw: StereoFrame, clock: Clock) -> tuple[StereoFrame, RangeMap]:
+    def _ranged(self, raw: StereoFrame, clock: Clock, match: Match) -> tuple[StereoFrame, RangeMap]:
         """Rectify and match a pair as the cameras gave it; both are turned upright, as the left camera saw the scene."""
         with clock("rectify"):
             rectified = self.rectify(raw)
         with clock("match"):
-            range_map = self.match(rectified)
+            range_map = match(rectified)
             self.check_pair(raw, range_map)
         with clock("rectify"):
             upright = self.rectification.upright
@@ -104,13 +107,19 @@ class Pipeline:
         """The range map of a rectified pair."""
         return self.matcher.match(frame)
 
-    def process(self, frame: StereoFrame, water: Water | Callable[[Image, RangeMap], Water] | None = None) -> FrameResult:
+    def process(
+        self,
+        frame: StereoFrame,
+        water: Water | Callable[[Image, RangeMap], Water] | None = None,
+        match: Match | None = None,
+    ) -> FrameResult:
         """A pair as the cameras gave it through all stages.
 
-        water: what is taken out, or what finds it for the rectified left image; None fits it to this one frame.
+        water: what is taken out, or what finds it for the rectified left image; None fits it to this one frame. match: instead of
+        the pipeline's own.
         """
         clock = Clock()
-        rectified, range_map = self._ranged(frame, clock)
+        rectified, range_map = self._ranged(frame, clock, match or self.match)
         with clock("color"):
             if callable(water):
                 water = water(rectified.left, range_map)

@@ -117,9 +117,8 @@ SHAPES: dict[str, Shape] = {
     "live": {
         **END,
         **dict.fromkeys(("done", "failed", "dropped"), int),
-        "last_error": str,
-        "latency_median_s": UNKNOWN,
-        "latency_p95_s": UNKNOWN,
+        **dict.fromkeys(("last_error", "reduced"), str),
+        **dict.fromkeys(("latency_median_s", "latency_p95_s", "products_median_s", "products_p95_s"), UNKNOWN),
     },
     "bag-info": {
         **END,

@@ -20,12 +20,12 @@ from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.export import mcap_file, mosaic_tiles
 from stereo_seecolor.export.formats import EXPORT_FORMATS
 from stereo_seecolor.export.posed_run import open_posed_run
+from stereo_seecolor.export.recording import TOPICS
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, north_east_from_degrees
 from stereo_seecolor.records import GeoOrigin
-from stereo_seecolor.run_folder.finished_run import FinishedFrame
 
 FRAMES = 5
 
@@ -254,16 +254,16 @@ def test_an_mcap_is_read_by_rosbags_and_by_the_library_of_the_format(fused: Path
     export(fused, "mcap", tmp_path / "to")
     file, posed, store = tmp_path / "to/dive.mcap", open_posed_run(fused), get_typestore(Stores.ROS2_HUMBLE)
     with Reader(file) as reader:
-        assert {topic: info.msgcount for topic, info in reader.topics.items()} == dict.fromkeys(mcap_file.TOPICS, FRAMES)
+        assert {topic: info.msgcount for topic, info in reader.topics.items()} == dict.fromkeys(TOPICS, FRAMES)
         decoded = [
             (c.topic, time_ns, store.deserialize_cdr(data, c.msgtype)) for c, time_ns, data in reader.messages(reader.connections)
         ]
     with file.open("rb") as opened:
         library = make_reader(opened, decoder_factories=[DecoderFactory()])
         by_library = {(channel.topic, m.log_time): ros for _, channel, m, ros in library.iter_decoded_messages()}
-    assert len(by_library) == len(decoded) == FRAMES * len(mcap_file.TOPICS)
+    assert len(by_library) == len(decoded) == FRAMES * len(TOPICS)
     frame, T = posed.frames[1], posed.T_map_camera[1]
-    stamp_ns = mcap_file.stamp_of(frame, 1)
+    stamp_ns = mcap_file.stamp_of(frame.name, frame.timestamp_s, 1)
     found = {topic: message for topic, time_ns, message in decoded if time_ns == stamp_ns}
     image = found["/stereo/left/image_rect_color/compressed"]
     assert bytes(image.data) == frame.products["corrected"].read_bytes()
@@ -281,11 +281,36 @@ def test_an_mcap_is_read_by_rosbags_and_by_the_library_of_the_format(fused: Path
     np.testing.assert_allclose(values[:, [14, 13, 12]].mean(0), (200, 120, 40), atol=3)
     np.testing.assert_array_equal(found["/stereo/left/camera_info"].k.reshape(3, 3), PAIR.P_left)
     assert bytes(by_library["/stereo/range/image_rect", stamp_ns].data) == range_m.tobytes()
+    right = found["/stereo/right/camera_info"].p.reshape(3, 4)
+    np.testing.assert_allclose(right[:, 3], (-PAIR.focal_px * PAIR.baseline_m, 0, 0))
+    disparity = found["/stereo/disparity"]
+    values = disparity.image.data.view("<f4").reshape(range_m.shape)
+    known = np.isfinite(range_m)
+    np.testing.assert_array_equal(values < disparity.min_disparity, ~known)
+    depth_m = disparity.f * disparity.t / values[known]
+    np.testing.assert_allclose(depth_m, PAIR.depth_from_range(range_m)[known], rtol=1e-5)
+    assert disparity.max_disparity == pytest.approx(values.max())
 
 
-def test_stamps_of_bags_come_back_to_the_nanosecond(tmp_path: Path) -> None:
+def test_stamps_of_bags_come_back_to_the_nanosecond() -> None:
     def stamp(name: str, timestamp_s: float | None) -> int:
-        return mcap_file.stamp_of(FinishedFrame(name, timestamp_s, tmp_path, "", {}), 4)
+        return mcap_file.stamp_of(name, timestamp_s, 4)
 
     assert stamp("1700000000-123456789", 1700000000.1234567) == 1_700_000_000_123_456_789
     assert (stamp("a", 12.5), stamp("a", None)) == (12_500_000_000, 5_000_000_000)
+
+
+def test_a_run_is_recorded_with_or_without_a_map(make_dive, cli, tmp_path: Path) -> None:
+    from rosbags.rosbag2 import Reader
+
+    dive = make_dive(2)
+    sides = ("--left", dive.root / "L", "--right", dive.root / "R", "--calib", dive.root / "cam.yaml")
+    words = ("run", *sides, "--out", tmp_path / "out")
+    code, printed, said = cli(*words, "--out-mcap", tmp_path / "a/dive.mcap")
+    assert code == 0, said
+    assert "dive.mcap: 2 frames as ROS 2 messages" in printed
+    with Reader(tmp_path / "a/dive.mcap") as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items()}
+    assert counts == {topic: 2 * (topic != "/tf") for topic in TOPICS}
+    code, _, said = cli(*words, "--out-mcap", tmp_path / "a/dive.mcap")
+    assert (code, "is there already: give --overwrite" in said) == (1, True)

@@ -6,25 +6,31 @@ import shutil
 import tracemalloc
 import urllib.error
 import urllib.request
+from dataclasses import dataclass
 from pathlib import Path
+from threading import Event, Timer
 
 import cv2
 import numpy as np
 import pytest
-from bag_writers import camera_infos, dive_messages, name_by_stamps, write_bag
+from bag_writers import START_NS, camera_infos, dive_messages, name_by_stamps, write_bag
 
+from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.survey import SlidingFitter
 from stereo_seecolor.commands.live import LiveInputs, LiveOptions, live
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import ColorError, InputError, OutputError
+from stereo_seecolor.export.recording import TOPICS
 from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.live import session as live_session
+from stereo_seecolor.live.budget import Budget
 from stereo_seecolor.live.played_bag import PlayedBag
 from stereo_seecolor.live.preview import Preview, served
 from stereo_seecolor.live.processing import LiveProcessor
 from stereo_seecolor.live.session import LiveCounts, LiveSession
 from stereo_seecolor.live.watch import FolderWatch
+from stereo_seecolor.matching.reduced import ReducedMatcher, smaller
 from stereo_seecolor.pipeline import Pipeline
 
 
@@ -87,8 +93,8 @@ def test_a_folder_that_vanishes_is_waited_for(incoming) -> None:
 
 def test_live_gives_what_a_sliding_run_gives(incoming, cli, tmp_path) -> None:
     dive, folder, arrive = incoming
-    processor = LiveProcessor(Pipeline(_rig(dive.root), RunConfig()))
     source, images = watch(folder), {}
+    processor = LiveProcessor(Pipeline(_rig(dive.root), RunConfig()), source.read)
     for number in range(2):
         arrive(number)
         pair = source.newest()
@@ -113,10 +119,16 @@ class Endless:
 
     dropped = 0
     waiting = ""
-    ended = False
 
-    def __init__(self) -> None:
-        self.number = 0
+    def __init__(self, pairs: int = 1 << 40) -> None:
+        self.number, self.pairs = 0, pairs
+
+    @property
+    def ended(self) -> bool:
+        return self.number >= self.pairs
+
+    def read(self, pair: Pair):
+        raise AssertionError
 
     def latency_s(self, pair: Pair) -> float:
         return 0.1
@@ -128,22 +140,58 @@ class Endless:
         self.number += 1
 
 
-def test_memory_is_flat_over_many_pairs() -> None:
+@dataclass
+class Corrected:
+    """What a session needs of a corrected pair."""
+
+    reduced: str = ""
+
+
+@pytest.mark.slow
+def test_memory_is_flat_over_100_000_pairs() -> None:
+    """A day at 1.2 Hz: counts and queue hold nothing of the pairs that are over."""
+    most = 0
+
     def process(pair: Pair):
+        nonlocal most
         if pair.name.endswith("7"):
             raise ColorError(f"{pair.name}: no color")
-        return object()
+        most = max(most, len(session._behind._waiting))
+        return Corrected()
 
-    session = LiveSession(Endless(), process, lambda _: None)
-    session.run(lambda counts: counts.done >= 3000)
+    session = LiveSession(Endless(100_000), process, lambda _: None)
+    for _ in range(3000):
+        session.step()
     tracemalloc.start()
     before = tracemalloc.get_traced_memory()[0]
-    session.run(lambda counts: counts.done >= 20_000)
+    counts = session.run(lambda _: False)
     grown = tracemalloc.get_traced_memory()[0] - before
     tracemalloc.stop()
     assert grown < 20_000
-    assert session.counts.failed == pytest.approx(20_000 / 9, abs=3)
-    assert session.counts.last_error.endswith("7: no color")
+    assert (counts.done, counts.failed, most <= 2) == (90_000, 10_000, True)
+    assert counts.last_error == "099997: no color"
+
+
+def test_pairs_wait_when_two_are_still_being_written() -> None:
+    gate, written, processed = Event(), [], []
+
+    def process(pair: Pair):
+        processed.append(pair.name)
+        if len(processed) == 4:
+            gate.set()
+        return Corrected(pair.name)
+
+    def finish(frame: Corrected) -> None:
+        assert gate.wait(20) or len(processed) <= 3
+        written.append(frame.reduced)
+
+    session = LiveSession(Endless(3), process, finish)
+    opener = Timer(0.2, gate.set)
+    opener.start()
+    session.run(lambda _: False)
+    opener.join()
+    assert written == processed == ["000000", "000001", "000002"]
+    assert len(session.counts.products_s) == 3
 
 
 def test_a_window_of_colors_is_flat_too(make_dive) -> None:
@@ -162,7 +210,7 @@ def test_a_file_that_is_still_written_is_waited_for(monkeypatch: pytest.MonkeyPa
     def process(pair: Pair):
         if not readable:
             raise InputError(f"{pair.name}: is truncated")
-        return object()
+        return Corrected()
 
     session = LiveSession(Endless(), process, lambda _: None)
     assert not session.step()
@@ -180,12 +228,15 @@ def test_a_full_disk_ends_it_and_ctrl_c_too() -> None:
         raise OutputError("full")
 
     with pytest.raises(OutputError, match="full"):
-        LiveSession(Endless(), lambda _: object(), full).step()
+        LiveSession(Endless(), lambda _: Corrected(), full).run(lambda _: False)
 
-    def interrupted(_: object) -> None:
-        raise KeyboardInterrupt
+    def interrupted(pair: Pair):
+        if pair.name == "000001":
+            raise KeyboardInterrupt
+        return Corrected()
 
-    assert LiveSession(Endless(), lambda _: object(), interrupted).run(lambda _: False).done == 1
+    finished: list[Corrected] = []
+    assert LiveSession(Endless(), interrupted, finished.append).run(lambda _: False).done == len(finished) == 1
 
 
 def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_path) -> None:
@@ -213,9 +264,9 @@ def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
     with served(preview, 0) as address:
         status = json.loads(urllib.request.urlopen(address + "status.json").read())
         assert (status["name"], status["waiting"]) == ("", "somewhere")
-        preview.update(LiveProcessor(Pipeline(_rig(dive.root), RunConfig())).process(pair))
+        preview.update(LiveProcessor(Pipeline(_rig(dive.root), RunConfig()), watch(folder).read).process(pair))
         counts.waiting, counts.done = "", 1
-        counts.latencies_s.append(0.25)
+        counts.images_s.append(0.25)
         assert b"<title>stereo-seecolor live" in urllib.request.urlopen(address).read()
         status = json.loads(urllib.request.urlopen(address + "status.json").read())
         assert (status["name"], status["facts"]["latency, median"], status["facts"]["done"]) == ("0000", "0.25 s", "1")
@@ -244,7 +295,7 @@ def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
     name_by_stamps(dive.root)
     bag = write_bag(tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)])
     pairing, now_s = open_dive(bag, "", InputConfig()).pairing, [100.0]
-    played = PlayedBag(pairing, bag, lambda: now_s[0])
+    played = PlayedBag(pairing, bag, InputConfig(), lambda: now_s[0])
     taken = []
     for step_s in (0.0, 0.1, 0.16, 0.5):  # pairs are 0.25 s apart
         now_s[0] += step_s
@@ -257,3 +308,87 @@ def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
     assert code == 0, said
     done, dropped = (int(re.search(rf"(\d+) {what}", printed)[1]) for what in ("pairs corrected", "passed over"))  # type: ignore[index]
     assert done + dropped == 4
+
+
+def test_the_page_for_other_machines_needs_its_token(incoming) -> None:
+    with served(Preview(LiveCounts()), 0, "127.0.0.2") as address:
+        assert len(address.rstrip("/").rsplit("/", 1)[1]) >= 20
+        assert json.loads(urllib.request.urlopen(address + "status.json").read())["name"] == ""
+        bare = address.rstrip("/").rsplit("/", 1)[0]
+        for path in ("/", "/status.json", "/wrong-token/status.json"):
+            with pytest.raises(urllib.error.HTTPError, match="404"):
+                urllib.request.urlopen(bare + path)
+
+
+def test_a_recording_and_every_second_pair_are_kept(make_dive, cli, tmp_path) -> None:
+    from rosbags.rosbag2 import Reader
+
+    dive = make_dive(3)
+    name_by_stamps(dive.root)
+    bag = write_bag(tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)])
+    words = ("--record", tmp_path / "live.mcap", "--out", tmp_path / "kept", "--every", 2, "--cpus", 2, "--budget-ms", 60_000)
+    code, printed, said = cli("live", "--bag", bag, *words)
+    assert code == 0, said
+    done = int(re.search(r"(\d+) pairs corrected", printed)[1])  # type: ignore[index]
+    assert "all products: median" in printed
+    assert len(list((tmp_path / "kept/corrected").iterdir())) == -(-done // 2)
+    with Reader(tmp_path / "live.mcap") as reader:
+        counts = {topic: info.msgcount for topic, info in reader.topics.items() if info.msgcount}
+        stamps = [time_ns for _, time_ns, _ in reader.messages()]
+    assert counts == dict.fromkeys((topic for topic in TOPICS if topic != "/tf"), done)
+    assert stamps[0] == START_NS
+    code, _, said = cli("live", "--bag", bag, "--record", tmp_path / "live.mcap")
+    assert (code, "is there already, and is not written over" in said) == (1, True)
+
+
+def test_less_is_done_where_pairs_take_too_long_and_more_again_later() -> None:
+    budget = Budget(0.1)
+    shrinks = []
+    for _ in range(60):
+        budget.took({1: 0.3, 2: 0.15, 4: 0.02}[budget.shrink])
+        shrinks.append(budget.shrink)
+    assert shrinks[3:5] == [1, 2]
+    assert "matched at 1/4 of the size to hold 100 ms a pair" in text_after(0.1, (0.3,) * 5 + (0.15,) * 5)
+    assert max(shrinks) == 4
+    for _ in range(400):
+        budget.took(0.02)
+    assert budget.shrink == 1
+    assert budget.text == ""
+    assert [Budget(None).took(9.0) for _ in range(9)] == [None] * 9
+
+
+def text_after(budget_s: float, seconds: tuple[float, ...]) -> str:
+    budget = Budget(budget_s)
+    for took in seconds:
+        budget.took(took)
+    return budget.text
+
+
+@pytest.mark.parametrize("shrink", [2, 4])
+def test_a_reduced_pair_has_nearly_the_same_ranges(make_dive, shrink: int) -> None:
+    dive = make_dive(1)
+    pipeline = Pipeline(_rig(dive.root), RunConfig())
+    pair = watch_dive(dive.root)
+    rectified = pipeline.rectify(pipeline.read(pair))
+    full = pipeline.match(rectified)
+    found = ReducedMatcher(pipeline.rectification.matching_pair, pipeline.config.matching, None, shrink).match(rectified)
+    both = np.isfinite(full.range_m) & np.isfinite(found.range_m)
+    assert found.range_m.shape == full.range_m.shape
+    assert both.mean() > 0.5
+    assert np.median(np.abs(found.range_m / full.range_m - 1)[both]) < 0.02
+    assert np.median(np.abs(found.disparity - full.disparity)[both]) < 1.0
+
+
+def test_a_geometry_keeps_its_rays_at_a_smaller_size() -> None:
+    pair = RectifiedPair(600.0, 320.2, 318.0, 251.7, 0.12, (643, 501))
+    small = smaller(pair, 2)
+    assert small.image_size == (321, 250)
+    center = np.array([10.5, 20.5])  # of the block of pixels (10..11, 20..21), which is pixel (5, 10) of the small image
+    rays = (center - (pair.cx_left_px, pair.cy_px)) / pair.focal_px
+    np.testing.assert_allclose((np.array([5, 10]) - (small.cx_left_px, small.cy_px)) / small.focal_px, rays)
+
+
+def watch_dive(root: Path) -> Pair:
+    found = FolderWatch(root / "L", root / "R", InputConfig()).newest()
+    assert found is not None
+    return found

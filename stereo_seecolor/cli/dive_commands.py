@@ -23,6 +23,7 @@ from stereo_seecolor.cli.options import (
     OneLeft,
     OneRight,
     Out,
+    OutMcap,
     Overwrite,
     PosesFile,
     Progress,
@@ -59,6 +60,7 @@ def run(
     fuse: Annotated[bool, typer.Option("--fuse", metavar="", help="Fuse the frames into one map of the dive, OUT/map.")] = False,
     poses: PosesFile = None,
     water: WaterFile = None,
+    out_mcap: OutMcap = None,
     topics: Topics = "",
     config: ConfigFile = None,
     settings: Settings = None,
@@ -81,12 +83,18 @@ def run(
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
     if (shard or cluster) and bag:
         raise typer.BadParameter("--shard and --cluster work on folders of images, and a bag is one file: run it here")
+    if shard and out_mcap:
+        raise typer.BadParameter("--out-mcap records a whole run made here: merge first, then export --to mcap")
     part = _part(shard, fuse)
     report = Report("run", as_json, progress, verbose, log_file)
     with ExitStack() as both_steps:  # the workers stay for the map
         with report.working() as listener:
             compute = both_steps.enter_context(computing(cluster))
             loaded = load_config(config, with_refine(settings, refine))
+            if out_mcap:
+                from stereo_seecolor.commands.out_mcap import check_mcap
+
+                check_mcap(out_mcap, overwrite)
             if fuse:
                 from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
                 from stereo_seecolor.commands.fuse import fuse as fuse_frames
@@ -97,8 +105,8 @@ def run(
         if summary.stopped:
             _end(report, summary, out)
         if fuse:
-            _end_with_map(report, summary, out, lambda listener: fuse_frames(out, poses, loaded, listener, compute))
-    _end_with_page(report, summary, out)
+            _end_with_map(report, summary, out, lambda listener: fuse_frames(out, poses, loaded, listener, compute), out_mcap)
+    _end_with_page(report, summary, out, out_mcap)
 
 
 def _part(shard: str, fuse: bool) -> Shard:
@@ -218,21 +226,34 @@ def _end(report: Report, summary: "RunSummary", out: Path) -> NoReturn:
     report.end(run_content(summary, out), run_text(summary, out), run_exit_code(summary))
 
 
-def _end_with_page(report: Report, summary: "RunSummary", out: Path) -> NoReturn:
+def _end_with_page(report: Report, summary: "RunSummary", out: Path, out_mcap: Path | None) -> NoReturn:
     from stereo_seecolor.commands.report import report as write_page
 
     report.say(run_text(summary, out))
     with report.working() as listener:
         page = write_page(out, listener, brief=True).page
-    report.end({**run_content(summary, out), "page": page}, page_text(page), run_exit_code(summary))
+        recorded = _record(out, out_mcap)
+    report.end({**run_content(summary, out), "page": page}, page_text(page) + recorded, run_exit_code(summary))
 
 
-def _end_with_map(report: Report, summary: "RunSummary", out: Path, fuse: "Callable[[Listener], MapSummary]") -> NoReturn:
+def _record(out: Path, out_mcap: Path | None) -> str:
+    """Write the recording that was asked for; what is said of it."""
+    if out_mcap is None:
+        return ""
+    from stereo_seecolor.commands.out_mcap import write_mcap
+
+    return f"{out_mcap}: {write_mcap(out, out_mcap)} frames as ROS 2 messages\n"
+
+
+def _end_with_map(
+    report: Report, summary: "RunSummary", out: Path, fuse: "Callable[[Listener], MapSummary]", out_mcap: Path | None
+) -> NoReturn:
     from stereo_seecolor.commands.report import report as write_page
 
     report.say(run_text(summary, out))
     with report.working() as listener:
         made = fuse(listener)
         page = write_page(out, listener, brief=True).page
+        recorded = _record(out, out_mcap)
     content = {**run_content(summary, out), "page": page, "map": map_content(made)}
-    report.end(content, map_text(made) + page_text(page), max(run_exit_code(summary), map_exit_code(made)))
+    report.end(content, map_text(made) + page_text(page) + recorded, max(run_exit_code(summary), map_exit_code(made)))

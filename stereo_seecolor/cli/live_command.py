@@ -19,6 +19,20 @@ KeptIn = Annotated[
     Path | None,
     typer.Option("--out", metavar="FOLDER", help="Keep all products there, in a new or empty folder. Default: none are kept."),
 ]
+Every = Annotated[int, typer.Option("--every", metavar="N", min=1, help="Of the pairs, keep the products of every Nth in --out.")]
+Record = Annotated[
+    Path | None,
+    typer.Option("--record", metavar="FILE", help="Record all pairs to a new MCAP file: images, ranges, points as ROS 2 messages."),
+]
+Host = Annotated[
+    str,
+    typer.Option("--host", metavar="ADDRESS", help="Show the page to other machines too; its address then ends in a random token."),
+]
+BudgetMs = Annotated[
+    float | None,
+    typer.Option("--budget-ms", metavar="MS", min=1, help="What a pair may take; where it takes longer, half the size is matched."),
+]
+Cpus = Annotated[int | None, typer.Option("--cpus", metavar="N", min=1, help="Run on at most so many processors.")]
 Port = Annotated[
     int | None,
     typer.Option("--port", metavar="N", min=0, max=65535, help="Show the last pair on http://127.0.0.1:N; 0 takes a free port."),
@@ -33,7 +47,12 @@ def live(
     bag: Played = None,
     topics: Topics = "",
     port: Port = None,
+    host: Host = "127.0.0.1",
     out: KeptIn = None,
+    every: Every = 1,
+    record: Record = None,
+    budget_ms: BudgetMs = None,
+    cpus: Cpus = None,
     pairs: Pairs = None,
     config: ConfigFile = None,
     settings: Settings = None,
@@ -48,13 +67,21 @@ def live(
     from stereo_seecolor.config_file import load_config
 
     check_sources(left, right, calib, bag, topics)
+    if host != "127.0.0.1" and port is None:
+        raise typer.BadParameter("--host says where the page is shown: give --port too")
     report = Report("live", as_json, "none", verbose, log_file)
     with report.working():
-        options = LiveOptions(out, port, pairs, lambda address: write_error(f"{address}\n"))
+        budget_s = None if budget_ms is None else budget_ms / 1000
+        options = LiveOptions(
+            out, every, record, port, host, budget_s, cpus, pairs, announce=lambda address: write_error(f"{address}\n")
+        )
         inputs = LiveInputs(left, right, bag, topics, calib or "")
         found = correct_live(inputs, load_config(config, settings or []), options)
     said = [f"{found.done} pairs corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
     if found.latency_median_s is not None and found.latency_p95_s is not None:
         said.append(f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s")
+    if found.products_median_s is not None and found.products_p95_s is not None:
+        said.append(f"all products: median {found.products_median_s:.2f} s, 95% below {found.products_p95_s:.2f} s")
+    said += [found.reduced] if found.reduced else []
     said += [f"last failure: {found.last_error}"] if found.last_error else []
     report.end(dict(vars(found)), lines(said))

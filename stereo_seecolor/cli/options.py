@@ -59,6 +59,15 @@ Topics = Annotated[
 Out = Annotated[
     Path, typer.Option("--out", metavar="FOLDER", help="Output folder. Run again with the same folder to resume a stopped run.")
 ]
+OutMcap = Annotated[
+    Path | None,
+    typer.Option(
+        "--out-mcap",
+        metavar="FILE",
+        help="Record the finished frames as ROS 2 messages in an MCAP file too.",
+        rich_help_panel=EXECUTION,
+    ),
+]
 Finished = Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of a finished run.")]
 RefineRig = Annotated[
     bool,

@@ -7,39 +7,54 @@ from pathlib import Path
 
 from calibration.formats import load_rig
 from stereo_seecolor.commands.bag_inputs import BagInputs
+from stereo_seecolor.commands.live_outputs import KeptFiles, Recording
+from stereo_seecolor.compute.background import pin
+from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.errors import OutputError
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.live.budget import Budget
 from stereo_seecolor.live.played_bag import PlayedBag
-from stereo_seecolor.live.preview import Preview, served
-from stereo_seecolor.live.processing import LiveFrame, LiveProcessor
+from stereo_seecolor.live.preview import HOST, Preview, served
+from stereo_seecolor.live.processing import LiveFrame, LiveProcessor, warm_up
 from stereo_seecolor.live.session import LiveCounts, LiveSession, Source
 from stereo_seecolor.live.watch import FolderWatch
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.run_folder.products import correction_files, range_files
 
 
 @dataclass(frozen=True)
 class LiveResult:
-    """What happened. dropped: left images passed over for newer ones. Latencies: from arrival to the corrected image, seconds."""
+    """What happened. dropped: left images passed over for newer ones. reduced: what was done less of the last pair, "" nothing.
+
+    Seconds from arrival to the corrected image (latency), and until all products of the pair are out; None before the first pair.
+    """
 
     done: int
     failed: int
     dropped: int
     last_error: str
+    reduced: str
     latency_median_s: float | None
     latency_p95_s: float | None
+    products_median_s: float | None
+    products_p95_s: float | None
 
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """out: a new or empty folder that products are kept in, None for none. port: of the page, None for none; 0 is any.
+    """What is made of the pairs, and how much a pair may cost.
 
-    pairs: end after so many, None to go on until Ctrl-C. announce: is told the page's address.
+    out: a new or empty folder that products of every ``every``th pair are kept in, None for none. record: a new MCAP file of all
+    pairs. port, host: of the page, None for none; 0 is any port. budget_s: what a pair may take; more is matched at half the size.
+    cpus: processors that are used, None for all. pairs: end after so many, None to go on until Ctrl-C. announce: is told the
+    page's address.
     """
 
     out: Path | None = None
+    every: int = 1
+    record: Path | None = None
     port: int | None = None
+    host: str = HOST
+    budget_s: float | None = None
+    cpus: int | None = None
     pairs: int | None = None
     announce: Callable[[str], None] = lambda _: None
 
@@ -58,7 +73,7 @@ class LiveInputs:
         """Raises CalibrationError for the rig; InputError, DeviceError for a bag."""
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
-            return PlayedBag(opened.pairing, self.bag), opened.pipeline
+            return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
         assert self.left and self.right
         return FolderWatch(self.left, self.right, config.input), Pipeline(load_rig(self.calib), config)
 
@@ -66,38 +81,39 @@ class LiveInputs:
 def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptions | None = None) -> LiveResult:
     """Correct the newest pair that has arrived, again and again, with the water of the last frames.
 
-    A pair that fails is counted; a folder that is not there is waited for.
-    Raises CalibrationError for the rig; OutputError if ``out`` holds anything or cannot be written, or the port is taken; for a
-    bag also InputError and DeviceError.
+    A pair that fails is counted; a source that is not there is waited for.
+    Raises CalibrationError for the rig; OutputError if ``out`` or ``record`` is there already or cannot be written, or the port is
+    taken; for a bag also InputError and DeviceError.
     """
     config, options = config or RunConfig(), options or LiveOptions()
+    if options.cpus is not None:
+        limit_cores(len(pin(options.cpus)) or options.cpus)
     source, pipeline = inputs.open(config)
-    if options.out is not None and options.out.exists() and any(options.out.iterdir()):
-        raise OutputError(
-            f"{options.out}: is there already: live keeps its pictures in a new or an empty folder; nothing was touched"
-        )
-    session = LiveSession(source, LiveProcessor(pipeline).process, lambda _: None)
-    preview = Preview(session.counts)
-    session.show = lambda frame: _show(frame, pipeline, preview if options.port is not None else None, options.out)
+    counts = LiveCounts()
     with ExitStack() as stack:
-        if options.port is not None:
-            options.announce(stack.enter_context(served(preview, options.port)))
-        counts = session.run(lambda counts: options.pairs is not None and counts.done >= options.pairs)
-    return _result(counts)
+        made = _made(pipeline, options, counts, stack)
+        warm_up(pipeline)
+        processor = LiveProcessor(pipeline, source.read, Budget(options.budget_s))
 
+        def finish(frame: LiveFrame) -> None:
+            for make in made:
+                make(frame)
 
-def _show(frame: LiveFrame, pipeline: Pipeline, preview: Preview | None, out: Path | None) -> None:
-    if preview:
-        preview.update(frame)
-    if out is None:
-        return
-    output, result, name = pipeline.config.output, frame.result, frame.pair.name
-    files = range_files(name, result.range_map, output)
-    files |= correction_files(name, result.correction, result.range_map, pipeline.geometry, output, b"")
-    for path, content in files.values():
-        write_atomic(out / path, content)
-
-
-def _result(counts: LiveCounts) -> LiveResult:
+        session = LiveSession(source, processor.process, finish, counts)
+        session.run(lambda counts: options.pairs is not None and counts.done >= options.pairs)
     facts = counts.facts()
     return LiveResult(**{name: facts[name] for name in LiveResult.__dataclass_fields__})
+
+
+def _made(pipeline: Pipeline, options: LiveOptions, counts: LiveCounts, stack: ExitStack) -> list[Callable[[LiveFrame], None]]:
+    """What is made of each pair, in the order in which it is waited for."""
+    made: list[Callable[[LiveFrame], None]] = []
+    if options.out is not None:
+        made.append(KeptFiles(options.out, options.every, pipeline))
+    if options.record is not None:
+        made.append(stack.enter_context(Recording(options.record, pipeline)))
+    if options.port is not None:
+        preview = Preview(counts)
+        made.append(preview.update)
+        options.announce(stack.enter_context(served(preview, options.port, options.host)))
+    return made

@@ -1,8 +1,18 @@
-"""Work beside the main thread, such as answering a browser while pairs are processed."""
+"""Work beside the main thread, such as answering a browser, or writing a pair while the next is processed."""
 
+import os
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+MOST_WAITING = 2
+"""So many pieces of work wait or are under way; the caller waits for a third."""
+
+NICE = 10
+"""Lower priority than the main thread's, so that what is in a hurry goes first."""
 
 
 @contextmanager
@@ -15,3 +25,44 @@ def in_background(work: Callable[[], None], stop: Callable[[], None]) -> Iterato
     finally:
         stop()
         thread.join(timeout=5)
+
+
+class WorkBehind:
+    """Work that one thread of low priority does in its order while the caller goes on.
+
+    An error of a piece of work is raised by the next ``put``, or by ``finish``.
+    """
+
+    def __init__(self) -> None:
+        self._pool = ThreadPoolExecutor(1, "behind", initializer=_yield_to_others)
+        self._waiting: deque[Future[None]] = deque()
+
+    def put(self, work: Callable[[], None]) -> None:
+        """Do this too; waits while ``MOST_WAITING`` pieces are not done."""
+        while self._waiting and (self._waiting[0].done() or len(self._waiting) >= MOST_WAITING):
+            self._waiting.popleft().result()
+        self._waiting.append(self._pool.submit(work))
+
+    def finish(self) -> None:
+        """Wait until all is done."""
+        try:
+            while self._waiting:
+                self._waiting.popleft().result()
+        finally:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _yield_to_others() -> None:
+    with suppress(AttributeError, OSError):  # systems without priorities of threads
+        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), os.getpriority(os.PRIO_PROCESS, 0) + NICE)
+
+
+def pin(most: int) -> tuple[int, ...]:
+    """Run this process and all its threads on at most so many processors from now on; those. () where systems cannot."""
+    if not hasattr(os, "sched_setaffinity"):
+        return ()
+    chosen = sorted(os.sched_getaffinity(0))[:most]
+    for thread in Path("/proc/self/task").iterdir():
+        with suppress(OSError):
+            os.sched_setaffinity(int(thread.name), chosen)
+    return tuple(chosen)

@@ -1,22 +1,29 @@
 """A frame's products as ROS 2 messages, made and serialized without ROS."""
 
 from functools import lru_cache
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from calibration.turns import quarter_turn
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.records import Map
 
-PACKAGES = {"Header": "std_msgs", "Time": "builtin_interfaces", "TFMessage": "tf2_msgs"} | dict.fromkeys(
-    ("TransformStamped", "Transform", "Vector3", "Quaternion"), "geometry_msgs"
-)
+PACKAGES = {
+    "Header": "std_msgs",
+    "Time": "builtin_interfaces",
+    "TFMessage": "tf2_msgs",
+    "DisparityImage": "stereo_msgs",
+} | dict.fromkeys(("TransformStamped", "Transform", "Vector3", "Quaternion"), "geometry_msgs")
 """The package of a type; the others are in sensor_msgs."""
 
 FLOAT32 = 7
 """sensor_msgs/PointField.FLOAT32."""
+
+UNKNOWN_DISPARITY, DISPARITY_STEP = np.float32(-1.0), 1 / 16
+"""Below min_disparity, which is 0; and the step that sub-pixel matching is said to have."""
 
 LEFT_FRAME, MAP_FRAME = "stereo_left", "map"
 
@@ -58,14 +65,29 @@ def float_image(stamp_ns: int, values: Map) -> Any:
     return make("Image", header(stamp_ns, LEFT_FRAME), height, width, "32FC1", 0, 4 * width, _bytes(values.astype("<f4").tobytes()))
 
 
-def camera_info(stamp_ns: int, geometry: RectifiedPair) -> Any:
-    """The pinhole of the corrected images, which have no distortion."""
+def camera_info(stamp_ns: int, geometry: RectifiedPair, side: Literal["left", "right"]) -> Any:
+    """The pinhole of the rectified images, which have no distortion; the right one's P holds the baseline."""
     width, height = geometry.image_size
-    K = geometry.P_left
-    P = np.column_stack([K, np.zeros(3)])
+    K, place_m = geometry.P_left, np.zeros(3)
+    if side == "right":
+        K[0, 2] = geometry.cx_right_px
+        place_m = quarter_turn(-geometry.quarter_turns) @ [-geometry.baseline_m, 0.0, 0.0]
+    P = np.column_stack([K, K @ place_m])
     roi = make("RegionOfInterest", 0, 0, 0, 0, False)
     matrices = (np.zeros(5), K.ravel(), np.eye(3).ravel(), P.ravel())
     return make("CameraInfo", header(stamp_ns, LEFT_FRAME), height, width, "plumb_bob", *matrices, 0, 0, roi)
+
+
+def disparity_image(stamp_ns: int, geometry: RectifiedPair, range_m: Map) -> Any:
+    """stereo_msgs/DisparityImage: Z = f T / d, whatever the principal points; less than min_disparity is unknown."""
+    height, width = range_m.shape
+    disparity = np.float32(geometry.focal_px * geometry.baseline_m) * geometry.ray_length / range_m
+    known = np.isfinite(disparity)
+    largest = float(disparity.max(where=known, initial=0.0))
+    image = float_image(stamp_ns, np.where(known, disparity, UNKNOWN_DISPARITY).astype(np.float32))
+    window = make("RegionOfInterest", 0, 0, height, width, False)
+    camera = geometry.focal_px, geometry.baseline_m
+    return make("DisparityImage", header(stamp_ns, LEFT_FRAME), image, *camera, window, 0.0, largest, DISPARITY_STEP)
 
 
 def points(stamp_ns: int, xyz_m: NDArray[np.float32], color: NDArray[np.uint8]) -> Any:
@@ -78,8 +100,11 @@ def points(stamp_ns: int, xyz_m: NDArray[np.float32], color: NDArray[np.uint8]) 
     )
 
 
-def transforms(stamp_ns: int, T_map_camera: NDArray[np.float64], quaternion: NDArray[np.float64]) -> Any:
-    """T_map_camera: (4, 4). quaternion: (4,) x, y, z, w of the same rotation."""
+def transforms(stamp_ns: int, T_map_camera: NDArray[np.float64]) -> Any:
+    """T_map_camera: (4, 4)."""
+    from scipy.spatial.transform import Rotation
+
+    quaternion = Rotation.from_matrix(T_map_camera[:3, :3]).as_quat()
     translation = make("Vector3", *map(float, T_map_camera[:3, 3]))
     transform = make("Transform", translation, make("Quaternion", *map(float, quaternion)))
     return make("TFMessage", [make("TransformStamped", header(stamp_ns, MAP_FRAME), LEFT_FRAME, transform)])

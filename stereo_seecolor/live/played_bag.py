@@ -5,8 +5,11 @@ from bisect import bisect_right
 from collections.abc import Callable
 from pathlib import Path
 
+from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.live.reading import read_sides
+from stereo_seecolor.records import StereoFrame
 
 
 class PlayedBag:
@@ -17,12 +20,12 @@ class PlayedBag:
 
     waiting = ""
 
-    def __init__(self, pairing: Pairing, path: Path, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, pairing: Pairing, path: Path, config: InputConfig, clock: Callable[[], float] = time.monotonic) -> None:
         times = [pair.timestamp_s for pair in pairing.pairs if pair.timestamp_s is not None]
         if len(times) < len(pairing.pairs):
             raise InputError(f"{path}: pairs without times cannot be played")
         self.dropped = 0
-        self._pairs, self._clock = pairing.pairs, clock
+        self._pairs, self._clock, self._config = pairing.pairs, clock, config
         self._arrivals_s = [time_s - times[0] for time_s in times]
         self._began_s: float | None = None
         self._next = 0
@@ -38,6 +41,10 @@ class PlayedBag:
         self._began_s = now_s if self._began_s is None else self._began_s
         arrived = bisect_right(self._arrivals_s, now_s - self._began_s)
         return self._pairs[arrived - 1] if arrived > self._next else None
+
+    def read(self, pair: Pair) -> StereoFrame:
+        """Both images. Raises InputError."""
+        return read_sides(pair, self._config)
 
     def take(self, pair: Pair) -> None:
         """This pair is done, and all before it."""

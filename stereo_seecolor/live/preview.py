@@ -1,8 +1,10 @@
 """A page on this machine that shows the last corrected pair: picture, range, the water, latency and counts."""
 
 import json
+import secrets
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cached_property
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
@@ -17,7 +19,12 @@ from stereo_seecolor.live.processing import LiveFrame
 from stereo_seecolor.live.session import LiveCounts
 
 HOST = "127.0.0.1"
-"""Only this machine: the page has no password."""
+LOCAL = (HOST, "localhost")
+"""Only this machine: the page needs no token there."""
+
+TOKEN_BYTES = 16
+HEADERS = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"), ("X-Content-Type-Options", "nosniff"))
+"""The token in the address is told to no other site."""
 
 WIDTH_PX, QUALITY = 960, 85
 SLOW_CLIENT_S = 5.0
@@ -27,7 +34,7 @@ PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>stereo-see
 <style>body{font:15px system-ui,sans-serif;margin:1em;background:#111;color:#eee}
 div{display:flex;flex-wrap:wrap;gap:1em}img{width:100%;background:#222;min-height:8em}figure{margin:0;flex:1 1 28em}
 table{border-spacing:1em 0}td:last-child{text-align:right;font-variant-numeric:tabular-nums}#error{color:#fa8}</style>
-<h1>Live</h1><p id="state">waiting for the first pair</p><p id="error"></p>
+<h1>Live</h1><p id="state">waiting for the first pair</p><p id="reduced"></p><p id="error"></p>
 <div><figure><img id="corrected" alt="last corrected image"><figcaption>Corrected</figcaption></figure>
 <figure><img id="range" alt="its range map"><figcaption id="span">Range</figcaption></figure></div>
 <table id="facts"></table>
@@ -39,6 +46,7 @@ async function look() {
     const waiting = status.waiting ? "waiting for " + status.waiting : status.name || "waiting for the first pair";
     document.getElementById("state").textContent = waiting;
     document.getElementById("error").textContent = status.last_error;
+    document.getElementById("reduced").textContent = status.reduced;
     document.getElementById("span").textContent = "Range" + (status.range_span || "");
     const table = document.getElementById("facts");
     table.replaceChildren(...Object.entries(status.facts).map(([name, value]) => {
@@ -58,33 +66,52 @@ look();
 """
 
 
+class _Shown:
+    """One pair on the page; its pictures are made when a browser asks for them."""
+
+    def __init__(self, frame: LiveFrame) -> None:
+        self._frame = frame
+
+    @cached_property
+    def range_picture(self) -> tuple[NDArray[np.uint8], str]:
+        return _range_picture(_small(self._frame.result.range_map.measured_m))
+
+    def picture(self, name: str) -> bytes | None:
+        if name == "corrected.jpg":
+            return _jpeg(_small(eight_bit(self._frame.result.correction.image)))
+        return _jpeg(self.range_picture[0]) if name == "range.jpg" else None
+
+    @cached_property
+    def status(self) -> dict[str, Any]:
+        water = {
+            f"water: {name}": ", ".join(f"{v:.3g}" for v in np.ravel(values)) for name, values in _parameters(self._frame).items()
+        }
+        known = np.isfinite(self._frame.result.range_map.measured_m).mean()
+        facts = {"seconds a pair": f"{self._frame.seconds:.2f}", "range known": f"{known:.0%}", **water}
+        return {"name": self._frame.pair.name, "range_span": self.range_picture[1], "facts": facts}
+
+
 class Preview:
     """What the page shows. ``update`` replaces it as a whole, so that a browser never sees half of a pair."""
 
     def __init__(self, counts: LiveCounts) -> None:
         self._counts = counts
-        self._shown: tuple[dict[str, Any], dict[str, bytes]] = ({"name": "", "facts": {}}, {})
+        self._shown: _Shown | None = None
 
     def update(self, frame: LiveFrame) -> None:
         """The page shows this pair from now on."""
-        correction, range_m = frame.result.correction, frame.result.range_map.measured_m
-        range_picture, span = _range_picture(range_m)
-        pictures = {"corrected.jpg": _jpeg(eight_bit(correction.image)), "range.jpg": _jpeg(range_picture)}
-        water = {f"water: {name}": ", ".join(f"{v:.3g}" for v in np.ravel(values)) for name, values in _parameters(frame).items()}
-        facts = {
-            "seconds a pair": f"{frame.seconds:.2f}",
-            "range known": f"{np.isfinite(range_m).mean():.0%}",
-            **water,
-        }
-        self._shown = ({"name": frame.pair.name, "range_span": span, "facts": facts}, pictures)
+        self._shown = _Shown(frame)
 
     def status(self) -> dict[str, Any]:
         """As the page's script reads it."""
-        shown, counts = self._shown[0], self._counts.facts()
-        latencies = {f"latency, {kind}": counts[f"latency_{kind}_s"] for kind in ("median", "p95")}
+        shown: dict[str, Any] = self._shown.status if self._shown else {"name": "", "facts": {}}
+        counts = self._counts.facts()
+        kinds = [(kind, text) for kind in ("median", "p95") for text in ("latency", "products")]
+        latencies = {f"{text}, {kind}": counts[f"{text}_{kind}_s"] for kind, text in kinds}
         counted = {name: str(counts[name]) for name in ("done", "failed", "dropped")}
         times = {name: f"{value:.2f} s" for name, value in latencies.items() if value is not None}
-        return {**shown, "facts": {**counted, **times, **shown["facts"]}, **{k: counts[k] for k in ("waiting", "last_error")}}
+        notes = {name: counts[name] for name in ("waiting", "last_error", "reduced")}
+        return {**shown, "facts": {**counted, **times, **shown["facts"]}, **notes}
 
     def content(self, path: str) -> tuple[str, bytes] | None:
         """(media type, content) of what a browser asks for; None for what there is not."""
@@ -93,43 +120,47 @@ class Preview:
             return "text/html; charset=utf-8", PAGE.encode()
         if name == "status.json":
             return "application/json", json.dumps(self.status()).encode()
-        picture = self._shown[1].get(name)
+        picture = self._shown.picture(name) if self._shown else None
         return ("image/jpeg", picture) if picture else None
 
 
 @contextmanager
-def served(preview: Preview, port: int) -> Iterator[str]:
-    """Serve the page on this machine while the block runs; its address. port: 0 takes any that is free.
+def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
+    """Serve the page while the block runs; its address. port: 0 takes any that is free.
 
-    Raises OutputError if the port is taken.
+    host: an address of this machine that the page is bound to. Where others can reach it, its path begins with a random token, and
+    without it there is nothing. Raises OutputError if the port is taken, or the address is none of this machine.
     """
+    token = "" if host in LOCAL else f"{secrets.token_urlsafe(TOKEN_BYTES)}/"
 
     class Handler(BaseHTTPRequestHandler):
         timeout = SLOW_CLIENT_S
 
         def do_GET(self) -> None:
             """Answer a browser."""
-            found = preview.content(self.path) if self._is_local() else None
+            found = preview.content(self.path[1 + len(token) :]) if self._is_allowed() else None
             self.send_response(200 if found else 404)
             media_type, content = found or ("text/plain", b"not here\n")
-            for name, value in (("Content-Type", media_type), ("Content-Length", str(len(content))), ("Cache-Control", "no-store")):
+            for name, value in (("Content-Type", media_type), ("Content-Length", str(len(content))), *HEADERS):
                 self.send_header(name, value)
             self.end_headers()
             self.wfile.write(content)
 
-        def _is_local(self) -> bool:
+        def _is_allowed(self) -> bool:
             """Other sites must not read the page through a name of theirs that leads here."""
-            return self.headers.get("Host", "").rsplit(":", 1)[0] in (HOST, "localhost")
+            if token:
+                return secrets.compare_digest(self.path[: 1 + len(token)].encode(), f"/{token}".encode())
+            return self.headers.get("Host", "").rsplit(":", 1)[0] in LOCAL
 
         def log_message(self, format: str, *args: Any) -> None:
             """Requests are not logged."""
 
     try:
-        server = ThreadingHTTPServer((HOST, port), Handler)
+        server = ThreadingHTTPServer((host, port), Handler)
     except (OSError, OverflowError) as error:
-        raise OutputError(f"http://{HOST}:{port}: the page cannot be served there ({error}): choose another --port") from error
+        raise OutputError(f"http://{host}:{port}: the page cannot be served there ({error}): choose another --port") from error
     with server, in_background(server.serve_forever, server.shutdown):
-        yield f"http://{HOST}:{server.server_address[1]}/"
+        yield f"http://{host}:{server.server_address[1]}/{token}"
 
 
 def _parameters(frame: LiveFrame) -> dict[str, Any]:
@@ -148,8 +179,11 @@ def _range_picture(range_m: NDArray[np.float32]) -> tuple[NDArray[np.uint8], str
     return colored.astype(np.uint8), f", {near_m:.2f} m (yellow) to {far_m:.2f} m (blue)"
 
 
+def _small(image: NDArray[Any]) -> NDArray[Any]:
+    """Every second or third pixel of a large image: quick, and enough to look at."""
+    every = slice(None, None, -(-image.shape[1] // WIDTH_PX))
+    return np.ascontiguousarray(image[every, every])
+
+
 def _jpeg(image: NDArray[np.uint8]) -> bytes:
-    height, width = image.shape[:2]
-    if width > WIDTH_PX:
-        image = cv2.resize(image, (WIDTH_PX, round(height * WIDTH_PX / width)), interpolation=cv2.INTER_AREA)
     return bytes(cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])

@@ -14,6 +14,8 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.listing import EXTENSIONS
 from stereo_seecolor.inputs.pairing import Pair, pair_files
+from stereo_seecolor.live.reading import read_sides
+from stereo_seecolor.records import StereoFrame
 
 TAIL = 64
 """So many of the newest files a side are paired: right ones may arrive some pairs late."""
@@ -69,6 +71,10 @@ class FolderWatch:
             return pair_files(self._left.new[-TAIL:], self._right.new[-TAIL:], self._config, "live").pairs[-1]
         except InputError:
             return None  # partners have not come yet
+
+    def read(self, pair: Pair) -> StereoFrame:
+        """Both images. Raises InputError."""
+        return read_sides(pair, self._config)
 
     def take(self, pair: Pair) -> None:
         """This pair is done: it, and all that came before it, is not given again."""

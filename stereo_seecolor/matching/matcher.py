@@ -47,7 +47,7 @@ class Matcher:
     def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
         self._pair = pair
         self._config = config
-        self._seen_left = seen_left
+        self.seen_left = seen_left
         self._lowest, self._highest = disparity_limits(pair, config)
         width, height = pair.image_size
         self._scale = 4 if width * height > LARGE_IMAGE_PX else 2
@@ -93,8 +93,8 @@ class Matcher:
     def _range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
         """Check, refine, judge, and turn into meters, in strips on all cores."""
         remove_speckles(found.disparity, CONSTANTS.speckle_px)
-        if self._seen_left is not None:
-            found.forget(~self._seen_left)
+        if self.seen_left is not None:
+            found.forget(~self.seen_left)
         context = Context.of(found, pair.left)
         around = surroundings(context, found.best.shape)
         maps = RangeMaps.empty(found.disparity.shape)
@@ -124,8 +124,8 @@ class Matcher:
         return maps.range_map()
 
     def _forget_unseen(self, disparity: np.ndarray) -> None:
-        if self._seen_left is not None:
-            np.copyto(disparity, UNKNOWN, where=~self._seen_left)
+        if self.seen_left is not None:
+            np.copyto(disparity, UNKNOWN, where=~self.seen_left)
 
     def _unknown(self, warning: str) -> RangeMap:
         width, height = self._pair.image_size

@@ -1,0 +1,65 @@
+"""What ``live`` makes of corrected pairs: files in a folder, and a recording."""
+
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.export.mcap_file import stamp_of
+from stereo_seecolor.export.recording import McapRecording, RecordedPair
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.decode import eight_bit
+from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.live.processing import LiveFrame
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.run_folder.products import correction_files, range_files
+
+FIRST = ("range", "clouds")
+"""Products that are waited for; the others are written after them."""
+
+
+class KeptFiles:
+    """The products of every ``every``th pair in ``folder``. Raises OutputError if it holds anything."""
+
+    def __init__(self, folder: Path, every: int, pipeline: Pipeline) -> None:
+        if folder.exists() and any(folder.iterdir()):
+            raise OutputError(
+                f"{folder}: is there already: live keeps its pictures in a new or an empty folder; nothing was touched"
+            )
+        self._folder, self._every, self._pipeline = folder, every, pipeline
+        self._seen = 0
+
+    def __call__(self, frame: LiveFrame) -> None:
+        """Write a pair's products. Raises OutputError."""
+        self._seen += 1
+        if (self._seen - 1) % self._every:
+            return
+        output, result, name = self._pipeline.config.output, frame.result, frame.pair.name
+        files = range_files(name, result.range_map, output)
+        files |= correction_files(name, result.correction, result.range_map, self._pipeline.geometry, output, b"")
+        for product in sorted(files, key=lambda product: product not in FIRST):
+            path, content = files[product]
+            write_atomic(self._folder / path, content)
+
+
+class Recording:
+    """All pairs in a new MCAP file, as a context manager; corrected images as JPEG. Raises OutputError, DeviceError."""
+
+    def __init__(self, path: Path, pipeline: Pipeline) -> None:
+        assert pipeline.geometry is not None
+        self._file = McapRecording(path, pipeline.geometry, "lz4")
+        self._count = 0
+
+    def __call__(self, frame: LiveFrame) -> None:
+        """Add a pair. Raises OutputError."""
+        color = eight_bit(frame.result.correction.image)
+        stamp_ns = stamp_of(frame.pair.name, frame.pair.timestamp_s, self._count)
+        picture = bytes(encode_image(color, "jpg")), ".jpg"
+        self._file.add(RecordedPair(stamp_ns, picture, color, frame.result.range_map.measured_m))
+        self._count += 1
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._file.__exit__(kind, error, trace)

@@ -1,0 +1,60 @@
+"""How much work a pair may be, to hold a rate: full matching, or matching at half or a quarter of the size."""
+
+from collections import deque
+from dataclasses import dataclass
+from statistics import median
+
+
+@dataclass(frozen=True)
+class BudgetConstants:
+    """Decides when the size changes."""
+
+    pairs: int = 5  # the median of so many decides: one slow pair does not
+    smallest: int = 4  # at less than a quarter of the size little is left of a reef's relief
+    growth: float = 3.0  # times that a pair takes longer at twice the size: matching takes 4 to 8, reading and color stay
+    patience: int = 20  # pairs before the larger size is tried again; doubled each time that it turns out too slow
+    most_patience: int = 2000
+
+
+CONSTANTS = BudgetConstants()
+
+
+class Budget:
+    """shrink: 1, 2 or 4, what images are matched at 1/shrink of.
+
+    budget_s: seconds that a pair may take from being read to being corrected; None never shrinks.
+    """
+
+    def __init__(self, budget_s: float | None) -> None:
+        self.shrink = 1
+        self._budget_s = budget_s
+        self._recent: deque[float] = deque(maxlen=CONSTANTS.pairs)
+        self._patience, self._at_this_size, self._too_slow = CONSTANTS.patience, 0, 0.0
+
+    @property
+    def text(self) -> str:
+        """What is done less, and why; "" where nothing is."""
+        if self.shrink == 1 or self._budget_s is None:
+            return ""
+        return (
+            f"matched at 1/{self.shrink} of the size to hold {1000 * self._budget_s:.0f} ms a pair "
+            f"({1000 * self._too_slow:.0f} ms at 1/{self.shrink // 2})"
+        )
+
+    def took(self, seconds: float) -> None:
+        """A pair took so long."""
+        self._recent.append(seconds)
+        self._at_this_size += 1
+        if self._budget_s is None or len(self._recent) < CONSTANTS.pairs:
+            return
+        usual_s = median(self._recent)
+        if usual_s > self._budget_s and self.shrink < CONSTANTS.smallest:
+            self._too_slow = usual_s
+            self._patience = min(2 * self._patience, CONSTANTS.most_patience)
+            self._turn_to(2 * self.shrink)
+        elif self.shrink > 1 and self._at_this_size >= self._patience and usual_s * CONSTANTS.growth < self._budget_s:
+            self._turn_to(self.shrink // 2)
+
+    def _turn_to(self, shrink: int) -> None:
+        self.shrink, self._at_this_size = shrink, 0
+        self._recent.clear()
