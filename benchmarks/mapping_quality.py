@@ -22,7 +22,7 @@ from scipy.spatial import cKDTree
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
-from stereo_seecolor.evaluation.cloud import REACH_M, surface_points
+from stereo_seecolor.evaluation.cloud import surface_points
 from stereo_seecolor.evaluation.measures import angle_deg
 from stereo_seecolor.evaluation.nearest import nearest_distance_m
 from stereo_seecolor.evaluation.trajectory import trajectory_error
@@ -39,6 +39,8 @@ from stereo_seecolor.synthetic.render import Scene
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 GRID_M = 0.02
+REACH_M = 0.1
+"""A point of the cloud with no truth this near counts as off by as much."""
 SAMPLE = 50
 Rows = dict[str, str]
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.water_limits import PARAMETERS, problem_of
 
@@ -80,7 +81,7 @@ class Water:
 
     def content(self) -> dict[str, Any]:
         """As JSON holds it: lists in the order R, G, B; null for what is not known."""
-        return {part.name: _plain(getattr(self, part.name)) for part in fields(self)}
+        return {part.name: plain(getattr(self, part.name)) for part in fields(self)}
 
     @classmethod
     def from_content(cls, content: Any) -> Self:
@@ -131,14 +132,6 @@ def _by_channel(range_m: NDArray[np.floating], *numbers: PerChannel) -> list[NDA
     """Ranges as they are, and numbers of three channels such that products with them are (3, ...): numpy is slow at rows of 3."""
     z = np.asarray(range_m, dtype=np.float64)
     return [z, *(number.reshape(3, *(1,) * z.ndim) for number in numbers)]
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return [float(v) if np.isfinite(v) else None for v in value]
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    return list(value) if isinstance(value, tuple) else value
 
 
 def _channels(values: Any) -> PerChannel:

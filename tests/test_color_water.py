@@ -9,7 +9,7 @@ import pytest
 
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.water_file import read_waters, write_waters
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
 
 def some_water(**parts: object) -> Water:
@@ -88,7 +88,7 @@ def test_saved_and_loaded_it_is_the_same(tmp_path: Path) -> None:
 
 
 def test_each_frames_own_water_is_not_one_water(tmp_path: Path) -> None:
-    write_waters(tmp_path / "w.json", {"a": some_water(), "b": some_water(exposure=2.0)})
+    (tmp_path / "w.json").write_bytes(waters_content({"a": some_water(), "b": some_water(exposure=2.0)}))
     with pytest.raises(InputError, match=r"holds each frame's own water: run with color\.lock=survey"):
         Water.load(tmp_path / "w.json")
 

@@ -115,13 +115,3 @@ def test_red_lost_with_range_is_a_range_inconsistency():
     expected = np.exp(-0.3 * (4.333 - 1.667))  # medians of the outer thirds
     assert measures.score_truth(bluer, truth, range_m, darkest=0).range_consistency == pytest.approx(expected, rel=0.02)
     assert measures.range_consistency(bluer, None, range_m) < 0.7
-
-
-def test_spread_of_a_surface_in_overlapping_frames():
-    base = np.random.default_rng(3).uniform(0.2, 0.6, (30, 1, 3))
-    exposures = np.array([0.9, 1.1])[None, :, None]
-    assert measures.cross_frame_spread(base * np.ones((1, 4, 1))) == pytest.approx(0, abs=1e-12)
-    assert measures.cross_frame_spread(base * exposures) == pytest.approx(0.1)
-    seen_once = np.full((30, 2, 3), np.nan)
-    seen_once[:, :1] = base
-    assert np.isnan(measures.cross_frame_spread(seen_once))

@@ -19,7 +19,7 @@ from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.water_file import read_waters, write_waters
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
 CASES = 420  # of each of the kinds below: well over 2,000 in all
 SECONDS, BYTES = 5, 1 << 30
@@ -155,7 +155,7 @@ def exposures(folder: Path) -> list[Path]:
 
 
 def waters(folder: Path) -> list[Path]:
-    write_waters(folder / "water.json", {"a": Water(*np.random.default_rng(0).uniform(0, 1, (9, 3)))})
+    (folder / "water.json").write_bytes(waters_content({"a": Water(*np.random.default_rng(0).uniform(0, 1, (9, 3)))}))
     return sorted(folder.iterdir())
 
 

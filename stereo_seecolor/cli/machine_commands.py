@@ -69,7 +69,7 @@ def _section(entries: "list[tuple[list[str], Setting]]", depth: int) -> list[str
 def _yaml(value: Any) -> str:
     import yaml
 
-    from stereo_seecolor.cli.json_output import plain
+    from stereo_seecolor.files.json_values import plain
 
     text: str = yaml.safe_dump(plain(value), default_flow_style=True, width=10**6)
     return text.removesuffix("\n").removesuffix("\n...")

@@ -1,33 +1,7 @@
-"""A fused cloud against the true surface."""
-
-from dataclasses import dataclass
+"""The true surface as points, to judge a fused cloud by."""
 
 import numpy as np
 from numpy.typing import NDArray
-
-from stereo_seecolor.evaluation.nearest import nearest_distance_m
-
-REACH_M = 0.1
-
-
-@dataclass(frozen=True)
-class CloudError:
-    """Distances in meters; a point with no truth within 0.1 m counts as 0.1 m.
-
-    median_m, percentile_95_m: of the cloud's points to the nearest true one. completeness: share of the true points that have
-    a point of the cloud within the tolerance.
-    """
-
-    median_m: float
-    percentile_95_m: float
-    completeness: float
-
-
-def cloud_error(cloud_m: NDArray[np.floating], truth_m: NDArray[np.floating], tolerance_m: float) -> CloudError:
-    """Compare a cloud (N, 3) with a dense sampling (M, 3) of the surface that was seen, in the same axes."""
-    off_m = np.minimum(nearest_distance_m(cloud_m, truth_m, REACH_M), REACH_M)
-    missing_m = nearest_distance_m(truth_m, cloud_m, REACH_M)
-    return CloudError(float(np.median(off_m)), float(np.quantile(off_m, 0.95)), float(np.mean(missing_m <= tolerance_m)))
 
 
 def surface_points(height_m: NDArray[np.floating], origin_m: tuple[float, float], cell_m: float) -> NDArray[np.float64]:
@@ -43,6 +17,6 @@ def surface_points(height_m: NDArray[np.floating], origin_m: tuple[float, float]
         steep = steps > 1
         for k in range(1, int(steps.max(initial=0))):
             has = steep & (steps > k)
-            share = (k / steps[has])[:, None]
-            pieces.append(start[has] * (1 - share) + end[has] * share)
+            fraction = (k / steps[has])[:, None]
+            pieces.append(start[has] * (1 - fraction) + end[has] * fraction)
     return np.concatenate(pieces)

@@ -124,22 +124,6 @@ def range_consistency(pixels: Pixels, truth: Pixels | None, range_m: NDArray[np.
     return float(np.median(ratio[good & (range_m >= far)]) / np.median(ratio[good & (range_m <= near)]))
 
 
-def cross_frame_spread(samples: Pixels) -> float:
-    """Spread of the same surface's color in overlapping frames, as a share of its mean.
-
-    samples: (points, frames, 3), NaN where a frame does not see the point. The standard deviation over frames divided by the mean,
-    root mean square over channels, median over the points that two frames or more see.
-    """
-    seen = np.isfinite(samples).all(axis=-1).sum(axis=1) >= 2
-    if not seen.any():
-        return float("nan")
-    whole = np.where(np.isfinite(samples).all(axis=-1, keepdims=True), samples, np.nan)[seen]
-    mean = np.nanmean(whole, axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.nanstd(whole, axis=1) / mean
-    return float(np.nanmedian(np.sqrt((relative**2).mean(axis=-1))))
-
-
 def lab_from_linear(linear: Pixels) -> NDArray[np.float64]:
     """CIE L*a*b* under D65 of linear sRGB primaries, shape (..., 3)."""
     t = np.maximum(np.asarray(linear, dtype=np.float64), 0) @ _XYZ_FROM_LINEAR.T / _WHITE

@@ -1,6 +1,5 @@
 """The files that describe a run: run.json and frames.csv."""
 
-import math
 import platform
 import sys
 from collections.abc import Mapping, Sequence
@@ -12,6 +11,7 @@ from typing import Any
 
 from calibration import Rectification
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_map import track_points
 from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION
@@ -112,7 +112,7 @@ def _source(written: int, count: int) -> Any:
 
 def _content(run: RunDescription, summary: RunSummary, settings: Mapping[Stage, str]) -> dict[str, Any]:
     rectification = run.rectification
-    content: dict[str, Any] = finite(
+    content: dict[str, Any] = plain(
         {
             "format": RUN_FORMAT,
             "format_version": RUN_VERSION,
@@ -132,15 +132,6 @@ def _content(run: RunDescription, summary: RunSummary, settings: Mapping[Stage, 
         }
     )
     return content
-
-
-def finite(value: Any) -> Any:
-    """The same content with None for what JSON has no number for."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    return [finite(item) for item in value] if isinstance(value, list | tuple) else value
 
 
 def _version(library: str) -> str | None:

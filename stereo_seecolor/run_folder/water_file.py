@@ -5,13 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.errors import ColorError, InputError
-from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.water import Water, read_water_document, water_document
-
-
-def write_waters(path: Path, waters: Mapping[str, Water]) -> None:
-    """Write one water for all frames if they share it, else each frame's under its name. Raises OutputError."""
-    write_atomic(path, waters_content(waters))
 
 
 def waters_content(waters: Mapping[str, Water], light: Mapping[str, Any] | None = None) -> bytes:

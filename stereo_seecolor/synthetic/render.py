@@ -1,7 +1,7 @@
 """A pair of pictures of the reef through the water, and the truth behind them."""
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Any, Literal
 
 import cv2
@@ -171,16 +171,6 @@ class Scene:
         column = np.arange(width, dtype=np.float32) - disparity
         with np.errstate(invalid="ignore"):
             return np.asarray((np.abs(met_m[..., 0] - distance_m) < 0.01) & (column >= 0) & (column <= width - 1))
-
-
-def render_pair(spec: SurveySpec, index: int = 0) -> RenderedPair:
-    """One pair of a survey; the reef is kept between calls with the same specification."""
-    return _scene(spec).render(index)
-
-
-@lru_cache(maxsize=2)
-def _scene(spec: SurveySpec) -> Scene:
-    return Scene.from_spec(spec)
 
 
 def _rotation(R: NDArray[np.float64]) -> NDArray[np.float64]:
