@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.run_folder import folder, lease
+from stereo_seecolor.run_folder import lease, lock
 from stereo_seecolor.run_folder.lease import Holder, LeaseTimes, check_lease, leased, writer
 
 
@@ -98,8 +98,8 @@ def stale_handle(path: Path) -> bytes:
 
 def test_where_the_file_system_has_no_locks_the_lease_alone_guards_the_folder(tmp_path: Path, monkeypatch) -> None:
     def no_locks(self) -> None:
-        raise OSError(folder.errno.ENOLCK, "No locks available")
+        raise OSError(lock.errno.ENOLCK, "No locks available")
 
-    monkeypatch.setattr(folder.FileLock, "_acquire", no_locks)
-    with folder.held(tmp_path), pytest.raises(OutputError, match="another run is writing"), folder.held(tmp_path):
+    monkeypatch.setattr(lock.FileLock, "_acquire", no_locks)
+    with lock.held(tmp_path), pytest.raises(OutputError, match="another run is writing"), lock.held(tmp_path):
         pass

@@ -34,7 +34,7 @@ from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.records import SurveyFrame
-from stereo_seecolor.run_folder.folder import held
+from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 MAPPING = MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02)

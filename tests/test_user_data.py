@@ -21,10 +21,9 @@ from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.run_folder import folder as run_folder
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.folder import held
 from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 PRECIOUS = b"three years of field notes"
@@ -353,7 +352,6 @@ def test_a_full_disk_loses_nothing(dive: Dive, tmp_path: Path, monkeypatch: pyte
 
     with monkeypatch.context() as patched:
         patched.setattr(atomic, "write_temporary", full)
-        patched.setattr(run_folder, "write_temporary", full)
         with pytest.raises(OutputError, match="No space left on device"):
             go(dive, out)
     mine = keep(out / "notes.txt") if (out / ".state/manifest.json").exists() else None

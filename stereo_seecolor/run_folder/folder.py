@@ -1,31 +1,16 @@
 """OUT while a run writes into it: held by one run at a time, every file known to the manifest before it is there."""
 
-import contextlib
-import errno
-import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 
-from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.files.atomic import (
-    Content,
-    flush_folder,
-    link_temporary,
-    move_into_place,
-    output_errors,
-    remove_leftovers,
-    write_temporary,
-)
-from stereo_seecolor.files.contained import contained
+from stereo_seecolor.files.atomic import Content, link_temporary, output_errors, remove_leftovers
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.run_folder.claim import (
     Owner,
     check_claim,
@@ -34,26 +19,24 @@ from stereo_seecolor.run_folder.claim import (
     refuse_links,
     refuse_used,
 )
+from stereo_seecolor.run_folder.input_files import input_record
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
 from stereo_seecolor.run_folder.layout import (
     INDEX,
-    LOCK,
     MAP,
     ORIGINAL,
     PAGE,
     PAGE_PRODUCTS,
     PRODUCTS,
-    SET_ASIDE,
     Stage,
     state,
     table_file,
 )
-from stereo_seecolor.run_folder.lease import Holder, check_lease, leased
+from stereo_seecolor.run_folder.lease import check_lease
+from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
+from stereo_seecolor.run_folder.owned_files import OwnedFiles, is_ours, remove_empty_folders
 from stereo_seecolor.run_folder.stamp import Stamp
-
-WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
-"""What a file system says that knows no locks, as some network file systems: the lease alone guards OUT there."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +58,7 @@ class RunFolder:
     def __init__(self, root: Path, claim: Claim) -> None:
         self.root = root
         self.manifest = Manifest(root)
-        self.set_aside: list[Path] = []
+        self._files = OwnedFiles(root)
         self.removed: list[str] = []
         self.written: dict[Stage, set[str]] = {"range": set(), "corrected": set(), "rectified": set(), "page": set()}
         self.files_written: set[str] = set()
@@ -139,15 +122,13 @@ class RunFolder:
             remove_leftovers(folder)
         self.manifest.save_dive(self._dive)
 
-    # What an earlier run finished
-
     def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
         """What an earlier run finished of this frame's stage with the same key; None if a file of it is gone or changed."""
         frame = self.manifest.frame(name)
         record = frame.stages.get(stage) if frame else None
         if frame is None or record is None or record.key != key:
             return None
-        return record if all(_is_ours(self.root, path, frame.files) for path in record.outputs.values()) else None
+        return record if all(is_ours(self.root, path, frame.files) for path in record.outputs.values()) else None
 
     def inputs(self, name: str, paths: Mapping[str, Path], verify: bool) -> dict[str, InputRecord]:
         """A frame's input files by side, with their hashes: an earlier run's where size and time are the same, unless ``verify``.
@@ -156,9 +137,7 @@ class RunFolder:
         """
         frame = self.manifest.frame(name)
         known = frame.inputs if frame and not verify else {}
-        return {side: _input(path, known.get(side)) for side, path in paths.items()}
-
-    # What this run writes
+        return {side: input_record(path, known.get(side)) for side, path in paths.items()}
 
     def begin(self, settings: dict[Stage, str]) -> None:
         """A run begins: what was made with these settings (stage -> hash) is current from now on. Raises OutputError."""
@@ -191,15 +170,15 @@ class RunFolder:
         frame = frame.with_stage(stage, record)
         live = {path for item in frame.stages.values() for path in item.outputs.values()}
         before = dict(old.files) if old else {}
-        self._delete(before.keys() - live, before)
-        temporaries = self._write_temporaries(contents.values())
+        self._files.delete(before.keys() - live, before)
+        temporaries = self._files.write_temporaries(contents.values())
         with output_errors(self.root):
             stamps = {path: (Stamp.of(temporary),) for path, temporary in temporaries.items()}
         files = {path: stamps.get(path, ()) + before.get(path, ())[:2] for path in live if path in stamps or path in before}
         frame = replace(frame, files=files)
         check_lease(self.root, self._token)
         self.manifest.save_frame(frame)
-        self._move_into_place(temporaries, files)
+        self._files.move_into_place(temporaries, files)
         self.written[stage].add(frame.name)
         return frame
 
@@ -219,29 +198,29 @@ class RunFolder:
             with output_errors(self.root / path):
                 temporaries[path] = link_temporary(other / path, self.root / path)
         self.manifest.save_frame(frame)
-        self._move_into_place(temporaries, {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()})
+        self._files.move_into_place(temporaries, {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()})
 
     def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
         """What a worker did for a frame: the stages that it wrote, and files that it moved aside."""
         for stage in written:
             self.written[stage].add(name)
-        self.set_aside += [path for path in aside if path not in self.set_aside]
+        self._files.set_aside += [path for path in aside if path not in self.set_aside]
 
     def rewrite(self, frame: FrameRecord, contents: Mapping[str, bytes]) -> None:
         """Replace files that a frame has by others (path relative to OUT -> content); its stages stay. Raises OutputError."""
         if not contents:
             return
-        temporaries = self._write_temporaries(contents.items())
+        temporaries = self._files.write_temporaries(contents.items())
         with output_errors(self.root):
             files = {path: (Stamp.of(temporary), *frame.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
         self.manifest.save_frame(replace(frame, files={**frame.files, **files}))
-        self._move_into_place(temporaries, files)
+        self._files.move_into_place(temporaries, files)
 
     def discard(self, name: str) -> None:
         """Delete all that the program wrote of a frame: it failed, or its input is gone."""
         frame = self.manifest.frame(name)
         if frame is not None:
-            self._delete(frame.files, frame.files)
+            self._files.delete(frame.files, frame.files)
         self.manifest.remove_frame(name)
         (self.root / table_file(name)).unlink(missing_ok=True)
 
@@ -252,11 +231,11 @@ class RunFolder:
         """
         if isinstance(content, bytes) and self._has(name, content):
             return
-        temporaries = self._write_temporaries([(name, content)])
+        temporaries = self._files.write_temporaries([(name, content)])
         files = {name: (Stamp.of(temporaries[name]), *self._dive.files.get(name, ())[:2])}
         made = {name: made_from} if made_from else {}
         self.update(replace(self._dive, files={**self._dive.files, **files}, made_from={**self._dive.made_from, **made}))
-        self._move_into_place(temporaries, files)
+        self._files.move_into_place(temporaries, files)
         self.files_written.add(name)
 
     def write_all(self, name: str, contents: Iterable[tuple[str, bytes]], made_from: str) -> None:
@@ -266,14 +245,14 @@ class RunFolder:
         """
         temporaries: dict[str, Path] = {}
         for path, content in contents:
-            temporaries |= self._write_temporaries([(f"{name}/{path}", content)])
+            temporaries |= self._files.write_temporaries([(f"{name}/{path}", content)])
         files = {path: (Stamp.of(temporary), *self._dive.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
         made = {**self._dive.made_from, name: made_from}
         self.update(replace(self._dive, files={**self._dive.files, **files}, made_from=made))
-        self._move_into_place(temporaries, files)
+        self._files.move_into_place(temporaries, files)
 
     def _has(self, name: str, content: bytes) -> bool:
-        return _is_ours(self.root, name, self._dive.files) and (self.root / name).read_bytes() == content
+        return is_ours(self.root, name, self._dive.files) and (self.root / name).read_bytes() == content
 
     def remove(self, *names: str) -> None:
         """Delete files of the whole dive, or all files of a folder such as map, that the program wrote."""
@@ -281,12 +260,21 @@ class RunFolder:
         gone = [path for path in self._dive.files if path in names or path.startswith(folders)]
         lost = [name for name in names if name != INDEX and not name.startswith(f"{PAGE}/")]  # the page is written again
         self.removed += [f"{self.root / name}: was made from other frames or settings, and was removed" for name in lost]
-        self._delete(gone, self._dive.files)
+        self._files.delete(gone, self._dive.files)
         files = {path: stamps for path, stamps in self._dive.files.items() if path not in gone}
         made_from = {name: made for name, made in self._dive.made_from.items() if name not in names}
         self.update(replace(self._dive, files=files, made_from=made_from))
         for name in names:
             remove_empty_folders(self.root / name)
+
+    def keep_aside(self, place: Path, path: str) -> None:
+        """Move a file that is not the program's to where nothing overwrites it: from ``place``, called ``path`` in OUT."""
+        self._files.keep_aside(place, path)
+
+    @property
+    def set_aside(self) -> list[Path]:
+        """Files that were moved aside, where they are now."""
+        return self._files.set_aside
 
     @property
     def dive(self) -> DiveRecord:
@@ -298,116 +286,13 @@ class RunFolder:
         self._dive = record
         self.manifest.save_dive(record)
 
-    # Files on disk
-
-    def _write_temporaries(self, contents: Iterable[tuple[str, Content]]) -> dict[str, Path]:
-        written: dict[str, Path] = {}
-        for path, content in contents:
-            try:
-                with output_errors(self.root / path):
-                    written[path] = write_temporary(self.root / path, content)
-            except BaseException:
-                for temporary in written.values():
-                    temporary.unlink(missing_ok=True)
-                raise
-        return written
-
-    def _move_into_place(self, temporaries: Mapping[str, Path], files: Mapping[str, Sequence[Stamp]]) -> None:
-        for path, temporary in temporaries.items():
-            place = self.root / path
-            with output_errors(place):
-                if (place.exists() or place.is_symlink()) and not _is_ours(self.root, path, files):
-                    self.keep_aside(place, path)
-                move_into_place(temporary, place)
-        for folder in {(self.root / path).parent for path in temporaries}:
-            flush_folder(folder)
-
-    def _delete(self, paths: Iterable[str], files: Mapping[str, Sequence[Stamp]]) -> None:
-        """Delete files of ours; what somebody changed since is moved aside instead."""
-        for path in paths:
-            place = self.root / path
-            if _is_ours(self.root, path, files):
-                with output_errors(place):
-                    place.unlink()
-            elif place.exists() or place.is_symlink():
-                self.keep_aside(place, path)
-
-    def keep_aside(self, place: Path, path: str) -> None:
-        """Move a file that is not, or no longer, the program's to where nothing overwrites it. Raises OutputError.
-
-        place: where it is now. path: what it is called in OUT.
-        """
-        target = self.root / SET_ASIDE / path
-        number = 1
-        while target.exists() or target.is_symlink():
-            target = (self.root / SET_ASIDE / path).with_name(f"{Path(path).stem}-{number}{Path(path).suffix}")
-            number += 1
-        with output_errors(target):
-            target.parent.mkdir(parents=True, exist_ok=True)
-            place.rename(target)
-        self.set_aside.append(target)
-
     def _delete_everything(self) -> None:
         """Delete all that the manifest names, and folders that are empty then."""
         for frame in self.manifest.frames():
             self.discard(frame.name)
         dive = self.manifest.dive()
-        self._delete(dive.files, dive.files)
+        self._files.delete(dive.files, dive.files)
         forget_refinement(self.root)
         self.manifest.save_dive(DiveRecord(identity=dive.identity))
         for folder in (MAP, PAGE, *PRODUCTS, ORIGINAL):
             remove_empty_folders(self.root / folder)
-
-
-def remove_empty_folders(folder: Path) -> None:
-    """Remove a folder and those in it as far as they are empty."""
-    if not folder.is_dir() or folder.is_symlink():
-        return
-    for inner in folder.iterdir():
-        if inner.is_dir() and not inner.is_symlink():
-            remove_empty_folders(inner)
-    with contextlib.suppress(OSError):
-        folder.rmdir()
-
-
-def _input(path: Path, known: InputRecord | None) -> InputRecord:
-    try:
-        inner = contained(path)
-        status = (inner.outer if inner else path).stat()
-        same_name = inner is None or (known is not None and known.path.endswith(inner.name))
-        if known and same_name and (status.st_size, status.st_mtime_ns) == (known.stamp.size, known.stamp.mtime_ns):
-            return replace(known, path=str(path))
-        sha256 = hashlib.sha256(read_bytes(path)).hexdigest()
-        return InputRecord(str(path), Stamp.of(path), sha256)
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
-
-
-def _is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
-    return any(stamp.matches(root / path) for stamp in files.get(path, ()))
-
-
-@contextmanager
-def held(root: Path) -> Iterator[Holder]:
-    """Hold a run's folder, made where it is missing: no other run, of this machine or another, writes into it meanwhile.
-
-    Raises OutputError if it cannot be written, or is held already.
-    """
-    lock = FileLock(state(root, LOCK), timeout=0)
-    try:
-        state(root).mkdir(parents=True, exist_ok=True)
-        lock.acquire()
-    except Timeout as error:
-        now = None
-        with contextlib.suppress(OSError):
-            now = Holder.load(root)
-        who = f" ({now})" if now else ""
-        raise OutputError(f"{root}: another run is writing into it now{who}: wait for it, or choose another --out") from error
-    except OSError as error:
-        if error.errno not in WITHOUT_LOCKS:
-            raise OutputError(f"{root}: cannot be written: {error.strerror or error}: choose another --out") from error
-    try:
-        with leased(root, lock.is_locked) as holder:
-            yield holder
-    finally:
-        lock.release()

@@ -1,0 +1,42 @@
+"""The lock of a run's folder."""
+
+import contextlib
+import errno
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from filelock import FileLock, Timeout
+
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.run_folder.layout import LOCK, state
+from stereo_seecolor.run_folder.lease import Holder, leased
+
+WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
+"""What a file system says that knows no locks, as some network file systems: the lease alone guards OUT there."""
+
+
+@contextmanager
+def held(root: Path) -> Iterator[Holder]:
+    """Hold a run's folder, made where it is missing: no other run, of this machine or another, writes into it meanwhile.
+
+    Raises OutputError if it cannot be written, or is held already.
+    """
+    lock = FileLock(state(root, LOCK), timeout=0)
+    try:
+        state(root).mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    except Timeout as error:
+        now = None
+        with contextlib.suppress(OSError):
+            now = Holder.load(root)
+        who = f" ({now})" if now else ""
+        raise OutputError(f"{root}: another run is writing into it now{who}: wait for it, or choose another --out") from error
+    except OSError as error:
+        if error.errno not in WITHOUT_LOCKS:
+            raise OutputError(f"{root}: cannot be written: {error.strerror or error}: choose another --out") from error
+    try:
+        with leased(root, lock.is_locked) as holder:
+            yield holder
+    finally:
+        lock.release()

@@ -1,0 +1,86 @@
+"""Files in OUT that the program wrote: written and deleted so that nothing of a user's is lost."""
+
+import contextlib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from stereo_seecolor.files import atomic
+from stereo_seecolor.files.atomic import Content, output_errors
+from stereo_seecolor.run_folder.layout import SET_ASIDE
+from stereo_seecolor.run_folder.stamp import Stamp
+
+
+class OwnedFiles:
+    """The files under ``root``. A file is the program's if its stamp is one that the manifest holds for its path.
+
+    set_aside: files that are not, or no longer, and that were moved aside instead of overwritten.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self.set_aside: list[Path] = []
+
+    def write_temporaries(self, contents: Iterable[tuple[str, Content]]) -> dict[str, Path]:
+        """Write files beside where they belong: path in OUT, content -> temporary. Raises OutputError, and then none is left."""
+        written: dict[str, Path] = {}
+        for path, content in contents:
+            try:
+                with output_errors(self.root / path):
+                    written[path] = atomic.write_temporary(self.root / path, content)
+            except BaseException:
+                for temporary in written.values():
+                    temporary.unlink(missing_ok=True)
+                raise
+        return written
+
+    def move_into_place(self, temporaries: Mapping[str, Path], files: Mapping[str, Sequence[Stamp]]) -> None:
+        """Give written files their names, and flush the folders; what is there and not of ``files`` is moved aside."""
+        for path, temporary in temporaries.items():
+            place = self.root / path
+            with output_errors(place):
+                if (place.exists() or place.is_symlink()) and not is_ours(self.root, path, files):
+                    self.keep_aside(place, path)
+                atomic.move_into_place(temporary, place)
+        for folder in {(self.root / path).parent for path in temporaries}:
+            atomic.flush_folder(folder)
+
+    def delete(self, paths: Iterable[str], files: Mapping[str, Sequence[Stamp]]) -> None:
+        """Delete files of ours; what somebody changed since is moved aside instead."""
+        for path in paths:
+            place = self.root / path
+            if is_ours(self.root, path, files):
+                with output_errors(place):
+                    place.unlink()
+            elif place.exists() or place.is_symlink():
+                self.keep_aside(place, path)
+
+    def keep_aside(self, place: Path, path: str) -> None:
+        """Move a file that is not, or no longer, the program's to where nothing overwrites it. Raises OutputError.
+
+        place: where it is now. path: what it is called in OUT.
+        """
+        target = self.root / SET_ASIDE / path
+        number = 1
+        while target.exists() or target.is_symlink():
+            target = (self.root / SET_ASIDE / path).with_name(f"{Path(path).stem}-{number}{Path(path).suffix}")
+            number += 1
+        with output_errors(target):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            place.rename(target)
+        self.set_aside.append(target)
+
+
+def remove_empty_folders(folder: Path) -> None:
+    """Remove a folder and those in it as far as they are empty."""
+    if not folder.is_dir() or folder.is_symlink():
+        return
+    for inner in folder.iterdir():
+        if inner.is_dir() and not inner.is_symlink():
+            remove_empty_folders(inner)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
+    """Whether the file at a path of OUT is as the program wrote it. files: path -> the stamps it may have."""
+    return any(stamp.matches(root / path) for stamp in files.get(path, ()))
