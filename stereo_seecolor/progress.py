@@ -75,13 +75,14 @@ class LoggingListener:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a command goes about it, not what it makes.
+    """How a command goes about it; what it makes of its inputs is in the configuration.
 
     workers: pairs under way at once. overwrite: begin anew in a used folder. strict: stop at the first bad pair.
     verify: read and hash every input again, also those whose size and time are those of an earlier run.
     config_file: where the settings came from, so that it is never deleted. command_line: for run.json.
     listener: hears how far the job is; by default the log of this module does. shard: which part of the dive's pairs is done.
     cluster: where the work runs instead of on this machine's threads.
+    water: the water.json of an earlier dive, used instead of a fit.
     """
 
     workers: int = 2
@@ -93,6 +94,7 @@ class RunOptions:
     listener: Listener = field(default_factory=LoggingListener)
     shard: Shard = WHOLE
     cluster: Compute | None = None
+    water: Path | None = None
 
     @property
     def compute(self) -> Compute:

@@ -36,7 +36,7 @@ def sharded(dive, tmp_path: Path, of: int = 2, config: RunConfig | None = None, 
     sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
     outs = [tmp_path / f"part{number}" for number in range(1, of + 1)]
     for number, out in enumerate(outs, 1):
-        run(*sides, out, config, RunOptions(shard=Shard(number, of)), water=water)
+        run(*sides, out, config, RunOptions(shard=Shard(number, of), water=water))
     return outs
 
 
@@ -86,7 +86,7 @@ def test_parts_that_do_not_belong_together_are_refused(make_dive, tmp_path) -> N
     run(*sides, tmp_path / "other", other, second)
     with pytest.raises(InputError, match="other settings or another rig"):
         merge([one, tmp_path / "other"], tmp_path / "merged")
-    run(*sides, tmp_path / "corrected", options=second, water=_fitted(one, tmp_path))
+    run(*sides, tmp_path / "corrected", options=replace(second, water=_fitted(one, tmp_path)))
     with pytest.raises(InputError, match="has no water yet"):
         merge([one, tmp_path / "corrected"], tmp_path / "merged")
     for side in "LR":

@@ -40,10 +40,8 @@ def dive(make_dive: Callable[..., Dive]) -> Dive:
 def go(
     dive: Dive, out: Path, *settings: str, overwrite: bool = False, calib: Path | None = None, water: Path | None = None
 ) -> RunSummary:
-    options = RunOptions(overwrite=overwrite)
-    return run(
-        dive.root / "L", dive.root / "R", calib or dive.root / "cam.yaml", out, load_config(None, settings), options, water=water
-    )
+    options = RunOptions(overwrite=overwrite, water=water)
+    return run(dive.root / "L", dive.root / "R", calib or dive.root / "cam.yaml", out, load_config(None, settings), options)
 
 
 def keep(path: Path) -> Path:
@@ -166,9 +164,10 @@ def test_overwrite_never_deletes_its_own_inputs(dive: Dive, tmp_path: Path, give
     go(dive, out, "color.lock=survey")
     before = contents(out)
     left, right, calib = dive.root / "L", dive.root / "R", out / "rig.yaml" if given == "rig.yaml" else dive.root / "cam.yaml"
-    options = RunOptions(overwrite=True, config_file=out / "run.json" if given == "run.json" else None)
+    config_file, water = (out / name if given == name else None for name in ("run.json", "water.json"))
+    options = RunOptions(overwrite=True, config_file=config_file, water=water)
     with pytest.raises(OutputError, match=rf"{given}: is an input of this run.*nothing was touched"):
-        run(left, right, calib, out, options=options, water=out / "water.json" if given == "water.json" else None)
+        run(left, right, calib, out, options=options)
     assert contents(out) == before
 
 

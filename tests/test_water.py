@@ -11,6 +11,7 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.water import measure_water
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.progress import RunOptions
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
@@ -28,7 +29,7 @@ def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         -np.log(found.attenuation(np.array(z))) / z, np.array(truth["w"]) * np.exp(-np.array(truth["v"]) * z), rtol=0.1
     )
-    run(*SIDES, tmp_path / "second", config, water=path)
+    run(*SIDES, tmp_path / "second", config, RunOptions(water=path))
     first, second = (evaluate(tmp_path / name, SAMPLES / "truth") for name in ("first", "second"))
     assert second.color.angle_deg < first.color.angle_deg + 0.3
     assert second.color.angle_after_gains_deg < first.color.angle_after_gains_deg + 0.1

@@ -100,8 +100,9 @@ def run(
                 from stereo_seecolor.commands.fuse import fuse as fuse_frames
 
                 check_fusion(poses, loaded)
-            options = replace(run_options(workers, overwrite, strict, verify, config, listener), shard=part, cluster=compute)
-            summary = _run(left, right, calib, bag, topics)(out, loaded, options, water=water)
+            chosen = run_options(workers, overwrite, strict, verify, config, listener)
+            options = replace(chosen, shard=part, cluster=compute, water=water)
+            summary = _run(left, right, calib, bag, topics)(out, loaded, options)
         if summary.stopped:
             _end(report, summary, out)
         if fuse:
@@ -161,8 +162,8 @@ def correct(
 
     report = Report("correct", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        options = run_options(workers, overwrite, strict, verify, config, listener)
-        summary = correct_images(images, ranges, out, load_config(config, settings or []), options, water=water)
+        options = replace(run_options(workers, overwrite, strict, verify, config, listener), water=water)
+        summary = correct_images(images, ranges, out, load_config(config, settings or []), options)
     _end(report, summary, out)
 
 

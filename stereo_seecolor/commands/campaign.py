@@ -134,7 +134,7 @@ def _dive(file: Path, content: CampaignFile, dive: DiveEntry, options: RunOption
 def _run(folder: Path, dive: DiveEntry, out: Path, config: RunConfig, options: RunOptions, state: DiveState) -> DiveState:
     water = folder / dive.water if dive.water else None
     calib = ",".join(str(folder / part) for part in dive.calib.split(","))
-    summary = run(folder / dive.left, folder / dive.right, calib, out, config, options, water=water)
+    summary = run(folder / dive.left, folder / dive.right, calib, out, config, replace(options, water=water))
     done: State = "stopped" if summary.stopped else "done" if summary.all_done else "some pairs failed"
     state = replace(state, state=done, ok=summary.count("ok"), failed=summary.count("failed"))
     if (dive.fuse or dive.poses) and not summary.stopped:

@@ -15,13 +15,7 @@ from stereo_seecolor.run_folder.frames_table import RunSummary
 
 
 def correct(
-    images: Path,
-    ranges: Path,
-    out: Path,
-    config: RunConfig | None = None,
-    options: RunOptions | None = None,
-    *,
-    water: Path | None = None,
+    images: Path, ranges: Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
     """Images and their range maps (float32 TIFF in meters or 16-bit PNG in millimeters) in, corrected images out.
 
@@ -32,8 +26,8 @@ def correct(
     pairing = pair_by_stem(images, ranges)
     owner = Owner("ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left))
     description = describe({"images": str(images), "range": str(ranges)}, config, pairing, "corrected", options)
-    job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, water))
-    with RunFolder(out, claim(owner, options, [folder_of(images), folder_of(ranges), water])) as folder:
+    job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, options.water))
+    with RunFolder(out, claim(owner, options, [folder_of(images), folder_of(ranges), options.water])) as folder:
         return job.conduct(folder, options)
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from calibration.formats import native
@@ -29,37 +30,27 @@ def run(
     out: Path,
     config: RunConfig | None = None,
     options: RunOptions | None = None,
-    *,
-    water: Path | None = None,
 ) -> RunSummary:
     """Stereo pairs in; range maps, true-color frames, clouds and tables out, in ``out``.
 
     left, right: folders of images, patterns (``DIVE/*_L.png``), or one video a side, or twice the same video that shows both.
-    calib: any calibration that load_rig reads. water: the water.json of an earlier dive, to be used instead of a fit.
-    A shard without a ``water`` stops after the first pass: the water of all shards is fitted by ``merge``.
+    calib: any calibration that load_rig reads. A shard without a water (``options.water``) stops after the first pass: the water
+    of all shards is fitted by ``merge``.
     Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
     """
     inputs, config, options = StereoInputs(left, right, calib), config or RunConfig(), options or RunOptions()
-    if water or options.shard.whole:
-        command = StereoCommand(inputs, config, options, "corrected")
-        return command.into(out, lambda dive, folder, pairing: color(dive, folder, pairing, water, options.shard), water)
+    if options.water or options.shard.whole:
+        return StereoCommand(inputs, config, options, "corrected").into(out, _coloring(options))
     return StereoCommand(inputs, config, options, "range").into(out, lambda dive, _, pairing: dive.count(pairing.pairs))
 
 
-def run_bag(
-    inputs: BagInputs,
-    out: Path,
-    config: RunConfig | None = None,
-    options: RunOptions | None = None,
-    *,
-    water: Path | None = None,
-) -> RunSummary:
+def run_bag(inputs: BagInputs, out: Path, config: RunConfig | None = None, options: RunOptions | None = None) -> RunSummary:
     """As ``run``, of a ROS bag, which needs no ROS: .bag, .db3, .mcap, or a folder with the files of a split one.
 
     Raises as ``run``, and DeviceError if the library for bags is missing.
     """
-    command = StereoCommand(inputs, config or RunConfig(), options or RunOptions(), "corrected")
-    return command.into(out, lambda dive, folder, pairing: color(dive, folder, pairing, water), water)
+    options = options or RunOptions()
+    return StereoCommand(inputs, config or RunConfig(), options, "corrected").into(out, _coloring(options))
 
 
 def range_maps(
@@ -79,7 +70,7 @@ class StereoCommand:
     options: RunOptions
     last: Stage
 
-    def into(self, out: Path, passes: Callable[[Dive, RunFolder, Pairing], None], water: Path | None = None) -> RunSummary:
+    def into(self, out: Path, passes: Callable[[Dive, RunFolder, Pairing], None]) -> RunSummary:
         """Do ``passes`` into ``out``. Folders are looked at before OUT is touched; videos are unpacked into it."""
         inputs, shard = self.inputs, self.options.shard
         kind = KIND if shard.whole else f"{KIND}, shard {shard}"
@@ -88,7 +79,7 @@ class StereoCommand:
         else:
             opened = inputs.open(self.config)
             owner = inputs.owner(kind, opened.pairing)
-        with RunFolder(out, claim(owner, self.options, [*inputs.paths, water])) as folder:
+        with RunFolder(out, claim(owner, self.options, [*inputs.paths, self.options.water])) as folder:
             if isinstance(inputs, StereoInputs) and opened is None:
                 opened = inputs.unpacked(folder, self.config).open(self.config)
             assert opened
@@ -107,6 +98,10 @@ def stereo_job(opened: Opened, command: StereoCommand, passes: Callable[[Dive, R
         passes(dive, folder, pairing)
 
     return Job(pipeline, pairing, with_rig(description, pipeline.rectification), with_rig_file)
+
+
+def _coloring(options: RunOptions) -> Callable[[Dive, RunFolder, Pairing], None]:
+    return partial(color, water=options.water, shard=options.shard)
 
 
 def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, shard: Shard = WHOLE) -> None:
