@@ -1,7 +1,7 @@
 """How well each method does on targets of known color: rows of a table, and a contact sheet to look at."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -19,7 +19,7 @@ from stereo_seecolor.evaluation.targets import Target, read_targets, targets_of
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
-from stereo_seecolor.inputs.pairing import pair_by_stem
+from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
 from stereo_seecolor.records import Image, Map
 
 OURS = "stereo-seecolor"
@@ -80,32 +80,47 @@ def evaluate_charts(
     """
     config, results = config or RunConfig(), OtherResults.of(others)
     given = read_targets(targets) if targets else {}
-    rows: list[ChartRow] = []
-    without: list[str] = []
-    tiles: list[list[NDArray[np.uint8]]] = []
-    seen: list[SeenChart] = []
-    for pair in pair_by_stem(images, ranges).pairs:
-        image, range_m = read_image(pair.left, config.input), read_range_map(pair.right)
-        if range_m.shape != image.shape[:2]:
-            raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
-        found = [] if targets and pair.left.stem not in given else targets_of(given.get(pair.left.stem, []), image, range_m)
-        usable = [target for target in found if target.mask.any()]
-        if not usable:
-            without.append(pair.name)
-            continue
-        without += [f"{pair.name}: {target.name}" for target in found if not target.mask.any()]
-        corrected = results.corrected(pair.left.stem, image.shape) | correct_by_all(image, range_m, config)
-        rows += [
-            score_target(pair.name, target, method, result, range_m) for target in usable for method, result in corrected.items()
-        ]
-        each = (seen_chart(method, target, result, range_m) for target in usable for method, result in corrected.items())
-        seen += [chart for chart in each if chart]
-        tiles.append([_tile(f"{pair.name}  {method}", result) for method, result in corrected.items()])
+    pairs = pair_by_stem(images, ranges).pairs
+    frames = [_scored(pair, given.get(pair.left.stem) if targets else [], results, config) for pair in pairs]
+    rows = tuple(row for frame in frames for row in frame.rows)
+    without = tuple(name for frame in frames for name in frame.without)
     if not rows:
         raise InputError(_nothing_found(images, targets, len(without)))
     if sheet:
-        write_atomic(sheet, _sheet(tiles))
-    return ChartReport(tuple(rows), tuple(without), sheet, spread_over_charts(seen))
+        write_atomic(sheet, _sheet([frame.tiles for frame in frames if frame.tiles]))
+    return ChartReport(rows, without, sheet, spread_over_charts([chart for frame in frames for chart in frame.seen]))
+
+
+@dataclass(frozen=True, eq=False)
+class _ScoredFrame:
+    """What one frame adds to the report. without: what of it could not be scored, by name."""
+
+    rows: list[ChartRow] = field(default_factory=list)
+    without: list[str] = field(default_factory=list)
+    tiles: list[NDArray[np.uint8]] = field(default_factory=list)
+    seen: list[SeenChart] = field(default_factory=list)
+
+
+def _scored(
+    pair: Pair, named: list[dict[str, NDArray[np.float64]]] | None, results: OtherResults, config: RunConfig
+) -> _ScoredFrame:
+    """Every method on the targets of a frame. named: those of the file of targets, None where it does not name this frame."""
+    image, range_m = read_image(pair.left, config.input), read_range_map(pair.right)
+    if range_m.shape != image.shape[:2]:
+        raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
+    found = [] if named is None else targets_of(named, image, range_m)
+    usable = [target for target in found if target.mask.any()]
+    if not usable:
+        return _ScoredFrame(without=[pair.name])
+    corrected = results.corrected(pair.left.stem, image.shape) | correct_by_all(image, range_m, config)
+    each = [(target, method, result) for target in usable for method, result in corrected.items()]
+    charts = (seen_chart(method, target, result, range_m) for target, method, result in each)
+    return _ScoredFrame(
+        [score_target(pair.name, target, method, result, range_m) for target, method, result in each],
+        [f"{pair.name}: {target.name}" for target in found if not target.mask.any()],
+        [_tile(f"{pair.name}  {method}", result) for method, result in corrected.items()],
+        [chart for chart in charts if chart],
+    )
 
 
 def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
@@ -116,8 +131,8 @@ def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
 
 def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, NDArray[np.float64]]:
     """Method -> corrected image (H, W, 3) in [0, 1] as displayed, NaN where the method leaves a pixel out; ours last."""
-    shares = image / float(np.iinfo(image.dtype).max)
-    results = {name: np.minimum(method(shares, range_m.astype(np.float64)), 1.0) for name, method in METHODS.items()}
+    fractions = image / float(np.iinfo(image.dtype).max)
+    results = {name: np.minimum(method(fractions, range_m.astype(np.float64)), 1.0) for name, method in METHODS.items()}
     for name, color in (("paper", config.color.model_copy(update={"method": "paper"})), (OURS, config.color)):
         corrector = Corrector(color)
         done = corrector.apply(image, range_m, corrector.fit_frame(image, range_m))

@@ -53,6 +53,15 @@ class RenderedPair:
 
 
 @dataclass(frozen=True, eq=False)
+class _Instant:
+    """When a pair is taken. rig_pose: (4, 4) of the rig in the world, with its lamps. school: the fish as they swim then."""
+
+    rig_pose: NDArray[np.float64]
+    school: School
+    time_s: float
+
+
+@dataclass(frozen=True, eq=False)
 class Scene:
     """All that a survey's pictures are made of; built once, then ``render(index)`` for each pair."""
 
@@ -77,17 +86,17 @@ class Scene:
         """The pair taken at pose ``index`` of the track."""
         pose = self.trajectory.T_world_camera[index]
         time_s = float(self.trajectory.timestamps_s[index])
-        school = School.around(self.spec, pose, index)
+        instant = _Instant(pose, School.around(self.spec, pose, index), time_s)
         T_world_left = pose @ _rotation(self.rectification.R_left)
         T_world_right = T_world_left @ np.linalg.inv(self.rig.T_right_left)
         raw = [
-            self._picture(T_world_left, self._rays_left, self.rig.left, pose, school, time_s, (index, 0)),
-            self._picture(T_world_right, self._rays_right, self.rig.right, pose, school, time_s, (index, 1)),
+            self._picture(T_world_left, self._rays_left, self.rig.left, instant, (index, 0)),
+            self._picture(T_world_right, self._rays_right, self.rig.right, instant, (index, 1)),
         ]
         frame = StereoFrame(self.trajectory.names[index], raw[0], raw[1], time_s)
         apply = self.rectification
         rectified = StereoFrame(frame.name, apply.apply_left(raw[0]), apply.apply_right(raw[1]), time_s)
-        return RenderedPair(frame, rectified, *self._truth(pose, school), T_world_camera=pose)
+        return RenderedPair(frame, rectified, *self._truth(pose, instant.school), T_world_camera=pose)
 
     @cached_property
     def _rays_left(self) -> Rays:
@@ -116,21 +125,19 @@ class Scene:
         T_world_camera: NDArray[np.float64],
         rays: Rays,
         camera: Camera,
-        rig_pose: NDArray[np.float64],
-        school: School,
-        time_s: float,
+        instant: "_Instant",
         noise_seed: tuple[int, int],
     ) -> Image:
-        range_m, color, _ = self._surface(T_world_camera, rays, float(camera.K[0, 0]), school)
+        range_m, color, _ = self._surface(T_world_camera, rays, float(camera.K[0, 0]), instant.school)
         points_m = _points(T_world_camera, rays, range_m)
         light = sunlight(self.water, points_m)
         if self.spec.caustic_contrast > 0:
-            light *= caustics(self.spec, points_m, time_s)[..., None]
+            light *= caustics(self.spec, points_m, instant.time_s)[..., None]
         if self.spec.lamp_intensity > 0:
-            light += lamplight(self.spec, self.water, points_m, rig_pose)
-        transmission, veil = self._water_tables
+            light += lamplight(self.spec, self.water, points_m, instant.rig_pose)
+        transmission, backscatter = self._water_tables
         seen = np.zeros((*range_m.shape[:2], 3), np.float32)
-        in_rows(_through_water, len(rays), color, light, range_m, transmission, veil, seen)
+        in_rows(_through_water, len(rays), color, light, range_m, transmission, backscatter, seen)
         rng = np.random.default_rng([self.spec.seed, 4, *noise_seed])
         return expose(seen, self.spec.full_well_e, self.spec.read_noise_e, self.spec.bits, rng)
 
