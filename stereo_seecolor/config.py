@@ -4,8 +4,6 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    BaseModel,
-    ConfigDict,
     Field,
     Strict,
     ValidationError,
@@ -13,6 +11,22 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+
+from stereo_seecolor.mapping_config import MappingConfig, MountConfig
+from stereo_seecolor.stage_config import StageConfig
+
+__all__ = [
+    "ColorConfig",
+    "InputConfig",
+    "MappingConfig",
+    "MatchingConfig",
+    "MountConfig",
+    "OutputConfig",
+    "PaperAdamConfig",
+    "PaperConfig",
+    "RobustConfig",
+    "RunConfig",
+]
 
 FilePath = Annotated[Path, Strict(False)]
 """A path, also given as text."""
@@ -22,13 +36,7 @@ Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
 """Three positive numbers, also given as a list."""
 
 
-class _Stage(BaseModel):
-    """Strict: true is no number, "1" is none, and neither are infinity and NaN."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-
-class InputConfig(_Stage):
+class InputConfig(StageConfig):
     """How files become pairs and images."""
 
     pairing: Literal["auto", "name", "timestamp"] = Field(
@@ -59,7 +67,7 @@ class InputConfig(_Stage):
     )
 
 
-class MatchingConfig(_Stage):
+class MatchingConfig(StageConfig):
     """Stereo matching: StereoFrame -> RangeMap."""
 
     min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, meters; sets the largest disparity searched.")
@@ -94,7 +102,7 @@ class MatchingConfig(_Stage):
         return self
 
 
-class RobustConfig(_Stage):
+class RobustConfig(StageConfig):
     """The default method: physics with a white point, fitted to quantiles of color over range."""
 
     attenuation: Literal["varying", "constant"] = Field(
@@ -128,7 +136,7 @@ class RobustConfig(_Stage):
             raise ValueError("must be scene, none, or [R, G, B], each from 0.0001 to 10000") from error
 
 
-class PaperConfig(_Stage):
+class PaperConfig(StageConfig):
     """DeepSeeColor's losses and model, minimized over moment tables."""
 
     penalty: float = Field(
@@ -144,7 +152,7 @@ class PaperAdamConfig(PaperConfig):
     learning_rate: float = Field(default=0.03, gt=0, description="Adam's learning rate.")
 
 
-class ColorConfig(_Stage):
+class ColorConfig(StageConfig):
     """The water and how it is fitted: images and range maps -> corrected images."""
 
     method: Literal["robust", "paper", "paper-adam"] = Field(
@@ -212,111 +220,7 @@ class ColorConfig(_Stage):
     )
 
 
-class MountConfig(_Stage):
-    """How the left camera sits on the vehicle, for navigation that gives the vehicle's pose and not the camera's.
-
-    Vehicle axes: x forward, y starboard, z down. The camera (x right, y down, z along the optical axis) is turned by
-    Rz(yaw) Ry(pitch) Rx(roll): all zero looks down with the image's right towards the bow.
-    """
-
-    surge_m: float = Field(default=0.0, description="Camera forward of the vehicle's reference point, meters.")
-    sway_m: float = Field(default=0.0, description="Camera to starboard of it, meters.")
-    heave_m: float = Field(default=0.0, description="Camera below it, meters.")
-    roll_deg: float = Field(default=0.0, description="Turn about the vehicle's x axis, degrees.")
-    pitch_deg: float = Field(default=0.0, description="Turn about the vehicle's y axis, degrees.")
-    yaw_deg: float = Field(default=90.0, description="Turn about the vehicle's z axis; 90: the top of the image is the bow.")
-
-
-class MappingConfig(_Stage):
-    """Odometry, fusion and the map products."""
-
-    voxel_m: float = Field(default=0.01, gt=0, allow_inf_nan=False, description="Edge of a fusion voxel, meters.")
-    tile_m: float | None = Field(
-        default=None,
-        gt=0,
-        allow_inf_nan=False,
-        description="Edge of a tile of the map, meters; memory grows with its square. auto: 600 voxels.",
-    )
-    mount: MountConfig = MountConfig()
-    max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
-    max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")
-    loop_closure: bool = Field(
-        default=True, description="Own odometry: recognize places seen before (needs the slam extra, GTSAM)."
-    )
-    poses: Literal["given", "prior"] = Field(
-        default="prior",
-        description="How a trajectory is used. prior: frames are placed by its poses and by the pictures, each weighted by its "
-        "errors (needs the slam extra, GTSAM; without it as given). given: its poses are the map's, for poses that are exact.",
-    )
-    poses_of: Literal["format", "raw", "rectified"] = Field(
-        default="format",
-        description="A trajectory's poses are the left camera's as calibrated (raw), or the rectified one's; format: its own way.",
-    )
-    prior_position_std_m: float | None = Field(
-        default=None, gt=0, description="Standard error of a prior's position, east and north. Not set: estimated from the dive."
-    )
-    prior_depth_std_m: float | None = Field(
-        default=None,
-        gt=0,
-        description="Standard error of a prior's depth, its pressure sensor's. Not set: from the dive.",
-    )
-    prior_attitude_std_deg: float | None = Field(
-        default=None, gt=0, description="Standard error of a prior's roll, pitch and heading. Not set: estimated from the dive."
-    )
-    mosaic_m: float | None = Field(
-        default=None,
-        gt=0,
-        allow_inf_nan=False,
-        description="Pixel of the orthomosaic, meters. auto: a pixel of the images on the bottom, on large areas half a voxel.",
-    )
-    dem_m: float | None = Field(
-        default=None, gt=0, allow_inf_nan=False, description="Pixel of the terrain model, meters. auto: a voxel."
-    )
-    metrics_m: float | None = Field(
-        default=None,
-        gt=0,
-        allow_inf_nan=False,
-        description="Edge of a square of the structural metrics, meters. auto: 100 pixels of the terrain model.",
-    )
-
-    @property
-    def tile_edge_m(self) -> float:
-        """tile_m, or what follows from the voxels: 6 m at 1 cm."""
-        return self.tile_m or 600 * self.voxel_m
-
-    @property
-    def terrain_cell_m(self) -> float:
-        """dem_m, or what follows from the voxels: finer cells only interpolate between them."""
-        return self.dem_m or self.voxel_m
-
-    @property
-    def mosaic_cell_m(self) -> float:
-        """mosaic_m, or what suits a large area; the map of a small one is as fine as its images."""
-        return self.mosaic_m or self.voxel_m / 2
-
-    @property
-    def square_m(self) -> float:
-        """metrics_m, or what follows from the terrain's cells: 1 m at 1 cm."""
-        return self.metrics_m or 100 * self.terrain_cell_m
-
-    @model_validator(mode="before")
-    @classmethod
-    def _auto_is_not_set(cls, values: Any) -> Any:
-        sizes = ("tile_m", "mosaic_m", "dem_m", "metrics_m")
-        if not isinstance(values, dict):
-            return values
-        return {key: None if key in sizes and value == "auto" else value for key, value in values.items()}
-
-    @model_validator(mode="after")
-    def _tile_holds_blocks(self) -> Self:
-        if self.tile_m is not None and self.tile_m < 16 * self.voxel_m:
-            raise ValueError(
-                f"tile_m={self.tile_m:g} is less than 16 voxels: set it to at least {16 * self.voxel_m:g}, or leave it out"
-            )
-        return self
-
-
-class OutputConfig(_Stage):
+class OutputConfig(StageConfig):
     """What is written, and how."""
 
     image_format: Literal["png", "png16", "tiff32", "jpg"] = Field(
@@ -331,7 +235,7 @@ class OutputConfig(_Stage):
     range_std: bool = Field(default=True, description="Write the standard error of each range beside the range maps.")
 
 
-class RunConfig(_Stage):
+class RunConfig(StageConfig):
     """The whole configuration of a run."""
 
     input: InputConfig = InputConfig()

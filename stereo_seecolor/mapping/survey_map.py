@@ -4,7 +4,7 @@ import csv
 import json
 import shutil
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -113,18 +113,25 @@ def build_map(
     index = _index(found, geometry, config.voxel_m, workspace)
     survey = Survey(found, geometry, index, workspace.progress, workspace.compute, scratch)
     placed = place_survey(survey, config, trajectory)
-    placement = placed.placement
     built = _Builder(survey, placed, config, trajectory, scratch, found.lost).build_all(out_dir)
     shutil.rmtree(scratch, ignore_errors=True)
-    lost_on_the_way = [frame for i, frame in found.lost.items() if placement.components[i] >= 0]
+    return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
+
+
+def _summary(
+    survey: Survey, placed: Placed, lost: Mapping[int, Unplaced], built: Sequence[tuple[list[Path], int]], seconds: float
+) -> MapSummary:
+    """lost: frames that could not be read, by number. built: files of each component's map, and the points of its cloud."""
+    placement = placed.placement
+    lost_on_the_way = [frame for i, frame in lost.items() if placement.components[i] >= 0]
     return MapSummary(
-        frames=len(index.names),
+        frames=len(survey.index.names),
         placed=sum(placement.sizes) - len(lost_on_the_way),
         components=placement.sizes,
         unplaced=(*placement.unplaced, *lost_on_the_way),
         files=tuple(path for files, _ in built for path in files),
         points=next((points for _, points in built if points), 0),
-        seconds=time.perf_counter() - started,
+        seconds=seconds,
         warnings=placement.warnings + (() if georeference.available() else (WITHOUT_GEO,)),
         navigation=placed.navigation,
     )
