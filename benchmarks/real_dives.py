@@ -21,7 +21,7 @@ from itertools import cycle
 from pathlib import Path
 
 import numpy as np
-from side_by_side import execute
+from compare import execute
 
 from calibration import CalibrationError, Rectification
 from calibration.checks import vertical_disparity
