@@ -57,7 +57,7 @@ class Pipeline:
         maps = (self.rectification.maps_left, self.rectification.maps_right)
         tables = (table.tobytes() for pair in maps if pair for table in pair)
         config = self.config
-        sections = (config.input.model_dump(), config.matching.model_dump(), config.output.range_std)
+        sections = (config.input.model_dump(), config.matching.model_dump(), config.output.range_std, config.output.preset)
         return content_key(__version__, self.geometry, *tables, *sections)
 
     def inputs(self, pair: Pair) -> dict[str, Path]:

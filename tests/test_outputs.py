@@ -1,18 +1,24 @@
 """What is written is what is read, whole or not at all, and a folder belongs to one dive."""
 
+import io
 import json
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
+from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.files import deflate
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map
+from stereo_seecolor.files.deflate import Compression
+from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, rounded
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
+from stereo_seecolor.files.png import encode_png
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.frames_table import FrameTable, RunSummary, frames_csv
 from stereo_seecolor.run_folder.water_file import read_waters, waters_content
@@ -34,10 +40,47 @@ def test_images_keep_their_bit_depth() -> None:
     assert decoded(encode_image(np.full((8, 8, 3), 65535, np.uint16), "jpg")).mean() > 250
 
 
-def test_range_maps_keep_every_bit_and_nan() -> None:
+@pytest.mark.parametrize("compression", ["fast", "small"])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_pictures_of_every_shape_keep_every_pixel(dtype: type, compression: Compression) -> None:
+    for shape in [(1, 1), (1, 7), (9, 1), (6, 7), (1, 1, 3), (1, 5, 3), (5, 1, 3), (33, 65, 3)]:
+        pixels = RNG.integers(0, np.iinfo(dtype).max, shape, dtype=dtype, endpoint=True)
+        read = decoded(encode_png(pixels, compression))
+        np.testing.assert_array_equal(read[..., ::-1] if pixels.ndim == 3 else read, pixels)
+
+
+def test_smooth_pictures_deflate() -> None:
+    y, x = np.mgrid[:200, :300]
+    smooth = np.stack([y + x, 2 * y, 255 - x // 2], axis=2).astype(np.uint8)
+    assert len(encode_png(smooth)) < smooth.size / 20
+
+
+def test_pictures_are_written_without_the_fast_library_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    pixels = RNG.integers(0, 255, (6, 7, 3), dtype=np.uint8)
+    monkeypatch.setattr(deflate, "fast_compress", None)
+    np.testing.assert_array_equal(decoded(encode_png(pixels))[..., ::-1], pixels)
+
+
+@pytest.mark.parametrize("compression", [None, "fast", "small"])
+def test_range_maps_keep_every_bit_and_nan(compression: Compression | None) -> None:
     range_m = RNG.uniform(0, 9, (5, 6)).astype(np.float32)
-    range_m[1, 2] = np.nan
-    np.testing.assert_array_equal(decoded(encode_map(range_m)), range_m)
+    range_m[1, 2], range_m[0, 0], range_m[4, 5] = np.nan, 1e-30, np.inf
+    content = encode_map(range_m, compression)
+    np.testing.assert_array_equal(decoded(content), range_m)
+    np.testing.assert_array_equal(np.asarray(Image.open(io.BytesIO(content))), range_m)
+
+
+def test_rounded_errors_differ_by_a_fifth_of_a_percent() -> None:
+    std_m = np.exp(RNG.uniform(-12, 5, (40, 50))).astype(np.float32)
+    std_m[3, 4] = np.nan
+    np.testing.assert_allclose(rounded(std_m), std_m, rtol=0.002)
+    assert len(encode_map(rounded(std_m), "fast")) < 0.7 * len(encode_map(std_m, "fast"))
+
+
+def test_a_lean_run_writes_no_clouds_and_deflated_ranges() -> None:
+    lean, full = OutputConfig(preset="lean"), OutputConfig()
+    assert (lean.with_clouds, lean.map_compression) == (False, "fast")
+    assert (full.with_clouds, full.map_compression, OutputConfig(compression="small").map_compression) == (True, None, "small")
 
 
 def test_small_confidence_is_not_taken_for_none() -> None:

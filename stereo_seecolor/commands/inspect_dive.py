@@ -1,7 +1,7 @@
 """What sample pairs of a dive tell of the whole: whether they are pairs, how far the bottom is, light, disk space and time."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from calibration import Rectification, StereoRig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import SeeColorError
-from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.neighbors import neighbor_that_fits, show_one_scene
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameResult, Image
+from stereo_seecolor.run_folder.products import correction_files, range_files
 
 STROBE_CENTER_TO_CORNER = 1.6
 """Mean brightness of the middle over that of the corners: 2.1 on a strobe-lit dive, 1.1 and 1.2 on two sets in daylight."""
@@ -27,9 +27,6 @@ PASSES_THAT_READ = 2
 
 PAGE_BYTES, PAGE_FRAMES, PAGE_FRACTION = 1_100_000, 30, 0.1
 """The page's scripts; the frames it makes pictures of, and their size as a fraction of a frame's files (the sample dive's)."""
-
-CLOUD_BYTES = 15
-"""Of a point: three floats and three bytes."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,7 @@ def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfi
     results = [result for result, _ in timed]
     ranges_m = [result.range_map.range_m[np.isfinite(result.range_map.range_m)] for result in results]
     median_range_m = float(np.median([float(np.median(found)) for found in ranges_m if found.size] or [np.nan]))
-    frame_bytes = int(np.mean([_bytes_written(result, config) for result in results]))
+    frame_bytes = int(np.mean([_bytes_written(result, pipeline) for result in results]))
     page_bytes = PAGE_BYTES + int(PAGE_FRACTION * min(pairs, PAGE_FRAMES) * frame_bytes)
     brightness = _center_to_corner([result.frame.left for result in results])
     return Measured(
@@ -102,21 +99,15 @@ def _processed(pipeline: Pipeline, reader: FrameReader, pair: Pair) -> tuple[Fra
         result = pipeline.process(frame)
     except SeeColorError:
         return None
-    _bytes_written(result, pipeline.config)
+    _bytes_written(result, pipeline)
     return result, time.perf_counter() - start + (PASSES_THAT_READ - 1) * read_s
 
 
-def _bytes_written(result: FrameResult, config: RunConfig) -> int:
-    range_map = result.range_map
-    files = [
-        encode_image(result.correction.image, config.output.image_format),
-        encode_map(range_map.range_m),
-        encode_map(range_map.range_std_m) if config.output.range_std else b"",
-        encode_confidence(range_map.confidence),
-        encode_mask(result.correction.unknown.astype(np.uint8)),
-    ]
-    points = int(np.isfinite(range_map.range_m).sum()) if config.output.clouds else 0
-    return sum(map(len, files)) + CLOUD_BYTES * points
+def _bytes_written(result: FrameResult, pipeline: Pipeline) -> int:
+    output = pipeline.config.output
+    files = range_files("", result.range_map, output)
+    files |= correction_files("", result.correction, result.range_map, pipeline.geometry, output, b"")
+    return sum(len(b"".join(content)) for _, content in files.values() if isinstance(content, Iterator))
 
 
 def _center_to_corner(images: Sequence[Image]) -> float:

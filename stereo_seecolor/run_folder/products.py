@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.files.atomic import Content
-from stereo_seecolor.files.encode import ImageFormat, encode_confidence, encode_image, encode_map, encode_mask
+from stereo_seecolor.files.encode import ImageFormat, encode_confidence, encode_image, encode_map, encode_mask, rounded
 from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.records import Correction, Image, RangeMap
 from stereo_seecolor.run_folder.layout import original_path, product_path
@@ -25,11 +25,12 @@ Files = dict[str, tuple[str, Content]]
 def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
     """OUT/range, OUT/confidence and, if wanted, OUT/range_std of one pair."""
     contents: dict[str, Callable[[], bytes | memoryview]] = {
-        "range": lambda: encode_map(range_map.range_m),
-        "confidence": lambda: encode_confidence(range_map.confidence),
+        "range": lambda: encode_map(range_map.range_m, config.map_compression),
+        "confidence": lambda: encode_confidence(range_map.confidence, config.compression),
     }
     if config.range_std:
-        contents["range_std"] = lambda: encode_map(range_map.range_std_m)
+        std_m = rounded(range_map.range_std_m) if config.preset == "lean" else range_map.range_std_m
+        contents["range_std"] = lambda: encode_map(std_m, config.map_compression)
     return _files(name, contents, config)
 
 
@@ -39,10 +40,10 @@ def correction_files(
     """OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds of one pair. exif: the left image's, or b""."""
     pixels = correction.image if correction.linear is None else correction.linear
     contents: dict[str, Callable[[], bytes | memoryview]] = {
-        "corrected": lambda: encode_image(pixels, config.image_format, exif),
-        "mask": lambda: encode_mask(_mask(correction, range_map)),
+        "corrected": lambda: encode_image(pixels, config.image_format, exif, config.compression),
+        "mask": lambda: encode_mask(_mask(correction, range_map), config.compression),
     }
-    if config.clouds and geometry is not None:
+    if config.with_clouds and geometry is not None:
         rays = geometry.rays
         contents["clouds"] = lambda: encode_cloud(range_map.measured_m, rays, correction.image)
     return _files(name, contents, config)

@@ -1,0 +1,60 @@
+"""Pixels as PNG, by a row filter of our own and a fast deflate: a third of the time that OpenCV takes."""
+
+import struct
+import zlib
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.deflate import Compression, deflated
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+GRAY, RGB = 0, 2
+UNFILTERED, AVERAGE = 0, 3
+Chunks = Mapping[bytes, bytes]
+"""Kind -> data, in the order in which they are written."""
+
+
+def encode_png(pixels: NDArray[np.generic], compression: Compression = "fast", chunks: Chunks | None = None) -> bytes:
+    """(H, W) or (H, W, 3) RGB of uint8 or uint16 to a file's content. chunks: further ones, before the pixels."""
+    return _file(pixels, deflated(_averaged(pixels).data, compression), chunks or {})
+
+
+def encode_codes(codes: NDArray[np.uint8], compression: Compression = "fast") -> bytes:
+    """(H, W) of few different values: their rows repeat themselves as they are, and filters would only disturb that."""
+    rows = np.zeros((codes.shape[0], codes.shape[1] + 1), np.uint8)  # the first byte of a row: UNFILTERED
+    rows[:, 1:] = codes
+    return _file(codes, deflated(rows.data, compression), {})
+
+
+def _averaged(pixels: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """Rows of bytes, each less the mean of its left and its upper neighbor (filter 3 of PNG), the filter's number before them.
+
+    The mean of two bytes without a carry: what both have, and half of where they differ.
+    """
+    height = pixels.shape[0]
+    stored = pixels.astype(pixels.dtype.newbyteorder(">"), copy=False)
+    values = np.ascontiguousarray(stored).view(np.uint8).reshape(height, -1)
+    step = values.shape[1] // pixels.shape[1]
+    rows = np.empty((height, values.shape[1] + 1), np.uint8)
+    rows[:, 0] = AVERAGE
+    mean, both = np.zeros_like(values), np.zeros_like(values)
+    mean[1:, step:] = values[:-1, step:] ^ values[1:, :-step]
+    mean[1:, :step], mean[0, step:] = values[:-1, :step], values[0, :-step]
+    mean >>= 1
+    np.bitwise_and(values[:-1, step:], values[1:, :-step], out=both[1:, step:])
+    mean += both
+    np.subtract(values, mean, out=rows[:, 1:])
+    return rows
+
+
+def _file(pixels: NDArray[np.generic], data: bytes, chunks: Chunks) -> bytes:
+    kind = GRAY if pixels.ndim == 2 else RGB
+    header = struct.pack(">2I5B", pixels.shape[1], pixels.shape[0], 8 * pixels.dtype.itemsize, kind, 0, 0, 0)
+    parts = {b"IHDR": header, **chunks, b"IDAT": data, b"IEND": b""}
+    return b"".join([SIGNATURE, *(_chunk(kind, content) for kind, content in parts.items())])
+
+
+def _chunk(kind: bytes, content: bytes) -> bytes:
+    return b"".join([struct.pack(">I", len(content)), kind, content, struct.pack(">I", zlib.crc32(content, zlib.crc32(kind)))])
