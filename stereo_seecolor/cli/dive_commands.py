@@ -116,7 +116,7 @@ def _part(shard: str, fuse: bool) -> Shard:
     return shard_of(shard)
 
 
-def check_sources(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> None:
+def check_sources(left: str | Path | None, right: str | Path | None, calib: str | None, bag: Path | None, topics: str) -> None:
     """Raise typer.BadParameter unless a bag, or both sides and their calibration, are given."""
     if bag and (left or right):
         raise typer.BadParameter("--bag holds both sides: give it, or --left and --right")

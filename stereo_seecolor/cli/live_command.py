@@ -10,8 +10,21 @@ from stereo_seecolor.cli.options import AsJson, ConfigFile, LogFile, OneCalib, S
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.streams import write_error
 
-LeftFolder = Annotated[Path | None, typer.Option("--left", metavar="FOLDER", help="Folder that left images arrive in.")]
-RightFolder = Annotated[Path | None, typer.Option("--right", metavar="FOLDER", help="The same of the right side.")]
+LeftSource = Annotated[
+    str | None,
+    typer.Option(
+        "--left",
+        metavar="SOURCE",
+        help="Folder that left images arrive in; a capture device (0), rtsp://... or http://...; or ros2:/TOPIC.",
+    ),
+]
+RightSource = Annotated[
+    str | None,
+    typer.Option("--right", metavar="SOURCE", help="The same of the right side; the left camera again if it shows both."),
+]
+Publish = Annotated[
+    str, typer.Option("--publish", metavar="NAMESPACE", help="Publish all pairs as ROS 2 topics there, without ROS (/seecolor).")
+]
 Played = Annotated[
     Path | None, typer.Option("--bag", metavar="BAG", help="ROS bag instead of two folders, played at its own rate.")
 ]
@@ -41,8 +54,8 @@ Pairs = Annotated[int | None, typer.Option("--pairs", metavar="N", min=1, help="
 
 
 def live(
-    left: LeftFolder = None,
-    right: RightFolder = None,
+    left: LeftSource = None,
+    right: RightSource = None,
     calib: OneCalib = None,
     bag: Played = None,
     topics: Topics = "",
@@ -51,6 +64,7 @@ def live(
     out: KeptIn = None,
     every: Every = 1,
     record: Record = None,
+    publish: Publish = "",
     budget_ms: BudgetMs = None,
     cpus: Cpus = None,
     pairs: Pairs = None,
@@ -60,7 +74,7 @@ def live(
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
-    """Correct pairs as they arrive in two folders or a played bag; the newest wins, the water is that of the last frames."""
+    """Correct pairs as they arrive in two folders, from cameras, topics or a played bag; the newest wins."""
     from stereo_seecolor.cli.dive_commands import check_sources
     from stereo_seecolor.commands.live import LiveInputs, LiveOptions
     from stereo_seecolor.commands.live import live as correct_live
@@ -73,9 +87,9 @@ def live(
     with report.working():
         budget_s = None if budget_ms is None else budget_ms / 1000
         options = LiveOptions(
-            out, every, record, port, host, budget_s, cpus, pairs, announce=lambda address: write_error(f"{address}\n")
+            out, every, record, publish, port, host, budget_s, cpus, pairs, announce=lambda address: write_error(f"{address}\n")
         )
-        inputs = LiveInputs(left, right, bag, topics, calib or "")
+        inputs = LiveInputs(left or "", right or "", bag, topics, calib or "")
         found = correct_live(inputs, load_config(config, settings or []), options)
     said = [f"{found.done} pairs corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
     if found.latency_median_s is not None and found.latency_p95_s is not None:

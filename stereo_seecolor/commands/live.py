@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration.formats import load_rig
 from stereo_seecolor.commands.bag_inputs import BagInputs
-from stereo_seecolor.commands.live_outputs import KeptFiles, Recording
+from stereo_seecolor.commands.live_outputs import KeptFiles, Published, Recording
 from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import RunConfig
@@ -16,7 +16,7 @@ from stereo_seecolor.live.played_bag import PlayedBag
 from stereo_seecolor.live.preview import HOST, Preview, served
 from stereo_seecolor.live.processing import LiveFrame, LiveProcessor, warm_up
 from stereo_seecolor.live.session import LiveCounts, LiveSession, Source
-from stereo_seecolor.live.watch import FolderWatch
+from stereo_seecolor.live.sources import live_source
 from stereo_seecolor.pipeline import Pipeline
 
 
@@ -43,14 +43,15 @@ class LiveOptions:
     """What is made of the pairs, and how much a pair may cost.
 
     out: a new or empty folder that products of every ``every``th pair are kept in, None for none. record: a new MCAP file of all
-    pairs. port, host: of the page, None for none; 0 is any port. budget_s: what a pair may take; more is matched at half the size.
-    cpus: processors that are used, None for all. pairs: end after so many, None to go on until Ctrl-C. announce: is told the
-    page's address.
+    pairs. publish: the namespace that ROS 2 topics of all pairs are published in, "" for none. port, host: of the page, None for
+    none; 0 is any port. budget_s: what a pair may take; more is matched at half the size. cpus: processors that are used, None for
+    all. pairs: end after so many, None to go on until Ctrl-C. announce: is told the page's address.
     """
 
     out: Path | None = None
     every: int = 1
     record: Path | None = None
+    publish: str = ""
     port: int | None = None
     host: str = HOST
     budget_s: float | None = None
@@ -61,21 +62,25 @@ class LiveOptions:
 
 @dataclass(frozen=True)
 class LiveInputs:
-    """Two folders that fill, or a bag that is played at its own rate; calib: as for load_rig, "" for the bag's own camera_info."""
+    """Two sides, or a bag that is played at its own rate; calib: as for load_rig, "" for the bag's own camera_info.
 
-    left: Path | None = None
-    right: Path | None = None
+    left, right: folders that fill; or capture devices and network addresses (``0``, ``rtsp://...``), the same twice where a camera
+    shows both sides; or ROS 2 topics (``ros2:/stereo/left/image_raw``).
+    """
+
+    left: str | Path = ""
+    right: str | Path = ""
     bag: Path | None = None
     topics: str = ""
     calib: str | Path = ""
 
-    def open(self, config: RunConfig) -> tuple[Source, Pipeline]:
-        """Raises CalibrationError for the rig; InputError, DeviceError for a bag."""
+    def open(self, config: RunConfig, stack: ExitStack) -> tuple[Source, Pipeline]:
+        """What runs until ``stack`` ends. Raises CalibrationError for the rig; InputError, DeviceError for what cannot be read."""
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
             return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
-        assert self.left and self.right
-        return FolderWatch(self.left, self.right, config.input), Pipeline(load_rig(self.calib), config)
+        pipeline = Pipeline(load_rig(self.calib), config)
+        return live_source(str(self.left), str(self.right), config.input, stack), pipeline
 
 
 def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptions | None = None) -> LiveResult:
@@ -83,14 +88,14 @@ def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptio
 
     A pair that fails is counted; a source that is not there is waited for.
     Raises CalibrationError for the rig; OutputError if ``out`` or ``record`` is there already or cannot be written, or the port is
-    taken; for a bag also InputError and DeviceError.
+    taken; InputError and DeviceError for a bag, and for cameras and topics that cannot be read here.
     """
     config, options = config or RunConfig(), options or LiveOptions()
     if options.cpus is not None:
         limit_cores(len(pin(options.cpus)) or options.cpus)
-    source, pipeline = inputs.open(config)
     counts = LiveCounts()
     with ExitStack() as stack:
+        source, pipeline = inputs.open(config, stack)
         made = _made(pipeline, options, counts, stack)
         warm_up(pipeline)
         processor = LiveProcessor(pipeline, source.read, Budget(options.budget_s))
@@ -112,6 +117,8 @@ def _made(pipeline: Pipeline, options: LiveOptions, counts: LiveCounts, stack: E
         made.append(KeptFiles(options.out, options.every, pipeline))
     if options.record is not None:
         made.append(stack.enter_context(Recording(options.record, pipeline)))
+    if options.publish:
+        made.append(Published(options.publish, pipeline))
     if options.port is not None:
         preview = Preview(counts)
         made.append(preview.update)

@@ -1,16 +1,18 @@
-"""What ``live`` makes of corrected pairs: files in a folder, and a recording."""
+"""What ``live`` makes of corrected pairs: files in a folder, a recording, and topics of ROS 2."""
 
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from stereo_seecolor.errors import OutputError
+from stereo_seecolor.export import ros_messages as ros
 from stereo_seecolor.export.mcap_file import stamp_of
-from stereo_seecolor.export.recording import McapRecording, RecordedPair
+from stereo_seecolor.export.recording import TOPICS, McapRecording, RecordedPair, messages
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.live.processing import LiveFrame
+from stereo_seecolor.live.ros2 import Node
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.run_folder.products import correction_files, range_files
 
@@ -42,6 +44,23 @@ class KeptFiles:
             write_atomic(self._folder / path, content)
 
 
+class Published:
+    """All pairs as ROS 2 topics, named as those of a recording, in ``namespace`` instead of /stereo. Raises DeviceError."""
+
+    def __init__(self, namespace: str, pipeline: Pipeline) -> None:
+        assert pipeline.geometry is not None
+        self._node, self._geometry = Node(), pipeline.geometry
+        self._namespace = "/" + namespace.strip("/")
+        self._count = 0
+
+    def __call__(self, frame: LiveFrame) -> None:
+        """Send a pair's messages."""
+        for topic, message in messages(recorded_live(frame, self._count), self._geometry):
+            name = TOPICS[topic]
+            self._node.publish(topic.replace("/stereo", self._namespace, 1), ros.type_name(name), ros.serialized(name, message))
+        self._count += 1
+
+
 class Recording:
     """All pairs in a new MCAP file, as a context manager; corrected images as JPEG. Raises OutputError, DeviceError."""
 
@@ -52,10 +71,7 @@ class Recording:
 
     def __call__(self, frame: LiveFrame) -> None:
         """Add a pair. Raises OutputError."""
-        color = eight_bit(frame.result.correction.image)
-        stamp_ns = stamp_of(frame.pair.name, frame.pair.timestamp_s, self._count)
-        picture = bytes(encode_image(color, "jpg")), ".jpg"
-        self._file.add(RecordedPair(stamp_ns, picture, color, frame.result.range_map.measured_m))
+        self._file.add(recorded_live(frame, self._count))
         self._count += 1
 
     def __enter__(self) -> Self:
@@ -63,3 +79,10 @@ class Recording:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._file.__exit__(kind, error, trace)
+
+
+def recorded_live(frame: LiveFrame, number: int) -> RecordedPair:
+    """A pair as it is recorded and published. number: of the pair, for a stamp where it has no time."""
+    color = eight_bit(frame.result.correction.image)
+    stamp_ns = stamp_of(frame.pair.name, frame.pair.timestamp_s, number)
+    return RecordedPair(stamp_ns, (bytes(encode_image(color, "jpg")), ".jpg"), color, frame.result.range_map.measured_m)

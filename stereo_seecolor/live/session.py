@@ -32,7 +32,10 @@ class Source(Protocol):
     """Where pairs come from: the newest one wins."""
 
     dropped: int
-    waiting: str
+
+    @property
+    def waiting(self) -> str:
+        """What does not come now, "" where all does."""
 
     def newest(self) -> Pair | None:
         """The newest pair that was not taken."""

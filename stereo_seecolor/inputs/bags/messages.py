@@ -46,8 +46,8 @@ def decode(entry: Entry) -> Any:
     content = entry.payload()
     try:
         if entry.channel.encoding == "ros1":
-            return _store("ros1").deserialize_ros1(content, entry.channel.msgtype)
-        return _store("cdr").deserialize_cdr(content, entry.channel.msgtype)
+            return store("ros1").deserialize_ros1(content, entry.channel.msgtype)
+        return store("cdr").deserialize_cdr(content, entry.channel.msgtype)
     except ImportError as error:
         raise needs_library() from error
     except Exception as error:  # rosbags has many ways to fail on damaged bytes
@@ -66,8 +66,12 @@ def image_content(entry: Entry) -> bytes:
 
     Raises InputError for what is no picture, DeviceError without rosbags.
     """
-    message, where = decode(entry), f"{entry.path}: {entry.channel.topic}"
-    if entry.channel.msgtype != COMPRESSED:
+    return message_content(decode(entry), entry.channel.msgtype, f"{entry.path}: {entry.channel.topic}")
+
+
+def message_content(message: Any, msgtype: str, where: str) -> bytes:
+    """A decoded image message as the content of an image file; ``where`` is for the errors. Raises InputError."""
+    if msgtype != COMPRESSED:
         return tiff(_pixels(message, where))
     content = bytes(message.data)
     if not content.startswith((PNG_SIGNATURE, JPEG_SIGNATURE)):
@@ -134,7 +138,7 @@ def _camera_info(message: Any) -> dict[str, Any]:
 
 
 @lru_cache
-def _store(encoding: str) -> Any:
+def store(encoding: str) -> Any:
     """Definitions of the standard messages, whose layout is the same in every release of ROS 1, and of ROS 2."""
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 

@@ -1,0 +1,163 @@
+"""ROS 2 topics without ROS: by Cyclone DDS, with the types of rosbags. Messages stay CDR, as ROS 2 sends them.
+
+Names as ROS 2 maps them: topic ``/a`` is ``rt/a``, type ``sensor_msgs/msg/Image`` is ``sensor_msgs::msg::dds_::Image_``
+(https://design.ros2.org/articles/topic_and_service_names.html).
+"""
+
+import os
+import time
+import types
+from dataclasses import dataclass
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any, Literal
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.inputs.bags.bag import COMPRESSED, IMAGE
+from stereo_seecolor.inputs.bags.messages import message_content, store
+from stereo_seecolor.inputs.images import decode_image
+from stereo_seecolor.live.streams import Arrivals, Arrived
+from stereo_seecolor.records import Image
+
+PREFIX = "ros2:"
+"""``--left ros2:/stereo/left/image_raw``: a topic instead of a folder."""
+
+HISTORY = 8
+"""Messages that the middleware keeps for a topic: those that came while a pair was processed."""
+
+
+class Node:
+    """A participant of the domain ROS_DOMAIN_ID (0). Raises DeviceError if Cyclone DDS is missing, or cannot use the network."""
+
+    def __init__(self) -> None:
+        try:
+            from cyclonedds.core import DDSException
+            from cyclonedds.domain import DomainParticipant
+
+            store("cdr")
+        except ImportError as error:
+            raise DeviceError(
+                f"ROS 2 topics need a library that is missing ({error.name}): pip install -c constraints.txt '.[ros2]'"
+            ) from error
+        try:
+            self._participant = DomainParticipant(int(os.environ.get("ROS_DOMAIN_ID") or 0))
+        except (DDSException, ValueError) as error:
+            raise DeviceError(f"ROS 2 topics cannot be reached: {error}: is ROS_DOMAIN_ID a number of a domain?") from error
+        self._writers: dict[str, Any] = {}
+
+    def reader(self, topic: str, msgtype: str) -> Any:
+        """Reads a topic, from reliable and best-effort writers alike."""
+        from cyclonedds.sub import DataReader
+
+        return DataReader(self._participant, self._topic(topic, msgtype), qos=_qos(reliable=False))
+
+    def publish(self, topic: str, msgtype: str, content: bytes) -> None:
+        """Send a serialized message, reliably to those who ask for that."""
+        from cyclonedds.pub import DataWriter
+
+        if topic not in self._writers:
+            self._writers[topic] = DataWriter(self._participant, self._topic(topic, msgtype), qos=_qos(reliable=True))
+        sample = _of_cdr(_idl_type(msgtype), content)
+        self._writers[topic].write(sample)
+
+    def _topic(self, topic: str, msgtype: str) -> Any:
+        from cyclonedds.topic import Topic
+
+        return Topic(self._participant, f"rt/{topic.lstrip('/')}", _idl_type(msgtype))
+
+
+class TopicImages:
+    """A stream of the images of one topic; ``.../compressed`` is sensor_msgs/CompressedImage, all others are sensor_msgs/Image.
+
+    name, waiting: as of every stream.
+    """
+
+    def __init__(self, node: Node, topic: str, config: InputConfig) -> None:
+        self.name, self._config = f"{PREFIX}{topic}", config
+        self._msgtype = COMPRESSED if topic.endswith("/compressed") else IMAGE
+        self._reader = node.reader(topic, self._msgtype)
+        self._images = Arrivals()
+
+    @property
+    def waiting(self) -> str:
+        """The topic, while nobody publishes it."""
+        self._receive()
+        return "" if self._reader.get_subscription_matched_status().current_count else self.name
+
+    @property
+    def newest(self) -> tuple[Arrived, ...]:
+        """The last few, oldest first."""
+        self._receive()
+        return self._images.newest
+
+    @property
+    def received(self) -> int:
+        """How many came so far."""
+        return self._images.received
+
+    def _receive(self) -> None:
+        for sample in self._reader.take(N=HISTORY):
+            content = getattr(sample, "cdr", b"")
+            if len(content) < 12:
+                continue
+            message = partial(_image, bytes(content), self._msgtype, self.name, self._config)
+            self._images.add(Arrived(_stamp_ns(content) or time.time_ns(), time.monotonic(), message))
+
+
+def _image(content: bytes, msgtype: str, name: str, config: InputConfig) -> Image:
+    message = store("cdr").deserialize_cdr(content, msgtype)
+    return decode_image(message_content(message, msgtype, name), Path(name), config)
+
+
+def _stamp_ns(content: bytes) -> int:
+    """Of the header, which comes first; the second byte tells the order of bytes."""
+    order: Literal["little", "big"] = "little" if content[1] & 1 else "big"
+    seconds, nanoseconds = (int.from_bytes(content[start : start + 4], order) for start in (4, 8))
+    return seconds * 10**9 + nanoseconds
+
+
+def _qos(reliable: bool) -> Any:
+    from cyclonedds.core import Policy, Qos
+    from cyclonedds.util import duration
+
+    kind = Policy.Reliability.Reliable(duration(milliseconds=100)) if reliable else Policy.Reliability.BestEffort
+    form = Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False)
+    return Qos(kind, Policy.History.KeepLast(HISTORY), form)
+
+
+def _serialized(sample: Any, *_: Any, **__: Any) -> bytes:
+    return bytes(sample.cdr)
+
+
+def _of_cdr(type_: Any, data: bytes, *_: Any, **__: Any) -> Any:
+    sample = type_.__new__(type_)
+    sample.cdr = data
+    return sample
+
+
+@lru_cache
+def _idl_type(msgtype: str) -> Any:
+    """The IDL of a ROS type, from rosbags' definition of it. Its samples carry a message as it is serialized, in ``cdr``."""
+    from cyclonedds.idl import IdlStruct
+
+    package, _, short = msgtype.split("/")
+    fields = {name: _idl_field(*kind) for name, kind in store("cdr").fielddefs[msgtype][1]}
+    content = {"__annotations__": fields, "serialize": _serialized, "deserialize": classmethod(_of_cdr)}
+    typename = f"{package}.msg.dds_.{short}_"
+    return dataclass(types.new_class(f"{short}_", (IdlStruct,), {"typename": typename}, lambda own: own.update(content)))
+
+
+def _idl_field(kind: Any, of: Any) -> Any:
+    import cyclonedds.idl.types as idl_types
+    from rosbags.interfaces import Nodetype
+
+    idl: Any = idl_types
+
+    if kind == Nodetype.BASE:
+        plain = {"bool": bool, "string": str, "byte": idl.uint8, "char": idl.uint8, "octet": idl.uint8}
+        return plain.get(of[0]) or getattr(idl, of[0])
+    if kind == Nodetype.NAME:
+        return _idl_type(of)
+    inner, count = _idl_field(*of[0]), of[1]
+    return idl.array[inner, count] if kind == Nodetype.ARRAY else idl.sequence[inner]

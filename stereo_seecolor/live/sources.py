@@ -1,0 +1,27 @@
+"""What ``--left`` and ``--right`` of a live dive mean: folders, cameras or topics."""
+
+from contextlib import ExitStack
+from pathlib import Path
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.live.cameras import cameras, is_address
+from stereo_seecolor.live.ros2 import PREFIX, Node, TopicImages
+from stereo_seecolor.live.session import Source
+from stereo_seecolor.live.streams import StreamPairs
+from stereo_seecolor.live.watch import FolderWatch
+
+
+def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) -> Source:
+    """The pairs of two sides, read until ``stack`` ends. Raises InputError where they are of two kinds, DeviceError."""
+    kinds = [PREFIX if side.startswith(PREFIX) else "address" if is_address(side) else "folder" for side in (left, right)]
+    if kinds[0] != kinds[1]:
+        raise InputError(f"{left} and {right}: are of two kinds: give two folders, two cameras, or two topics")
+    if kinds[0] == PREFIX:
+        node = Node()
+        first, second = (TopicImages(node, side.removeprefix(PREFIX), config) for side in (left, right))
+        return StreamPairs(first, second, config)
+    if kinds[0] == "address":
+        sides = stack.enter_context(cameras(left, right))
+        return StreamPairs(sides[0], sides[1], config)
+    return FolderWatch(Path(left), Path(right), config)

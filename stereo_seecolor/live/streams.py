@@ -1,0 +1,128 @@
+"""Two streams of images, each with its time, as pairs: what two cameras or two topics send."""
+
+import time
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple, Protocol
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.bags.dive import stamp_name
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import Image, StereoFrame
+
+KEPT = 4
+"""Images of a stream that wait for a partner: the other side may be late by so many."""
+
+NEAR = 0.45
+"""Of the time between images: a partner that is farther off is another pair's."""
+
+
+class Arrived(NamedTuple):
+    """An image of a stream. stamp_ns: when it was taken, since 1970. arrived_s: ``time.monotonic``. image: decodes it."""
+
+    stamp_ns: int
+    arrived_s: float
+    image: Callable[[], Image]
+
+
+class Stream(Protocol):
+    """Images of one side as they come."""
+
+    name: str
+
+    @property
+    def waiting(self) -> str:
+        """The name, while nothing comes, else ""."""
+
+    @property
+    def newest(self) -> tuple[Arrived, ...]:
+        """The last few, oldest first."""
+
+    @property
+    def received(self) -> int:
+        """How many came so far."""
+
+
+class Arrivals:
+    """The last images of a stream; filled by one thread and read by another."""
+
+    def __init__(self) -> None:
+        self.received = 0
+        self._kept: deque[Arrived] = deque(maxlen=KEPT)
+
+    @property
+    def newest(self) -> tuple[Arrived, ...]:
+        """The last few, oldest first."""
+        return tuple(self._kept)
+
+    def add(self, image: Arrived) -> None:
+        """One more has come."""
+        self._kept.append(image)
+        self.received += 1
+
+
+class StreamPairs:
+    """A live source of two streams: the newest two images that were taken together. dropped: left images passed over."""
+
+    ended = False
+
+    def __init__(self, left: Stream, right: Stream, config: InputConfig) -> None:
+        self.dropped = 0
+        self._left, self._right, self._tolerance_s = left, right, config.timestamp_tolerance_s
+        self._offered: tuple[Arrived, Arrived] | None = None
+        self._taken_ns, self._counted = -1, 0
+
+    @property
+    def waiting(self) -> str:
+        """The streams that do not come, "" where both do."""
+        return " and ".join(dict.fromkeys(stream.waiting for stream in (self._left, self._right) if stream.waiting))
+
+    def newest(self) -> Pair | None:
+        """The newest pair that was not taken, or None."""
+        lefts, rights = self._left.newest, self._right.newest
+        for left in reversed(lefts):
+            if left.stamp_ns <= self._taken_ns:
+                return None
+            right = _nearest(rights, left.stamp_ns)
+            if right and abs(right.stamp_ns - left.stamp_ns) <= self._reach_ns(lefts):
+                self._offered = left, right
+                name = stamp_name(left.stamp_ns)
+                return Pair(name, *_paths(self._left.name, self._right.name, name), left.stamp_ns / 1e9)
+        return None
+
+    def read(self, pair: Pair) -> StereoFrame:
+        """Its two images. Raises InputError if one cannot be decoded."""
+        if self._offered is None or stamp_name(self._offered[0].stamp_ns) != pair.name:
+            raise InputError(f"{pair.name}: is gone: a newer pair has come")
+        left, right = (side.image() for side in self._offered)
+        return StereoFrame(pair.name, left, right, pair.timestamp_s)
+
+    def take(self, pair: Pair) -> None:
+        """This pair is done, and all before it."""
+        assert self._offered is not None
+        received = self._left.received - sum(image.stamp_ns > self._offered[0].stamp_ns for image in self._left.newest)
+        self.dropped += max(0, received - self._counted - 1)
+        self._counted, self._taken_ns = received, self._offered[0].stamp_ns
+
+    def latency_s(self, pair: Pair) -> float:
+        """Seconds since the later image of the pair that was offered last arrived."""
+        return time.monotonic() - max(side.arrived_s for side in self._offered) if self._offered else 0.0
+
+    def _reach_ns(self, lefts: tuple[Arrived, ...]) -> float:
+        apart_ns = [after.stamp_ns - before.stamp_ns for before, after in pairwise(lefts)]
+        return max(self._tolerance_s * 1e9, NEAR * median(apart_ns) if apart_ns else 0.0)
+
+
+def _nearest(images: tuple[Arrived, ...], stamp_ns: int) -> Arrived | None:
+    after = bisect_left(images, stamp_ns, key=lambda image: image.stamp_ns)
+    return min(images[max(after - 1, 0) : after + 1], key=lambda image: abs(image.stamp_ns - stamp_ns), default=None)
+
+
+def _paths(left: str, right: str, name: str) -> tuple[Path, Path]:
+    """What a pair's images are called in messages."""
+    return Path(left, "left", name), Path(right, "right", name)

@@ -1,0 +1,61 @@
+"""The preview page of a live dive, in a real browser."""
+
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from playwright.sync_api import Browser
+from test_page_browser import browser  # noqa: F401  (a fixture)
+
+from calibration.formats import load_rig
+from stereo_seecolor.config import InputConfig, RunConfig
+from stereo_seecolor.live.preview import Preview, served
+from stereo_seecolor.live.processing import LiveProcessor
+from stereo_seecolor.live.session import LiveCounts
+from stereo_seecolor.live.watch import FolderWatch
+from stereo_seecolor.pipeline import Pipeline
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1", "127.0.0.2"])
+def test_the_page_shows_what_arrives(make_dive, browser: Browser, tmp_path: Path, host: str) -> None:  # noqa: F811
+    """On the second address the page's own path begins with a token, and all that it loads must too."""
+    dive = make_dive(1)
+    source = FolderWatch(dive.root / "L", dive.root / "R", InputConfig())
+    pair = source.newest()
+    assert pair is not None
+    counts = LiveCounts(waiting="the right camera")
+    preview = Preview(counts)
+    context = browser.new_context(viewport={"width": 1000, "height": 700})
+    page, complaints = context.new_page(), []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    with served(preview, 0, host) as address:
+        page.goto(address)
+        _until(lambda: page.inner_text("#state") == "waiting for the right camera")
+        preview.update(LiveProcessor(Pipeline(load_rig(dive.root / "cam.yaml"), RunConfig()), source.read).process(pair))
+        counts.waiting, counts.done, counts.reduced = "", 1, "matched at 1/2 of the size"
+        counts.images_s.append(0.08)
+        counts.last_error = "<img src=x onerror=alert(1)>"
+        _until(lambda: page.inner_text("#state") == "0000")
+        _until(lambda: page.evaluate("document.getElementById('corrected').naturalWidth") == 176)
+        assert page.evaluate("document.getElementById('range').naturalWidth") == 176
+        assert page.inner_text("#reduced") == "matched at 1/2 of the size"
+        assert page.inner_text("#error") == "<img src=x onerror=alert(1)>"
+        facts = page.inner_text("#facts")
+        assert "latency, median\t0.08 s" in facts
+        assert "water: " in facts
+        shown = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
+        assert shown.std() > 20
+    _until(lambda: page.inner_text("#state") == "the program has ended")
+    context.close()
+    assert not complaints
+
+
+def _until(found, seconds: float = 30.0) -> None:
+    end = time.monotonic() + seconds
+    while not found():
+        assert time.monotonic() < end
+        time.sleep(0.1)

@@ -1,0 +1,278 @@
+"""Live sources: cameras and network streams (a server on this machine stands in for the device), and topics of ROS 2."""
+
+import platform
+import re
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.live import cameras as live_cameras
+from stereo_seecolor.live.cameras import cameras
+from stereo_seecolor.live.sources import live_source
+from stereo_seecolor.live.streams import Arrivals, Arrived, StreamPairs
+
+
+@contextmanager
+def motion_jpeg(folders: dict[str, list[bytes]], rate_hz: float = 20.0, port: int = 0) -> Iterator[int]:
+    """What a network camera serves: ``/left`` and ``/right``, image after image; the port."""
+    stopped = False
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            images = folders[self.path.strip("/")]
+            self.send_response(200)
+            self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+            self.end_headers()
+            try:
+                while not stopped:
+                    image = images[int(time.time() * rate_hz) % len(images)]
+                    head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(image)}\r\n\r\n".encode()
+                    self.wfile.write(head + image + b"\r\n")
+                    time.sleep(1 / rate_hz)
+            except OSError:
+                pass
+
+        def log_message(self, format: str, *args: Any) -> None:
+            pass
+
+    ThreadingHTTPServer.allow_reuse_address = True
+    server = ThreadingHTTPServer(("127.0.0.1", port), Handler)
+    server.daemon_threads = True
+    thread = Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield server.server_address[1]
+    finally:
+        stopped = True
+        server.shutdown()
+        server.server_close()
+        thread.join(5)
+
+
+def jpeg(image: np.ndarray) -> bytes:
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 95])[1])
+
+
+def until(found: Callable[[], Any], seconds: float = 60.0) -> Any:
+    """What ``found`` gives as soon as it gives something."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        if value := found():
+            return value
+        time.sleep(0.02)
+    raise AssertionError("nothing came")
+
+
+@pytest.mark.slow
+def test_two_network_cameras_become_pairs() -> None:
+    images = {side: [jpeg(np.full((48, 64, 3), value, np.uint8))] for side, value in (("left", 60), ("right", 180))}
+    with motion_jpeg(images) as port:
+        addresses = [f"http://127.0.0.1:{port}/{side}" for side in images]
+        with cameras(*addresses) as sides:
+            source = StreamPairs(*sides, InputConfig())
+            assert source.waiting == " and ".join(addresses)
+            pair = until(source.newest)
+            frame = source.read(pair)
+            assert [round(side.mean(), -1) for side in (frame.left, frame.right)] == [60, 180]
+            source.take(pair)
+            later = until(source.newest)
+            assert later.timestamp_s > pair.timestamp_s
+            assert 0 <= source.latency_s(later) < 30
+
+
+@pytest.mark.slow
+def test_a_server_that_is_restarted_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(live_cameras, "TIMEOUT_MS", 500)
+    monkeypatch.setattr(live_cameras, "RETRY_S", 0.1)
+    both = np.hstack([np.full((48, 64, 3), value, np.uint8) for value in (60, 180)])
+    with motion_jpeg({"both": [jpeg(both)]}) as port:
+        address = f"http://127.0.0.1:{port}/both"
+        around = cameras(address, address)
+        sides = around.__enter__()
+        source = StreamPairs(*sides, InputConfig())
+        pair = until(source.newest)
+        frame = source.read(pair)
+        assert [round(side.mean(), -1) for side in (frame.left, frame.right)] == [60, 180]
+    until(lambda: source.waiting == address)
+    with motion_jpeg({"both": [jpeg(both)]}, port=port):
+        until(lambda: source.waiting == "" and source.newest())
+    around.__exit__(None, None, None)
+
+
+def test_sides_of_two_kinds_are_refused(tmp_path: Path) -> None:
+    from contextlib import ExitStack
+
+    with ExitStack() as stack, pytest.raises(InputError, match="two folders, two cameras, or two topics"):
+        live_source("0", str(tmp_path), InputConfig(), stack)
+    if not cv2.videoio_registry.hasBackend(cv2.CAP_GSTREAMER):
+        with pytest.raises(DeviceError, match="built without GStreamer"), cameras("v4l2src ! appsink", "0"):
+            pass
+
+
+@dataclass
+class Stream:
+    """A stream that a test feeds. Its images are their stamps."""
+
+    name: str = "stream"
+    waiting: str = ""
+
+    def __post_init__(self) -> None:
+        self.images = Arrivals()
+
+    @property
+    def newest(self) -> tuple[Arrived, ...]:
+        return self.images.newest
+
+    @property
+    def received(self) -> int:
+        return self.images.received
+
+    def send(self, milliseconds: float) -> None:
+        value = np.full((1, 1, 3), milliseconds % 256, np.uint8)
+        self.images.add(Arrived(10**18 + round(milliseconds * 1e6), time.monotonic(), lambda: value))
+
+
+def test_images_of_one_time_become_pairs_and_the_newest_wins() -> None:
+    left, right = Stream(), Stream()
+    source = StreamPairs(left, right, InputConfig())
+    left.send(0)
+    assert source.newest() is None
+    right.send(3)
+    first = source.newest()
+    assert first is not None
+    assert (first.name, source.read(first).right[0, 0, 0]) == ("1000000000-000000000", 3)
+    source.take(first)
+    assert source.newest() is None
+    for ms in (100, 200, 300):
+        left.send(ms)
+        right.send(ms + 4)
+    left.send(400)  # its partner has not come
+    pair = source.newest()
+    assert pair is not None
+    assert pair.name == "1000000000-300000000"
+    source.take(pair)
+    assert (source.dropped, source.newest()) == (2, None)
+    right.send(404)
+    assert source.newest() is not None
+    right.send(460)
+    left.send(500)  # 40 ms off: beyond the tolerance, but less than half the time between images
+    found = source.newest()
+    assert found is not None
+    assert found.name == "1000000000-500000000"
+    with pytest.raises(InputError, match="a newer pair has come"):
+        source.read(first)
+
+
+def test_two_free_running_cameras_half_an_image_apart_are_no_pair() -> None:
+    left, right = Stream(), Stream()
+    for ms in (0, 100, 200, 300):
+        left.send(ms)
+        right.send(ms + 50)
+    assert StreamPairs(left, right, InputConfig()).newest() is None
+
+
+PUBLISHER = """
+import sys, time
+import cv2, numpy as np
+sys.path.insert(0, sys.argv[1])
+from stereo_seecolor.export import ros_messages as ros
+from stereo_seecolor.live.ros2 import Node
+node = Node()
+images = {side: cv2.imread(f"{sys.argv[2]}/{folder}/0000.png") for side, folder in (("left", "L"), ("right", "R"))}
+for number in range(3000):
+    stamp_ns = 1_700_000_000_000_000_000 + number * 100_000_000
+    for side, image in images.items():
+        height, width = image.shape[:2]
+        message = ros.make("Image", ros.header(stamp_ns, "camera"), height, width, "bgr8", 0, 3 * width, image.reshape(-1))
+        node.publish(f"/stereo/{side}/image_raw", ros.type_name("Image"), ros.serialized("Image", message))
+        packed = cv2.imencode(".png", image)[1]
+        message = ros.compressed_image(stamp_ns, packed.tobytes(), ".png")
+        topic = f"/stereo/{side}/image_raw/compressed"
+        node.publish(topic, ros.type_name("CompressedImage"), ros.serialized("CompressedImage", message))
+    time.sleep(0.1)
+"""
+
+
+@pytest.fixture
+def published(make_dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """A dive whose first pair another process publishes, raw and compressed, on this machine alone."""
+    if (sys.platform, platform.machine()) != ("linux", "x86_64") or sys.version_info >= (3, 14):
+        pytest.skip("Cyclone DDS has no wheel for this machine")
+    loopback = "<CycloneDDS><Domain><General><Interfaces><NetworkInterface name='lo' multicast='true'/></Interfaces>"
+    loopback += "<AllowMulticast>spdp</AllowMulticast></General></Domain></CycloneDDS>"
+    monkeypatch.setenv("CYCLONEDDS_URI", loopback)
+    monkeypatch.setenv("ROS_DOMAIN_ID", "87")
+    dive = make_dive(1)
+    words = [sys.executable, "-c", PUBLISHER, str(Path(__file__).parents[1]), str(dive.root)]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield dive.root
+        finally:
+            process.kill()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("suffix", ["", "/compressed"])
+def test_topics_of_another_process_are_read(published: Path, suffix: str) -> None:
+    from contextlib import ExitStack
+
+    with ExitStack() as stack:
+        sides = (f"ros2:/stereo/{side}/image_raw{suffix}" for side in ("left", "right"))
+        source = live_source(*sides, InputConfig(), stack)
+        pair = until(source.newest)
+        frame = source.read(pair)
+        assert source.waiting == ""
+        assert re.fullmatch(r"17000\d{5}-\d{9}", pair.name)
+        for side, image in (("L", frame.left), ("R", frame.right)):
+            np.testing.assert_array_equal(image, cv2.imread(str(published / side / "0000.png"))[..., ::-1])
+        source.take(pair)
+        assert until(source.newest).name > pair.name
+
+
+@pytest.mark.slow
+def test_corrected_pairs_are_published_and_every_message_is_decoded(published: Path, cli, tmp_path: Path) -> None:
+    from rosbags.typesys import Stores, get_typestore
+
+    from stereo_seecolor.export.recording import TOPICS
+    from stereo_seecolor.export.ros_messages import type_name
+    from stereo_seecolor.live.ros2 import Node
+
+    store, node, found = get_typestore(Stores.ROS2_HUMBLE), Node(), {}
+    readers = {
+        topic: node.reader(topic.replace("/stereo", "/seecolor"), type_name(name))
+        for topic, name in TOPICS.items()
+        if topic != "/tf"
+    }
+    sides = ("--left", "ros2:/stereo/left/image_raw", "--right", "ros2:/stereo/right/image_raw")
+    words = [sys.executable, "-m", "stereo_seecolor", "live", *sides, "--calib", published / "cam.yaml", "--publish", "seecolor"]
+    with subprocess.Popen([str(word) for word in words], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE) as process:
+
+        def all_came() -> bool:
+            for topic, reader in readers.items():
+                for sample in reader.take(N=8):
+                    found[topic] = store.deserialize_cdr(bytes(sample.cdr), type_name(TOPICS[topic]))
+            return len(found) == len(readers)
+
+        until(all_came, 120)
+        process.terminate()
+    size = cv2.imread(str(published / "L" / "0000.png")).shape[:2]
+    image = cv2.imdecode(found["/stereo/left/image_rect_color/compressed"].data, cv2.IMREAD_COLOR)
+    range_m = found["/stereo/range/image_rect"].data.view("<f4").reshape(size)
+    assert image.shape[:2] == size
+    assert np.isfinite(range_m).mean() > 0.5
+    assert found["/stereo/points2"].width > 500
+    assert found["/stereo/disparity"].t > 0
+    assert found["/stereo/right/camera_info"].p[3] < 0
