@@ -350,7 +350,7 @@ def test_a_missing_library_is_named(tmp_path, monkeypatch) -> None:
     from stereo_seecolor.inputs.bags import messages as decoding
 
     bag = write_bag(tmp_path / "b.mcap", many(1))
-    decoding._store.cache_clear()
+    decoding.store.cache_clear()
     monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
     with pytest.raises(DeviceError, match=r"rosbags.*pip install .*\.\[bags\]"):
         for pair in open_dive(bag, "", InputConfig()).pairing.pairs:
