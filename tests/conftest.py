@@ -1,8 +1,14 @@
 """Fixtures that many tests share."""
 
+import io
+import re
+import shlex
+import shutil
 import sys
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -12,11 +18,16 @@ import pytest
 from calibration import Camera, StereoRig
 from calibration.formats import native
 from stereo_seecolor.cli import main
+from stereo_seecolor.commands import demo
+from stereo_seecolor.commands.demo import DemoResult
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.mapping.surface.open3d_extractor import open3d as open3d_library
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.synthetic.survey import SurveySpec
 
-REAL_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+ROOT = Path(__file__).resolve().parents[1]
+REEF = ROOT / "data_samples" / "reef"
+REAL_DATA = ROOT.parent / "shared" / "data"
 
 Cli = Callable[..., tuple[int, str, str]]
 
@@ -39,6 +50,70 @@ def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
         return (int(end.value.code or 0), *capsys.readouterr())
 
     return call
+
+
+def command(*words: str | Path) -> tuple[int, str]:
+    """Run a command as typed, in this process; (exit code, what it printed and said)."""
+    said = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(said):
+        patch.setattr(sys, "argv", ["stereo-seecolor", *map(str, words)])
+        with pytest.raises(SystemExit) as end:
+            main()
+    code = end.value.code
+    return (code if isinstance(code, int) else 0 if code is None else 1), said.getvalue()
+
+
+@dataclass(frozen=True)
+class SampleRun:
+    """The sample dive, run and fused. printed: by the command."""
+
+    out: Path
+    printed: str
+
+    def copy(self, to: Path) -> Path:
+        """A copy to go on from: a run with other settings finds what stays the same, and does the rest."""
+        return shutil.copytree(self.out, to)
+
+
+@pytest.fixture(scope="session")
+def sample_run(tmp_path_factory: pytest.TempPathFactory) -> SampleRun:
+    """README's first command, as typed, once for all tests: they read it, or take a copy to write into."""
+    block = re.search(r"^```sh\n(.*data_samples.*)\n```", (ROOT / "README.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    assert block
+    words = shlex.split(block[1].split("&&")[-1])
+    assert words[0] == ".venv/bin/stereo-seecolor"
+    folder = tmp_path_factory.mktemp("sample_dive")
+    (folder / "data_samples").symlink_to(ROOT / "data_samples")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        code, printed = command(*words[1:])
+    assert code == 0, printed
+    return SampleRun(folder / "out", printed)
+
+
+@pytest.fixture(scope="session")
+def waters_a_frame(sample_run: SampleRun, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The output folder of the sample dive with a water for each frame; to be read only."""
+    out = sample_run.copy(tmp_path_factory.mktemp("waters_a_frame") / "out")
+    sides = ("--left", REEF / "left", "--right", REEF / "right", "--calib", REEF / "cam.yaml")
+    code, said = command("run", *sides, "--out", out, "--set", "color.lock=frame")
+    assert code == 0, said
+    return out
+
+
+@pytest.fixture(scope="session")
+def finished_demo(tmp_path_factory: pytest.TempPathFactory) -> DemoResult:
+    """The demo in small pictures, rendered and run once, in FOLDER/out of FOLDER/dive; to be read only."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(demo, "SurveySpec", partial(SurveySpec, image_size=(256, 192)))
+        return demo.demo(tmp_path_factory.mktemp("demo"))
+
+
+@pytest.fixture
+def demo_at_hand(finished_demo: DemoResult, monkeypatch: pytest.MonkeyPatch) -> DemoResult:
+    """The command ``demo`` gives this one."""
+    monkeypatch.setattr(demo, "demo", lambda *_: finished_demo)
+    return finished_demo
 
 
 @pytest.fixture

@@ -5,10 +5,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import SampleRun
 
 from stereo_seecolor.color.render.carried_ranges import carry_ranges
-from stereo_seecolor.commands.run import run
-from stereo_seecolor.config_file import load_config
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 RNG = np.random.default_rng(3)
@@ -60,19 +59,12 @@ def test_sixteen_bits_give_the_same_ranges_as_eight() -> None:
     np.testing.assert_array_equal(carry_ranges(image, range_m), carry_ranges(image.astype(np.uint16) * 257, range_m))
 
 
-@pytest.fixture(scope="module")
-def sample_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    out = tmp_path_factory.mktemp("carried") / "out"
-    run(REEF / "left", REEF / "right", REEF / "cam.yaml", out, load_config(None, ["color.lock=survey"]))
-    return out
-
-
 @pytest.mark.slow
-def test_filled_pixels_of_the_sample_dive_are_nearly_as_true_as_measured_ones(sample_run: Path) -> None:
+def test_filled_pixels_of_the_sample_dive_are_nearly_as_true_as_measured_ones(sample_run: SampleRun) -> None:
     """Angular error to the true color, after one gain a channel, of pixels that are neither dark nor clipped."""
     measured, filled = [], []
-    for path in sorted((sample_run / "corrected").glob("*.png")):
-        mask = cv2.imread(str(sample_run / "mask" / path.name), cv2.IMREAD_UNCHANGED)
+    for path in sorted((sample_run.out / "corrected").glob("*.png")):
+        mask = cv2.imread(str(sample_run.out / "mask" / path.name), cv2.IMREAD_UNCHANGED)
         assert (mask != 1).all()
         assert (cv2.imread(str(path)).max(axis=2) > 0).mean() > 0.999
         error_deg, usable = angular_error(path)
@@ -83,12 +75,12 @@ def test_filled_pixels_of_the_sample_dive_are_nearly_as_true_as_measured_ones(sa
 
 
 @pytest.mark.slow
-def test_range_maps_and_clouds_hold_measured_pixels_alone(sample_run: Path) -> None:
-    for path in sorted((sample_run / "range").glob("*.tiff"))[:3]:
+def test_range_maps_and_clouds_hold_measured_pixels_alone(sample_run: SampleRun) -> None:
+    for path in sorted((sample_run.out / "range").glob("*.tiff"))[:3]:
         known = np.isfinite(cv2.imread(str(path), cv2.IMREAD_UNCHANGED))
-        mask = cv2.imread(str(sample_run / "mask" / f"{path.stem}.png"), cv2.IMREAD_UNCHANGED)
+        mask = cv2.imread(str(sample_run.out / "mask" / f"{path.stem}.png"), cv2.IMREAD_UNCHANGED)
         np.testing.assert_array_equal(mask == 2, ~known)
-        header = (sample_run / "clouds" / f"{path.stem}.ply").read_bytes()[:600]
+        header = (sample_run.out / "clouds" / f"{path.stem}.ply").read_bytes()[:600]
         assert f"element vertex {known.sum()}".encode() in header
 
 

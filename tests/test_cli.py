@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from stereo_seecolor.commands.demo import DemoResult
+
 
 def test_wrong_usage(cli) -> None:
     assert cli("run", "--left", "L")[0] == 2
@@ -35,9 +37,10 @@ def test_help_loads_no_heavy_library() -> None:
 
 
 @pytest.mark.slow
-def test_demo_shows_how_near_the_truth_it_comes(cli, tmp_path) -> None:
-    code, printed, _ = cli("demo", "--out", str(tmp_path / "demo"))
+@pytest.mark.usefixtures("demo_at_hand")
+def test_demo_shows_how_near_the_truth_it_comes(cli, finished_demo: DemoResult) -> None:
+    code, printed, _ = cli("demo")
     assert code == 0
     assert "4 pairs done" in printed
     assert "median error" in printed
-    assert len(list((tmp_path / "demo/out/corrected").iterdir())) == 4
+    assert len(list((finished_demo.out / "corrected").iterdir())) == 4

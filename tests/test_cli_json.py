@@ -17,6 +17,7 @@ from video_writers import write_pair
 
 from stereo_seecolor.cli.app import COMMANDS
 from stereo_seecolor.cli.json_output import json_line
+from stereo_seecolor.commands.demo import DemoResult
 from stereo_seecolor.files.json_values import plain
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -120,10 +121,11 @@ def test_the_map_is_part_of_the_object(make_dive, parsed, tmp_path) -> None:
 
 
 @pytest.mark.slow
-def test_known_truth(parsed, tmp_path) -> None:
-    demo = parsed("demo", "demo", "--out", tmp_path / "demo")
+def test_known_truth(parsed, demo_at_hand: DemoResult, tmp_path) -> None:
+    out = demo_at_hand.out
+    demo = parsed("demo", "demo")
     assert demo["ok"] == len(demo["truth"]["frames"]) == 4
-    scores = parsed("evaluate", "evaluate", tmp_path / "demo/out", "--truth", tmp_path / "demo/dive/truth")
+    scores = parsed("evaluate", "evaluate", out, "--truth", out.parent / "dive/truth")
     assert scores["range"] == demo["truth"]["range"]
     words = ("--pairs", "1", "--lines", "1", "--size", "64x64", "--seed", "3")
     assert parsed("synthesize", "synthesize", "--out", tmp_path / "dive", *words)["spec"]["seed"] == 3

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import SampleRun
 
 from calibration.formats import load_rig, native
 from stereo_seecolor.commands.evaluate import evaluate
@@ -14,7 +15,6 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import FrameFiles, evaluate_truth
-from stereo_seecolor.progress import RunOptions
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 TRUTH = SAMPLES / "truth"
@@ -144,9 +144,8 @@ def shifted(factor: float) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_sample_dive_meets_its_bar(tmp_path: Path) -> None:
-    run(SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"), tmp_path / "out", load_config(), RunOptions())
-    report = evaluate(tmp_path / "out", TRUTH)
+def test_sample_dive_meets_its_bar(sample_run: SampleRun) -> None:
+    report = evaluate(sample_run.out, TRUTH)
     assert not report.missing
     assert report.range.median_relative_error < 0.005
     assert report.range.coverage > 0.97

@@ -6,18 +6,17 @@ Where a change of method moves them on purpose, see what moved and store the new
     python tests/test_golden.py --write   # and stores it in tests/golden/
 """
 
-import io
 import json
 import os
 import shutil
 import sys
 import tempfile
 from collections.abc import Callable
-from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import cv2
 import pytest
+from conftest import SampleRun, command
 from golden_numbers import (
     OWN_TRACK,
     SAME_FILES,
@@ -31,8 +30,6 @@ from golden_numbers import (
     run_numbers,
     write_numbers,
 )
-
-from stereo_seecolor.cli import main
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"
@@ -61,17 +58,6 @@ MAPS = {
 """Of the sample dive's first run, in the same file: what is typed after ``fuse OUT``, and the tolerances."""
 
 
-def command(*words: str) -> tuple[int, str]:
-    """Run a command as typed, in this process; (exit code, what it printed and said)."""
-    said = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(said), redirect_stderr(said):
-        patch.setattr(sys, "argv", ["stereo-seecolor", *words])
-        with pytest.raises(SystemExit) as end:
-            main()
-    code = end.value.code
-    return (code if isinstance(code, int) else 0 if code is None else 1), said.getvalue()
-
-
 def golden(file: str) -> Numbers:
     return json.loads((GOLDEN / f"{file}.json").read_text())
 
@@ -92,12 +78,10 @@ def fuse(name: str, out: Path) -> Numbers:
     return map_numbers(out)
 
 
-@pytest.fixture(scope="module")
-def dive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The output folder of the first run over the sample dive."""
-    out = tmp_path_factory.mktemp("golden") / "out"
-    run("sample_dive", "run", out)
-    return out
+@pytest.fixture
+def dive(sample_run: SampleRun) -> Path:
+    """The output folder of the first run over the sample dive, with its map."""
+    return sample_run.out
 
 
 @pytest.mark.slow
@@ -106,15 +90,24 @@ def test_the_sample_dive(dive: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in RUNS["sample_dive"] if name != "run"])
-def test_the_sample_dive_with_settings(name: str, tmp_path: Path) -> None:
-    assert not differences(golden("sample_dive")[name], run("sample_dive", name, tmp_path / "out"))
+def test_the_sample_dive_with_a_water_a_frame(waters_a_frame: Path) -> None:
+    assert not differences(golden("sample_dive")["run, a water a frame"], color_run_numbers(waters_a_frame))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MAPS)
-def test_the_map_of_the_sample_dive(name: str, dive: Path) -> None:
-    assert not differences(golden("sample_dive")[name], fuse(name, dive), MAPS[name][1])
+def test_the_filled_ranges_of_the_sample_dive(tmp_path: Path) -> None:
+    assert not differences(golden("sample_dive")["range, filled"], run("sample_dive", "range, filled", tmp_path / "out"))
+
+
+@pytest.mark.slow
+def test_the_map_of_the_sample_dive_by_its_own_track(dive: Path) -> None:
+    assert not differences(golden("sample_dive")["map, own track"], map_numbers(dive), OWN_TRACK)
+
+
+@pytest.mark.slow
+def test_the_map_of_the_sample_dive_by_given_poses(sample_run: SampleRun, tmp_path: Path) -> None:
+    measured = fuse("map, given poses", sample_run.copy(tmp_path / "out"))
+    assert not differences(golden("sample_dive")["map, given poses"], measured, SAME_FILES)
 
 
 @pytest.mark.slow

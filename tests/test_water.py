@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import SampleRun
 
 from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.run import run
@@ -18,10 +19,10 @@ SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))
 
 
 @pytest.mark.slow
-def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
+def test_sample_dive_measures_its_own_water(sample_run: SampleRun, tmp_path: Path) -> None:
     """Attenuation within 10 % of truth from matched ranges, and colors no worse for it."""
     config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
-    run(*SIDES, tmp_path / "first", config)
+    run(*SIDES, sample_run.copy(tmp_path / "first"), config)
     measured = measure_water(tmp_path / "first", SAMPLES / "trajectory.tum")
     path, found = measured.path, measured.water
     truth = json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"]
@@ -29,15 +30,13 @@ def test_sample_dive_measures_its_own_water(tmp_path: Path) -> None:
     np.testing.assert_allclose(
         -np.log(found.attenuation(np.array(z))) / z, np.array(truth["w"]) * np.exp(-np.array(truth["v"]) * z), rtol=0.1
     )
-    run(*SIDES, tmp_path / "second", config, RunOptions(water=path))
+    run(*SIDES, sample_run.copy(tmp_path / "second"), config, RunOptions(water=path))
     first, second = (evaluate(tmp_path / name, SAMPLES / "truth") for name in ("first", "second"))
     assert second.color.angle_deg < first.color.angle_deg + 0.3
     assert second.color.angle_after_gains_deg < first.color.angle_after_gains_deg + 0.1
 
 
 @pytest.mark.slow
-def test_a_run_with_a_water_for_each_frame_is_refused(tmp_path: Path) -> None:
-    config = load_config(overrides=["color.lock=frame", "output.clouds=false"])
-    run(*SIDES, tmp_path / "out", config)
+def test_a_run_with_a_water_for_each_frame_is_refused(waters_a_frame: Path) -> None:
     with pytest.raises(InputError, match=r"color\.lock=survey"):
-        measure_water(tmp_path / "out", SAMPLES / "trajectory.tum")
+        measure_water(waters_a_frame, SAMPLES / "trajectory.tum")
