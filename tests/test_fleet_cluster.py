@@ -4,11 +4,13 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from stereo_seecolor.compute import kernel_cache
-from stereo_seecolor.compute.cluster import ticket
+from stereo_seecolor.compute.cluster import connect, dask_compute, ticket, worker
+from stereo_seecolor.compute.cluster.batch_jobs import BatchJobs
 from stereo_seecolor.compute.cluster.batches import SETTINGS, Batches
 from stereo_seecolor.compute.cluster.connect import cluster
 from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
@@ -96,6 +98,9 @@ def test_what_is_wrong_with_a_job_file_is_said(tmp_path: Path) -> None:
         (None, "cannot be read"),
         ("a: [", "is no YAML"),
         ("jobs: 0", "jobs: .*give at least jobs, cores and memory"),
+        ("{cores: 1, memory: 1GB}", "either jobs or adaptive is needed"),
+        ("{jobs: 1, adaptive: {maximum: 2}, cores: 1, memory: 1GB}", "either jobs or adaptive is needed"),
+        ("{adaptive: {minimum: 3, maximum: 2}, cores: 1, memory: 1GB}", "adaptive: .*minimum is more than maximum"),
     ):
         if text is not None:
             file.write_text(text)
@@ -107,6 +112,50 @@ def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("stereo_seecolor.compute.cluster.connect.SCHEDULER_TIMEOUT_S", 0.2)
     with pytest.raises(ClusterError, match=r"tcp://127\.0\.0\.1:1: no scheduler answers"), cluster("tcp://127.0.0.1:1"):
         pass
+
+
+def test_a_scheduler_of_another_version_is_said() -> None:
+    found = {"scheduler": {"packages": {"distributed": "1.0"}}, "client": {"packages": {"distributed": "2.0"}}}
+    with pytest.raises(ClusterError, match=r"tcp://a:1: the scheduler has another version \(distributed 1.0 there, 2.0 here\)"):
+        connect._check_scheduler(SimpleNamespace(get_versions=lambda: found), "tcp://a:1")
+
+
+def test_a_program_of_another_version_on_a_worker_is_said(local: DaskCompute, monkeypatch: pytest.MonkeyPatch) -> None:
+    def newer(*_: object) -> None:
+        """Not on the workers."""
+
+    newer.__module__, newer.__qualname__ = worker.__name__, "newer"
+    monkeypatch.setattr(worker, "newer", newer, raising=False)
+    monkeypatch.setattr(dask_compute, "do_batch", newer)
+    with pytest.raises(ClusterError, match=r"local:2: a worker has another version: install the same there"):
+        list(local.each(square, range(2)))
+
+
+@pytest.fixture
+def slurm_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BatchJobs:
+    """Job 12, of which squeue says what is in the file ``queue``."""
+    (tmp_path / "squeue").write_text(f'#!/bin/sh\ncat {tmp_path}/queue || {{ echo "squeue: error: no controller" >&2; exit 1; }}\n')
+    (tmp_path / "squeue").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    return BatchJobs("slurm", SimpleNamespace(workers={0: SimpleNamespace(job_id="12")}), tmp_path / "logs")
+
+
+def test_the_state_of_a_job_that_waits_is_told(slurm_job: BatchJobs, tmp_path: Path) -> None:
+    (tmp_path / "queue").write_text("12 PENDING (Resources)\n")
+    assert slurm_job.text() == f"job 12 is PENDING (Resources); logs are in {tmp_path / 'logs'}"
+    assert not slurm_job.ended()
+    (tmp_path / "queue").unlink()
+    assert slurm_job.text().startswith("the queue does not say why (")
+    assert not slurm_job.ended()
+    assert replace(slurm_job, kind="pbs").text().startswith("look at the queue; logs are in")
+
+
+def test_the_log_of_a_job_that_ended_is_told(slurm_job: BatchJobs, tmp_path: Path) -> None:
+    (tmp_path / "queue").write_text("")
+    assert slurm_job.ended() == f"job 12 has ended: no log of it is in {tmp_path / 'logs'}"
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs/dask-worker-12.err").write_text("a\nno module named dask\n\n")
+    assert slurm_job.ended().endswith("dask-worker-12.err ends with 'no module named dask'")
 
 
 @pytest.fixture(scope="module")
@@ -125,7 +174,7 @@ def fail(number: int) -> int:
 
 def test_results_come_in_order_and_errors_as_they_are(local: DaskCompute) -> None:
     assert list(local.each(square, range(30))) == [square(number) for number in range(30)]
-    with pytest.raises(OutputError, match="/disk: full at 0"):
+    with pytest.raises(OutputError, match=r"worker on .+: /disk: full at 0"):
         list(local.each(fail, range(3)))
     results = local.each(square, iter(range(10_000)))
     assert next(results) == 0

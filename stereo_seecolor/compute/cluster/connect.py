@@ -2,15 +2,19 @@
 
 import re
 import tempfile
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stereo_seecolor.compute.cluster.batch_jobs import BatchJobs
 from stereo_seecolor.errors import ClusterError
 
 if TYPE_CHECKING:
     from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
+    from stereo_seecolor.compute.cluster.job_file import JobFile
 
 JOB_CLASSES = {
     "slurm": "SLURMCluster",
@@ -27,6 +31,10 @@ LOST_S = 60
 """Seconds that a lost worker has to come back by itself, before another is started in its place."""
 FAILURES_ALLOWED = 10
 """Workers that a batch may lose before it is given up: machines are taken away, but a batch that ends every worker ends the run."""
+LOOK_S = 10.0
+"""Seconds between two looks at the queue while no worker has come: batch systems are not to be asked every second."""
+ADAPT_S, IDLE_LOOKS = "10s", 6
+"""How often it is looked whether more or fewer jobs are wanted, and for how many looks a job has nothing to do before it ends."""
 
 
 @contextmanager
@@ -42,20 +50,30 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
     from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
 
     settings = {"distributed.scheduler.allowed-failures": FAILURES_ALLOWED, "distributed.deploy.lost-worker-timeout": LOST_S}
-    with dask.config.set(settings), opener() as (address, revive, timeout_s):
+    with dask.config.set(settings), opener() as opened:
         try:
-            client: Any = Client(address, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+            client: Any = Client(opened.where, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, TimeoutError, ValueError) as error:
             raise ClusterError(
                 f"{name}: no scheduler answers ({error}): start one with dask scheduler, and workers with dask worker {name}"
             ) from error
         with client:
-            _wait(client, name, timeout_s)
-            yield DaskCompute(client, name, revive)
+            _check_scheduler(client, name)
+            _wait(client, opened, name)
+            yield DaskCompute(client, name, opened.revive)
 
 
-Opened = tuple[Any, Callable[[], object], float]
-"""Scheduler's address or cluster; what starts workers in place of those that are lost; seconds to wait for the first."""
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A cluster that was begun. where: its scheduler's address, or Dask's object. revive: starts workers in place of those lost.
+
+    wait_s: for the first worker. jobs: those that workers run in, where they do.
+    """
+
+    where: Any
+    wait_s: float = LOCAL_TIMEOUT_S
+    revive: Callable[[], object] = lambda: None
+    jobs: BatchJobs | None = None
 
 
 def _opener(name: str) -> Callable[[], Any]:
@@ -74,25 +92,27 @@ def _local(workers: int) -> Iterator[Opened]:
     """Processes of this machine; they end with this one, however it ends."""
     from distributed import LocalCluster
 
-    with (
-        tempfile.TemporaryDirectory(prefix="stereo-seecolor-") as folder,
-        LocalCluster(  # type: ignore[no-untyped-call]
-            n_workers=workers,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address="127.0.0.1:0",  # any free port: two runs on one machine must not meet
-            worker_dashboard_address=None,
-            local_directory=folder,
-            silence_logs=50,
-        ) as started,
-    ):
-        yield started, lambda: started.scale(workers), LOCAL_TIMEOUT_S
+    with tempfile.TemporaryDirectory(prefix="stereo-seecolor-") as folder, ExitStack() as ends:
+        try:
+            started: Any = LocalCluster(  # type: ignore[no-untyped-call]
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address="127.0.0.1:0",  # any free port: two runs on one machine must not meet
+                worker_dashboard_address=None,
+                local_directory=folder,
+                silence_logs=50,
+            )
+        except (RuntimeError, OSError) as error:
+            raise ClusterError(f"local:{workers}: a worker ended while it started ({error}): run the same line again") from error
+        ends.enter_context(started)
+        yield Opened(started, revive=lambda: started.scale(workers))
 
 
 @contextmanager
 def _running(address: str) -> Iterator[Opened]:
-    yield address, lambda: None, LOCAL_TIMEOUT_S
+    yield Opened(address)
 
 
 @contextmanager
@@ -100,24 +120,59 @@ def _jobs(kind: str, file: Path) -> Iterator[Opened]:
     """Jobs of a batch system, each with a worker."""
     from stereo_seecolor.compute.cluster.job_file import JobFile
 
-    jobs = JobFile.read(file)
+    content = JobFile.read(file)
     try:
         import dask_jobqueue
     except ImportError as error:
         raise ClusterError(f"{kind}:{file}: needs dask-jobqueue: pip install 'stereo-seecolor[cluster]'") from error
     try:
-        started = getattr(dask_jobqueue, JOB_CLASSES[kind])(**jobs.arguments())
+        started = getattr(dask_jobqueue, JOB_CLASSES[kind])(**content.arguments())
     except (TypeError, ValueError) as error:
         raise ClusterError(f"{file}: {' '.join(str(error).split())}") from error
     with started:
-        started.scale(jobs=jobs.jobs)
-        yield started, lambda: started.scale(jobs=jobs.jobs), jobs.wait_s
+        _submit(started, content, f"{kind}:{file}")
+        revive = (lambda: None) if content.adaptive else lambda: started.scale(jobs=content.jobs)
+        yield Opened(started, content.wait_s, revive, BatchJobs(kind, started, Path(content.log_directory)))
 
 
-def _wait(client: Any, name: str, timeout_s: float) -> None:
+def _submit(started: Any, content: "JobFile", name: str) -> None:
+    """The first jobs, and more as there is work where the file says so. Raises ClusterError where they are refused."""
+    from distributed.core import Status
+
+    async def submitted() -> None:
+        await started
+        for job in [job for job in started.workers.values() if job.status is Status.created]:
+            job.status = Status.closed  # or Dask stumbles over it at the end
+            await job.start()  # again, to hear why it was refused
+
+    adaptive = content.adaptive
+    started.scale(jobs=adaptive.minimum if adaptive else content.jobs)
     try:
-        client.wait_for_workers(1, timeout=timeout_s)
-    except TimeoutError as error:
-        raise ClusterError(
-            f"{name}: no worker came within {timeout_s:.0f} s: start some (dask worker), or look at the queue and at the jobs' logs"
-        ) from error
+        started.sync(submitted)
+    except (RuntimeError, OSError) as error:
+        why = next((line.strip() for line in str(error).splitlines()[::-1] if "error" in line.lower()), str(error))
+        raise ClusterError(f"{name}: a job was refused: {why}") from error
+    if adaptive:
+        started.adapt(minimum_jobs=adaptive.minimum, maximum_jobs=adaptive.maximum, interval=ADAPT_S, wait_count=IDLE_LOOKS)
+
+
+def _check_scheduler(client: Any, name: str) -> None:
+    """The scheduler must be of the client's version of Dask, or it ends with an error that says nothing."""
+    there, here = (client.get_versions()[side]["packages"]["distributed"] for side in ("scheduler", "client"))
+    if there != here:
+        raise ClusterError(f"{name}: the scheduler has another version (distributed {there} there, {here} here): install the same")
+
+
+def _wait(client: Any, opened: Opened, name: str) -> None:
+    """For the first worker. Raises ClusterError with what the batch system says of the jobs, as soon as none of them can come."""
+    jobs, end_s = opened.jobs, time.monotonic() + opened.wait_s
+    while True:
+        try:
+            client.wait_for_workers(1, timeout=max(min(LOOK_S, end_s - time.monotonic()), 0.1))
+            return
+        except TimeoutError as error:
+            if jobs and (ended := jobs.ended()):
+                raise ClusterError(f"{name}: no worker came: {ended}") from error
+            if time.monotonic() >= end_s:
+                why = jobs.text() if jobs else "start some (dask worker)"
+                raise ClusterError(f"{name}: no worker came within {opened.wait_s:.0f} s: {why}") from error

@@ -1,12 +1,14 @@
 """The ``Compute`` of a Dask cluster: batches of items go out, results come back in the items' order."""
 
 import logging
+import pickle
 import secrets
 import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,8 @@ REVIVE_S = 15.0
 
 TEMPORARY_PREFIX = ".writing-"
 """Of files that the next run deletes where this one is killed (``files/atomic.py``)."""
+UNKNOWN_NAME = "Can't get attribute"
+"""How pickle begins to say that a module of another version lacks a name."""
 LARGE_BYTES = 1 << 16
 """Work of more is written to a file that all workers read once, instead of travelling with every batch."""
 
@@ -107,9 +111,12 @@ class DaskCompute:
 
     def _sender(self, do: DoBatch, work: Parcel) -> Callable[[list[Any]], Future]:
         ticket = Ticket.mine(self._probes)
-        return lambda batch: self._client.submit(
-            do, ticket, work, cloudpickle.dumps(batch), pure=False, key=f"batch-{uuid.uuid4()}"
-        )
+
+        def send(batch: list[Any]) -> Future:
+            call = pickle.dumps(_Call(do, (ticket, work, cloudpickle.dumps(batch))))
+            return self._client.submit(pickle.loads, call, pure=False, key=f"batch-{uuid.uuid4()}")
+
+        return send
 
     def _threads(self) -> dict[str, int]:
         """Of each worker that is connected now, by its address."""
@@ -133,6 +140,10 @@ class DaskCompute:
                 raise self._gone(error) from error
             except ImportError as error:
                 raise ClusterError(f"{self._name}: a worker lacks {error.name}: install stereo-seecolor there, too") from error
+            except AttributeError as error:
+                if not str(error).startswith(UNKNOWN_NAME):
+                    raise
+                raise ClusterError(f"{self._name}: a worker has another version: install the same there ({error})") from error
             except TimeoutError:
                 self._look_after_workers()
 
@@ -151,6 +162,21 @@ class DaskCompute:
         left = list(futures)
         if left:
             self._client.cancel(left, force=True)
+
+
+@dataclass(frozen=True)
+class _Call:
+    """A call that is made where it is unpickled.
+
+    A worker without this program, or with another version of it, then raises an error that the client hears of; of a function that
+    it cannot find, a worker would lose its connection.
+    """
+
+    do: Callable[..., Any]
+    arguments: tuple[Any, ...]
+
+    def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
+        return self.do, self.arguments
 
 
 def _write(file: Path, content: bytes) -> None:

@@ -1,12 +1,27 @@
 """The file that says what jobs of a batch system workers run in: ``slurm:cluster.yaml``."""
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from stereo_seecolor.errors import ClusterError
+
+
+class Adaptive(BaseModel):
+    """Jobs come and go with the work."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    minimum: int = Field(1, ge=1, description="Jobs that are kept while the run lasts.")
+    maximum: int = Field(ge=1, description="Jobs at most.")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.minimum > self.maximum:
+            raise ValueError("minimum is more than maximum")
+        return self
 
 
 class JobFile(BaseModel):
@@ -14,10 +29,18 @@ class JobFile(BaseModel):
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
-    jobs: int = Field(ge=1, description="Jobs to submit.")
+    jobs: int | None = Field(None, ge=1, description="Jobs to submit.")
+    adaptive: Adaptive | None = Field(None, description="Instead of jobs: as many as there is work for.")
     cores: int = Field(ge=1, description="Cores of each; one batch of pairs runs on each core.")
     memory: str = Field(description="Memory of each, such as 16GB.")
+    log_directory: str = Field("cluster-logs", description="Folder for one log file a job.")
     wait_s: float = Field(3600.0, gt=0, description="Seconds to wait for the first job to start.")
+
+    @model_validator(mode="after")
+    def _one_of_both(self) -> Self:
+        if (self.jobs is None) == (self.adaptive is None):
+            raise ValueError("either jobs or adaptive is needed")
+        return self
 
     @classmethod
     def read(cls, path: Path) -> "JobFile":
@@ -35,4 +58,5 @@ class JobFile(BaseModel):
 
     def arguments(self) -> dict[str, Any]:
         """For a class of dask-jobqueue: one process a job, with a thread a core."""
-        return {"cores": self.cores, "memory": self.memory, "processes": 1, **(self.model_extra or {})}
+        own = {"cores": self.cores, "memory": self.memory, "log_directory": self.log_directory, "processes": 1}
+        return {**own, **(self.model_extra or {})}

@@ -1,6 +1,7 @@
 """What runs on a worker: batches of items, one after the other."""
 
 import pickle
+import platform
 import threading
 import time
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from typing import Any
 
 from stereo_seecolor.compute.cluster.ticket import Ticket, admit
 from stereo_seecolor.compute.compiled import use_threads
+from stereo_seecolor.errors import DeviceError, OutputError
 
 WORKS_KEPT = 4
 """Passes whose tables, such as those of rectification, a worker keeps: a few dives at once, some 50 MB each."""
@@ -42,7 +44,10 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
     """The pickled ``work`` of all pickled items. Raises ClusterError where this process cannot do it, and what ``work`` raises."""
     admit(ticket)
     start, do = time.perf_counter(), _unpickled(work)
-    results = [do(item) for item in pickle.loads(items)]
+    try:
+        results = [do(item) for item in pickle.loads(items)]
+    except (OutputError, DeviceError) as error:  # of this machine, most likely: a full disk, a library that is missing
+        raise type(error)(f"worker on {platform.node()}: {error}") from error
     return Done(pickle.dumps(results), time.perf_counter() - start)
 
 
