@@ -5,7 +5,7 @@ import re
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import Literal, Protocol
 
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.shard import WHOLE, Shard
@@ -17,6 +17,9 @@ LOG_EVERY_S = 60.0
 
 log = logging.getLogger(__name__)
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
+
+
+PageTime = Literal["none", "end", "live"]
 
 
 class Listener(Protocol):
@@ -83,6 +86,7 @@ class RunOptions:
     listener: hears how far the job is; by default the log of this module does. shard: which part of the dive's pairs is done.
     cluster: where the work runs instead of on this machine's threads.
     water: the water.json of an earlier dive, used instead of a fit.
+    page: when OUT/index.html is written: never, at the end, or while the run works as well.
     """
 
     workers: int = 2
@@ -95,6 +99,7 @@ class RunOptions:
     shard: Shard = WHOLE
     cluster: Compute | None = None
     water: Path | None = None
+    page: PageTime = "end"
 
     @property
     def compute(self) -> Compute:

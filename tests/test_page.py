@@ -27,7 +27,7 @@ NASTY = "<img src=x onerror=alert(1)>"
 
 
 def go(dive: Dive, out: Path, *settings: str, overwrite: bool = False) -> None:
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, settings), RunOptions(overwrite=overwrite))
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, settings), RunOptions(overwrite=overwrite, page="none"))
 
 
 @pytest.fixture
@@ -314,7 +314,7 @@ def test_the_tables_rows_are_read_back_as_they_were(out: Path) -> None:
 
 
 WEB = Path(__file__).resolve().parents[1] / "web"
-BUILT = ("page.js", "map.js", "page.css", "licenses.txt")
+BUILT = ("page.js", "map.js", "live.js", "page.css", "licenses.txt")
 
 
 @pytest.mark.slow

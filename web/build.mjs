@@ -18,6 +18,7 @@ const shared = {
 };
 
 await build({ ...shared, entryPoints: ["src/page.ts"], outfile: join(out, "page.js") });
+await build({ ...shared, entryPoints: ["src/live.ts"], outfile: join(out, "live.js") });
 await build({ ...shared, entryPoints: ["src/page.css"], outfile: join(out, "page.css") });
 await build({ ...shared, entryPoints: ["src/map.ts"], outfile: join(out, "map.js") });
 

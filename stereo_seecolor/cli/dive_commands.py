@@ -18,6 +18,7 @@ from stereo_seecolor.cli.options import (
     ClusterName,
     ConfigFile,
     Left,
+    LivePage,
     LogFile,
     OneCalib,
     OneLeft,
@@ -43,10 +44,11 @@ from stereo_seecolor.cli.options import (
 from stereo_seecolor.cli.report import Report, computing, run_options
 from stereo_seecolor.cli.run_text import map_text, page_text, run_text
 from stereo_seecolor.compute.shard import Shard
+from stereo_seecolor.run_folder.layout import INDEX
 
 if TYPE_CHECKING:
     from stereo_seecolor.mapping.survey_map import MapSummary
-    from stereo_seecolor.progress import Listener
+    from stereo_seecolor.progress import Listener, PageTime
     from stereo_seecolor.run_folder.frames_table import RunSummary
 
 
@@ -59,6 +61,7 @@ def run(
     refine: RefineRig = False,
     fuse: Annotated[bool, typer.Option("--fuse", metavar="", help="Fuse the frames into one map of the dive, OUT/map.")] = False,
     poses: PosesFile = None,
+    page: LivePage = False,
     water: WaterFile = None,
     out_mcap: OutMcap = None,
     topics: Topics = "",
@@ -101,7 +104,8 @@ def run(
 
                 check_fusion(poses, loaded)
             chosen = run_options(workers, overwrite, strict, verify, config, listener)
-            options = replace(chosen, shard=part, cluster=compute, water=water)
+            when: PageTime = "live" if page else "none" if fuse else "end"
+            options = replace(chosen, shard=part, cluster=compute, water=water, page=when)
             summary = _run(left, right, calib, bag, topics)(out, loaded, options)
         if summary.stopped:
             _end(report, summary, out)
@@ -164,7 +168,7 @@ def correct(
     with report.working() as listener:
         options = replace(run_options(workers, overwrite, strict, verify, config, listener), water=water)
         summary = correct_images(images, ranges, out, load_config(config, settings or []), options)
-    _end(report, summary, out)
+    _end_with_page(report, summary, out, None)
 
 
 def range_(
@@ -228,12 +232,12 @@ def _end(report: Report, summary: "RunSummary", out: Path) -> NoReturn:
 
 
 def _end_with_page(report: Report, summary: "RunSummary", out: Path, out_mcap: Path | None) -> NoReturn:
-    from stereo_seecolor.commands.report import report as write_page
-
+    if summary.stopped:
+        _end(report, summary, out)
     report.say(run_text(summary, out))
-    with report.working() as listener:
-        page = write_page(out, listener, brief=True).page
+    with report.working():
         recorded = _record(out, out_mcap)
+    page = out / INDEX
     report.end({**run_content(summary, out), "page": page}, page_text(page) + recorded, run_exit_code(summary))
 
 

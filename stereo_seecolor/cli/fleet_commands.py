@@ -27,7 +27,8 @@ from stereo_seecolor.cli.options import (
     Workers,
 )
 from stereo_seecolor.cli.report import Report, computing, run_options
-from stereo_seecolor.cli.run_text import run_text
+from stereo_seecolor.cli.run_text import page_text, run_text
+from stereo_seecolor.run_folder.layout import INDEX
 
 
 def merge(
@@ -52,7 +53,8 @@ def merge(
     with report.working() as listener, computing(cluster) as compute:
         options = replace(run_options(workers, overwrite, False, False, None, listener), cluster=compute)
         summary = join(parts, out, options, fit_only=fit_only)
-    report.end(run_content(summary, out), run_text(summary, out), run_exit_code(summary))
+    page = "" if fit_only or summary.stopped else page_text(out / INDEX)
+    report.end(run_content(summary, out), run_text(summary, out) + page, run_exit_code(summary))
 
 
 def status(

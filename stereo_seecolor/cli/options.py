@@ -92,6 +92,12 @@ PosesFile = Annotated[
         rich_help_panel=COLOR,
     ),
 ]
+LivePage = Annotated[
+    bool,
+    typer.Option(
+        "--page", metavar="", help="Write OUT/index.html already while the run works; a browser that shows it renews it by itself."
+    ),
+]
 ConfigFile = Annotated[
     Path | None,
     typer.Option("--config", metavar="FILE", help="YAML file of settings (docs/configuration.md).", rich_help_panel=SETTINGS),

@@ -8,6 +8,7 @@ from pathlib import Path
 from calibration import Rectification
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
+from stereo_seecolor.commands.pages import drop_live_page, end_page, with_live_page
 from stereo_seecolor.commands.refine_dive import DiveRefinement
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
@@ -125,7 +126,8 @@ class Job:
 
     def conduct(self, folder: RunFolder, options: RunOptions) -> RunSummary:
         """All passes; Ctrl-C ends them early. run.json and frames.csv are written at the end, however it comes."""
-        start, dive, complete = time.perf_counter(), Dive(self.source, folder, options), False
+        watched = with_live_page(options, folder, self.description)
+        start, dive, complete = time.perf_counter(), Dive(self.source, folder, watched), False
         earlier = earlier_config(folder)
         folder.update(replace(folder.dive, state="running"))
         try:
@@ -133,6 +135,9 @@ class Job:
             complete = True
         except KeyboardInterrupt:
             pass
+        except BaseException:
+            drop_live_page(options, folder)
+            raise
         finally:
             description = self.description
             if description.last == "range" and "corrected" in folder.dive.settings and earlier:
@@ -140,6 +145,7 @@ class Job:
             close_run(folder, description, complete)
             summary = self._summary(folder, dive, time.perf_counter() - start, not complete)
             write_reports(folder, description, summary)
+        end_page(options, folder, description, not complete)
         return replace(summary, products=products(folder))
 
     def _summary(self, folder: RunFolder, dive: Dive, seconds: float, stopped: bool) -> RunSummary:

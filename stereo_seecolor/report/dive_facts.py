@@ -16,22 +16,10 @@ from stereo_seecolor.run_folder.layout import FRAMES_TABLE
 from stereo_seecolor.run_folder.water_file import read_waters
 
 
-@dataclass(frozen=True)
-class DiveFacts:
-    """A run for the page. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None where none was made."""
+class RowFacts:
+    """What rows of frames.csv say of a dive, finished or under way. rows: in the dive's order."""
 
-    run: FinishedRun
     rows: tuple[FrameRow, ...]
-    waters: dict[str, Water]
-    map: FinishedMap | None
-    posed: PosedRun | None
-
-    @classmethod
-    def of(cls, run: FinishedRun) -> "DiveFacts":
-        """Raises InputError if frames.csv or the map is gone or damaged."""
-        rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
-        made = open_map(run.root)
-        return cls(run, rows, _waters(run), made, open_posed_run(run.root) if made else None)
 
     @property
     def pairs(self) -> tuple[FrameRow, ...]:
@@ -51,6 +39,24 @@ class DiveFacts:
     def problems(self) -> tuple[Problem, ...]:
         """Kinds of errors and warnings, the most frequent first."""
         return tuple(problems_of(self.rows))
+
+
+@dataclass(frozen=True)
+class DiveFacts(RowFacts):
+    """A run for the page. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None where none was made."""
+
+    run: FinishedRun
+    rows: tuple[FrameRow, ...]
+    waters: dict[str, Water]
+    map: FinishedMap | None
+    posed: PosedRun | None
+
+    @classmethod
+    def of(cls, run: FinishedRun) -> "DiveFacts":
+        """Raises InputError if frames.csv or the map is gone or damaged."""
+        rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
+        made = open_map(run.root)
+        return cls(run, rows, _waters(run), made, open_posed_run(run.root) if made else None)
 
     @property
     def water(self) -> Water | None:

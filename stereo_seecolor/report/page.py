@@ -1,12 +1,9 @@
 """START HERE: the page of a run, written into OUT."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
-
-import jinja2
 
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError
@@ -18,6 +15,7 @@ from stereo_seecolor.report.map_files import write_map_files
 from stereo_seecolor.report.overview import NAMED_FRAMES, changed_settings, citations, dive_facts, methods
 from stereo_seecolor.report.script import script
 from stereo_seecolor.report.telling_frames import telling_frames
+from stereo_seecolor.report.templates import filled_in
 from stereo_seecolor.report.texts import STATIC, Texts, english
 from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
@@ -149,13 +147,11 @@ def _suffix(run: FinishedRun) -> str:
 
 def render(facts: DiveFacts, shown: Shown, texts: Texts) -> bytes:
     """The page itself, with the overview in it."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["path"] = _path
-    template = environment.from_string((STATIC / "index.html.j2").read_text(encoding="utf-8"))
     run = facts.run
-    page = template.render(
+    return filled_in(
+        "index.html.j2",
         t=texts,
-        dive=dive_name(run),
+        dive=dive_name(run.inputs, run.root),
         run=run,
         verdict=judge(facts, texts),
         dive_facts=dive_facts(facts, texts),
@@ -169,14 +165,8 @@ def render(facts: DiveFacts, shown: Shown, texts: Texts) -> bytes:
         has_map=facts.map is not None,
         files={name: what for name, what in WHAT_IS_WHERE.items() if (run.root / name).exists()},
     )
-    return page.encode("utf-8", errors="replace")
 
 
-def dive_name(run: FinishedRun) -> str:
+def dive_name(inputs: Mapping[str, str], root: Path) -> str:
     """What to call the dive: the folder that its left and right images lie in, else OUT."""
-    return Path(run.inputs.get("left", "")).parent.name or run.root.resolve().name
-
-
-def _path(name: str) -> str:
-    """A file's name as part of an address."""
-    return quote(name, safe="", errors="surrogateescape")
+    return Path(inputs.get("left", "")).parent.name or root.resolve().name

@@ -18,6 +18,7 @@ class PreviewSizes:
     thumbnail_quality: int = 72  # about 4 kB: 5,000 of them are 20 MB
     image_px: int = 1600  # as wide as the viewer on a large screen; the full image is a click away
     image_quality: int = 85  # no blocks to be seen at this size
+    live_px: int = 480  # three beside each other on a laptop; about 30 kB
 
 
 SIZES = PreviewSizes()
@@ -31,6 +32,11 @@ def thumbnail(pixels: NDArray[Any]) -> bytes:
 def preview(pixels: NDArray[Any]) -> bytes:
     """A JPEG as large as a screen; arguments as of ``thumbnail``."""
     return _jpeg(_smaller(pixels, SIZES.image_px), SIZES.image_quality)
+
+
+def live_picture(pixels: NDArray[Any]) -> bytes:
+    """A JPEG for the page of a run under way; arguments as of ``thumbnail``."""
+    return _jpeg(_smaller(pixels, SIZES.live_px), SIZES.thumbnail_quality)
 
 
 def _smaller(pixels: NDArray[Any], longer_px: int) -> NDArray[Any]:

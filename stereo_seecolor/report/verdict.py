@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from stereo_seecolor.report.dive_facts import DiveFacts
+from stereo_seecolor.report.dive_facts import DiveFacts, RowFacts
 from stereo_seecolor.report.texts import Texts
 
 
@@ -28,6 +28,12 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
+def judge_so_far(facts: RowFacts, texts: Texts) -> Verdict:
+    """The verdict on the pairs that a run came to."""
+    reasons = (*_of_pairs(facts, texts), *_of_pixels(facts, texts))
+    return Verdict(not reasons, texts("verdict.look_so_far" if reasons else "verdict.good_so_far"), reasons)
+
+
 def judge(facts: DiveFacts, texts: Texts) -> Verdict:
     """The verdict on a run."""
     reasons = (*_of_pairs(facts, texts), *_of_pixels(facts, texts), *_of_map(facts, texts))
@@ -36,7 +42,7 @@ def judge(facts: DiveFacts, texts: Texts) -> Verdict:
     return Verdict(not reasons, texts("verdict.look" if reasons else "verdict.good"), reasons)
 
 
-def _of_pairs(facts: DiveFacts, texts: Texts) -> list[str]:
+def _of_pairs(facts: RowFacts, texts: Texts) -> list[str]:
     reasons = []
     for status in ("failed", "pending", "unpaired"):
         if count := facts.count(status):
@@ -47,7 +53,7 @@ def _of_pairs(facts: DiveFacts, texts: Texts) -> list[str]:
     return reasons
 
 
-def _of_pixels(facts: DiveFacts, texts: Texts) -> list[str]:
+def _of_pixels(facts: RowFacts, texts: Texts) -> list[str]:
     reasons = []
     coverage, lost = facts.typical("coverage"), facts.typical("unrecoverable_fraction")
     if coverage is not None and coverage < LIMITS.coverage:

@@ -1,0 +1,149 @@
+"""OUT/index.html while a run is at work: how far it is, what is wrong so far, and its latest pair."""
+
+import base64
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.records import FrameRow, Map
+from stereo_seecolor.report.dive_facts import RowFacts
+from stereo_seecolor.report.numbers import length
+from stereo_seecolor.report.overview import NAMED_FRAMES, Fact
+from stereo_seecolor.report.previews import live_picture
+from stereo_seecolor.report.templates import filled_in
+from stereo_seecolor.report.texts import STATIC, english
+from stereo_seecolor.report.verdict import judge_so_far
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.frames_table import FrameTable
+from stereo_seecolor.run_folder.layout import INDEX, PAGE
+
+ASSETS = ("page.css", "live.js")
+MADE_LIVE = "live"
+"""What the manifest says that the page was made from: the page of a finished run always takes its place."""
+
+
+@dataclass(frozen=True)
+class LivePace:
+    """How often the page is written."""
+
+    every_s: float = 5.0  # as a person looks on; the browser loads the page as often
+    most_of_time: float = 0.01  # of the run's time goes into its page: large images are shown less often
+
+
+PACE = LivePace()
+
+
+@dataclass(frozen=True)
+class LiveRows(RowFacts):
+    """The rows of a dive under way."""
+
+    rows: tuple[FrameRow, ...]
+
+
+@dataclass(eq=False)
+class LivePage:
+    """Hears of every pair of a pass, as a listener does, and writes the page now and then. dive: what to call the dive."""
+
+    folder: RunFolder
+    dive: str
+    images: InputConfig
+    _table: FrameTable = field(default_factory=FrameTable)
+    _stage: str = ""
+    _total: int = 0
+    _done: int = 0
+    _next_s: float = 0.0
+    _latest: FrameRow | None = None
+
+    def begin(self, stage: str, total: int) -> None:
+        """A pass over ``total`` pairs begins. Raises OutputError."""
+        self._stage, self._total, self._done = stage, total, 0
+        for name in ASSETS:
+            self.folder.write(f"{PAGE}/{name}", (STATIC / name).read_bytes())
+        self._write()
+        self._next_s = 0.0  # the first pair is shown at once
+
+    def advance(self, row: FrameRow) -> None:
+        """One more pair is through the pass. Raises OutputError."""
+        self._table.add(row)
+        self._done += 1
+        if time.monotonic() >= self._next_s:
+            self._latest = row
+            self._write()
+
+    def _write(self) -> None:
+        began_s = time.monotonic()
+        self.folder.write(INDEX, self._render(), made_from=MADE_LIVE)
+        ended_s = time.monotonic()
+        self._next_s = ended_s + max(PACE.every_s, (ended_s - began_s) / PACE.most_of_time)
+
+    def _render(self) -> bytes:
+        texts, facts, now_s = english(), LiveRows(self._table.rows), time.time()
+        return filled_in(
+            "live.html.j2",
+            t=texts,
+            dive=self.dive,
+            stage=self._stage,
+            done=self._done,
+            total=self._total,
+            clock=time.strftime("%H:%M:%S", time.localtime(now_s)),
+            updated_s=round(now_s),
+            reload_s=PACE.every_s,
+            verdict=judge_so_far(facts, texts),
+            dive_facts=self._facts(facts),
+            latest=self._latest.name if self._latest else "",
+            pictures=self._pictures(self._latest) if self._latest else [],
+            problems=facts.problems,
+            named_frames=NAMED_FRAMES,
+        )
+
+    def _facts(self, facts: RowFacts) -> list[Fact]:
+        texts = english()
+        range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
+        values = {
+            "live.pairs": texts("live.pairs_value", done=self._done, total=self._total),
+            "live.failed": str(facts.count("failed")),
+            "fact.range": range_m and length(range_m, texts),
+            "fact.coverage": coverage and texts("fact.coverage_value", percent=f"{coverage:.0%}"),
+        }
+        return [Fact(texts(key), value) for key, value in values.items() if value]
+
+    def _pictures(self, row: FrameRow) -> list[tuple[str, str]]:
+        """(label, picture as an address) of what there is of a pair; what cannot be read is left out."""
+        texts, made = english(), []
+        record = self.folder.manifest.frame(row.name)
+        current = [stage for stage in record.stages if self.folder.dive.is_current(record, stage)] if record else []
+        try:
+            made.append((texts("live.left"), _address(read_image(Path(row.left), self.images))))
+            if record and "range" in current:
+                picture, low_m, high_m = _range_picture(self.folder.read(record, "range"))
+                label = texts("live.range", low=length(low_m, texts), high=length(high_m, texts))
+                made.append((label, _address(picture)))
+            if record and "corrected" in current:
+                made.append((texts("live.corrected"), _address(self.folder.read(record, "corrected"))))
+        except (InputError, FrameError):
+            pass
+        return made
+
+
+def _range_picture(range_m: Map) -> tuple[NDArray[np.uint8], float, float]:
+    """(h, w, 3) RGB, near bright, unknown black; and the ranges of its darkest and brightest color, meters."""
+    step = max(1, max(range_m.shape) // 480)
+    small = range_m[::step, ::step]
+    known = small[np.isfinite(small)]
+    low_m, high_m = (float(value) for value in np.percentile(known, (2, 98))) if known.size else (0.0, 1.0)
+    level = np.clip((high_m - np.nan_to_num(small, nan=high_m)) / max(high_m - low_m, 1e-6) * 255, 0, 255).astype(np.uint8)
+    colors: Any = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)[..., ::-1]
+    return np.where(np.isfinite(small)[..., None], colors, 0).astype(np.uint8), low_m, high_m
+
+
+def _address(pixels: NDArray[Any]) -> str:
+    """A picture inside the page: the file is whole, or it is not there."""
+    return f"data:image/jpeg;base64,{base64.b64encode(live_picture(pixels)).decode('ascii')}"

@@ -1,0 +1,21 @@
+"""Templates of pages: everything that is filled in is escaped."""
+
+from typing import Any
+from urllib.parse import quote
+
+import jinja2
+
+from stereo_seecolor.report.texts import STATIC
+
+
+def filled_in(name: str, **values: Any) -> bytes:
+    """A template of static/ with values; one that is missing raises."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["path"] = _path
+    template = environment.from_string((STATIC / name).read_text(encoding="utf-8"))
+    return template.render(**values).encode("utf-8", errors="replace")
+
+
+def _path(name: str) -> str:
+    """A file's name as part of an address."""
+    return quote(name, safe="", errors="surrogateescape")
