@@ -188,7 +188,7 @@ SHAPES: dict[str, Shape] = {
     "run": {**END, **RUN, "page": str},
     "run --fuse": {**END, **RUN, "page": str, "map": MAP},
     "range": {**END, **RUN},
-    "correct": {**END, **RUN},
+    "correct": {**END, **RUN, "page": str},
     "rectify": {**END, **RUN},
     "fuse": {**END, "out": str, "page": str, "map": MAP},
     "report": {**END, "out": str, "page": str, "made": int, "kept": int, "left_out": {str: str}},

@@ -18,6 +18,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.measuring.limits import LIMITS
 from stereo_seecolor.measuring.measures import along_surface, planar_area, profile, range_of, straight_length, surface_area
 from stereo_seecolor.measuring.picking import Pick, Surface
+from stereo_seecolor.measuring.terrain import Ground, Spot
 from stereo_seecolor.report.range_code import std_blocks
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 
@@ -124,6 +125,70 @@ def test_what_was_not_measured_has_no_range() -> None:
     assert area.value == pytest.approx(planar_area(corners).value, rel=0.1)
 
 
+# The terrain of a map
+
+
+def ground(heights_m: np.ndarray, std_m: float = 1e-4) -> Ground:
+    """Cells of 1 cm, whose north-west corner lies at (5, 3)."""
+    return Ground(heights_m.astype(np.float32), 5.0, 3.0, 0.01, std_m)
+
+
+def slope(east: float = 0.5, north: float = 0.0) -> Ground:
+    y, x = np.mgrid[:80, :120]
+    return ground(-2 + east * 0.01 * (x + 0.5) - north * 0.01 * (y + 0.5))
+
+
+def spots(terrain: Ground, *places: tuple[float, float]) -> list[Spot]:
+    found = [terrain.pick(x_m, y_m, None, 0.002) for x_m, y_m in places]
+    assert None not in found
+    return [spot for spot in found if spot is not None]
+
+
+def test_on_a_slope_points_lengths_and_areas_are_those_of_a_plane() -> None:
+    terrain = slope(east=0.5)
+    corners = spots(terrain, (5.2, 2.8), (5.8, 2.8), (5.8, 2.4), (5.2, 2.4))
+    assert corners[0].point_m[2] == pytest.approx(-2 + 0.5 * 0.2, abs=1e-5)
+    assert straight_length(corners[:2]).value == pytest.approx(0.6 * np.hypot(1, 0.5), rel=1e-5)
+    line = terrain.along(corners[:2])
+    assert line
+    assert straight_length(line).value == pytest.approx(0.6 * np.hypot(1, 0.5), rel=1e-4)
+    assert planar_area(corners).value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-5)
+    area = terrain.area(corners)
+    assert area
+    assert area.value == pytest.approx(0.24 * np.hypot(1, 0.5), rel=1e-4)
+
+
+def test_the_error_on_a_map_is_that_of_height_and_click() -> None:
+    terrain = Ground(slope(east=0.5).heights_m, 5.0, 3.0, 0.01, 0.004)
+    (spot,) = spots(terrain, (5.5, 2.5))
+    assert spot.covariance[2, 2] == pytest.approx(0.004**2 + (0.5 * 0.002) ** 2, rel=1e-4)
+    rng, ends = np.random.default_rng(4), np.array([(5.2, 2.7), (5.7, 2.4)])
+    lengths = []
+    for _ in range(400):
+        clicked = [terrain.pick(x, y, None, 0.002) for x, y in rng.normal(ends, 0.002)]
+        points = np.array([spot.point_m for spot in clicked if spot]) + rng.normal(0, 0.004, (2, 1)) * (0, 0, 1)
+        lengths.append(np.linalg.norm(points[1] - points[0]))
+    assert np.std(lengths) == pytest.approx(straight_length(spots(terrain, *map(tuple, ends))).std, rel=0.12)
+
+
+@pytest.mark.parametrize("offset_cells", [-1, 0, 1, 2])
+def test_at_the_edge_of_a_coral_its_top_is_measured(offset_cells: int) -> None:
+    heights_m = np.where(np.arange(120) < 60, -1.5, -2.0)[None, :] * np.ones((80, 1))
+    (spot,) = spots(ground(heights_m), (5 + 0.01 * (59.5 + offset_cells), 2.5))
+    assert spot.point_m[2] == pytest.approx(-1.5 if offset_cells < 2 else -2.0, abs=1e-4)
+
+
+def test_what_stands_over_the_ground_has_no_length_along_it() -> None:
+    terrain = slope()
+    over = terrain.pick(5.5, 2.5, -1.0, 0.002)
+    assert over
+    assert over.point_m[2] == -1.0
+    assert terrain.along([over, *spots(terrain, (5.2, 2.5))]) is None
+    steep = [terrain.pick(5.5, y, z, 0.002) for y, z in ((2.5, -1.75), (2.6, -1.75), (2.6, -1.2))]
+    assert terrain.area([spot for spot in steep if spot]) is None
+    assert terrain.pick(4.0, 2.5, None, 0.002) is None
+
+
 # The synthetic reef
 
 
@@ -218,6 +283,7 @@ def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None
         (["a,0000,length,,50,50"], r"measure 'a': length needs at least 2 places"),
         (["a,0000,length,,50,50", "a,0001,length,,50,50"], r"line 3: measure 'a' has another frame or kind than before"),
         (["a,0009,point,,50,50"], r"holds no finished frame '0009'"),
+        (["a,,point,,,"], r"x_m and y_m must be numbers"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_named(out: Path, tmp_path: Path, rows: list[str], message: str) -> None:
@@ -228,4 +294,10 @@ def test_a_table_that_cannot_be_used_is_named(out: Path, tmp_path: Path, rows: l
 def test_a_table_without_its_columns_is_named(out: Path, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("x,y\n1,2\n")
     with pytest.raises(InputError, match=r"has no column 'measure': give the columns measure, frame"):
+        measure(out, tmp_path / "points.csv")
+
+
+def test_places_on_a_map_need_a_map(out: Path, tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text("measure,frame,kind,label,x_m,y_m\na,,point,,1,2\n")
+    with pytest.raises(InputError, match="holds no terrain"):
         measure(out, tmp_path / "points.csv")

@@ -16,8 +16,10 @@ from conftest import Cli, Dive, contents
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
-from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.errors import InputError, OutputError, SeeColorError
 from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.range_code import CODE, CodedRanges, std_blocks, std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import open_run
 
@@ -27,7 +29,9 @@ NASTY = "<img src=x onerror=alert(1)>"
 
 
 def go(dive: Dive, out: Path, *settings: str, overwrite: bool = False) -> None:
-    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, settings), RunOptions(overwrite=overwrite, page="none"))
+    """A run without a page."""
+    options = RunOptions(overwrite=overwrite, page="none")
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, load_config(None, settings), options)
 
 
 @pytest.fixture
@@ -248,6 +252,58 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no finished run"):
         report(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+# Written by the run itself
+
+
+def test_a_run_from_python_writes_the_page(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    dive = make_dive(2)
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out")
+    assert "Good: nothing stands out." in (tmp_path / "out/index.html").read_text("utf-8")
+    assert set(data(tmp_path / "out")["shown"]) == {"0000", "0001"}
+
+
+class Watch:
+    """Reads the page after each pair of a run."""
+
+    def __init__(self, page: Path) -> None:
+        self.page = page
+        self.seen: list[str] = []
+
+    def begin(self, stage: str, total: int) -> None:
+        """Nothing is there yet."""
+
+    def advance(self, row: FrameRow) -> None:
+        self.seen.append(self.page.read_text("utf-8"))
+
+
+def test_while_a_run_works_its_page_says_how_far_it_is(
+    make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stereo_seecolor.report.live_page.PACE", LivePace(every_s=0.0, most_of_time=1e9))
+    dive, watch = make_dive(3), Watch(tmp_path / "out/index.html")
+    (dive.root / "L/0001.png").write_bytes(b"")
+    for side in "LR":
+        (dive.root / side / "0002.png").rename(dive.root / side / f"{NASTY}.png")
+    options = RunOptions(workers=1, page="live", listener=watch)
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []), options)
+    ranges = next(page for page in watch.seen if "ranges, 2 of 3." in page)
+    assert "1 of 2 pairs failed." in ranges
+    colors = next(page for page in watch.seen if "colors, 1 of 2." in page)
+    assert colors.count("data:image/jpeg;base64,") == 3
+    assert all(NASTY not in page for page in watch.seen)
+    final = (tmp_path / "out/index.html").read_text("utf-8")
+    assert "is at work" not in final
+    assert "1 of 3 pairs failed." in final
+
+
+def test_no_page_says_that_a_run_works_that_has_ended_by_an_error(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    dive, options = make_dive(2), RunOptions(page="live", strict=True)
+    (dive.root / "L/0001.png").write_bytes(b"")
+    with pytest.raises(SeeColorError):
+        run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []), options)
+    assert not (tmp_path / "out/index.html").exists()
 
 
 # The command line

@@ -189,8 +189,10 @@ def test_measures_are_undone_labelled_kept_and_exported(opened: Callable[[str], 
         overlay.press("Shift+ArrowRight")
     overlay.press(" ")
     overlay.press("Enter")
-    page.locator(".measures input").fill('=HYPERLINK("x"), massive')
-    page.locator(".measures input").press("Tab")
+    page.locator(".measures input.label").fill('=HYPERLINK("x"), massive')
+    page.locator(".measures input.label").press("Tab")
+    page.locator(".measures input.note").fill("bleached")
+    page.locator(".measures input.note").press("Tab")
     with page.expect_download() as saved:
         page.get_by_role("button", name="Save for VIAME").click()
     saved.value.save_as(tmp_path / "viame.csv")
@@ -199,7 +201,7 @@ def test_measures_are_undone_labelled_kept_and_exported(opened: Callable[[str], 
     assert float(row[8]) == pytest.approx(1000 * stored(page)[0]["value"], abs=0.01)
     assert row[9] == '\'=HYPERLINK("x"), massive'  # no formula for a spreadsheet
     page.reload()
-    assert stored(page)[0]["label"] == '=HYPERLINK("x"), massive'
+    assert (stored(page)[0]["label"], stored(page)[0]["note"]) == ('=HYPERLINK("x"), massive', "bleached")
     page.get_by_role("button", name="Measure").click()
     page.get_by_role("button", name="Delete measure 1").click()
     expect(page.locator(".measures tbody tr")).to_have_count(0)
@@ -250,7 +252,7 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run with a map in tiles: flat, of one color, seen by four frames from above."""
     out = tmp_path_factory.mktemp("mapped") / "out"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(3000, 2000))
+        patch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(1000, 2000))
         mapped_run(out)
     return out
 
@@ -316,3 +318,34 @@ def test_the_mosaic_is_zoomed_into_and_a_click_finds_the_frames(on_map: Page) ->
     assert box
     on_map.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     on_map.locator(".found .card").first.wait_for()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("view", ["In three dimensions", "Mosaic"])
+def test_measures_on_the_map_are_those_of_the_command_line(on_map: Page, mapped: Path, tmp_path: Path, view: str) -> None:
+    on_map.get_by_role("button", name=view).click()
+    for _ in range(50):
+        if abs(middle_color(on_map) - FLAT_BGR).max() < 12:
+            break
+        on_map.wait_for_timeout(200)
+    box = on_map.locator(".map-stage").bounding_box()
+    assert box
+    for number, kind in enumerate(("Length", "Area", "Point"), start=1):
+        corners = ((0.46, 0.4 + 0.05 * number), (0.54, 0.4 + 0.05 * number), (0.5, 0.46 + 0.05 * number))  # beside earlier ones
+        places = [(box["x"] + box["width"] * x, box["y"] + box["height"] * y) for x, y in corners]
+        on_map.get_by_role("button", name=kind, exact=True).click()
+        count = {"Length": 2, "Area": 3, "Point": 1}[kind]
+        for dots, place in enumerate(places[:count], start=1):
+            on_map.mouse.click(*place)
+            if kind != "Point":
+                expect(on_map.locator(".map-overlay .dot:not([data-id])")).to_have_count(dots)
+        if kind != "Point":
+            on_map.locator("#map").get_by_role("button", name="Finish").click()
+        expect(on_map.locator("#map .measures tbody tr")).to_have_count(number)
+    with on_map.expect_download() as saved:
+        on_map.get_by_role("button", name="Save as CSV").click()
+    saved.value.save_as(tmp_path / "points.csv")
+    for mine, theirs in zip(stored(on_map), measure(mapped, tmp_path / "points.csv"), strict=True):
+        assert mine["value"] == pytest.approx(theirs.value, rel=1e-3, abs=1e-5)
+        assert mine["std"] == pytest.approx(theirs.std, rel=1e-3)
+        assert (mine["surface"] or 0) == pytest.approx(theirs.surface or 0, rel=2e-3)

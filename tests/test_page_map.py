@@ -15,8 +15,10 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.report.height_code import coded_heights
 from stereo_seecolor.report.map_images import levels, pyramid
-from stereo_seecolor.report.map_mesh import MeshSizes, Piece, pieces
+from stereo_seecolor.report.map_mesh import MeshSizes, Piece
+from stereo_seecolor.report.map_mesh import levels as mesh_levels
 
 
 def hills(count: int = 60, seed: int = 0) -> Piece:
@@ -69,14 +71,34 @@ def test_what_is_packed_comes_out_again() -> None:
     )
 
 
-def test_tiles_are_the_whole_mesh_and_the_first_piece_is_coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(1000, 800))
+def test_the_finest_level_is_the_mesh_and_the_coarsest_is_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stereo_seecolor.report.map_mesh.SIZES", MeshSizes(300, 800))
     mesh = hills()
-    (_, whole), *tiles = pieces(mesh, 0.01)
-    assert len(whole.triangles) <= 1000
-    assert len(tiles) > 4
-    assert sum(len(tile.triangles) for _, tile in tiles) == len(mesh.triangles)
-    assert set.union(*(as_set(tile, 1e-4) for _, tile in tiles)) == as_set(mesh, 1e-4)
+    finest, *coarser = list(mesh_levels(mesh, 0.01))
+    assert finest[0] == 0.01
+    assert len(finest[1]) > 4
+    assert sum(len(tile.triangles) for tile in finest[1].values()) == len(mesh.triangles)
+    assert set.union(*(as_set(tile, 1e-4) for tile in finest[1].values())) == as_set(mesh, 1e-4)
+    assert [cell_m for cell_m, _ in coarser] == [0.01 * 2**level for level in range(1, len(coarser) + 1)]
+    assert sum(len(tile.triangles) for tile in coarser[-1][1].values()) <= 300
+    for (_, fine), (_, coarse) in zip([finest, *coarser], coarser, strict=False):
+        assert {(column // 2, row // 2) for column, row in fine} >= coarse.keys()
+
+
+def test_heights_are_exact_to_a_twentieth_of_a_millimeter() -> None:
+    rng = np.random.default_rng(3)
+    heights_m = (-12 + np.cumsum(rng.normal(0, 0.01, (70, 90)), axis=1)).astype(np.float32)
+    heights_m[rng.random(heights_m.shape) < 0.2] = np.nan
+    packed = coded_heights(heights_m)
+    planes = np.frombuffer(zlib.decompress(base64.b64decode(packed["heights"])), np.uint8).reshape(2, 70, 90).astype(np.uint16)
+    folded = planes[0] | planes[1] << 8
+    codes = ((folded >> 1) ^ -(folded & 1)).cumsum(axis=1, dtype=np.uint16).cumsum(axis=0, dtype=np.uint16)
+    known = (
+        np.unpackbits(np.frombuffer(zlib.decompress(base64.b64decode(packed["known"])), np.uint8))[: 70 * 90].reshape(70, 90) > 0
+    )
+    found = np.where(known, packed["low_m"] + codes * packed["step_m"], np.nan)
+    assert (np.isnan(found) == np.isnan(heights_m)).all()
+    assert np.nanmax(abs(found - heights_m)) < 5e-5
 
 
 def test_a_coarse_mesh_lies_on_the_fine_one() -> None:
@@ -121,7 +143,8 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(fused: Callable[...
     page = (out / "index.html").read_text("utf-8")
     assert "3 frames along 0.6 m of track were fused" in page
     first = {path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()}
-    assert {path.name for path in (out / "page/map").iterdir()} == {"map.js", "whole.js", "mosaic", "terrain.webp"}
+    folders = {"map.js", "mosaic", "terrain", "hillshade", "heights"}
+    assert {path.name for path in (out / "page/map").iterdir()} == {"0_0_0.js", *folders}
     (coarsest,) = (path.name for path in (out / "page/map/mosaic").iterdir())
     report(out)
     assert first == {path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()}
@@ -129,3 +152,19 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(fused: Callable[...
     report(out)
     levels_now = {path.name for path in (out / "page/map/mosaic").iterdir()}
     assert levels_now == {str(int(coarsest) - 1)}  # half as many pixels a side; the earlier mosaic is gone
+
+
+@pytest.mark.slow
+def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pictures(fused: Callable[..., Path]) -> None:
+    out = fused()
+    report(out)
+    (out / "page/before").mkdir(exist_ok=True)
+    for i in range(3):
+        cv2.imwrite(str(out / f"page/before/f{i}.jpg"), np.full((*PAIR.image_size[::-1], 3), (200, 90, 30), np.uint8))
+    (out / "page/map/map.js").unlink()
+    report(out)
+    (tile,) = (out / "page/map/raw").rglob("0_0.webp")
+    rgba = cv2.imdecode(np.frombuffer(tile.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)
+    assert (rgba[..., 3] > 0).mean() > 0.5
+    assert abs(rgba[rgba[..., 3] > 250][:, :3].mean(axis=0) - (200, 90, 30)).max() < 4
+    assert (out / "page/map/0_0_0_raw.js").exists()

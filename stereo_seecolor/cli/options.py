@@ -95,7 +95,10 @@ PosesFile = Annotated[
 LivePage = Annotated[
     bool,
     typer.Option(
-        "--page", metavar="", help="Write OUT/index.html already while the run works; a browser that shows it renews it by itself."
+        "--page",
+        metavar="",
+        help="Write OUT/index.html already while the run works; a browser that shows it renews it by itself.",
+        rich_help_panel=REPORTING,
     ),
 ]
 ConfigFile = Annotated[

@@ -1,9 +1,9 @@
-"""``measure``: points, lengths and areas in the frames of a finished run, from a table of places in its images."""
+"""``measure``: points, lengths and areas in the frames and on the map of a finished run, from a table of places."""
 
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -21,23 +21,34 @@ from stereo_seecolor.measuring.measures import (
     surface_area,
 )
 from stereo_seecolor.measuring.picking import Pick, Surface
+from stereo_seecolor.measuring.terrain import Ground, Spot
+from stereo_seecolor.report.height_code import height_std_m
+from stereo_seecolor.report.map_images import Terrain
 from stereo_seecolor.report.range_code import std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
+from stereo_seecolor.run_folder.layout import MAP, TERRAIN
 
 Kind = Literal["point", "length", "area"]
 LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
-COLUMNS = ("measure", "frame", "kind", "label", "x_px", "y_px")
+COLUMNS = ("measure", "frame", "kind", "label")
+FRAME_COLUMNS, MAP_COLUMNS = ("x_px", "y_px"), ("x_m", "y_m")
+CLICK_CELLS = 0.25
+"""How well a spot of the map was hit where the table does not say: half a pixel of the mosaic, whose cells are half as large."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to measure: places (x, y) in pixels of the rectified left image of a frame."""
+    """What to measure: places (x, y) in pixels of the rectified left image of a frame; spots on the map where frame is "".
+
+    spots: (x_m, y_m, z_m, click_m) in the map's world, NaN for a height or a standard error of the click that is not given.
+    """
 
     measure: str
     frame: str
     kind: Kind
     label: str
     places: tuple[tuple[float, float], ...]
+    spots: tuple[tuple[float, float, float, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -45,7 +56,8 @@ class Measurement:
     """What was measured; None where the surface is not known at one of the places.
 
     value, std: range, straight length or planar area, with its standard error, meters or square meters. surface, surface_std: the
-    length or area along the surface, None for a point. x_m, y_m, z_m: of a point, rectified left camera.
+    length or area along the surface, None for a point, and where the map does not show it from above. x_m, y_m, z_m: of a point,
+    rectified left camera; of the map, where frame is "", and there the value of a point is its height.
     """
 
     measure: str
@@ -64,14 +76,19 @@ class Measurement:
 def measure(out: Path, points: Path) -> list[Measurement]:
     """Measure what a table asks for: columns measure, frame, kind (point, length or area), label, x_px, y_px; a row for each place.
 
-    Rows with the same measure belong together, in their order. The page writes such tables, and gives the same numbers.
-    Raises InputError if the table cannot be used, or the run knows no camera or not the frame.
+    Rows without a frame are on the map, and have x_m, y_m, and z_m unless it is that of the terrain. Rows with the same measure
+    belong together, in their order. The page writes such tables, and gives the same numbers.
+    Raises InputError if the table cannot be used, or the run knows no camera, not the frame, or no map.
     """
     run = open_run(out)
     wanted = read_wanted(points)
     surfaces: dict[str, Surface] = {}
+    ground = ground_of(run) if any(not each.frame for each in wanted) else None
     results = []
     for each in wanted:
+        if not each.frame and ground is not None:
+            results.append(measured_on_map(ground, each))
+            continue
         if each.frame not in surfaces:
             surfaces = {each.frame: surface_of(run, each.frame)}  # tables are sorted by frame: one is kept
         results.append(measured(surfaces[each.frame], each))
@@ -89,6 +106,46 @@ def surface_of(run: FinishedRun, name: str) -> Surface:
     else:
         std_m = estimated_range_std_m(range_m, run.geometry)
     return Surface(run.geometry, range_m, std_from_codes(std_codes(std_m)))  # as the page holds them
+
+
+def ground_of(run: FinishedRun) -> Ground:
+    """The terrain of a run's map. Raises InputError if it has none, or the library that reads it is missing."""
+    path = run.root / MAP / TERRAIN
+    if not path.is_file():
+        raise InputError(f"{run.root}: holds no terrain ({MAP}/{TERRAIN}): make it with stereo-seecolor fuse and the geo extra")
+    terrain = Terrain.open(path)
+    if terrain is None:  # pragma: no cover: where the geo extra is missing
+        raise InputError(f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'")
+    about = terrain.about
+    heights_m = terrain.heights_m((0, 0, about["width"], about["height"]))
+    std_m = height_std_m(run)
+    return Ground(heights_m, about["west_m"], about["north_m"], about["pixel_m"], std_m if np.isfinite(std_m) else 0.0)
+
+
+def measured_on_map(ground: Ground, wanted: Wanted) -> Measurement:
+    """Measure one thing on the map."""
+    found = [
+        ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m)
+        for x_m, y_m, z_m, click_m in wanted.spots
+    ]
+    spots = [spot for spot in found if spot is not None]
+    about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
+    if len(spots) < len(found):
+        return Measurement(*about, None, None)
+    if wanted.kind == "point":
+        x_m, y_m, z_m = (float(value) for value in spots[0].point_m)
+        return Measurement(*about, z_m, float(np.sqrt(spots[0].covariance[2, 2])), x_m=x_m, y_m=y_m, z_m=z_m)
+    straight = straight_length(spots) if wanted.kind == "length" else planar_area(spots)
+    on_ground = _on_ground(ground, wanted.kind, spots)
+    beyond = (on_ground.value, on_ground.total_std) if on_ground else (None, None)
+    return Measurement(*about, straight.value, straight.total_std, *beyond)
+
+
+def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> Measured | None:
+    if kind == "area":
+        return ground.area(spots)
+    line = ground.along(spots)
+    return straight_length(line) if line else None
 
 
 def measured(surface: Surface, wanted: Wanted) -> Measurement:
@@ -117,9 +174,11 @@ def _area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, Measured]:
 def read_wanted(path: Path) -> list[Wanted]:
     """The table of places. Raises InputError, naming the line, if it cannot be used."""
     table = csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")))
-    missing = [name for name in COLUMNS if name not in (table.fieldnames or ())]
+    names = table.fieldnames or ()
+    places = FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
+    missing = [name for name in (*COLUMNS, *places) if name not in names]
     if missing:
-        raise InputError(f"{path}: has no column {missing[0]!r}: give the columns {', '.join(COLUMNS)}")
+        raise InputError(f"{path}: has no column {missing[0]!r}: give the columns {', '.join((*COLUMNS, *places))}")
     found: dict[str, Wanted] = {}
     for number, row in enumerate(table, start=2):
         each = _wanted(row, f"{path}: line {number}")
@@ -128,21 +187,29 @@ def read_wanted(path: Path) -> list[Wanted]:
             raise InputError(f"{path}: line {number}: measure {each.measure!r} has another frame or kind than before")
         found[each.measure] = each if earlier is None else _joined(earlier, each)
     for each in found.values():
-        if len(each.places) < LEAST_POINTS[each.kind]:
+        if len(each.places) + len(each.spots) < LEAST_POINTS[each.kind]:
             raise InputError(f"{path}: measure {each.measure!r}: {each.kind} needs at least {LEAST_POINTS[each.kind]} places")
     return list(found.values())
 
 
 def _joined(earlier: Wanted, later: Wanted) -> Wanted:
-    return Wanted(earlier.measure, earlier.frame, earlier.kind, earlier.label, (*earlier.places, *later.places))
+    return replace(earlier, places=(*earlier.places, *later.places), spots=(*earlier.spots, *later.spots))
 
 
 def _wanted(row: dict[str, str], where: str) -> Wanted:
     kind = next((kind for kind in LEAST_POINTS if kind == row["kind"]), None)
     if kind is None:
         raise InputError(f"{where}: kind is {row['kind']!r}: give point, length or area")
+    frame = row["frame"] or ""
+    if frame:
+        return Wanted(row["measure"], frame, kind, row["label"] or "", (_numbers(row, FRAME_COLUMNS, where),))
+    x_m, y_m = _numbers(row, MAP_COLUMNS, where)
+    spot = x_m, y_m, float(row.get("z_m") or "nan"), float(row.get("click_m") or "nan")
+    return Wanted(row["measure"], frame, kind, row["label"] or "", (), (spot,))
+
+
+def _numbers(row: dict[str, str], names: tuple[str, str], where: str) -> tuple[float, float]:
     try:
-        place = float(row["x_px"]), float(row["y_px"])
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{where}: x_px and y_px must be numbers: {error}") from error
-    return Wanted(row["measure"], row["frame"], kind, row["label"] or "", (place,))
+        return float(row[names[0]]), float(row[names[1]])
+    except (TypeError, ValueError, KeyError) as error:
+        raise InputError(f"{where}: {names[0]} and {names[1]} must be numbers: {error}") from error

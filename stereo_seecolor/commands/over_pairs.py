@@ -8,7 +8,7 @@ from pathlib import Path
 from calibration import Rectification
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
-from stereo_seecolor.commands.pages import drop_live_page, end_page, with_live_page
+from stereo_seecolor.commands.pages import drop_live_page, end_page, keep_live_page, with_live_page
 from stereo_seecolor.commands.refine_dive import DiveRefinement
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
@@ -142,6 +142,7 @@ class Job:
             description = self.description
             if description.last == "range" and "corrected" in folder.dive.settings and earlier:
                 description = replace(description, config=earlier)  # corrected frames of an earlier run are still current
+            keep_live_page(options, folder)
             close_run(folder, description, complete)
             summary = self._summary(folder, dive, time.perf_counter() - start, not complete)
             write_reports(folder, description, summary)

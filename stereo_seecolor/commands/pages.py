@@ -21,6 +21,12 @@ def with_live_page(options: RunOptions, folder: RunFolder, run: RunDescription) 
     return replace(options, listener=Both(options.listener, live))
 
 
+def keep_live_page(options: RunOptions, folder: RunFolder) -> None:
+    """Leave the live page where it is until the last one takes its place: a browser that finds none does not look again."""
+    if options.page == "live" and INDEX in folder.dive.files:
+        folder.update(replace(folder.dive, made_from={**folder.dive.made_from, INDEX: folder.digest("corrected")}))
+
+
 def end_page(options: RunOptions, folder: RunFolder, run: RunDescription, stopped: bool) -> None:
     """Write the page of a run that has ended, without all that takes time; of a stopped one only in the place of a live page.
 

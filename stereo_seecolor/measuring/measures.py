@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,20 @@ from stereo_seecolor.measuring.limits import LIMITS
 from stereo_seecolor.measuring.picking import Pick, Surface
 
 Array = NDArray[np.float64]
+
+
+class Placed(Protocol):
+    """A point (3,) with its covariance (3, 3), meters, in any axes."""
+
+    @property
+    def point_m(self) -> Array:
+        """Where it is."""
+        ...
+
+    @property
+    def covariance(self) -> Array:
+        """How well that is known, without calibration."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -39,7 +54,7 @@ def range_of(pick: Pick) -> Measured:
     return Measured(pick.range_m, float(np.sqrt(ray @ pick.covariance @ ray)), LIMITS.calibration_std * pick.range_m)
 
 
-def straight_length(picks: Sequence[Pick]) -> Measured:
+def straight_length(picks: Sequence[Placed]) -> Measured:
     """Length of the straight lines through points; each inner point moves both lines that it joins."""
     points = np.array([pick.point_m for pick in picks])
     steps = np.diff(points, axis=0)
@@ -70,20 +85,23 @@ def _step_px(surface: Surface, a: Pick, b: Pick) -> float:
     return max(float(LIMITS.least_step_px), LIMITS.step_stds * noise_m / float(pixel_m))
 
 
-def profile(line: Sequence[Pick]) -> tuple[Array, Array]:
-    """(N,) distance along the straight line from the first to the last point, and height above it towards the camera, meters."""
+def profile(line: Sequence[Placed], above: Array | None = None) -> tuple[Array, Array]:
+    """(N,) distance along the straight line from the first to the last point, and height above it, meters.
+
+    above: (3,) where up is; by default towards the camera.
+    """
     points = np.array([pick.point_m for pick in line])
     chord = points[-1] - points[0]
     length_m = float(np.linalg.norm(chord))
     along = chord / length_m if length_m > 0 else np.zeros(3)
-    up = -points.mean(axis=0)
-    up -= (up @ along) * along
+    up = -points.mean(axis=0) if above is None else above
+    up = up - (up @ along) * along
     up /= max(float(np.linalg.norm(up)), 1e-12)
     offsets = points - points[0]
     return offsets @ along, offsets @ up
 
 
-def planar_area(picks: Sequence[Pick]) -> Measured:
+def planar_area(picks: Sequence[Placed]) -> Measured:
     """Area of the polygon through points, seen along its mean normal (Newell's sum of cross products)."""
     points = np.array([pick.point_m for pick in picks])
     center = points.mean(axis=0)

@@ -1,60 +1,139 @@
 """What the page shows of a map: its mesh, its orthomosaic and its terrain; made again only after another fusion."""
 
+import csv
 from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.report.map_images import mosaic_tiles, shaded_terrain
-from stereo_seecolor.report.map_mesh import SIZES, WHOLE, Piece, pieces, read_mesh
+from stereo_seecolor.report.dive_facts import DiveFacts
+from stereo_seecolor.report.height_code import height_std_m, height_tiles
+from stereo_seecolor.report.map_images import Terrain, mosaic_tiles, pyramid
+from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
+from stereo_seecolor.report.raw_mosaic import RawMosaic
 from stereo_seecolor.report.script import script
 from stereo_seecolor.run_folder.finished_map import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "1"
+FORMAT = "3"
 STRIP_VOXELS = 4
 """Neighbors of a triangle lie in its strip or the next: small numbers, which deflate well."""
 FOLDER = f"{PAGE}/map"
+SQUARES = "reef_metrics.csv"
+Files = Iterator[tuple[str, bytes]]
 
 
-def write_map_files(folder: RunFolder, made: FinishedMap | None) -> None:
-    """Write OUT/page/map; what an earlier page held of another map, or of one that is gone, is deleted. Raises OutputError."""
-    key = content_key(FORMAT, *_stamps(made)) if made else ""
+def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> None:
+    """Write OUT/page/map; what an earlier page held of another map, or of one that is gone, is deleted. Raises OutputError.
+
+    with_raw: also in the colors that the camera saw, where frames have their pictures from before. What an earlier page has of them
+    is kept.
+    """
+    made = facts.map
+    keys = [content_key(FORMAT, raw, *_stamps(made)) if made else "" for raw in (True, False)]
     earlier = [name for name in folder.dive.files if name.startswith(f"{FOLDER}/")]
-    if earlier and folder.dive.made_from.get(FOLDER) == key and all((folder.root / name).is_file() for name in earlier):
+    good = keys[:1] if with_raw else keys
+    if earlier and folder.dive.made_from.get(FOLDER) in good and all((folder.root / name).is_file() for name in earlier):
         return
     if earlier:
         folder.remove(FOLDER)
     if made is not None:
-        folder.write_all(FOLDER, _contents(made), made_from=key)
+        key = keys[0 if with_raw else 1]
+        folder.write_all(FOLDER, _MapFiles.of(facts, made, with_raw).contents(keys[1]), made_from=key)
 
 
 def _stamps(made: FinishedMap) -> list[str]:
     return [Stamp.of(made.folder / name).digest for name in (MESH, MOSAIC, TERRAIN) if (made.folder / name).is_file()]
 
 
-def _contents(made: FinishedMap) -> Iterator[tuple[str, bytes]]:
-    about: dict[str, Any] = {"pieces": {}}
-    mesh = read_mesh(made.folder / MESH) if (made.folder / MESH).is_file() else None
-    if mesh is not None and len(mesh.triangles):
-        step_m = made.cell_m["voxel_m"] / SIZES.steps_per_voxel
-        for name, piece in pieces(mesh, made.cell_m["voxel_m"]):
-            about["pieces"][name] = _box(piece)
-            yield f"{name}.js", script("mesh", name, piece.in_strips(STRIP_VOXELS * made.cell_m["voxel_m"]).packed(step_m))
-        about["whole"] = WHOLE
-    if (made.folder / MOSAIC).is_file() and (mosaic := mosaic_tiles(made.folder / MOSAIC)):
-        about["mosaic"], tiles = mosaic
-        yield from ((f"mosaic/{name}", content) for name, content in tiles)
-    if (made.folder / TERRAIN).is_file() and (terrain := shaded_terrain(made.folder / TERRAIN)):
-        about["terrain"], picture = terrain
-        yield "terrain.webp", picture
-    about["offset_m"] = made.offset_m
-    about["preview"] = f"{MAP}/orthomosaic_preview.png"
-    yield "map.js", script("map", about)
+@dataclass(frozen=True, eq=False)
+class _MapFiles:
+    """Makes the page's files of a map. terrain, raw: None where it has none. std_m: standard error of a height, NaN if unknown."""
+
+    made: FinishedMap
+    std_m: float
+    terrain: Terrain | None
+    raw: RawMosaic | None
+
+    @classmethod
+    def of(cls, facts: DiveFacts, made: FinishedMap, with_raw: bool) -> "_MapFiles":
+        terrain = Terrain.open(made.folder / TERRAIN) if (made.folder / TERRAIN).is_file() else None
+        raw = RawMosaic.paint(facts.posed, terrain) if with_raw and terrain and facts.posed else None
+        return cls(made, height_std_m(facts.run), terrain, raw)
+
+    def contents(self, key: str) -> Files:
+        """(path in page/map, content) of all files; map.js, which says what there is, comes last. key: tells maps apart."""
+        about: dict[str, Any] = {
+            "id": key[:16],
+            "pieces": {},
+            "offset_m": self.made.offset_m,
+            "preview": f"{MAP}/orthomosaic_preview.png",
+        }
+        about["squares"] = _squares(self.made)
+        yield from self._mesh(about["pieces"])
+        if (self.made.folder / MOSAIC).is_file() and (mosaic := mosaic_tiles(self.made.folder / MOSAIC)):
+            about["mosaic"], tiles = mosaic
+            yield from ((f"mosaic/{name}", content) for name, content in tiles)
+        yield from self._terrain(about)
+        yield "map.js", script("map", about)
+
+    def _mesh(self, about: dict[str, Any]) -> Files:
+        mesh = read_mesh(self.made.folder / MESH) if (self.made.folder / MESH).is_file() else None
+        if mesh is None or not len(mesh.triangles):
+            return
+        voxel_m = self.made.cell_m["voxel_m"]
+        for level, (cell_m, tiles) in enumerate(levels(mesh, voxel_m)):
+            for place, piece in tiles.items():
+                name, strips = _name(level, place), piece.in_strips(STRIP_VOXELS * cell_m)
+                about[name] = {**_box(piece), "cell_m": cell_m, "finer": _finer(about, level, place)}
+                yield f"{name}.js", script("mesh", name, strips.packed(cell_m / SIZES.steps_per_voxel))
+                if self.raw is not None:
+                    yield f"{name}_raw.js", script("meshColors", name, self.raw.colors_of(strips, self.made.offset_m))
+
+    def _terrain(self, about: dict[str, Any]) -> Files:
+        terrain = self.terrain
+        if terrain is None:
+            return
+        width, height = terrain.about["width"], terrain.about["height"]
+        tiles = []
+        for name, content in height_tiles(width, height, terrain.heights_m):
+            tiles.append(name)
+            yield f"heights/{name}.js", script("heights", name, content)
+        about["terrain"] = {**terrain.about, "tiles": tiles, "std_m": self.std_m if np.isfinite(self.std_m) else 0.0}
+        yield from ((f"terrain/{name}", content) for name, content in terrain.colored())
+        yield from ((f"hillshade/{name}", content) for name, content in terrain.hillshade())
+        if self.raw is not None:
+            about["raw"] = {key: terrain.about[key] for key in ("width", "height", "west_m", "north_m", "pixel_m")}
+            yield from ((f"raw/{name}", content) for name, content in pyramid(width, height, self.raw.read))
+
+
+def _name(level: int, place: Place) -> str:
+    return f"{level}_{place[0]}_{place[1]}"
+
+
+def _finer(about: dict[str, Any], level: int, place: Place) -> list[str]:
+    """The pieces of the level before that show the same."""
+    around = [_name(level - 1, (2 * place[0] + i, 2 * place[1] + k)) for i in (0, 1) for k in (0, 1)]
+    return [name for name in around if name in about]
 
 
 def _box(piece: Piece) -> dict[str, Any]:
     low, high = piece.points_m.min(axis=0), piece.points_m.max(axis=0)
     corners = {name: [round(float(value), 4) for value in corner] for name, corner in (("low_m", low), ("high_m", high))}
     return {**corners, "triangles": len(piece.triangles)}
+
+
+def _squares(made: FinishedMap) -> dict[str, Any] | None:
+    """The metrics of each square (reef_metrics.csv): names, and center x, y with the values, None where unknown."""
+    path: Path = made.folder / SQUARES
+    if not path.is_file():
+        return None
+    with path.open(encoding="utf-8", newline="") as file:
+        head, *rows = list(csv.reader(file))
+    values = [[float(cell) if cell and np.isfinite(float(cell)) else None for cell in row[1:]] for row in rows if row[0] != "site"]
+    return {"edge_m": made.cell_m["metrics_m"], "names": head[3:], "rows": values}

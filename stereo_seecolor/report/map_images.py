@@ -1,6 +1,7 @@
-"""The orthomosaic for deep zoom, and the terrain as a shaded picture."""
+"""The orthomosaic and the terrain for deep zoom: tiles of all levels, the terrain in colors and as light and shade alone."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,14 @@ TILE_PX = 512
 FIRST_LEVEL = 8
 """At most 256 pixels: coarser levels are never looked at."""
 WEBP_QUALITY = 80
-TERRAIN_PX = 2400
-"""Longer side of the terrain's picture: its cells are twice as large as those of the mosaic."""
+SAMPLE_PX = 2400
+"""Longer side at which the terrain's lowest and highest heights are looked for."""
 LIGHT = np.array([-0.5, 0.5, 0.7071])
 """From the north-west, 45 degrees high, as relief is drawn on maps."""
 
-Read = Callable[[tuple[int, int, int, int], tuple[int, int]], NDArray[Any]]
+Box = tuple[int, int, int, int]
+"""Left, top, width, height in pixels."""
+Read = Callable[[Box, tuple[int, int]], NDArray[Any]]
 
 
 def pyramid(width: int, height: int, read: Read) -> Iterator[tuple[str, bytes]]:
@@ -50,7 +53,7 @@ def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]
     with rasterio.open(path) as mosaic:
         about = _place(mosaic)
 
-    def read(box: tuple[int, int, int, int], size: tuple[int, int]) -> NDArray[Any]:
+    def read(box: Box, size: tuple[int, int]) -> NDArray[Any]:
         with rasterio.open(path) as mosaic:
             window = rasterio.windows.Window(*box)
             return np.moveaxis(mosaic.read(window=window, out_shape=(4, size[1], size[0])), 0, -1)
@@ -58,19 +61,63 @@ def mosaic_tiles(path: Path) -> tuple[dict[str, Any], Iterator[tuple[str, bytes]
     return about, pyramid(about["width"], about["height"], read)
 
 
-def shaded_terrain(path: Path) -> tuple[dict[str, Any], bytes] | None:
-    """Place and picture of dem.tif: heights in colors, lit from the north-west; None where it cannot be read."""
-    try:
+@dataclass(frozen=True)
+class Terrain:
+    """dem.tif for the page. about: its size and place, and between which heights its colors lie (low_m, high_m)."""
+
+    path: Path
+    about: dict[str, Any]
+
+    @classmethod
+    def open(cls, path: Path) -> "Terrain | None":
+        """None where the library that reads it is missing."""
+        try:
+            import rasterio
+        except ImportError:  # pragma: no cover: where the geo extra is missing
+            return None
+        with rasterio.open(path) as file:
+            scale = max(1.0, max(file.width, file.height) / SAMPLE_PX)
+            size = max(1, int(file.height / scale)), max(1, int(file.width / scale))
+            heights = file.read(1, out_shape=size, masked=True).filled(np.nan).astype(np.float64)
+            limits = {"low_m": _percentile(heights, 1), "high_m": _percentile(heights, 99)}
+            return cls(path, {**_place(file), **limits})
+
+    def heights_m(self, box: Box, size: tuple[int, int] | None = None) -> NDArray[np.float32]:
+        """(h, w) of a box (left, top, width, height) at a size (width, height), NaN where unknown."""
         import rasterio
-    except ImportError:  # pragma: no cover: where the geo extra is missing
-        return None
-    with rasterio.open(path) as terrain:
-        scale = max(1.0, max(terrain.width, terrain.height) / TERRAIN_PX)
-        size = max(1, int(terrain.height / scale)), max(1, int(terrain.width / scale))
-        heights = terrain.read(1, out_shape=size, masked=True).filled(np.nan).astype(np.float64)
-        cell_m = float(terrain.transform.a) * terrain.width / size[1]
-        about = {**_place(terrain), "low_m": _percentile(heights, 1), "high_m": _percentile(heights, 99)}
-    return about, _webp(_shaded(heights, cell_m, about["low_m"], about["high_m"]))
+
+        with rasterio.open(self.path) as file:
+            shape = None if size is None else (size[1], size[0])
+            window = rasterio.windows.Window(*box)
+            part = file.read(1, window=window, out_shape=shape, masked=True)
+        return np.asarray(part.filled(np.nan), np.float32)
+
+    def colored(self) -> Iterator[tuple[str, bytes]]:
+        """Tiles of heights in colors, lit from the north-west."""
+        return pyramid(self.about["width"], self.about["height"], lambda box, size: self._shaded(box, size, True))
+
+    def hillshade(self) -> Iterator[tuple[str, bytes]]:
+        """Tiles of light and shade alone, to be laid over the mosaic."""
+        return pyramid(self.about["width"], self.about["height"], lambda box, size: self._shaded(box, size, False))
+
+    def _shaded(self, box: Box, size: tuple[int, int], colored: bool) -> NDArray[np.uint8]:
+        """(h, w, 4) RGBA, clear where the height is unknown; neighbors beyond the box are looked at, so that no seam is seen."""
+        step = max(1, round(box[2] / size[0]))
+        left, top = int(box[0] > 0), int(box[1] > 0)
+        right, bottom = int(box[0] + box[2] < self.about["width"]), int(box[1] + box[3] < self.about["height"])
+        wider = (box[0] - left * step, box[1] - top * step, box[2] + (left + right) * step, box[3] + (top + bottom) * step)
+        heights = self.heights_m(wider, (size[0] + left + right, size[1] + top + bottom)).astype(np.float64)
+        inner = np.s_[top : top + size[1], left : left + size[0]]
+        light, heights = _light(heights, self.about["pixel_m"] * step)[inner], heights[inner]
+        known = np.isfinite(heights)
+        alpha = np.where(known, 255, 0).astype(np.uint8)
+        if not colored:
+            gray = np.clip(255 * light / LIGHT[2], 0, 255).astype(np.uint8)  # level ground is white: it darkens nothing
+            return np.dstack([gray, gray, gray, alpha])
+        low_m, high_m = self.about["low_m"], self.about["high_m"]
+        level = np.clip((np.where(known, heights, low_m) - low_m) / max(high_m - low_m, 1e-9) * 255, 0, 255).astype(np.uint8)
+        color = cv2.applyColorMap(level, cv2.COLORMAP_CIVIDIS)[..., ::-1].astype(np.float64)
+        return np.dstack([np.clip(color * (0.35 + 0.9 * light[..., None]), 0, 255).astype(np.uint8), alpha])
 
 
 def _place(image: Any) -> dict[str, Any]:
@@ -90,16 +137,14 @@ def _percentile(values: NDArray[np.float64], percent: float) -> float:
     return float(np.percentile(known, percent)) if known.size else 0.0
 
 
-def _shaded(heights: NDArray[np.float64], cell_m: float, low_m: float, high_m: float) -> NDArray[np.uint8]:
-    """(h, w, 4) RGBA, clear where the height is unknown."""
-    filled = np.where(np.isfinite(heights), heights, low_m)
-    down, right = np.gradient(filled, cell_m)
-    normal = np.stack([-right, down, np.ones_like(filled)], axis=-1)
-    light = np.clip((normal / np.linalg.norm(normal, axis=-1, keepdims=True)) @ LIGHT, 0, 1)
-    level = np.clip((filled - low_m) / max(high_m - low_m, 1e-9) * 255, 0, 255).astype(np.uint8)
-    color = cv2.applyColorMap(level, cv2.COLORMAP_CIVIDIS)[..., ::-1].astype(np.float64)
-    rgb = np.clip(color * (0.35 + 0.9 * light[..., None]), 0, 255).astype(np.uint8)
-    return np.dstack([rgb, np.where(np.isfinite(heights), 255, 0).astype(np.uint8)])
+def _light(heights: NDArray[np.float64], cell_m: float) -> NDArray[np.float64]:
+    """(h, w) of 0 to 1: how much light falls on each cell; level ground where a neighbor is unknown."""
+    if min(heights.shape) < 2:
+        return np.full(heights.shape, LIGHT[2])
+    down, right = np.gradient(heights, cell_m)
+    normal = np.stack([-np.nan_to_num(right), np.nan_to_num(down), np.ones_like(heights)], axis=-1)
+    light: NDArray[np.float64] = np.clip((normal / np.linalg.norm(normal, axis=-1, keepdims=True)) @ LIGHT, 0, 1)
+    return light
 
 
 def _webp(rgba: NDArray[Any]) -> bytes:

@@ -11,16 +11,17 @@ from numpy.typing import NDArray
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.report.range_code import deflated, text
 
-WHOLE = "whole"
-"""Name of the piece that shows all of the map."""
+Place = tuple[int, int]
+"""Column and row of a tile, from the south-west."""
 
 
 @dataclass(frozen=True)
 class MeshSizes:
     """How much a browser is given at once."""
 
-    whole_triangles: int = 250_000  # about 2 MB, drawn at once by any computer
+    first_triangles: int = 100_000  # of the coarsest level: 0.7 MB, drawn at once by any computer
     tile_triangles: int = 150_000  # loaded in a tenth of a second
+    most_columns: int = 64  # of the finest level: a long, thin map is cut into no more tiles
     steps_per_voxel: int = 16  # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
 
 
@@ -35,14 +36,20 @@ class Piece:
     colors: NDArray[np.uint8]
     triangles: NDArray[np.int64]
 
-    def of(self, chosen: NDArray[np.bool_]) -> "Piece":
-        """The triangles that are chosen, with their vertices."""
+    def of(self, chosen: NDArray[np.int64]) -> "Piece":
+        """The triangles of these numbers, with their vertices."""
         used, triangles = np.unique(self.triangles[chosen], return_inverse=True)
         return Piece(self.points_m[used], self.colors[used], triangles.reshape(-1, 3))
 
-    def clustered(self, cell_m: float) -> "Piece":
-        """Coarser: the vertices in each cube of that edge become one, at their mean (Rossignac and Borrel 1993)."""
-        cells = np.floor((self.points_m - self.points_m.min(axis=0)) / cell_m).astype(np.int64)
+    def clustered(self, cell_m: float, low: NDArray[np.float32] | None = None) -> "Piece":
+        """Coarser: the vertices in each cube of that edge become one, at their mean (Rossignac and Borrel 1993).
+
+        low: (2,) x and y of a corner of cubes, so that those of a coarser level hold whole ones of a finer.
+        """
+        corner = self.points_m.min(axis=0)
+        if low is not None:
+            corner[:2] = low - np.ceil((low - corner[:2]) / cell_m) * cell_m
+        cells = np.floor((self.points_m - corner) / cell_m).astype(np.int64)
         span = cells.max(axis=0) + 1
         keys = (cells[:, 2] * span[1] + cells[:, 1]) * span[0] + cells[:, 0]
         _, member, count = np.unique(keys, return_inverse=True, return_counts=True)
@@ -96,20 +103,33 @@ def read_mesh(path: Path) -> Piece:
     return Piece(vertices["position"].astype(np.float32), vertices["color"].copy(), faces["indices"].astype(np.int64))
 
 
-def pieces(mesh: Piece, voxel_m: float) -> Iterator[tuple[str, Piece]]:
-    """(name, piece): the whole map, coarse enough to be shown at once; and where that is coarser than the map, its tiles."""
-    count = len(mesh.triangles)
-    if count <= SIZES.whole_triangles:
-        yield WHOLE, mesh
-        return
-    cell_m, coarse = voxel_m, mesh
-    while len(coarse.triangles) > SIZES.whole_triangles:
-        cell_m *= max(1.25, float(np.sqrt(len(coarse.triangles) / SIZES.whole_triangles)))
-        coarse = mesh.clustered(cell_m)
-    yield WHOLE, coarse
+def levels(mesh: Piece, voxel_m: float) -> Iterator[tuple[float, dict[Place, Piece]]]:
+    """(cell_m, tiles by column and row) of each level of detail, the finest first: each has half as fine cells as the one before.
+
+    A tile of a level covers four of the level before, and holds about as many triangles as each of those.
+    """
     centers = mesh.points_m[mesh.triangles, :2].mean(axis=1)
     low, high = centers.min(axis=0), centers.max(axis=0)
-    edge_m = float(np.sqrt(np.prod(high - low) / np.ceil(count / SIZES.tile_triangles)))
-    columns = np.floor((centers - low) / edge_m).astype(np.int64)
-    for column, row in np.unique(columns, axis=0):
-        yield f"tile_{column}_{row}", mesh.of((columns == (column, row)).all(axis=1))
+    tiles, side_m = len(mesh.triangles) / SIZES.tile_triangles, float((high - low).max()) + voxel_m
+    edge_m = side_m if tiles <= 1 else max(float(np.sqrt(np.prod(high - low) / tiles)), side_m / SIZES.most_columns)
+    cell_m = voxel_m
+    while True:
+        made = dict(_tiles(mesh, low, edge_m))
+        yield cell_m, made
+        if len(made) <= 1 and len(mesh.triangles) <= SIZES.first_triangles:
+            return
+        cell_m, edge_m, before = 2 * cell_m, 2 * edge_m, len(mesh.triangles)
+        mesh = mesh.clustered(cell_m, low)
+        if not 0 < len(mesh.triangles) < before:
+            return
+
+
+def _tiles(mesh: Piece, low: NDArray[np.float32], edge_m: float) -> Iterator[tuple[Place, Piece]]:
+    """The triangles of a mesh by the square that their centers lie in."""
+    places = np.floor((mesh.points_m[mesh.triangles, :2].mean(axis=1) - low) / edge_m).astype(np.int64)
+    places = np.maximum(places, 0)
+    keys = places[:, 1] << 32 | places[:, 0]
+    order = np.argsort(keys, kind="stable")
+    found, first = np.unique(keys[order], return_index=True)
+    for key, members in zip(found, np.split(order, first[1:]), strict=True):
+        yield (int(key & 0xFFFFFFFF), int(key >> 32)), mesh.of(members)

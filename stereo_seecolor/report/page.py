@@ -73,7 +73,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
     for name in ASSETS:
         if (STATIC / name).is_file():
             folder.write(f"{PAGE}/{name}", (STATIC / name).read_bytes())
-    write_map_files(folder, facts.map)
+    write_map_files(folder, facts, with_raw=not brief)
     folder.write(f"{PAGE}/dive.js", script("dive", _data(facts, shown, texts)))
     folder.write(INDEX, render(facts, shown, texts), made_from=folder.digest("corrected"))
     return PageSummary(made, len(shown) - made, left_out)
@@ -127,6 +127,7 @@ def _data(facts: DiveFacts, shown: Shown, texts: Texts) -> dict[str, Any]:
         "texts": texts.content,
         "geometry": asdict(run.geometry) if run.geometry else None,
         "poses": _poses(facts),
+        "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],
         "image_suffix": _suffix(run),
         "shown": {name: [product.split("/")[1] for product in products] for name, products in shown.items()},
         **columns(facts),

@@ -15,6 +15,7 @@ export interface Dive {
   format: string;
   id: string;
   poses: Record<string, number[]>;
+  offset_m: number[];
   texts: Record<string, string>;
   geometry: Geometry | null;
   image_suffix: string;

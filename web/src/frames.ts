@@ -2,6 +2,7 @@
 
 import { address, has, type Dive, type Text } from "./dive";
 import { button, element, select } from "./elements";
+import type { MeasureTable } from "./measuretable";
 import { Strip } from "./strip";
 import { Viewer } from "./viewer";
 
@@ -20,8 +21,9 @@ export class Frames {
     private readonly dive: Dive,
     private readonly text: Text,
     private readonly chosen: (name: string) => void,
+    table: MeasureTable,
   ) {
-    this.viewer = new Viewer(dive, text, chosen);
+    this.viewer = new Viewer(dive, text, table);
     this.strip = new Strip(dive, text("frames.strip"), (frame) => chosen(dive.names[frame]));
     const previous = button("‹", () => this.step(-1), { "aria-label": text("frames.previous"), class: "step" });
     const next = button("›", () => this.step(1), { "aria-label": text("frames.next"), class: "step" });

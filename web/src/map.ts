@@ -1,12 +1,16 @@
 // START HERE for the map: three dimensions, mosaic, terrain; a click on the reef shows the frames that saw the spot.
 
+import type { About } from "./about";
 import type { Dive, Text } from "./dive";
 import { picture } from "./dive";
-import { button, Choice, element } from "./elements";
-import { Mosaic } from "./mosaic";
-import { Scene, type About } from "./scene";
+import { button, Choice, element, select } from "./elements";
+import { MapMeasuring, type Clicked } from "./mapmeasuring";
+import { Mosaic, type Flat } from "./mosaic";
+import { scaleBar } from "./scale";
+import { Scene } from "./scene";
 import { seecolor } from "./scripts";
 import { isVisible, sightings, type Sighting } from "./seen";
+import { drawSquares, span } from "./squares";
 
 let about: About | null = null;
 seecolor.map = (given: About) => (about = given);
@@ -19,9 +23,17 @@ type View = "scene" | "relief" | "mosaic" | "terrain";
 class MapView {
   private readonly stage = element("div", { class: "map-stage" });
   private readonly flat = element("div", { class: "map-flat" });
+  private readonly squares = element("canvas", { class: "map-squares", "aria-hidden": "true" });
+  private readonly legend = element("div", { class: "legend" });
   private readonly found = element("div", { class: "found", role: "status" });
+  private readonly tools: { scene: HTMLElement[]; flat: HTMLElement[]; colors: HTMLElement[] };
+  private readonly measuring: MapMeasuring | null;
   private scene: Scene | null = null;
   private mosaic: Mosaic | null = null;
+  private view: View = "mosaic";
+  private raw = false;
+  private hillshade = false;
+  private metric = -1;
   private turn = 0;
 
   constructor(
@@ -31,65 +43,162 @@ class MapView {
     private readonly text: Text,
     private readonly look: (name: string) => void,
   ) {
-    const views: [View, string][] = [];
-    if (about.whole) views.push(["scene", text("map.scene")], ["relief", text("map.relief")]);
-    views.push(["mosaic", text("map.mosaic_short")]);
-    if (about.terrain) views.push(["terrain", text("map.terrain")]);
+    this.measuring = about.terrain && seecolor.table ? new MapMeasuring(about, dive, text, seecolor.table, this.eye()) : null;
+    this.tools = this.madeTools();
+    const views = this.views();
     const choice = new Choice(text("map.view"), views, (view) => this.show(view as View));
-    const track = button(text("map.track"), () => this.toggleTrack(track), { "aria-pressed": "true", class: "toggle" });
-    const zoom = [button("+", () => this.mosaic?.zoom(1.5), { "aria-label": text("map.closer") }), button("−", () => this.mosaic?.zoom(1 / 1.5), { "aria-label": text("map.farther") })];
-    this.tools = { scene: [track, button(text("map.home"), () => this.scene?.home())], flat: zoom };
     section.replaceChildren(
-      element("div", { class: "toolbar" }, choice.root, ...this.tools.scene, ...this.tools.flat),
+      element("div", { class: "toolbar" }, choice.root, ...this.tools.colors, ...this.tools.scene, ...this.tools.flat),
+      ...(this.measuring ? [element("div", { class: "toolbar" }, this.measuring.tool)] : []),
       this.stage,
+      this.legend,
       element("p", { class: "hint" }, text("map.hint")),
+      ...(this.measuring ? [this.measuring.root] : []),
       this.found,
     );
-    new ResizeObserver(() => this.scene?.resize(this.stage.clientWidth, this.stage.clientHeight)).observe(this.stage);
-    const first = views[0][0];
-    choice.show(first);
-    this.show(first);
+    new ResizeObserver(() => this.resized()).observe(this.stage);
+    this.stage.addEventListener("keydown", (event) => this.key(event), true);
+    addEventListener("hashchange", () => location.hash === "#map" && this.measuring?.show());
+    this.measuring?.show();
+    choice.show(views[0][0]);
+    this.show(views[0][0]);
   }
 
-  private readonly tools: { scene: HTMLButtonElement[]; flat: HTMLButtonElement[] };
+  private views(): [View, string][] {
+    const { about, text } = this;
+    const views: [View, string][] = Object.keys(about.pieces).length ? [["scene", text("map.scene")], ["relief", text("map.relief")]] : [];
+    views.push(["mosaic", text("map.mosaic_short")]);
+    if (about.terrain) views.push(["terrain", text("map.terrain")]);
+    return views;
+  }
+
+  private madeTools(): { scene: HTMLElement[]; flat: HTMLElement[]; colors: HTMLElement[] } {
+    const { about, text } = this;
+    const track = toggle(text("map.track"), true, (shown) => this.scene?.showTrack(shown));
+    const zoom = [
+      button("+", () => this.mosaic?.zoom(1.5), { "aria-label": text("map.closer") }),
+      button("−", () => this.mosaic?.zoom(1 / 1.5), { "aria-label": text("map.farther") }),
+    ];
+    const raw = toggle(text("map.raw"), false, (shown) => {
+      this.raw = shown;
+      this.show(this.view);
+    });
+    const shade = toggle(text("map.hillshade"), false, (shown) => {
+      this.hillshade = shown;
+      this.show(this.view);
+    });
+    const squares = about.squares?.rows.length ? [this.metrics()] : [];
+    return {
+      scene: [track, button(text("map.home"), () => this.scene?.home())],
+      flat: [...(about.terrain ? [shade] : []), ...squares, element("span", { class: "pair" }, ...zoom)],
+      colors: about.raw ? [raw] : [],
+    };
+  }
+
+  private metrics(): HTMLElement {
+    const names = this.about.squares?.names ?? [];
+    const options: [string, string][] = [["-1", this.text("map.no_squares")], ...names.map((name, i): [string, string] => [String(i), this.text(`metric.${name}`)])];
+    return select(this.text("map.squares"), options, (number) => {
+      this.metric = Number(number);
+      this.drawOver();
+    });
+  }
+
+  /** The view that is shown, as measuring needs it. */
+  private eye() {
+    return {
+      project: (point: number[]) => (this.isSolid ? (this.scene?.project(point) ?? null) : (this.mosaic?.project(point[0], point[1]) ?? null)),
+      at: (x: number, y: number): Clicked | null => this.at(x, y),
+      hold: (held: boolean) => {
+        this.scene?.hold(held);
+        this.mosaic?.hold(held);
+      },
+    };
+  }
+
+  private at(x: number, y: number): Clicked | null {
+    if (this.isSolid) return this.scene?.at(x, y) ?? null;
+    const hit = this.mosaic?.at(x, y);
+    return hit ? { ...hit, cell_m: 0 } : null;
+  }
+
+  private get isSolid(): boolean {
+    return this.view === "scene" || this.view === "relief";
+  }
 
   private show(view: View): void {
-    const solid = view === "scene" || view === "relief";
-    for (const tool of this.tools.scene) tool.hidden = !solid;
-    for (const tool of this.tools.flat) tool.hidden = solid;
-    if (solid) this.showScene(view === "relief");
-    else this.showFlat(view === "terrain");
+    this.view = view;
+    for (const tool of this.tools.scene) tool.hidden = !this.isSolid;
+    for (const tool of this.tools.flat) tool.hidden = this.isSolid;
+    for (const tool of this.tools.colors) tool.hidden = view === "relief" || view === "terrain";
+    if (this.isSolid) this.showScene(view === "relief");
+    else this.showFlat(view === "terrain" ? "terrain" : this.raw ? "raw" : "mosaic");
+    this.drawOver();
   }
 
   private showScene(relief: boolean): void {
     try {
-      this.scene ??= new Scene(this.about, this.dive, this.text("map.label"), (spot) => void this.seen(spot));
+      this.scene ??= new Scene(this.about, this.dive, this.text("map.label"), (hit) => this.clicked(hit), () => this.drawOver());
     } catch {
       this.stage.replaceChildren(element("p", { class: "empty" }, this.text("map.no_webgl")));
       return;
     }
-    this.stage.replaceChildren(this.scene.root);
+    this.stage.replaceChildren(this.scene.root, ...this.over());
     this.scene.showRelief(relief);
-    this.scene.resize(this.stage.clientWidth, this.stage.clientHeight);
+    this.scene.showRaw(this.raw);
+    this.resized();
   }
 
-  private showFlat(terrain: boolean): void {
-    this.stage.replaceChildren(this.flat);
-    this.mosaic ??= new Mosaic(this.flat, this.about, (x, y) => void this.seen(this.onGround(x, y)));
-    this.mosaic.show(terrain);
+  private showFlat(flat: Flat): void {
+    this.stage.replaceChildren(this.flat, this.squares, ...this.over());
+    const clicked = ({ spot_m, pixel_m }: { spot_m: number[]; pixel_m: number }) => this.clicked({ spot_m, pixel_m, cell_m: 0 });
+    this.mosaic ??= new Mosaic(this.flat, this.about, clicked, () => this.drawOver());
+    this.mosaic.show(flat, this.hillshade);
   }
 
-  /** A spot of the world from above, at the middle height of the map, in the map's own coordinates. */
-  private onGround(x_m: number, y_m: number): number[] {
-    const boxes = Object.values(this.about.pieces);
-    const heights = boxes.map((each) => (each.low_m[2] + each.high_m[2]) / 2);
-    return [x_m - this.about.offset_m[0], y_m - this.about.offset_m[1], heights.reduce((a, b) => a + b, 0) / Math.max(heights.length, 1)];
+  private over(): Element[] {
+    return this.measuring ? [this.measuring.overlay] : [];
   }
 
-  private toggleTrack(track: HTMLButtonElement): void {
-    const shown = track.getAttribute("aria-pressed") !== "true";
-    track.setAttribute("aria-pressed", String(shown));
-    this.scene?.showTrack(shown);
+  private resized(): void {
+    this.scene?.resize(this.stage.clientWidth, this.stage.clientHeight);
+    this.drawOver();
+  }
+
+  /** What lies over the view: the squares and the measures. */
+  private drawOver(): void {
+    this.measuring?.draw();
+    const { squares } = this.about;
+    const shown = !this.isSolid && squares !== null && this.metric >= 0;
+    this.squares.hidden = !shown;
+    this.legend.replaceChildren();
+    if (!shown || !squares) return;
+    const { offset_m } = this.about;
+    drawSquares(this.squares, squares, this.metric, (x, y) => this.mosaic?.project(x - offset_m[0], y - offset_m[1]) ?? null);
+    this.legend.append(scaleBar(...span(squares, this.metric), this.text(`metric.${squares.names[this.metric]}`), false));
+  }
+
+  private clicked(hit: Clicked): void {
+    if (this.measuring?.isOn) void this.measuring.add(hit);
+    else void this.seen(hit.spot_m.length > 2 ? hit.spot_m : this.onGround(hit.spot_m));
+  }
+
+  private key(event: KeyboardEvent): void {
+    const box = this.stage.getBoundingClientRect();
+    if (!this.measuring?.key(event, this.at(box.left + box.width / 2, box.top + box.height / 2))) return;
+    event.preventDefault();
+    event.stopPropagation();
+  }
+
+  /** A spot from above at the middle height of the map, in the map's own coordinates. */
+  private onGround([x_m, y_m]: number[]): number[] {
+    const inside = ([, each]: [string, About["pieces"][string]]) =>
+      each.low_m[0] <= x_m && x_m <= each.high_m[0] && each.low_m[1] <= y_m && y_m <= each.high_m[1];
+    const all = Object.entries(this.about.pieces);
+    const boxes = all.some(inside) ? all.filter(inside) : all;
+    const finest = Math.min(...boxes.map(([, each]) => each.cell_m));
+    const heights = boxes.filter(([, each]) => each.cell_m === finest).map(([, each]) => (each.low_m[2] + each.high_m[2]) / 2);
+    return [x_m, y_m, heights.reduce((a, b) => a + b, 0) / Math.max(heights.length, 1)];
   }
 
   private async seen(spot_m: number[]): Promise<void> {
@@ -118,4 +227,18 @@ class MapView {
     card.addEventListener("click", () => this.look(each.name));
     return card;
   }
+}
+
+/** A button that is on or off. */
+function toggle(label: string, on: boolean, changed: (on: boolean) => void): HTMLButtonElement {
+  const made = button(
+    label,
+    () => {
+      const now = made.getAttribute("aria-pressed") !== "true";
+      made.setAttribute("aria-pressed", String(now));
+      changed(now);
+    },
+    { "aria-pressed": String(on), class: "toggle" },
+  );
+  return made;
 }

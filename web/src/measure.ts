@@ -8,19 +8,23 @@ const LEAST_PIXELS = 10;
 const LAYER_GAP = 0.02;
 const LAYER_GAP_STDS = 6;
 const CLICK_STD_PX = 0.5;
-const CALIBRATION_STD = 0.005;
+export const CALIBRATION_STD = 0.005;
 const LEAST_STEP_PX = 8;
 const STEP_STDS = 6;
 const AREA_STEP_PX = 4;
 
 export type Vector = [number, number, number];
 
-/** covariance: 3x3, by row. slope: change of 1 / depth a pixel. */
-export interface Pick {
-  x_px: number;
-  y_px: number;
+/** A point with its covariance, 3x3, by row. */
+export interface Placed {
   point_m: Vector;
   covariance: number[];
+}
+
+/** A point of a frame's surface. slope: change of 1 / depth a pixel. */
+export interface Pick extends Placed {
+  x_px: number;
+  y_px: number;
   range_std_m: number;
   slope: [number, number];
 }
@@ -130,7 +134,7 @@ export function rangeOf(picked: Pick): Measured {
 }
 
 /** Length of the straight lines through points. */
-export function straightLength(picks: Pick[]): Measured {
+export function straightLength(picks: Placed[]): Measured {
   const steps = picks.slice(1).map((each, i) => minus(each.point_m, picks[i].point_m));
   const lengths = steps.map(norm);
   const units = steps.map((step, i) => (lengths[i] > 0 ? times(step, 1 / lengths[i]) : ([0, 0, 0] as Vector)));
@@ -157,12 +161,12 @@ export function alongSurface(ranges: Ranges, g: Geometry, picks: Pick[]): Pick[]
   return line;
 }
 
-/** Distance along the straight line from first to last point, and height above it towards the camera. */
-export function profile(line: Pick[]): [number[], number[]] {
+/** Distance along the straight line from first to last point, and height above it, towards the camera or along ``above``. */
+export function profile(line: Placed[], above: Vector | null = null): [number[], number[]] {
   const points = line.map((each) => each.point_m);
   const chord = minus(points[points.length - 1], points[0]);
   const along = times(chord, norm(chord) > 0 ? 1 / norm(chord) : 0);
-  let up = times(mean(points), -1);
+  let up = above ?? times(mean(points), -1);
   up = minus(up, times(along, dot(up, along)));
   up = times(up, 1 / Math.max(norm(up), 1e-12));
   const offsets = points.map((point) => minus(point, points[0]));
@@ -170,7 +174,7 @@ export function profile(line: Pick[]): [number[], number[]] {
 }
 
 /** Area of the polygon through points, seen along its mean normal. */
-export function planarArea(picks: Pick[]): Measured {
+export function planarArea(picks: Placed[]): Measured {
   const points = picks.map((each) => each.point_m);
   const center = mean(points);
   const edges = points.map((point) => minus(point, center));

@@ -4,14 +4,20 @@ import type { Dive } from "./dive";
 
 export type Kind = "point" | "length" | "area";
 
-/** places: pixels of the rectified left image. points: the same in its camera, meters. value, std: meters or square meters. */
+/**
+ * places: pixels of the rectified left image. points: the same in its camera, meters. value, std: meters or square meters.
+ * On the map, frame is "", places are empty and points in the map's own coordinates; clicks_m: how well each was hit.
+ */
 export interface Measure {
   id: number;
   frame: string;
+  map?: string;
   kind: Kind;
   label: string;
+  note?: string;
   places: [number, number][];
   points: number[][];
+  clicks_m?: number[];
   value: number;
   std: number;
   surface: number | null;
@@ -19,7 +25,7 @@ export interface Measure {
 }
 
 const MOST_UNDONE = 100;
-const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", "x_m", "y_m", "z_m", "value", "std", "surface", "surface_std"];
+const COLUMNS = ["measure", "frame", "kind", "label", "vertex", "x_px", "y_px", "x_m", "y_m", "z_m", "value", "std", "surface", "surface_std", "click_m", "note"];
 
 export class Measures {
   private all: Measure[] = [];
@@ -88,25 +94,33 @@ export class Measures {
   /** A row for each point: what `stereo-seecolor measure` reads. */
   csv(): string {
     const rows = this.all.flatMap((each) =>
-      each.places.map(([x, y], i) => [
-        ...[each.id, each.frame, each.kind, each.label, i, x.toFixed(2), y.toFixed(2)],
-        ...each.points[i].map((meters) => meters.toFixed(5)),
+      each.points.map((point, i) => [
+        ...[each.id, each.frame, each.kind, each.label, i],
+        ...(each.frame ? each.places[i].map((pixels) => pixels.toFixed(2)) : ["", ""]),
+        ...this.world(each, point).map((meters) => meters.toFixed(5)),
         ...[each.value, each.std, each.surface, each.surface_std].map((value) => (value === null ? "" : value.toPrecision(6))),
+        ...[each.clicks_m?.[i].toFixed(5) ?? "", each.note ?? ""],
       ]),
     );
     return [COLUMNS, ...rows].map((row) => row.map(quoted).join(",") + "\r\n").join("");
+  }
+
+  /** A point of the map in the coordinates of its world; of a frame, as it is, in the camera's. */
+  private world(each: Measure, point: number[]): number[] {
+    return each.frame ? point : point.map((value, i) => value + this.dive.offset_m[i]);
   }
 
   /** Features in the map's coordinates where the frame is in the map, else in those of the frame's camera. */
   geojson(): string {
     const features = this.all.map((each) => {
       const pose = this.dive.poses[each.frame];
-      const points = each.points.map((point) => (pose ? placed(pose, point) : point));
+      const onMap = !each.frame || pose;
+      const points = each.points.map((point) => (pose ? placed(pose, point).map((value, i) => value + this.dive.offset_m[i]) : this.world(each, point)));
       const shapes = { point: ["Point", points[0]], length: ["LineString", points], area: ["Polygon", [[...points, points[0]]]] };
       const [type, coordinates] = shapes[each.kind];
-      const { frame, kind, label, value, std, surface, surface_std } = each;
-      const axes = pose ? "map: x east, y north, z up, meters" : "rectified left camera: x right, y down, z forward, meters";
-      return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, value, std, surface, surface_std, axes } };
+      const { frame, kind, label, note = "", value, std, surface, surface_std } = each;
+      const axes = onMap ? "map: x east, y north, z up, meters" : "rectified left camera: x right, y down, z forward, meters";
+      return { type: "Feature", id: each.id, geometry: { type, coordinates }, properties: { frame, kind, label, note, value, std, surface, surface_std, axes } };
     });
     return JSON.stringify({ type: "FeatureCollection", features }, null, 1);
   }
@@ -114,7 +128,7 @@ export class Measures {
   /** VIAME's detections: a box around the points, the length in millimeters, and head and tail of a length. */
   viame(): string {
     const head = "# 1: Detection or Track-id,2: Video or Image Identifier,3: Unique Frame Identifier,4-7: Img-bbox(TL_x,TL_y,BR_x,BR_y),8: Detection or Length Confidence,9: Target Length (0 or -1 if invalid),10-11+: Repeated Species,Confidence Pairs or Attributes\n";
-    const rows = this.all.map((each) => {
+    const rows = this.all.filter((each) => each.frame).map((each) => {
       const xs = each.places.map(([x]) => x);
       const ys = each.places.map(([, y]) => y);
       const box = [Math.min(...xs), Math.min(...ys), Math.max(...xs), Math.max(...ys)].map((value) => value.toFixed(2));

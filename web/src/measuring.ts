@@ -1,10 +1,11 @@
 // Measuring in a frame: points are clicked on the picture, dragged, and listed with what they measure.
 
-import uPlot from "uplot";
 import type { Dive, Text } from "./dive";
 import { button, Choice, element } from "./elements";
 import { alongSurface, pick, planarArea, profile, rangeOf, straightLength, surfaceArea, totalStd, type Pick } from "./measure";
-import { Measures, save, type Kind, type Measure } from "./measures";
+import type { Kind, Measure, Measures } from "./measures";
+import type { MeasureTable } from "./measuretable";
+import { drawProfile } from "./profile";
 import { ranges, type Ranges } from "./ranges";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -14,7 +15,6 @@ const LEAST: Record<Kind, number> = { point: 1, length: 2, area: 3 };
 export class Measuring {
   readonly root = element("div", { class: "measuring" });
   private readonly overlay = document.createElementNS(SVG, "svg");
-  private readonly list = element("tbody");
   private readonly said = element("output", { class: "readout" });
   private readonly chart = element("div", { class: "profile" });
   private readonly undo: HTMLButtonElement;
@@ -30,9 +30,9 @@ export class Measuring {
   constructor(
     private readonly dive: Dive,
     private readonly text: Text,
-    private readonly look: (name: string) => void,
+    private readonly table: MeasureTable,
   ) {
-    this.measures = new Measures(dive, () => this.draw());
+    this.measures = table.measures;
     const kinds = (["point", "length", "area"] as const).map((kind): [string, string] => [kind, text(`measure.${kind}`)]);
     const tool = new Choice(text("measure.tool"), kinds, (kind) => {
       this.kind = kind as Kind;
@@ -41,17 +41,12 @@ export class Measuring {
     tool.show(this.kind);
     this.finish = button(text("measure.finish"), () => this.end());
     this.undo = button(text("measure.undo"), () => (this.places.length ? this.stepBack() : this.measures.undo()));
-    const exports = (["csv", "geojson", "viame"] as const).map((format) =>
-      button(text(`measure.${format}`), () => save(`measures${format === "viame" ? "_viame.csv" : `.${format}`}`, this.measures[format]())),
-    );
-    const heads = ["label", "kind", "value", "surface", "frame"].map((key) => element("th", { scope: "col" }, text(`measure.${key}_head`)));
     this.root.append(
       element("div", { class: "toolbar" }, tool.root, this.finish, this.undo, this.said),
       element("p", { class: "hint" }, text("measure.hint")),
       this.chart,
-      element("div", { class: "scroll" }, element("table", { class: "measures" }, element("thead", {}, element("tr", {}, ...heads, element("td"))), this.list)),
-      element("div", { class: "toolbar" }, ...exports),
     );
+    table.watch(() => this.draw());
     this.overlay.setAttribute("class", "overlay");
     this.overlay.setAttribute("tabindex", "0");
     this.overlay.setAttribute("role", "application");
@@ -66,6 +61,7 @@ export class Measuring {
   /** Measure in a frame: its picture goes into the stage, what is drawn over it too. */
   async show(stage: HTMLElement, name: string, source: string): Promise<void> {
     this.drop();
+    this.root.append(this.table.root);
     this.frame = name;
     this.data = null;
     const [width, height] = this.dive.geometry?.image_size ?? [1, 1];
@@ -111,7 +107,7 @@ export class Measuring {
       if (!old) return;
       const places = old.places.map((each, i) => (i === this.dragged?.vertex ? place : each));
       const made = this.made(places, old.kind, old.label);
-      if (made) this.measures.put({ ...made, id: old.id });
+      if (made) this.measures.put({ ...made, id: old.id, note: old.note });
       return;
     }
     this.cursor = place;
@@ -194,7 +190,6 @@ export class Measuring {
     const here = this.measures.list.filter((each) => each.frame === this.frame);
     this.overlay.replaceChildren(...here.flatMap((each) => this.shape(each.places, each.kind, each.id)), ...this.shape(this.places, this.kind, null));
     if (document.activeElement === this.overlay && this.overlay.matches(":focus-visible")) this.overlay.append(this.cross(this.cursor, "cursor"));
-    this.list.replaceChildren(...this.measures.list.map((each) => this.row(each)));
     const last = [...here].reverse().find((each) => each.kind === "length");
     this.drawProfile(last ?? null);
   }
@@ -223,52 +218,12 @@ export class Measuring {
     return dot;
   }
 
-  private row(each: Measure): HTMLElement {
-    const label = element("input", { type: "text", value: each.label, "aria-label": this.text("measure.label_of", { id: each.id }) });
-    label.addEventListener("change", () => this.measures.put({ ...each, label: label.value }));
-    const frame = element("button", { type: "button", class: "plain" }, each.frame);
-    frame.addEventListener("click", () => this.look(each.frame));
-    const cells: (string | Node)[] = [
-      label,
-      `${each.id} ${this.text(`measure.${each.kind}`)}`,
-      this.value(each.value, each.std, each.kind),
-      each.surface === null ? "" : this.value(each.surface, each.surface_std ?? NaN, each.kind),
-      frame,
-      button("×", () => this.measures.remove(each.id), { "aria-label": this.text("measure.remove", { id: each.id }) }),
-    ];
-    return element("tr", {}, ...cells.map((cell) => element("td", {}, cell)));
-  }
-
-  private value(value: number, std: number, kind: Kind): string {
-    const [factor, unit] = kind === "area" ? (value < 0.1 ? [1e4, "cm²"] : [1, "m²"]) : value < 1 ? [100, "cm"] : [1, "m"];
-    const digits = std > 0 ? Math.max(0, Math.min(4, 1 - Math.floor(Math.log10(std * factor)))) : 3;
-    return `${(value * factor).toFixed(digits)} ± ${(std * factor).toFixed(digits)} ${unit}`;
-  }
-
   private drawProfile(length: Measure | null): void {
     this.chart.replaceChildren();
     if (!length || !this.data) return;
     const { data, geometry } = this;
     const picks = length.places.map(([x, y]) => pick(data, geometry, x, y)).filter((each): each is Pick => each !== null);
     if (picks.length < 2) return;
-    const [along, height] = profile(alongSurface(data, geometry, picks));
-    const soft = getComputedStyle(this.chart).color;
-    const axis = { stroke: soft, grid: { stroke: soft, width: 0.2 }, ticks: { show: false }, font: "12px system-ui" };
-    const title = this.text("measure.profile", { id: length.id });
-    const box = element("div", { class: "plot", role: "img", "aria-label": title });
-    this.chart.append(element("h3", {}, title), box);
-    new uPlot(
-      {
-        width: Math.max(this.chart.clientWidth, 200),
-        height: 140,
-        scales: { x: { time: false } },
-        legend: { show: false },
-        cursor: { y: false },
-        series: [{}, { stroke: soft, width: 1.5, points: { show: true, size: 4 } }],
-        axes: [{ ...axis, size: 26 }, { ...axis, size: 60 }],
-      },
-      [along, height],
-      box,
-    );
+    drawProfile(this.chart, this.text("measure.profile", { id: length.id }), profile(alongSurface(data, geometry, picks)));
   }
 }

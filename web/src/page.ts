@@ -2,6 +2,7 @@
 
 import { texter, type Dive, type Text } from "./dive";
 import { Frames } from "./frames";
+import { MeasureTable } from "./measuretable";
 import { drawPlots } from "./plots";
 import { ranges, receive } from "./ranges";
 import { script, seecolor } from "./scripts";
@@ -12,13 +13,15 @@ function start(dive: Dive): void {
   const sections = [...document.querySelectorAll<HTMLElement>("section.view")];
   const section = (id: string) => document.getElementById(id) as HTMLElement;
   const look = (name: string) => (location.hash = `#frames/${encodeURIComponent(name)}`);
+  const table = new MeasureTable(dive, text, look);
+  seecolor.table = table;
   let frames: Frames | undefined;
   let plotted = false;
   let mapped = false;
 
   const open: Record<string, (rest: string) => void> = {
     frames: (rest) => {
-      frames ??= new Frames(section("frames"), dive, text, look);
+      frames ??= new Frames(section("frames"), dive, text, look, table);
       frames.show(rest);
       frames.preload();
     },

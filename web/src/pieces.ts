@@ -17,6 +17,18 @@ interface Packed {
 const received = new Map<string, Packed>();
 seecolor.mesh = (name: string, packed: Packed) => received.set(name, packed);
 
+const receivedColors = new Map<string, string>();
+seecolor.meshColors = (name: string, colors: string) => receivedColors.set(name, colors);
+
+/** The colors of a piece as the camera saw them, one for each vertex. */
+export async function rawColors(name: string, vertices: number): Promise<BufferAttribute> {
+  await script(`page/map/${encodeURIComponent(name)}_raw.js`);
+  const packed = receivedColors.get(name);
+  if (!packed) throw new Error(`${name} has no raw colors`);
+  receivedColors.delete(name);
+  return new BufferAttribute(linear(await inflated(packed), vertices), 4, true);
+}
+
 /** A piece as geometry; positions in the map's own coordinates. */
 export async function piece(name: string): Promise<BufferGeometry> {
   await script(`page/map/${encodeURIComponent(name)}.js`);
@@ -26,7 +38,7 @@ export async function piece(name: string): Promise<BufferGeometry> {
   const [positions, colors, indices] = await Promise.all([packed.positions, packed.colors, packed.indices].map(inflated));
   const geometry = new BufferGeometry();
   geometry.setAttribute("position", new BufferAttribute(placed(positions, packed), 3));
-  geometry.setAttribute("color", new BufferAttribute(linear(colors, packed.vertices), 3, true));
+  geometry.setAttribute("color", new BufferAttribute(linear(colors, packed.vertices), 4, true));
   geometry.setIndex(new BufferAttribute(counted(indices, 3 * packed.triangles), 1));
   geometry.computeBoundingSphere();
   return geometry;
@@ -66,18 +78,18 @@ function counted(bytes: Uint8Array, count: number): Uint32Array {
   return indices;
 }
 
-/** Colors in linear light, as graphics cards mix them, of 16 bits. */
+/** Colors in linear light, as graphics cards mix them, of 16 bits; opaque, so that each takes whole words of memory. */
 function linear(bytes: Uint8Array, vertices: number): Uint16Array {
   const light = Uint16Array.from({ length: 256 }, (_, value) => {
     const encoded = value / 255;
     return Math.round(65535 * (encoded <= 0.04045 ? encoded / 12.92 : ((encoded + 0.055) / 1.055) ** 2.4));
   });
-  const colors = new Uint16Array(3 * vertices);
+  const colors = new Uint16Array(4 * vertices).fill(65535);
   for (let channel = 0; channel < 3; channel++) {
     let value = 0;
     for (let i = 0; i < vertices; i++) {
       value = (value + bytes[channel * vertices + i]) & 255;
-      colors[3 * i + channel] = light[value];
+      colors[4 * i + channel] = light[value];
     }
   }
   return colors;

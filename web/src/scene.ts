@@ -7,7 +7,6 @@ import {
   Color,
   Line,
   LineBasicMaterial,
-  Mesh,
   MeshBasicMaterial,
   MeshLambertMaterial,
   DirectionalLight,
@@ -22,28 +21,18 @@ import {
   WebGLRenderer,
 } from "three";
 import { MapControls } from "three/addons/controls/MapControls.js";
+import type { About } from "./about";
 import type { Dive } from "./dive";
-import { piece } from "./pieces";
+import { Detail, vector } from "./lod";
 
-export interface About {
-  pieces: Record<string, { low_m: number[]; high_m: number[]; triangles: number }>;
-  whole?: string;
-  mosaic?: Place;
-  terrain?: Place & { low_m: number; high_m: number };
-  preview: string;
-  offset_m: number[];
-}
+const STILL_PX = 4;
 
-export interface Place {
-  width: number;
-  height: number;
-  west_m: number;
-  north_m: number;
+/** A spot of the mesh under the pointer. cell_m: how fine the mesh is there. pixel_m: how large a pixel of the screen. */
+export interface Hit {
+  spot_m: [number, number, number];
+  cell_m: number;
   pixel_m: number;
 }
-
-const MOST_FINE_TRIANGLES = 3_000_000;
-const STILL_PX = 4;
 
 export class Scene {
   readonly root: HTMLElement;
@@ -53,11 +42,9 @@ export class Scene {
   private readonly controls: MapControls;
   private readonly plain = new MeshBasicMaterial({ vertexColors: true, side: 2 });
   private readonly shaded = new MeshLambertMaterial({ color: 0xb9c4c6, flatShading: true, side: 2 });
-  private readonly meshes = new Map<string, Mesh>();
-  private readonly loading = new Set<string>();
+  private readonly detail: Detail;
   private readonly track = new Three();
   private readonly spot: Points;
-  private relief = false;
   private waiting = false;
   private placed = false;
 
@@ -65,7 +52,8 @@ export class Scene {
     private readonly about: About,
     dive: Dive,
     private readonly label: string,
-    private readonly clicked: (spot_m: number[]) => void,
+    private readonly clicked: (hit: Hit) => void,
+    private readonly drawn: () => void,
   ) {
     this.renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     this.root = this.renderer.domElement;
@@ -87,7 +75,7 @@ export class Scene {
     this.scene.add(this.spot);
     this.addTrack(dive);
     this.listen();
-    void this.load(about.whole ?? "");
+    this.detail = new Detail(about, this.scene, this.plain, () => this.draw());
   }
 
   /** Fit the drawing to its place. */
@@ -107,7 +95,7 @@ export class Scene {
     const center = box.getCenter(new Vector3());
     const size = Math.max(box.getSize(new Vector3()).length(), 0.1);
     this.controls.target.copy(center);
-    this.camera.position.copy(center).add(new Vector3(-0.25, -0.75, 0.85).multiplyScalar(size * 0.8 * Math.max(1, 1.2 / this.camera.aspect)));
+    this.camera.position.copy(center).add(new Vector3(-0.25, -0.75, 0.85).multiplyScalar(size * 0.66 * Math.max(1, 1.2 / this.camera.aspect)));
     this.camera.near = size / 2000;
     this.camera.far = size * 20;
     this.camera.updateProjectionMatrix();
@@ -117,9 +105,45 @@ export class Scene {
 
   /** Colors of the reef, or its relief alone. */
   showRelief(relief: boolean): void {
-    this.relief = relief;
-    for (const mesh of this.meshes.values()) mesh.material = this.material;
+    this.detail.setMaterial(relief ? this.shaded : this.plain);
     this.draw();
+  }
+
+  /** Colors as the camera saw them, or corrected. */
+  showRaw(raw: boolean): void {
+    this.detail.setRaw(raw);
+  }
+
+  /** Where a point lies on the screen, in pixels of the drawing; null behind the viewer. */
+  project(point_m: number[]): [number, number] | null {
+    const place = vector(point_m).project(this.camera);
+    const { clientWidth, clientHeight } = this.root;
+    return place.z < 1 ? [((place.x + 1) / 2) * clientWidth, ((1 - place.y) / 2) * clientHeight] : null;
+  }
+
+  /** The spot of the reef at a place of the window; null beside it. */
+  at(clientX: number, clientY: number): Hit | null {
+    const box = this.root.getBoundingClientRect();
+    const place = new Vector2(((clientX - box.left) / box.width) * 2 - 1, 1 - ((clientY - box.top) / box.height) * 2);
+    const ray = new Raycaster();
+    ray.setFromCamera(place, this.camera);
+    const hit = ray.intersectObjects(this.detail.shown, false)[0];
+    if (!hit) return null;
+    return { spot_m: hit.point.toArray(), cell_m: this.detail.cell_m(hit.object), pixel_m: hit.distance / this.pixels };
+  }
+
+  /** How many pixels a meter is at a distance of a meter. */
+  private get pixels(): number {
+    return this.root.clientHeight / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
+  }
+
+  get triangles(): number {
+    return this.detail.triangles;
+  }
+
+  /** Turn dragging on or off, while a point is dragged. */
+  hold(held: boolean): void {
+    this.controls.enabled = !held;
   }
 
   showTrack(shown: boolean): void {
@@ -134,10 +158,6 @@ export class Scene {
     this.draw();
   }
 
-  private get material() {
-    return this.relief ? this.shaded : this.plain;
-  }
-
   private listen(): void {
     let down = new Vector2();
     this.root.addEventListener("pointerdown", (event) => (down = new Vector2(event.clientX, event.clientY)));
@@ -147,15 +167,8 @@ export class Scene {
   }
 
   private pick(event: MouseEvent): void {
-    const box = this.root.getBoundingClientRect();
-    const place = new Vector2(((event.clientX - box.left) / box.width) * 2 - 1, 1 - ((event.clientY - box.top) / box.height) * 2);
-    const ray = new Raycaster();
-    ray.setFromCamera(place, this.camera);
-    const hit = ray.intersectObjects([...this.meshes.values()].filter((mesh) => mesh.visible))[0];
-    if (!hit) return;
-    const spot = hit.point.toArray();
-    this.mark(spot);
-    this.clicked(spot);
+    const hit = this.at(event.clientX, event.clientY);
+    if (hit) this.clicked(hit);
   }
 
   private addTrack(dive: Dive): void {
@@ -165,64 +178,20 @@ export class Scene {
     this.track.add(new Line(geometry, new LineBasicMaterial({ color: 0x0a8f98 })), dots(places, 0x0a8f98, 6));
   }
 
-  private async load(name: string): Promise<void> {
-    if (!(name in this.about.pieces) || this.loading.has(name) || this.meshes.has(name)) return;
-    this.loading.add(name);
-    try {
-      const mesh = new Mesh(await piece(name), this.material);
-      this.meshes.set(name, mesh);
-      this.scene.add(mesh);
-    } finally {
-      this.loading.delete(name);
-    }
-    this.draw();
-  }
-
-  /** Draw at the next frame; fine tiles are fetched where the viewer is near. */
+  /** Draw at the next frame; finer pieces are fetched where the viewer is near. */
   private draw(): void {
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
-      this.refine();
+      this.detail.update(this.camera, this.pixels * Math.min(devicePixelRatio, 2));
       this.renderer.render(this.scene, this.camera);
+      this.drawn();
     });
   }
-
-  private refine(): void {
-    const whole = this.meshes.get(this.about.whole ?? "");
-    const tiles = Object.entries(this.about.pieces).filter(([name]) => name !== this.about.whole);
-    if (!tiles.length || !whole) return;
-    const distance = ([, each]: (typeof tiles)[number]) => new Box3(vector(each.low_m), vector(each.high_m)).distanceToPoint(this.camera.position);
-    let budget = MOST_FINE_TRIANGLES;
-    const wanted = new Set<string>();
-    for (const tile of tiles.sort((a, b) => distance(a) - distance(b))) {
-      const size = vector(tile[1].high_m).distanceTo(vector(tile[1].low_m));
-      budget -= tile[1].triangles;
-      if (budget < 0 || distance(tile) > 2 * size) break;
-      wanted.add(tile[0]);
-    }
-    for (const [name, mesh] of this.meshes) {
-      if (mesh === whole || wanted.has(name)) continue;
-      mesh.geometry.dispose();
-      this.scene.remove(mesh);
-      this.meshes.delete(name);
-    }
-    for (const name of wanted) void this.load(name);
-    const fine = [...this.meshes.keys()].filter((name) => name !== this.about.whole);
-    whole.visible = fine.length < tiles.length;
-    whole.material = fine.length && !this.relief ? this.behind : this.material;
-  }
-
-  /** The coarse surface a little behind the fine one, so that it does not shine through. */
-  private readonly behind = new MeshBasicMaterial({ vertexColors: true, side: 2, polygonOffset: true, polygonOffsetFactor: 4, polygonOffsetUnits: 400 });
 }
 
 function dots(places: number[][], color: number, size: number): Points {
   const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(new Float32Array(places.flat()), 3));
   return new Points(geometry, new PointsMaterial({ color: new Color(color), size, sizeAttenuation: false, depthTest: size < 10 }));
-}
-
-function vector([x, y, z]: number[]): Vector3 {
-  return new Vector3(x, y, z);
 }

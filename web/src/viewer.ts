@@ -4,6 +4,7 @@ import { address, has, picture, type Dive, type Text } from "./dive";
 import { Choice, element } from "./elements";
 import { drawConfidence, drawMask, drawRange, limits, MASK_COLORS } from "./layers";
 import { Measuring } from "./measuring";
+import type { MeasureTable } from "./measuretable";
 import { ranges, STD_BLOCK_PX, type Ranges } from "./ranges";
 import { scaleBar } from "./scale";
 import { slider } from "./slider";
@@ -23,9 +24,9 @@ export class Viewer {
   constructor(
     private readonly dive: Dive,
     private readonly text: Text,
-    look: (name: string) => void,
+    table: MeasureTable,
   ) {
-    this.measuring = new Measuring(dive, text, look);
+    this.measuring = new Measuring(dive, text, table);
     const views: [View, string][] = [["compare", text("view.compare")]];
     if (dive.geometry) views.push(["measure", text("view.measure")], ["range", text("view.range")], ["confidence", text("view.confidence")], ["mask", text("view.mask")]);
     this.choice = new Choice(text("view.name"), views, (view) => {

@@ -1,0 +1,89 @@
+"""Heights of a map's terrain as the page holds them: whole steps of a twentieth of a millimeter, in 16 bits, tile by tile.
+
+What is unknown repeats its left neighbor, and a mask of its own says so. Each number is stored as its difference from left + upper
+- upper left, as those of ranges are (range_code.py), and deflated.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.geometry import estimated_range_std_m
+from stereo_seecolor.records import Map
+from stereo_seecolor.report.range_code import deflated, text
+from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
+
+
+@dataclass(frozen=True)
+class HeightCode:
+    """How heights become whole numbers."""
+
+    step_m: float = 5e-5  # an error of 0.025 mm; 3.2 m of relief in a tile, and coarser steps where there is more
+    tile_px: int = 512  # as the tiles of the mosaic
+    sampled_frames: int = 12  # spread over the dive: the median of their standard errors is steady to a few percent
+
+
+CODE = HeightCode()
+
+
+def coded_heights(heights_m: Map) -> dict[str, Any]:
+    """A tile (H, W) as a script carries it, NaN where unknown; its lowest height and its step in meters are in it."""
+    known = np.isfinite(heights_m)
+    low_m, high_m = (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
+    step_m = max(CODE.step_m, (high_m - low_m) / 65535)
+    codes = _filled(np.where(known, np.rint((heights_m.astype(np.float64) - low_m) / step_m), 0).astype(np.int64), known)
+    errors = np.diff(np.diff(codes, axis=0, prepend=0), axis=1, prepend=0).astype(np.int16).astype(np.int32)
+    folded = (errors << 1) ^ (errors >> 31)
+    planes = np.stack([folded & 255, (folded >> 8) & 255]).astype(np.uint8)
+    return {
+        "height": heights_m.shape[0],
+        "width": heights_m.shape[1],
+        "low_m": low_m,
+        "step_m": step_m,
+        "heights": text(deflated(planes)),
+        "known": text(deflated(np.packbits(known))),
+    }
+
+
+def _filled(codes: NDArray[np.int64], known: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Unknown ones as their nearest known left neighbor, 0 where there is none."""
+    columns = np.where(known, np.arange(codes.shape[1]), -1)
+    nearest = np.maximum.accumulate(columns, axis=1)
+    return np.where(nearest >= 0, np.take_along_axis(codes, np.maximum(nearest, 0), axis=1), 0)
+
+
+def height_tiles(width: int, height: int, read: Callable[[tuple[int, int, int, int]], Map]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """(COLUMN_ROW, content) of all tiles that hold a height. read: (left, top, width, height) -> heights, NaN where unknown."""
+    for top in range(0, height, CODE.tile_px):
+        for left in range(0, width, CODE.tile_px):
+            heights_m = read((left, top, min(CODE.tile_px, width - left), min(CODE.tile_px, height - top)))
+            if np.isfinite(heights_m).any():
+                yield f"{left // CODE.tile_px}_{top // CODE.tile_px}", coded_heights(heights_m)
+
+
+def height_std_m(run: FinishedRun) -> float:
+    """The standard error of a height of the map, meters: that of a typical range of the dive, as if one frame had measured it.
+
+    Fusing several frames makes noise less; that they are not placed exactly makes it more. NaN where no frame can be read.
+    """
+    frames = run.frames[:: max(1, len(run.frames) // CODE.sampled_frames)]
+    known = [value for value in (_typical_std_m(run, frame) for frame in frames) if np.isfinite(value)]
+    return float(np.median(known)) if known else float("nan")
+
+
+def _typical_std_m(run: FinishedRun, frame: FinishedFrame) -> float:
+    try:
+        if "range_std" in frame.products:
+            std_m = frame.read("range_std")
+        elif run.geometry is not None:
+            std_m = estimated_range_std_m(frame.measured_range_m(), run.geometry)
+        else:
+            return float("nan")
+    except InputError:
+        return float("nan")
+    known = std_m[::4, ::4][np.isfinite(std_m[::4, ::4])]
+    return float(np.median(known)) if known.size else float("nan")

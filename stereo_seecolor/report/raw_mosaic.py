@@ -1,0 +1,152 @@
+"""The reef from above in the colors that the camera saw, from the page's own pictures from before correction.
+
+Each cell of the terrain takes its color from the frame that looks down on it most steeply, of those whose range maps say that they
+see it. Unlike the orthomosaic nothing is blended: it is there to compare with, and costs a quarter of its pixels.
+"""
+
+import tempfile
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.export.posed_run import PosedRun
+from stereo_seecolor.report.map_images import Box, Terrain
+from stereo_seecolor.report.map_mesh import Piece
+from stereo_seecolor.report.range_code import deflated, text
+from stereo_seecolor.run_folder.layout import page_path
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RawLimits:
+    """How views are chosen, as for the orthomosaic."""
+
+    tile_px: int = 512  # painted at a time
+    views: int = 24  # nearest to a tile's middle: more never win
+    hidden_m: float = 0.05  # a view whose range is off by more than this,
+    hidden_fraction: float = 0.02  # and this fraction of it, shows something else
+    cached_frames: int = 48  # neighboring tiles share them; 2 MB each
+
+
+LIMITS = RawLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class RawMosaic:
+    """rgba: (H, W, 4) uint8 on the terrain's cells, alpha 0 where no frame sees the cell; lies in a file that has no name."""
+
+    rgba: NDArray[np.uint8]
+    terrain: Terrain
+
+    @classmethod
+    def paint(cls, posed: PosedRun, terrain: Terrain) -> "RawMosaic | None":
+        """None where no frame in the map has its picture from before correction."""
+        views = _Views(posed)
+        if not views.names:
+            return None
+        width, height = terrain.about["width"], terrain.about["height"]
+        with tempfile.TemporaryFile() as file:
+            rgba = np.memmap(file, np.uint8, "w+", shape=(height, width, 4))
+        for top in range(0, height, LIMITS.tile_px):
+            for left in range(0, width, LIMITS.tile_px):
+                box = (left, top, min(LIMITS.tile_px, width - left), min(LIMITS.tile_px, height - top))
+                points_m = _points(terrain, box, posed.offset_m)
+                if np.isfinite(points_m[..., 2]).any():
+                    rgba[top : top + box[3], left : left + box[2]] = views.paint(points_m)
+        return cls(rgba, terrain)
+
+    def read(self, box: Box, size: tuple[int, int]) -> NDArray[np.uint8]:
+        """A box at a size, as ``pyramid`` asks for it."""
+        left, top, width, height = box
+        part = self.rgba[top : top + height, left : left + width]
+        return np.asarray(cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA), np.uint8)
+
+    def colors_of(self, piece: Piece, offset_m: list[float]) -> str:
+        """The colors of a piece's vertices from above, packed as those of the piece itself; gray where no frame saw them."""
+        about = self.terrain.about
+        x = (piece.points_m[:, 0] + offset_m[0] - about["west_m"]) / about["pixel_m"]
+        y = (about["north_m"] - piece.points_m[:, 1] - offset_m[1]) / about["pixel_m"]
+        columns, rows = np.clip(x.astype(int), 0, about["width"] - 1), np.clip(y.astype(int), 0, about["height"] - 1)
+        found = self.rgba[rows, columns]
+        colors = np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
+        return text(deflated(np.diff(colors.T, axis=1, prepend=np.uint8(0))))
+
+
+def _points(terrain: Terrain, box: Box, offset_m: Floats) -> Floats:
+    """(h, w, 3) of the cells' centers in the map's own coordinates, NaN where the height is unknown."""
+    about, (left, top, width, height) = terrain.about, box
+    x = about["west_m"] + (left + np.arange(width) + 0.5) * about["pixel_m"] - offset_m[0]
+    y = about["north_m"] - (top + np.arange(height) + 0.5) * about["pixel_m"] - offset_m[1]
+    z = terrain.heights_m(box).astype(np.float64) - offset_m[2]
+    return np.stack([*np.meshgrid(x, y), z], axis=-1)
+
+
+class _Views:
+    """The frames of a map whose pictures from before correction the page has."""
+
+    def __init__(self, posed: PosedRun) -> None:
+        self._posed, self._geometry = posed, posed.geometry
+        self._files = {i: posed.run.root / page_path("page/before", frame.name) for i, frame in enumerate(posed.frames)}
+        self._read = lru_cache(LIMITS.cached_frames)(self._open)
+        self.names = [i for i, file in self._files.items() if file.is_file()]
+
+    def _open(self, number: int) -> tuple[NDArray[Any], NDArray[Any]] | None:
+        """(h, w, 3) RGB picture and (H, W) measured ranges; None where one cannot be read."""
+        bgr = cv2.imread(str(self._files[number]), cv2.IMREAD_REDUCED_COLOR_2 if self._is_fine else cv2.IMREAD_COLOR)
+        try:
+            return None if bgr is None else (bgr[..., ::-1], self._posed.frames[number].measured_range_m())
+        except InputError:
+            return None
+
+    @property
+    def _is_fine(self) -> bool:
+        return self._geometry.image_size[0] >= 1600  # half of the picture's pixels are still finer than the cells
+
+    def paint(self, points_m: Floats) -> NDArray[np.uint8]:
+        """(h, w, 4) RGBA of cells (h, w, 3)."""
+        painted = np.zeros((*points_m.shape[:2], 4), np.uint8)
+        best = np.full(points_m.shape[:2], np.inf)
+        known = np.isfinite(points_m[..., 2])
+        middle = points_m[known].mean(axis=0)
+        T = self._posed.T_map_camera
+        for number in sorted(self.names, key=lambda i: float(np.hypot(*(T[i, :2, 3] - middle[:2]))))[: LIMITS.views]:
+            cost, u, v = self._cost(points_m, number)
+            wins = cost < best
+            view = self._read(number) if wins.any() else None
+            if view is None:
+                continue
+            picture, range_m = view
+            seen = wins & _is_seen(points_m, T[number], range_m, u, v)
+            scale = picture.shape[1] / self._geometry.image_size[0]
+            rows = np.clip((v[seen] + 0.5) * scale, 0, picture.shape[0] - 1).astype(int)
+            columns = np.clip((u[seen] + 0.5) * scale, 0, picture.shape[1] - 1).astype(int)
+            painted[seen, :3], painted[seen, 3], best[seen] = picture[rows, columns], 255, cost[seen]
+        return painted
+
+    def _cost(self, points_m: Floats, number: int) -> tuple[Floats, Floats, Floats]:
+        """The tangent of the angle from the vertical, infinite where a cell is not in the picture; and where in it, pixels."""
+        g, T = self._geometry, self._posed.T_map_camera[number]
+        local = (points_m - T[:3, 3]) @ T[:3, :3]
+        with np.errstate(invalid="ignore", divide="ignore"):
+            u = g.focal_px * local[..., 0] / local[..., 2] + g.cx_left_px
+            v = g.focal_px * local[..., 1] / local[..., 2] + g.cy_px
+            width, height = g.image_size
+            inside = (local[..., 2] > 0.05) & (u >= 0) & (v >= 0) & (u <= width - 1) & (v <= height - 1)
+            offset = points_m - T[:3, 3]
+            tangent = np.hypot(offset[..., 0], offset[..., 1]) / np.maximum(-offset[..., 2], 0.05)
+        return np.where(inside, tangent, np.inf), np.where(inside, u, 0), np.where(inside, v, 0)
+
+
+def _is_seen(points_m: Floats, T_map_camera: Floats, range_m: NDArray[Any], u: Floats, v: Floats) -> NDArray[np.bool_]:
+    """False where a frame's own range says that it sees something else there."""
+    distance = np.linalg.norm(points_m - T_map_camera[:3, 3], axis=-1)
+    measured = range_m[np.rint(v).astype(int), np.rint(u).astype(int)]
+    with np.errstate(invalid="ignore"):
+        seen: NDArray[np.bool_] = np.abs(measured - distance) <= LIMITS.hidden_m + LIMITS.hidden_fraction * distance
+    return seen

@@ -1,0 +1,37 @@
+// The map as page/map/map.js hands it over (stereo_seecolor/report/map_files.py).
+
+/** Size of a raster in pixels, and where its upper left corner lies in the world. */
+export interface Place {
+  width: number;
+  height: number;
+  west_m: number;
+  north_m: number;
+  pixel_m: number;
+}
+
+/** A piece of the mesh. cell_m: how fine it is. finer: the pieces that show the same at half of that. */
+export interface Piece {
+  low_m: number[];
+  high_m: number[];
+  triangles: number;
+  cell_m: number;
+  finer: string[];
+}
+
+/** Metrics of squares: each row is a center x, y and a number for each name, null where unknown. */
+export interface Squares {
+  edge_m: number;
+  names: string[];
+  rows: (number | null)[][];
+}
+
+export interface About {
+  id: string;
+  pieces: Record<string, Piece>;
+  mosaic?: Place;
+  raw?: Place;
+  terrain?: Place & { low_m: number; high_m: number; tiles: string[]; std_m: number };
+  squares: Squares | null;
+  preview: string;
+  offset_m: number[];
+}

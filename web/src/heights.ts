@@ -1,0 +1,93 @@
+// Heights of the map's terrain at full precision: tiles, loaded as scripts when they are asked for (stereo_seecolor/report/height_code.py).
+
+import type { Place } from "./about";
+import { inflated } from "./ranges";
+import { script, seecolor } from "./scripts";
+
+const TILE_PX = 512;
+const MOST_KEPT = 64;
+
+interface Packed {
+  height: number;
+  width: number;
+  low_m: number;
+  step_m: number;
+  heights: string;
+  known: string;
+}
+
+interface Tile {
+  width: number;
+  heights_m: Float32Array;
+}
+
+const received = new Map<string, Packed>();
+seecolor.heights = (name: string, packed: Packed) => received.set(name, packed);
+
+export class Heights {
+  private readonly tiles = new Map<string, Tile>();
+
+  constructor(
+    readonly place: Place & { tiles: string[] },
+    readonly offset_m: number[],
+  ) {}
+
+  /** Column and row of a spot in the map's own coordinates; the center of the first cell is (0, 0). */
+  cell(x_m: number, y_m: number): [number, number] {
+    const { west_m, north_m, pixel_m } = this.place;
+    return [(x_m + this.offset_m[0] - west_m) / pixel_m - 0.5, (north_m - y_m - this.offset_m[1]) / pixel_m - 0.5];
+  }
+
+  /** x and y of a cell's center. */
+  center(column: number, row: number): [number, number] {
+    const { west_m, north_m, pixel_m } = this.place;
+    return [west_m + (column + 0.5) * pixel_m - this.offset_m[0], north_m - (row + 0.5) * pixel_m - this.offset_m[1]];
+  }
+
+  /** Load all that lies around spots, so that ``at`` knows it. */
+  async load(spots: number[][]): Promise<void> {
+    const cells = spots.map(([x, y]) => this.cell(x, y));
+    const bounds = (axis: number) => [Math.min(...cells.map((each) => each[axis])) - 2, Math.max(...cells.map((each) => each[axis])) + 2].map((each) => Math.floor(each / TILE_PX));
+    const [[left, right], [top, bottom]] = [bounds(0), bounds(1)];
+    const wanted: Promise<void>[] = [];
+    for (let row = top; row <= bottom; row++) {
+      for (let column = left; column <= right; column++) wanted.push(this.tile(`${column}_${row}`));
+    }
+    await Promise.all(wanted);
+  }
+
+  /** The height of a cell in the map's own coordinates, NaN where it is unknown. */
+  at(column: number, row: number): number {
+    const tile = this.tiles.get(`${Math.floor(column / TILE_PX)}_${Math.floor(row / TILE_PX)}`);
+    if (!tile || column < 0 || row < 0) return NaN;
+    const [x, y] = [column % TILE_PX, row % TILE_PX];
+    return x < tile.width ? (tile.heights_m[y * tile.width + x] ?? NaN) - this.offset_m[2] : NaN;
+  }
+
+  private async tile(name: string): Promise<void> {
+    if (this.tiles.has(name) || !this.place.tiles.includes(name)) return;
+    await script(`page/map/heights/${name}.js`);
+    const packed = received.get(name);
+    if (!packed) return;
+    received.delete(name);
+    const [bytes, known] = await Promise.all([packed.heights, packed.known].map(inflated));
+    this.tiles.set(name, { width: packed.width, heights_m: decoded(bytes, known, packed) });
+    if (this.tiles.size > MOST_KEPT) this.tiles.delete(this.tiles.keys().next().value as string);
+  }
+}
+
+function decoded(bytes: Uint8Array, known: Uint8Array, { width, height, low_m, step_m }: Packed): Float32Array {
+  const count = width * height;
+  const codes = new Uint16Array(count);
+  const heights_m = new Float32Array(count);
+  for (let row = 0, i = 0; row < height; row++) {
+    let left = 0; // the sum along the row, modulo 2^16
+    for (let column = 0; column < width; column++, i++) {
+      const folded = bytes[i] | (bytes[count + i] << 8);
+      left += (folded >>> 1) ^ -(folded & 1);
+      codes[i] = left + (row ? codes[i - width] : 0);
+      heights_m[i] = known[i >> 3] & (128 >> (i & 7)) ? low_m + codes[i] * step_m : NaN;
+    }
+  }
+  return heights_m;
+}

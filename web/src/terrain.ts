@@ -1,0 +1,147 @@
+// Points, lengths and areas on the map's terrain, as stereo_seecolor/measuring/terrain.py computes them (a test compares both).
+
+import type { Heights } from "./heights";
+import { CALIBRATION_STD, planarArea, type Measured, type Placed, type Vector } from "./measure";
+
+const LEAST_CELLS = 2;
+const LAYER_CELLS = 2;
+const LAYER_STDS = 6;
+const STEP_CELLS = 2;
+const STEP_STDS = 6;
+const STEEPEST = 0.5;
+
+/** A point of the map with its covariance; slope: rise to the east and to the north. */
+export interface Spot extends Placed {
+  slope: [number, number];
+}
+
+export class Ground {
+  constructor(
+    readonly heights: Heights,
+    readonly std_m: number,
+  ) {}
+
+  private get cell_m(): number {
+    return this.heights.place.pixel_m;
+  }
+
+  private get gap_m(): number {
+    return Math.max(LAYER_CELLS * this.cell_m, LAYER_STDS * this.std_m);
+  }
+
+  /** The ground at a spot; given a height, the point of that height, with the slope of what lies there. null where it is unknown. */
+  pick(x_m: number, y_m: number, z_m: number | null, click_m: number): Spot | null {
+    const [column, row] = this.heights.cell(x_m, y_m);
+    const cells: Vector[] = [];
+    for (let r = Math.floor(row + 0.5) - 1; r <= Math.floor(row + 0.5) + 1; r++) {
+      for (let c = Math.floor(column + 0.5) - 1; c <= Math.floor(column + 0.5) + 1; c++) {
+        const height = this.heights.at(c, r);
+        const [x, y] = this.heights.center(c, r);
+        if (!Number.isNaN(height)) cells.push([x - x_m, y - y_m, height]);
+      }
+    }
+    const layer = z_m === null ? this.highest(cells) : cells.filter((cell) => Math.abs(cell[2] - z_m) <= this.gap_m);
+    if (layer.length < LEAST_CELLS) return z_m === null ? null : this.spot([x_m, y_m, z_m], [0, 0], click_m);
+    const [height, east, north] = plane(layer);
+    return this.spot([x_m, y_m, z_m ?? height], [east, north], click_m);
+  }
+
+  /** The highest layer that holds enough cells: at the edge of a coral its top, and not the ground beside it. */
+  private highest(cells: Vector[]): Vector[] {
+    const ranked = [...cells].sort((a, b) => b[2] - a[2]);
+    const layers: Vector[][] = [];
+    ranked.forEach((cell, i) => {
+      if (!i || ranked[i - 1][2] - cell[2] > this.gap_m) layers.push([]);
+      layers[layers.length - 1].push(cell);
+    });
+    return layers.find((layer) => layer.length >= LEAST_CELLS) ?? [];
+  }
+
+  private spot(point_m: Vector, [east, north]: [number, number], click_m: number): Spot {
+    const [a, b, c] = [click_m ** 2, this.std_m ** 2, click_m ** 2];
+    const covariance = [a, 0, a * east, 0, c, c * north, a * east, c * north, b + a * east ** 2 + c * north ** 2];
+    return { point_m, covariance, slope: [east, north] };
+  }
+
+  /** Points of the ground along the lines between spots; null where a spot does not lie on the ground as it is seen from above. */
+  along(spots: Spot[]): Spot[] | null {
+    if (!spots.every((spot) => this.isOnGround(spot))) return null;
+    const step_m = Math.max(STEP_CELLS * this.cell_m, STEP_STDS * this.std_m);
+    const line = [spots[0]];
+    for (let k = 1; k < spots.length; k++) {
+      const [a, b] = [spots[k - 1].point_m, spots[k].point_m];
+      const count = Math.max(1, Math.floor(Math.hypot(b[0] - a[0], b[1] - a[1]) / step_m));
+      for (let i = 1; i < count; i++) {
+        const between = this.pick(a[0] + ((b[0] - a[0]) * i) / count, a[1] + ((b[1] - a[1]) * i) / count, null, 0);
+        if (between) line.push(between);
+      }
+      line.push(spots[k]);
+    }
+    return line;
+  }
+
+  private isOnGround({ point_m: [x, y, z] }: Spot): boolean {
+    const ground = this.pick(x, y, null, 0);
+    return ground !== null && Math.abs(ground.point_m[2] - z) <= this.gap_m;
+  }
+
+  /** Area of the ground inside an outline; null where the outline stands too steep to be seen from above, or nothing is known. */
+  area(spots: Spot[]): Measured | null {
+    const outline = spots.map((spot) => this.heights.cell(spot.point_m[0], spot.point_m[1]));
+    const level_m2 = polygon(outline) * this.cell_m ** 2;
+    const planar = planarArea(spots);
+    if (!(level_m2 >= STEEPEST * planar.value) || !spots.every((spot) => this.isOnGround(spot))) return null;
+    const [xs, ys] = [0, 1].map((axis) => outline.map((place) => place[axis]));
+    let [known, sum] = [0, 0];
+    for (let row = Math.ceil(Math.min(...ys)); row <= Math.max(...ys); row++) {
+      for (let column = Math.ceil(Math.min(...xs)); column <= Math.max(...xs); column++) {
+        if (!inside(outline, column, row)) continue;
+        const found = this.pick(...this.heights.center(column, row), null, 0);
+        if (!found) continue;
+        known += 1;
+        sum += Math.hypot(1, ...found.slope);
+      }
+    }
+    if (!known) return null;
+    const value = (sum / known) * level_m2;
+    return { value, std: (value * planar.std) / planar.value, calibration_std: 2 * CALIBRATION_STD * value };
+  }
+}
+
+/** Height at the middle, and rise to the east and north, of the plane through cells; their mean, level, where they span none. */
+function plane(cells: Vector[]): Vector {
+  let [n, sx, sy, sxx, sxy, syy, sv, sxv, syv] = [0, 0, 0, 0, 0, 0, 0, 0, 0];
+  for (const [x, y, z] of cells) {
+    n += 1;
+    sx += x;
+    sy += y;
+    sxx += x * x;
+    sxy += x * y;
+    syy += y * y;
+    sv += z;
+    sxv += x * z;
+    syv += y * z;
+  }
+  const det = n * (sxx * syy - sxy * sxy) - sx * (sx * syy - sxy * sy) + sy * (sx * sxy - sxx * sy);
+  const size = (sxx + syy) / n;
+  if (n < 4 || !(det > 1e-3 * n ** 3 * size ** 2)) return [sv / n, 0, 0];
+  return [
+    (sv * (sxx * syy - sxy * sxy) - sx * (sxv * syy - sxy * syv) + sy * (sxv * sxy - sxx * syv)) / det,
+    (n * (sxv * syy - sxy * syv) - sv * (sx * syy - sxy * sy) + sy * (sx * syv - sxv * sy)) / det,
+    (n * (sxx * syv - sxv * sxy) - sx * (sx * syv - sxv * sy) + sv * (sx * sxy - sxx * sy)) / det,
+  ];
+}
+
+function polygon(outline: [number, number][]): number {
+  const next = (i: number) => outline[(i + 1) % outline.length];
+  return Math.abs(outline.reduce((sum, [x, y], i) => sum + x * next(i)[1] - y * next(i)[0], 0)) / 2;
+}
+
+function inside(outline: [number, number][], x: number, y: number): boolean {
+  let found = false;
+  outline.forEach(([ax, ay], i) => {
+    const [bx, by] = outline[(i + 1) % outline.length];
+    if (ay > y !== by > y && x < ((bx - ax) * (y - ay)) / (by - ay) + ax) found = !found;
+  });
+  return found;
+}
