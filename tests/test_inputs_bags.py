@@ -122,6 +122,22 @@ def test_compressed_images_are_read_as_they_are(tmp_path) -> None:
         assert (read_image(pair.left) == read_image(tmp_path / f"file{suffix}")).all()
 
 
+@pytest.mark.parametrize("form", ["16UC1; compressedDepth", "16UC1; compressedDepth png"])
+def test_both_spellings_of_compressed_depth(tmp_path, form: str) -> None:
+    """Twelve bytes of the transport stand before the PNG."""
+    pixels = picture(3, np.uint16, 1)
+    content = bytes(12) + cv2.imencode(".png", pixels)[1].tobytes()
+    sent = [compressed(f"{camera}/image_raw/compressedDepth", START_NS, content, form) for camera in (LEFT, RIGHT)]
+    topics = f"left={LEFT}/image_raw/compressedDepth,right={RIGHT}/image_raw/compressedDepth"
+    (pair,) = open_dive(write_bag(tmp_path / "b.mcap", sent), topics, InputConfig()).pairing.pairs
+    assert pair.left.suffix == ".png"
+    assert (read_image(pair.left)[..., 0] == pixels).all()
+    coded = [compressed(s.topic, START_NS, content, form.replace("16UC1", "32FC1")) for s in sent]
+    (pair,) = open_dive(write_bag(tmp_path / "c.mcap", coded), topics, InputConfig()).pairing.pairs
+    with pytest.raises(InputError, match="JPEG and PNG are read"):
+        read_image(pair.left)
+
+
 def test_big_endian_pixels(tmp_path) -> None:
     pixels = picture(1, np.uint16, 1)
     sent = []

@@ -25,8 +25,14 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 STATIC_TRANSFORMS = "/tf_static"
 """Where the mounts are; /tf, which moves, is counted only."""
 
-INDEXED = frozenset({IMAGE, COMPRESSED, CAMERA_INFO, *POSES})
+FIX, IMU, PRESSURE = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
+
+INDEXED = frozenset({IMAGE, COMPRESSED, CAMERA_INFO, *POSES, FIX, IMU, PRESSURE})
 """Of these each message's place is kept, some hundred bytes; the others are counted."""
+
+THINNED = frozenset({IMU, PRESSURE})
+THINNED_NS = 20_000_000
+"""Of sensors that send hundreds of messages a second one in 20 ms is kept: a vehicle turns little in that time."""
 
 HEAD_BYTES = 32
 CACHED_CHUNKS = 4
@@ -84,6 +90,7 @@ class _Gathered:
     count: int = 0
     first_ns: int = 1 << 63
     last_ns: int = 0
+    kept_ns: int = -THINNED_NS
     entries: list[Entry] = field(default_factory=list)
 
 
@@ -109,6 +116,9 @@ def open_bag(path: Path) -> Bag:
             topic.first_ns, topic.last_ns = min(topic.first_ns, message.time_ns), max(topic.last_ns, message.time_ns)
             if message.channel.msgtype in INDEXED or message.channel.topic == STATIC_TRANSFORMS:
                 stamp_ns = _stamp_ns(message, file)
+                if message.channel.msgtype in THINNED and 0 <= stamp_ns - topic.kept_ns < THINNED_NS:
+                    continue
+                topic.kept_ns = stamp_ns
                 unstamped[message.channel.topic] += not stamp_ns
                 topic.entries.append(Entry(message.channel, stamp_ns or message.time_ns, file, message.place))
         problems += [f"{file}: {problem}" for problem in dict.fromkeys(said)]

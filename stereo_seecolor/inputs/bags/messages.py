@@ -38,6 +38,9 @@ PACKED = {
     "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
     "yuyv": cv2.COLOR_YUV2RGB_YUY2,
 }
+DEPTH_HEADER_BYTES = 12
+"""What compressed_depth_image_transport writes before the PNG: an int and two floats."""
+
 _BLUE_FIRST = ("bgr", "8UC3", "16UC3", "8UC4")
 
 
@@ -58,7 +61,7 @@ def image_suffix(entry: Entry) -> str:
     """The suffix of the image file that the message becomes."""
     if entry.channel.msgtype != COMPRESSED:
         return ".tif"
-    return ".png" if bytes(decode(entry).data[:8]) == PNG_SIGNATURE else ".jpg"
+    return ".png" if _compressed(decode(entry)).startswith(PNG_SIGNATURE) else ".jpg"
 
 
 def image_content(entry: Entry) -> bytes:
@@ -73,7 +76,7 @@ def message_content(message: Any, msgtype: str, where: str) -> bytes:
     """A decoded image message as the content of an image file; ``where`` is for the errors. Raises InputError."""
     if msgtype != COMPRESSED:
         return tiff(_pixels(message, where))
-    content = bytes(message.data)
+    content = _compressed(message)
     if not content.startswith((PNG_SIGNATURE, JPEG_SIGNATURE)):
         raise InputError(f"{where}: is compressed as {message.format!r}: JPEG and PNG are read")
     return content
@@ -88,6 +91,17 @@ def rig_of(left: Entry, right: Entry) -> StereoRig:
         if str(left.path) in str(error):
             raise
         raise CalibrationError(f"{left.path}: camera_info: {error}; or give --calib") from error
+
+
+def _compressed(message: Any) -> bytes:
+    """The image file in a CompressedImage. compressedDepth, with or without the word png after it, puts 12 bytes before the file.
+
+    Of depths in meters (32FC1) the file holds their inverse, coded by those bytes: such are not read.
+    """
+    content, form = bytes(message.data), str(message.format)
+    if "compressedDepth" not in form or form.startswith("32FC1"):
+        return content
+    return content[DEPTH_HEADER_BYTES:]
 
 
 def tiff(pixels: NDArray[Any]) -> bytes:

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.bags.bag import POSES, TRANSFORMS, Bag, Topic, open_bag
+from stereo_seecolor.inputs.bags.bag import FIX, POSES, TRANSFORMS, Bag, Topic, open_bag
+from stereo_seecolor.inputs.bags.fixes import fixed_track
 from stereo_seecolor.inputs.bags.messages import decode
 from stereo_seecolor.inputs.bags.topics import side_topics
 from stereo_seecolor.inputs.trajectories.axes import mount_offset_m, mount_rotation, poses, rotation_from_quaternion
@@ -31,13 +32,15 @@ Frames = dict[str, list[tuple[str, Array]]]
 
 
 def read_track(path: Path, mount: MountConfig) -> Trajectory:
-    """The raw left camera's poses by the bag's longest odometry, or else its longest topic of poses.
+    """The raw left camera's poses by the bag's longest odometry, or else its longest topic of poses, or else its satellite fixes.
 
     The camera sits where /tf_static says, else where ``mount`` does.
     Raises InputError if the bag holds no such topic, or one that is damaged; DeviceError if a library is missing.
     """
     bag = open_bag(path)
     topic = _track_topic(bag)
+    if topic is None:
+        return _by_fixes(bag, mount)
     entries = topic.entries[:: -(-len(topic.entries) // MOST_POSES)]
     messages = [decode(entry) for entry in entries]
     found = [_pose(message) for message in messages]
@@ -48,12 +51,25 @@ def read_track(path: Path, mount: MountConfig) -> Trajectory:
     return replace(Trajectory(("",) * len(T), times_s, T), camera="raw")
 
 
-def _track_topic(bag: Bag) -> Topic:
+def _by_fixes(bag: Bag, mount: MountConfig) -> Trajectory:
+    """The camera's track by satellite fixes and attitude. Raises InputError if the bag holds none."""
+    track = fixed_track(bag)
+    if track is None:
+        raise InputError(f"{bag.path}: holds no track: no topic of the types {', '.join((*POSES, FIX))}")
+    T_imu_camera = _body_from_camera(bag, track.imu_frame, mount)
+    T_imu_antenna = _between(_static_frames(bag), track.imu_frame, track.fix_frame)
+    if T_imu_antenna is not None:
+        T_imu_camera[:3, 3] -= T_imu_antenna[:3, 3]
+    T = track.T_world_body @ T_imu_camera
+    return Trajectory(("",) * len(T), track.times_s, T, origin=track.origin, camera="raw")
+
+
+def _track_topic(bag: Bag) -> Topic | None:
     for msgtype in POSES:
         topics = [topic for topic in bag.topics if topic.msgtype == msgtype and topic.entries]
         if topics:
             return max(topics, key=lambda topic: topic.count)
-    raise InputError(f"{bag.path}: holds no track: no topic of the types {', '.join(POSES)}")
+    return None
 
 
 def _pose(message: Any) -> Any:
