@@ -1,18 +1,21 @@
 """The light of a dive from what neighboring frames both show: features place the frames, their range maps find the same spots."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import cv2
 import numpy as np
 
 from calibration import RectifiedPair
+from stereo_seecolor.color.photometry.gain_chain import Difference, differences, solve_chain
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.sightings import KeyFrame, View, look
 from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m
+from stereo_seecolor.mapping.track.features import SETTINGS as FEATURES
 from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
@@ -21,22 +24,37 @@ ReadFrame = Callable[[], tuple[Image, Map]]
 
 
 @dataclass(frozen=True)
-class SightingSettings:
+class Look:
     """How spots are found that several frames show."""
 
-    width_px: int = 700
+    width_px: int
     """Images are reduced to about it: lamps and lenses are smooth, and a fourth of the pixels takes a fourth of the time."""
+    features: int
+    """By which a frame is placed against another."""
+    back: tuple[int, ...]
+    """Frames before that each frame is held against."""
     patches: int = 800
     """Spots looked for in each frame, on a grid: some 500 are seen again."""
-    back: tuple[int, ...] = (1, 2, 4)
-    """Frames before that each frame is held against: the farther, the more of the picture a spot has crossed."""
+
+
+WHOLE = Look(width_px=700, features=2000, back=(1, 2, 4))
+"""For the pattern: the farther back, the more of the picture a spot has crossed."""
+NEIGHBORS = Look(width_px=480, features=800, back=(1, 2, 4))
+"""For the gains of a long dive, of every frame: a third of the time. Without the fourth before gains drift (offsets of 0.11 instead
+of 0.09 on a real dive)."""
+
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Of which frames of a long dive the pattern is solved."""
+
     stretch: int = 5
-    """Frames of a stretch where only stretches of a long dive are looked at: one more than the farthest back."""
+    """Frames of a stretch: one more than the farthest back."""
     most_frames: int = 60
-    """Looked at in a dive: 60 frames give 60,000 sightings for at most 150 numbers."""
+    """In all: 60 frames give 60,000 sightings for at most 150 numbers."""
 
 
-SETTINGS = SightingSettings()
+SAMPLE = SampleSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +74,6 @@ class _Seen:
     number: int
     view: View
     features: Features
-    geometry: RectifiedPair
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,66 +85,90 @@ class LightSearch:
     encoding: InputEncoding
 
     def solve(self, allowed: Use) -> Found:
-        """The light of the dive, with terms that are ``allowed``; on this machine, also where others do the frames."""
+        """The light of the dive, with terms that are ``allowed``; on this machine, also where others do the frames.
+
+        The pattern of a long dive is solved from a part of it, and then all frames are looked at for their gains.
+        """
         names = [name for name, _ in self.frames]
         chosen = looked_at(len(names))
-        whole = len(chosen) == len(names)
-        windows = list(self._windows(Threads(cores()).each(self._seen, chosen)))
-        linked = {k for window in windows for k in range(int(window.frames.min()) + 1, int(window.frames.max()) + 1)}
-        allowed = allowed if whole else allowed._replace(gains=False)
-        light = solve_light(windows, names, windows_size(self.geometry), allowed)
-        return Found(light, tuple(names[k] for k in sorted(linked)))
+        windows = list(self._windows(chosen, WHOLE))
+        links = _Links()
+        for window in windows:
+            links.add(window)
+        light = solve_light(windows, names, reduced(self.geometry, WHOLE).image_size, allowed)
+        if light and len(chosen) < len(names) and allowed.gains:
+            light = self._followed(light, self._windows(range(len(names)), NEIGHBORS), NEIGHBORS, links)
+        elif light and light.solved.gains:
+            light = self._followed(light, windows, WHOLE, links)
+        return Found(light, tuple(names[k] for k in sorted(links.frames)))
 
-    def _seen(self, number: int) -> _Seen:
+    def _followed(self, light: SurveyLight, windows: Iterable[SeenWindow], how: Look, links: "_Links") -> SurveyLight:
+        """With the gains of all frames; with none where they do not help."""
+        size = reduced(self.geometry, how).image_size
+        found: list[Difference] = []
+        for window in windows:
+            links.add(window)
+            found.extend(differences(window, light, size))
+        chain = solve_chain(found, len(self.frames))
+        measured = np.flatnonzero(chain.measured).tolist() if chain.gains.any() else []
+        return light.with_gains({self.frames[k][0]: chain.gains[k] for k in measured}, chain.offsets)
+
+    def _windows(self, numbers: Sequence[int], how: Look) -> Iterator[SeenWindow]:
+        """One for each frame: its spots, where frames before it show them too."""
+        geometry = reduced(self.geometry, how)
+        last: list[_Seen] = []
+        for frame in Threads(cores()).each(partial(self._seen, how), numbers):
+            before = [other for other in last if frame.number - other.number in how.back]
+            views, seen_by = [frame.view], [frame.number]
+            for other in before:
+                pose = relative_pose(frame.features, other.features, geometry)
+                if pose is not None:
+                    views.append(replace(other.view, T_world_camera=pose.T_a_b))
+                    seen_by.append(other.number)
+            if len(views) > 1:
+                yield SeenWindow(np.array(seen_by), look(frame.view.patches_m(how.patches), views))
+            last = [*last, frame][-max(how.back) :]
+
+    def _seen(self, how: Look, number: int) -> _Seen:
         image, range_m = self.frames[number][1]()
-        every = reduction(self.geometry)
+        every, geometry = reduction(self.geometry, how), reduced(self.geometry, how)
         height, width = (side // every for side in range_m.shape)
         small = cv2.resize(image[: height * every, : width * every], (width, height), interpolation=cv2.INTER_AREA)
         ranges = np.ascontiguousarray(range_m[every // 2 :: every, every // 2 :: every][:height, :width])
-        geometry = reduced(self.geometry)
         shown = small if small.dtype == np.uint8 else (small >> 8).astype(np.uint8)
         known = np.isfinite(ranges).astype(np.float32)
         frame = SurveyFrame("", None, shown, ranges, estimated_range_std_m(ranges, geometry), known)
         view = View.of(KeyFrame(small, ranges, np.eye(4)), geometry, self.encoding)
-        return _Seen(number, view, detect(frame, geometry), geometry)
+        return _Seen(number, view, detect(frame, geometry, replace(FEATURES, max_features=how.features)))
 
-    def _windows(self, frames: Iterator[_Seen]) -> Iterator[SeenWindow]:
-        """One for each frame: its spots, where frames before it show them too."""
-        last: list[_Seen] = []
-        for frame in frames:
-            before = [other for other in last if frame.number - other.number in SETTINGS.back]
-            views, numbers = [frame.view], [frame.number]
-            for other in before:
-                pose = relative_pose(frame.features, other.features, frame.geometry)
-                if pose is not None:
-                    views.append(replace(other.view, T_world_camera=pose.T_a_b))
-                    numbers.append(other.number)
-            if len(views) > 1:
-                yield SeenWindow(np.array(numbers), look(frame.view.patches_m(SETTINGS.patches), views))
-            last = [*last, frame][-max(SETTINGS.back) :]
+
+class _Links:
+    """frames: numbers of those that show what a frame before them shows, and of all between."""
+
+    def __init__(self) -> None:
+        self.frames: set[int] = set()
+
+    def add(self, window: SeenWindow) -> None:
+        """The frames of one more window."""
+        self.frames.update(range(int(window.frames.min()) + 1, int(window.frames.max()) + 1))
 
 
 def looked_at(frames: int) -> list[int]:
-    """Which of a dive's frames are looked at: all of a short one, stretches spread over a long one."""
-    if frames <= SETTINGS.most_frames:
+    """Of which of a dive's frames the pattern is solved: all of a short one, stretches spread over a long one."""
+    if frames <= SAMPLE.most_frames:
         return list(range(frames))
-    starts = np.linspace(0, frames - SETTINGS.stretch, SETTINGS.most_frames // SETTINGS.stretch).astype(int)
-    return sorted({int(start) + k for start in starts for k in range(SETTINGS.stretch)})
+    starts = np.linspace(0, frames - SAMPLE.stretch, SAMPLE.most_frames // SAMPLE.stretch).astype(int)
+    return sorted({int(start) + k for start in starts for k in range(SAMPLE.stretch)})
 
 
-def reduction(geometry: RectifiedPair) -> int:
+def reduction(geometry: RectifiedPair, how: Look) -> int:
     """Pixels of the image a pixel of the reduced one."""
-    return max(1, round(geometry.image_size[0] / SETTINGS.width_px))
+    return max(1, round(geometry.image_size[0] / how.width_px))
 
 
-def windows_size(geometry: RectifiedPair) -> tuple[int, int]:
-    """(width, height) of the reduced images."""
-    width, height = geometry.image_size
-    return width // reduction(geometry), height // reduction(geometry)
-
-
-def reduced(geometry: RectifiedPair) -> RectifiedPair:
+def reduced(geometry: RectifiedPair, how: Look) -> RectifiedPair:
     """The geometry of the reduced images."""
-    every = reduction(geometry)
+    every = reduction(geometry, how)
     cx, cx_right, cy = ((c + 0.5) / every - 0.5 for c in (geometry.cx_left_px, geometry.cx_right_px, geometry.cy_px))
-    return RectifiedPair(geometry.focal_px / every, cx, cx_right, cy, geometry.baseline_m, windows_size(geometry))
+    size = geometry.image_size[0] // every, geometry.image_size[1] // every
+    return RectifiedPair(geometry.focal_px / every, cx, cx_right, cy, geometry.baseline_m, size)

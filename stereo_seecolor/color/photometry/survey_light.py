@@ -1,7 +1,7 @@
 """The light of a survey from sightings: what the dive determines of it, and how much that helps."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -39,11 +39,20 @@ class SeenWindow:
 
 @dataclass(frozen=True, eq=False)
 class SurveyLight:
-    """light: of the survey, None where no term of it helps. luminance, color: what was chosen of each, and how much it helps."""
+    """solved: the light of the survey; terms that do not help are 0. luminance, color: what was chosen of each, and how much it
+    helps. offsets: rms of luminance between neighbors over a long dive, without and with the gains of all frames; None for a short
+    one, whose gains are chosen with the rest.
+    """
 
-    light: Light | None
+    solved: Light
     luminance: Choice
     color: Choice
+    offsets: tuple[float, float] | None = None
+
+    @property
+    def light(self) -> Light | None:
+        """None where no term of it helps."""
+        return self.solved if any(self.luminance.use) or any(self.color.use) or self.solved.gains else None
 
     @property
     def note(self) -> str:
@@ -51,23 +60,39 @@ class SurveyLight:
         if self.light is None:
             return ""
         parts = []
-        if any(self.luminance.use):
-            before, after = self.luminance.before, self.luminance.after
+        luminance, color = self.luminance, self.color
+        if any(luminance.use):
+            before, after = luminance.before, luminance.after
             parts.append(
-                f"{self.luminance.use} taken out: one spot's brightness differs by {100 * after.between_views:.0f} % between views "
-                f"(before {100 * before.between_views:.0f} %) and by {100 * after.between_frames:.0f} % between frames "
-                f"(before {100 * before.between_frames:.0f} %)"
+                f"{luminance.use} taken out: one spot's brightness differs by {_percent(after.between_views)} between views "
+                f"(before {_percent(before.between_views)}) and by {_percent(after.between_frames)} between frames "
+                f"(before {_percent(before.between_frames)})"
             )
-        if any(self.color.use):
-            before_deg, after_deg = (np.degrees(ANGLE * part.between_views) for part in (self.color.before, self.color.after))
-            parts.append(f"in color: {self.color.use}: {after_deg:.1f} degrees between views (before {before_deg:.1f})")
+        if any(color.use):
+            before_deg, after_deg = (np.degrees(ANGLE * part.between_views) for part in (color.before, color.after))
+            parts.append(f"in color: {color.use}: {after_deg:.1f} degrees between views (before {before_deg:.1f})")
+        if self.offsets and self.solved.gains:
+            without, with_gains = (_percent(offset) for offset in self.offsets)
+            parts.append(f"a gain for each of {len(self.solved.gains)} frames: {with_gains} between neighbors (before {without})")
         return f"light: {'; '.join(parts)}; on spots left out of the fit"
+
+    def at(self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
+        """(N, 3) logarithm of the light, but for gains, at (N, 2) pixels of a picture of ``size`` and (N,) ranges: the pattern, and
+        how light falls off with range, water and lamps together.
+        """
+        trend = self.luminance.solution.trend + self.color.solution.trend
+        return self.solved.log_pattern(pixel, range_m, size) + self.solved.log_range(range_m)[:, None] * trend
+
+    def with_gains(self, gains: Mapping[str, NDArray[np.float64]], offsets: tuple[float, float]) -> "SurveyLight":
+        """The same with other gains of frames, by name."""
+        return replace(self, solved=replace(self.solved, gains=gains), offsets=offsets)
 
     def content(self) -> dict[str, Any]:
         """As water.json holds it."""
         return {
             "luminance": _choice(self.luminance),
             "color": _choice(self.color),
+            **({} if self.offsets is None else {"spread_between_neighbors": list(self.offsets)}),
             **({} if self.light is None else self.light.content()),
         }
 
@@ -83,25 +108,31 @@ def solve_light(windows: Sequence[SeenWindow], names: Sequence[str], size: tuple
         return None
     near_m, far_m = (float(value) for value in np.quantile(ranges, LIMITS.range_quantiles))
     views = Views(size, float(np.median(ranges)), (near_m, far_m))
-    made = [views.window(window.seen, window.frames, _usable(window.seen)) for window in windows]
+    made = [views.window(window.seen, window.frames, usable(window.seen)) for window in windows]
     made = [window for window in made if len(window.patch)]
     if not made:
         return None
     priors = LightPrior.unknown(LUMINANCE), LightPrior.lamps(views.reference_m)
-    luminance = choose(made, [_mean(window) for window in made], allowed, len(names), priors)
+    made, measured = _numbered(made)
+    luminance = choose(made, [_mean(window) for window in made], allowed, len(measured), priors)
     colors = [window.log_light - _mean(window) for window in made]
-    color = choose(made, colors, allowed, len(names), (LightPrior.unknown(COLOR),))
-    if not any(luminance.use) and not any(color.use):
-        return SurveyLight(None, luminance, color)
+    color = choose(made, colors, allowed, len(measured), (LightPrior.unknown(COLOR),))
     gains = luminance.solution.gains + color.solution.gains
-    measured = np.unique(np.concatenate([window.frame for window in made])) if gains.any() else np.zeros(0, int)
     coefficients = luminance.solution.coefficients + color.solution.coefficients
     fade = -float(luminance.solution.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0
-    by_name = {names[frame]: gains[frame] for frame in measured}
+    by_name = {names[frame]: gain for frame, gain in zip(measured, gains, strict=True)} if gains.any() else {}
     return SurveyLight(Light(coefficients, views.reference_m, views.seen_m, by_name, fade), luminance, color)
 
 
-def _usable(seen: Sightings) -> NDArray[np.bool_]:
+def _numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
+    """The windows with only the frames that they hold numbered, and which of the dive's frames these are."""
+    measured, numbers = np.unique(np.concatenate([window.frame for window in windows]), return_inverse=True)
+    parts = np.split(numbers, np.cumsum([len(window.frame) for window in windows[:-1]]))
+    return [replace(window, frame=frame) for window, frame in zip(windows, parts, strict=True)], measured
+
+
+def usable(seen: Sightings) -> NDArray[np.bool_]:
+    """(N,) which sightings are neither dark nor near clipping."""
     darkest, brightest = LIMITS.light
     return np.asarray(((seen.light > darkest) & (seen.light < brightest)).all(axis=1))
 
@@ -109,6 +140,10 @@ def _usable(seen: Sightings) -> NDArray[np.bool_]:
 def _mean(window: Window) -> NDArray[np.float64]:
     """(N, 1) luminance: the mean logarithm of the channels."""
     return np.asarray(window.log_light.mean(axis=1, keepdims=True))
+
+
+def _percent(logarithm: float) -> str:
+    return f"{100 * logarithm:.0f} %"
 
 
 def _choice(choice: Choice) -> dict[str, Any]:

@@ -1,0 +1,158 @@
+"""The gain of every frame of a dive: how much neighbors differ where they show the same patches, solved as one chain.
+
+The pattern over the picture and the trend with range are known by then (of a long dive from a part of it), so all that is kept of
+two frames is one difference (luminance, and three of color), and how many patches it stems from. The frames' gains follow from a
+banded system.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from stereo_seecolor.color.photometry.light_prior import COLOR
+from stereo_seecolor.color.photometry.light_solver import ROBUST_DEVIATION
+from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, usable
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class ChainSettings:
+    """How differences between frames are trusted."""
+
+    least_patches: int = 20
+    """Seen by both frames, for the fit and for judging it each: the median of fewer follows single caustics."""
+    alike: float = 10.0
+    """So many patches count as one, as in the solver of the pattern."""
+    gain: float = 0.3
+    """Prior standard deviation of a frame's gain of luminance, logarithm. Twice that of the joint solution: a slope of the pattern
+    can no longer be taken for a drift. On half of the patches of a real dive, 0.15 leaves offsets of 0.082 on the others, 0.3 and
+    0.6 leave 0.074."""
+    floor: tuple[float, float] = (0.05, 0.01)
+    """Least standard error of a difference of luminance and of color, logarithm: what pattern and trend are off by for all patches
+    together."""
+    outlier: float = 2.0
+    """Standard errors beyond which a difference weighs less than half (Cauchy): a wrong pose, a cloud of sand."""
+    rounds: int = 5
+    """Of new weights."""
+    offset: float = 0.03
+    """Offsets between frames (rms, logarithm) that are worth a gain for each frame,"""
+    left: float = 0.8
+    """if at most this fraction of them is left, on patches that took no part."""
+
+
+SETTINGS = ChainSettings()
+_LUMINANCE, _COLOR = slice(0, 1), slice(1, 4)
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """Between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B) over patches.
+
+    whole (4,): of all patches. fitted, judged (4,): of each half of them. spread (4,): robust standard deviation of one patch's.
+    patches: how many.
+    """
+
+    i: int
+    j: int
+    whole: Array
+    fitted: Array
+    judged: Array
+    spread: Array
+    patches: int
+
+
+def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Iterator[Difference]:
+    """Between the first frame of a window and each of the others, once the light's pattern and trend are taken out.
+
+    size: of the pictures that the sightings' pixels are of.
+    """
+    good = usable(window.seen)
+    seen = window.seen
+    patch, frame = seen.patch[good], seen.frame[good]
+    left = np.log(seen.light[good]) - light.at(seen.pixel[good], seen.range_m[good], size)
+    luminance = left.mean(axis=1, keepdims=True)
+    values = np.concatenate([luminance, left - luminance], axis=1)
+    first = np.flatnonzero(frame == 0)
+    for other in range(1, len(window.frames)):
+        there = np.flatnonzero(frame == other)
+        common, a, b = np.intersect1d(patch[first], patch[there], assume_unique=True, return_indices=True)
+        difference = values[first[a]] - values[there[b]]
+        held = (common // 2) % 2 == 1
+        if min(held.sum(), (~held).sum()) >= SETTINGS.least_patches:
+            whole, fitted, judged = (np.median(difference[part], axis=0) for part in (held | ~held, ~held, held))
+            spread = ROBUST_DEVIATION * np.median(np.abs(difference - whole), axis=0)
+            yield Difference(int(window.frames[0]), int(window.frames[other]), whole, fitted, judged, spread, len(common))
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """gains: (F, 3) logarithms of R, G, B, 0 where they do not help. measured (F,): frames that were held against others.
+    offsets: rms of the luminance between frames, without and with gains, on patches that took no part.
+    """
+
+    gains: Array
+    measured: NDArray[np.bool_]
+    offsets: tuple[float, float]
+
+
+def solve_chain(found: Iterable[Difference], frames: int) -> Chain:
+    """The gains of luminance and of color, each if they help."""
+    every = list(found)
+    measured = np.zeros(frames, np.bool_)
+    measured[[k for difference in every for k in (difference.i, difference.j)]] = True
+    halves, outputs = (_outputs(every, frames, [getattr(d, part) for d in every]) for part in ("fitted", "whole"))
+    luminance, color = (_offsets(every, halves[:, part], part) for part in (_LUMINANCE, _COLOR))
+    gains = outputs[:, _LUMINANCE] * _helps(luminance) + outputs[:, _COLOR] * _helps(color)
+    return Chain(gains, measured, luminance)
+
+
+def _offsets(every: Sequence[Difference], gains: Array, part: slice) -> tuple[float, float]:
+    """rms between frames on patches that took no part, without and with gains."""
+    if not every:
+        return 0.0, 0.0
+    patches = [difference.patches for difference in every]
+    before = np.stack([difference.judged[part] for difference in every])
+    after = before - np.stack([gains[difference.i] - gains[difference.j] for difference in every])
+    rms = [float(np.sqrt(np.average((off**2).mean(axis=1), weights=patches))) for off in (before, after)]
+    return rms[0], rms[1]
+
+
+def _helps(offsets: tuple[float, float]) -> bool:
+    before, after = offsets
+    return before > SETTINGS.offset and after < SETTINGS.left * before
+
+
+def _outputs(every: Sequence[Difference], frames: int, medians: Sequence[Array]) -> Array:
+    """(F, 4) gains that explain the medians best, of luminance and of color."""
+    if not every:
+        return np.zeros((frames, 4))
+    i, j = np.array([(difference.i, difference.j) for difference in every], np.int64).T
+    solved = []
+    for output, values in enumerate(np.stack(medians, axis=1)):
+        deviation, floor = (COLOR.gain, SETTINGS.floor[1]) if output else (SETTINGS.gain, SETTINGS.floor[0])
+        variance = np.array([d.spread[output] ** 2 * SETTINGS.alike / d.patches for d in every]) + floor**2
+        solved.append(_chain(i, j, values, variance, np.full(frames, deviation)))
+    return np.stack(solved, axis=1)
+
+
+def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Array) -> Array:
+    """(F,) gains about 0 whose differences are the values: least squares with Cauchy weights and the prior of a gain, banded."""
+    frames, reach = len(deviation), int((i - j).max())
+    weight, gains = 1.0 / variance, np.zeros(frames)
+    for _ in range(SETTINGS.rounds):
+        band, slope = np.zeros((reach + 1, frames)), np.zeros(frames)
+        band[0] = deviation**-2
+        np.add.at(band[0], i, weight)
+        np.add.at(band[0], j, weight)
+        np.add.at(band, (i - j, j), -weight)
+        np.add.at(slope, i, weight * value)
+        np.add.at(slope, j, -weight * value)
+        gains = solveh_banded(band, slope, lower=True)
+        off = value - gains[i] + gains[j]
+        weight = 1.0 / (variance * (1.0 + off**2 / (SETTINGS.outlier**2 * variance)))
+    return np.asarray(gains - gains.mean(), np.float64)
