@@ -136,6 +136,7 @@ def test_calibration_that_is_no_yaml(make_dive, cli, tmp_path) -> None:
     assert said.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_swapped_folders_are_noticed(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
     words = ["run", "--left", str(dive.root / "R"), "--right", str(dive.root / "L"), "--calib", str(dive.root / "cam.yaml")]

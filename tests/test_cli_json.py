@@ -47,6 +47,7 @@ def test_every_command_has_a_shape_here() -> None:
     assert {name for commands in COMMANDS.values() for name in commands} == {shape.split()[0] for shape in SHAPES}
 
 
+@pytest.mark.slow
 def test_the_commands_over_pairs(make_dive, parsed, tmp_path) -> None:
     dive = make_dive(2)
     (dive.root / "R/0001.png").write_bytes(b"")
@@ -80,6 +81,7 @@ def test_shards_and_states(make_dive, parsed, tmp_path) -> None:
     assert runs[0]["failures"][0][1:] == [1, "0001"]
 
 
+@pytest.mark.slow
 def test_a_dive_before_it_is_run(make_dive, parsed) -> None:
     dive = make_dive(2)
     found = parsed("inspect", "inspect", dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
@@ -104,10 +106,12 @@ def test_live(make_dive, parsed) -> None:
     assert parsed("live", "live", *words)["done"] == 1
 
 
+@pytest.mark.slow
 def test_two_videos(parsed, tmp_path) -> None:
     assert parsed("sync", "sync", *write_pair(tmp_path, 0.1, seconds=6))["pairs"] > 150
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("open3d")
 def test_the_map_is_part_of_the_object(make_dive, parsed, tmp_path) -> None:
     dive, poses = make_dive(2), tmp_path / "track.tum"

@@ -17,6 +17,7 @@ def run(*words: str | Path, **options) -> subprocess.CompletedProcess[str]:
     return subprocess.run([*PROGRAM, *map(str, words)], text=True, stderr=subprocess.PIPE, **options)
 
 
+@pytest.mark.slow
 @needs_dev_full
 @pytest.mark.parametrize("words", [("config",), ("config", "--json"), ("--version",), ("convert-calib", "nowhere", "x", "--json")])
 def test_output_to_a_full_device_is_an_error_in_one_line(words) -> None:
@@ -35,6 +36,7 @@ def test_a_reader_that_has_gone_ends_the_program_in_silence() -> None:
     assert (ended.returncode, ended.stderr) == (1, "")
 
 
+@pytest.mark.slow
 @needs_dev_full
 def test_messages_that_cannot_be_written_are_no_error() -> None:
     with Path("/dev/full").open("w") as full:

@@ -25,6 +25,7 @@ def frame(depth):
     return image, range_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", [8, 16])
 def test_tables_are_equal(depth):
     image, range_m = frame(depth)

@@ -101,6 +101,7 @@ def test_terms_that_are_switched_off_are_not_used() -> None:
     assert (found.luminance.use.pattern, found.luminance.use.gains, found.light.gains) == (True, False, {})
 
 
+@pytest.mark.slow
 def test_the_fall_off_of_lamps_is_what_water_does_not_explain() -> None:
     found = solved(True, np.zeros((FRAMES, 3)), 0.05, fade=2.0)
     assert found.light is not None

@@ -41,6 +41,7 @@ def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "out"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", EXPORT_FORMATS)
 def test_the_run_is_left_as_it_is(fused: Path, tmp_path: Path, format: str) -> None:
     before = {path: path.stat().st_mtime_ns for path in fused.rglob("*")}
@@ -106,6 +107,7 @@ def test_metashapes_cameras_are_the_tracks_poses(fused: Path, tmp_path: Path) ->
     assert sorted(path.stem for path in (tmp_path / "to" / "images").iterdir()) == sorted(truth.names)
 
 
+@pytest.mark.slow
 def test_the_glb_is_the_mesh(fused: Path, tmp_path: Path) -> None:
     import trimesh
 
@@ -119,6 +121,7 @@ def test_the_glb_is_the_mesh(fused: Path, tmp_path: Path) -> None:
     assert high[1] - low[1] < 0.1 < high[2] - low[2], "y is up, and the bottom is flat"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("node"), reason="Node is not installed")
 def test_the_khronos_validator_finds_nothing(fused: Path, tmp_path: Path) -> None:
     folder = tmp_path / "validator"

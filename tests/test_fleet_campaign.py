@@ -69,6 +69,7 @@ def test_what_is_wrong_with_a_campaigns_file_is_said(tmp_path, text: str, messag
         CampaignFile.read(tmp_path / "campaign.yaml")
 
 
+@pytest.mark.slow
 def test_a_plan_grows_with_the_pairs_and_shrinks_with_the_workers(make_dive) -> None:
     dive = make_dive(12)
     found = plan(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", workers=(1, 2))

@@ -45,6 +45,7 @@ def whole(dive, tmp_path: Path, config: RunConfig | None = None) -> dict[str, by
     return contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 def test_merged_shards_are_the_same_bytes_as_one_run_and_a_run_into_them_has_nothing_to_do(make_dive, tmp_path) -> None:
     dive = make_dive(5)
     (dive.root / "R/0003.png").write_bytes(b"")

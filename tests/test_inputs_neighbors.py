@@ -54,6 +54,7 @@ def test_a_damaged_neighbor_is_passed_over(make_dive) -> None:
     assert neighbor_that_fits(pairs[0], pairs, rectification, InputConfig()) is None
 
 
+@pytest.mark.slow
 def test_a_run_names_the_neighbor_that_fits(make_dive, tmp_path: Path) -> None:
     dive = make_dive(4)
     renumber(dive.root / "L", 0)

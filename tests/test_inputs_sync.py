@@ -38,18 +38,21 @@ def test_drift_is_found_in_a_longer_video(tmp_path: Path) -> None:
     assert abs(error_s(found, 0.71, drift)) < min(0.002, 3 * found.std_s)
 
 
+@pytest.mark.slow
 def test_sound_alone_is_enough(tmp_path: Path) -> None:
     found = sync(*write_pair(tmp_path, 0.3217, moves=False, sound=True))
     assert [item.kind for item in found.evidence] == ["sound"]
     assert abs(error_s(found, 0.3217, 0.0)) < min(0.001, 3 * found.std_s)
 
 
+@pytest.mark.slow
 def test_a_flash_alone_is_enough_for_the_nearest_frame(tmp_path: Path) -> None:
     found = sync(*write_pair(tmp_path, 0.72, moves=False, flash_s=3.0))
     assert [item.kind for item in found.evidence] == ["flash"]
     assert abs(error_s(found, 0.72, 0.0)) < 1 / RATE_HZ
 
 
+@pytest.mark.slow
 def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
     left, right = write_pair(tmp_path, -0.4, sound=True, flash_s=4.0)
     code, printed, said = cli("sync", left, right)
@@ -59,12 +62,14 @@ def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
     assert sync(left, right).pairs == pytest.approx(300 - 12, abs=2)
 
 
+@pytest.mark.slow
 def test_a_static_scene_is_refused(tmp_path: Path, cli) -> None:
     code, _, said = cli("sync", *write_pair(tmp_path, 0.3, moves=False))
     assert (code, said.count("\n")) == (1, 1)
     assert "nothing tells how their clocks run" in said
 
 
+@pytest.mark.slow
 def test_evidence_that_disagrees_is_refused(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 0.3, sound=True, sound_offset_s=0.9)
     with pytest.raises(InputError, match=r"motion says that the right clock is \+0.3.* sound says \+0.9"):
@@ -73,6 +78,7 @@ def test_evidence_that_disagrees_is_refused(tmp_path: Path) -> None:
         choose_frames(*videos, InputConfig())
 
 
+@pytest.mark.slow
 def test_other_dives_are_refused(tmp_path: Path) -> None:
     left, _ = write_pair(tmp_path / "a", 0.0)
     _, right = write_pair(tmp_path / "b", 40.0)
@@ -88,6 +94,7 @@ def test_what_is_no_video_is_one_line(tmp_path: Path) -> None:
             sync(tmp_path / name, tmp_path / name)
 
 
+@pytest.mark.slow
 def test_damaged_videos_are_one_line_or_read_as_far_as_they_go(tmp_path: Path) -> None:
     left, right = write_pair(tmp_path, 0.2, seconds=4)
     content, rng = right.read_bytes(), np.random.default_rng(1)
@@ -105,6 +112,7 @@ def test_damaged_videos_are_one_line_or_read_as_far_as_they_go(tmp_path: Path) -
             assert abs(found.offset_s - 0.2) < 0.1
 
 
+@pytest.mark.slow
 def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 10 / RATE_HZ, seconds=6)
     choice = choose_frames(*videos, InputConfig())
@@ -117,6 +125,7 @@ def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
     assert unpack(*videos, tmp_path / "frames", InputConfig(video_every=20)).left == frames.left
 
 
+@pytest.mark.slow
 def test_an_offset_can_be_given(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 0.0, seconds=4, moves=False)
     choice = choose_frames(*videos, InputConfig(video_offset_s=1.0))
