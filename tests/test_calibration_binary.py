@@ -1,7 +1,6 @@
 """Binary formats: the rays that went in come out, conventions and units are decided by evidence, nothing is run."""
 
 import pickle
-import resource
 import struct
 import time
 from pathlib import Path
@@ -190,9 +189,12 @@ FILES = {
 }
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize("name", FILES)
 def test_damaged_files_give_one_line_soon(name: str, tmp_path: Path) -> None:
     """Cut off anywhere, bytes changed, filled with noise: a rig or one line, in time, memory and without code."""
+    import resource
+
     file = tmp_path / "calib.bin"
     FILES[name](file)  # type: ignore[no-untyped-call]
     good = file.read_bytes()

@@ -1,7 +1,6 @@
 """Broken calibration files: each gives one clear line, soon, and runs nothing."""
 
 import re
-import resource
 import time
 from pathlib import Path
 
@@ -101,8 +100,11 @@ def test_corpus_is_large_enough() -> None:
     assert len(CORPUS) >= 60
 
 
+@pytest.mark.posix
 @pytest.mark.parametrize("name", CORPUS)
 def test_one_clear_line_soon(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import resource
+
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "cam.yaml"
     file.write_bytes(CORPUS[name])

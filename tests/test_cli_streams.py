@@ -44,6 +44,7 @@ def test_messages_that_cannot_be_written_are_no_error() -> None:
     assert (ended.returncode, ended.stdout) == (1, "")
 
 
+@pytest.mark.posix
 def test_closed_streams_are_no_error() -> None:
     ended = subprocess.run(["sh", "-c", f"{sys.executable} -m stereo_seecolor config >&- 2>&-"])
     assert ended.returncode == 0
@@ -89,6 +90,7 @@ def test_ctrl_c_any_number_of_times(make_dive, tmp_path: Path, times: int) -> No
     assert not list(out.rglob("*.png.part"))
 
 
+@pytest.mark.posix
 def test_ctrl_c_before_the_work_begins() -> None:
     code = "import os, signal; from stereo_seecolor.cli import main; os.kill(os.getpid(), signal.SIGINT) if 0 else None\n"
     code += "import stereo_seecolor.cli.app as app; app.run_command_line = lambda: os.kill(os.getpid(), signal.SIGINT)\nmain()"

@@ -159,6 +159,7 @@ def test_an_error_names_the_layer_that_brought_the_value(tmp_path: Path) -> None
         load_config(tmp_path / "run.yaml", ["mapping.voxel_m=1", "mapping.tile_m=-1"])
 
 
+@pytest.mark.posix
 def test_a_named_pipe_is_no_configuration(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "run.yaml")
     with pytest.raises(ConfigError, match="is a named pipe"):

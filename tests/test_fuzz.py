@@ -1,7 +1,6 @@
 """Damaged files of every kind that the program reads: each is taken, or refused in one line, quickly and in little memory."""
 
 import random
-import resource
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -42,6 +41,7 @@ NUMBERS = [
 @contextmanager
 def bounded() -> Iterator[None]:
     """No more than five seconds, no more than a gibibyte over what the process has now."""
+    import resource
 
     def too_slow(*_: object) -> None:
         raise TimeoutError
@@ -171,6 +171,7 @@ KINDS: dict[str, tuple[Callable[[Path], list[Path]], Callable[[Path], object]]] 
 }
 
 
+@pytest.mark.posix
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_damaged_files(kind: str, tmp_path: Path) -> None:

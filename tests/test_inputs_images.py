@@ -111,6 +111,7 @@ def test_an_empty_file_is_said_to_be_empty(tmp_path: Path) -> None:
         read_image(tmp_path / "a.png")
 
 
+@pytest.mark.posix
 def test_a_named_pipe_is_refused_and_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.png")
     with pytest.raises(InputError, match=r"a\.png: is a named pipe, not a file"):

@@ -191,6 +191,7 @@ def test_one_name_in_both_folders_is_a_pair_whatever_words_it_holds(tmp_path: Pa
     assert names(tmp_path, [name], [name]) == [(Path(name).stem, name, name)]
 
 
+@pytest.mark.posix
 def test_pipes_folders_and_lost_links_are_named_and_not_opened(tmp_path: Path) -> None:
     left, right = folders(tmp_path, ["1.png", "2.png"], ["1.png", "2.png", "3.png", "4.png"])
     os.mkfifo(left / "3.png")

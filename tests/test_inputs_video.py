@@ -110,6 +110,7 @@ def test_an_unpacking_that_was_killed_begins_again(tmp_path: Path) -> None:
     assert len(list((tmp_path / "frames").iterdir())) == 1, "nothing is left of the killed one"
 
 
+@pytest.mark.posix
 def test_a_named_pipe_is_no_video(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "v.avi")
     with pytest.raises(InputError, match="is a named pipe, not a video"):

@@ -4,7 +4,6 @@ import csv
 import json
 import os
 import random
-import resource
 import signal
 import subprocess
 import sys
@@ -86,6 +85,7 @@ main()
 """
 
 
+@pytest.mark.posix
 def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes_for_a_run(make_dive, tmp_path, cli) -> None:
     """All frames are of the new settings then, and run.json is of the old ones."""
     dive, out = make_dive(2), tmp_path / "out"
@@ -118,6 +118,7 @@ def test_interrupt_tells_what_was_done_and_resumes(make_dive, tmp_path, at) -> N
     assert contents(out) == contents(tmp_path / "whole")
 
 
+@pytest.mark.posix
 @pytest.mark.slow
 def test_ctrl_c_on_the_command_line_exits_with_a_summary(make_dive, tmp_path) -> None:
     dive, out = make_dive(40), tmp_path / "out"
@@ -133,11 +134,14 @@ def test_ctrl_c_on_the_command_line_exits_with_a_summary(make_dive, tmp_path) ->
     assert not list(out.rglob(".writing-*"))
 
 
+@pytest.mark.posix
 @pytest.mark.slow
 def test_disk_full_is_one_line_and_resumable(make_dive, tmp_path) -> None:
     dive, out = make_dive(3), tmp_path / "out"
 
     def no_room() -> None:
+        import resource
+
         resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, 60_000))
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
