@@ -135,6 +135,7 @@ def test_what_is_no_video(tmp_path: Path) -> None:
         unpacked(tmp_path / "b.mp4", tmp_path / "b.mp4", tmp_path / "frames", every=1)
 
 
+@pytest.mark.slow
 def test_a_run_takes_videos(make_dive, tmp_path) -> None:
     dive = make_dive(2)
     for side in "LR":

@@ -28,6 +28,7 @@ def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     return call
 
 
+@pytest.mark.slow
 def test_a_dive_is_found_out(make_dive) -> None:
     dive = make_dive(4)
     found = inspect([dive.root])
@@ -43,6 +44,7 @@ def test_a_dive_is_found_out(make_dive) -> None:
     assert not found.measured.strobes
 
 
+@pytest.mark.slow
 def test_the_printed_command_works_and_inspect_writes_nothing(make_dive, cli, tmp_path, monkeypatch) -> None:
     dive = make_dive(2)
     before = sorted(tmp_path.rglob("*"))
@@ -55,6 +57,7 @@ def test_the_printed_command_works_and_inspect_writes_nothing(make_dive, cli, tm
     assert (tmp_path / "out" / "corrected" / "0000.png").exists()
 
 
+@pytest.mark.slow
 def test_sides_that_share_a_folder_and_run_by_pattern(make_dive, cli, tmp_path, monkeypatch) -> None:
     dive, both = make_dive(2), tmp_path / "both"
     both.mkdir()

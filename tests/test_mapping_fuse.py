@@ -123,6 +123,7 @@ def small_run(tmp_path: Path) -> Path:
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "harm"),
     [
@@ -197,6 +198,7 @@ def test_a_run_of_an_earlier_version_is_refused(small_run: Path) -> None:
         fuse_small(small_run)
 
 
+@pytest.mark.slow
 def test_two_programs_never_write_one_folder(small_run: Path) -> None:
     poses = small_run.with_name("track.tum")
     with held(small_run), pytest.raises(OutputError, match="another run is writing into it now"):
@@ -231,6 +233,7 @@ def test_linear_and_monochrome_images_become_colors_of_the_map() -> None:
     np.testing.assert_array_equal(eight_bit(encoded[..., 1].astype(np.uint16) * 257), [[[120, 120, 120]]])
 
 
+@pytest.mark.slow
 def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
     poses = small_run.with_name("track.tum")
     broken = track(4)
@@ -259,6 +262,7 @@ def test_a_fusion_that_is_stopped_leaves_the_earlier_map_as_it_was(small_run: Pa
     assert {path.name: path.read_bytes() for path in (small_run / "map").iterdir()} == before
 
 
+@pytest.mark.slow
 def test_a_map_without_the_libraries_of_geotiff_says_so(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(survey_map.georeference, "available", lambda: False)
     summary = fuse_small(small_run, small_run.with_name("track.tum"))
@@ -272,6 +276,7 @@ def test_a_folder_that_holds_no_run_is_left_as_it_was(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_the_command_names_what_is_missing_and_ends_with_3(
     small_run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

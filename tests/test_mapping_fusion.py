@@ -72,6 +72,7 @@ def test_tiles_join_without_seams(tmp_path: Path) -> None:
     np.testing.assert_array_equal(counts, np.unique(np.unique(whole_edges, axis=0, return_counts=True)[1], return_counts=True)[1])
 
 
+@pytest.mark.slow
 def test_a_fish_that_others_see_through_is_carved_away(tmp_path: Path) -> None:
     frames = [flat_frame(i, fish=i == 2) for i in range(5)]
     build_map(frames, PAIR, tmp_path, CONFIG, track(5, step_m=0.15))

@@ -114,6 +114,7 @@ def test_a_survey_too_long_for_its_voxels_is_refused(tmp_path: Path) -> None:
         build(tmp_path, trajectory, max_speed_m_s=1e6)
 
 
+@pytest.mark.slow
 def test_a_tile_without_a_surface_is_empty(tmp_path: Path) -> None:
     frames = [flat_frame(i) for i in range(3)]
     for frame in frames[1:]:  # ranges of one pixel in eight: no voxel has eight neighbors that are known

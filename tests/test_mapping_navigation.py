@@ -105,6 +105,7 @@ def test_true_poses_fit_and_stay(placed: Callable[..., Placed], reef: ReefFrames
     np.testing.assert_allclose(found.placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3], atol=0.01)
 
 
+@pytest.mark.slow
 def test_exact_poses_are_taken_as_they_are_without_a_track(
     placed: Callable[..., Placed], reef: ReefFrames, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -116,6 +117,7 @@ def test_exact_poses_are_taken_as_they_are_without_a_track(
     assert np.isfinite(found.position_residual_m).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("off_m", [[0.0, 0.06, 0.0], [0.0, 0.0, 0.06]])
 def test_a_line_that_lies_off_by_two_voxels_is_not_exact(survey: Survey, reef: ReefFrames, off_m: list[float]) -> None:
     """Neighbors on each line agree; the surface would be doubled where the lines overlap."""
@@ -229,6 +231,7 @@ def test_without_gtsam_poses_are_taken_as_given_and_it_is_said(
     np.testing.assert_array_equal(found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy()))
 
 
+@pytest.mark.slow
 def test_poses_that_cannot_be_measured_are_used_and_end_with_3(tmp_path: Path) -> None:
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     assert summary.placed == 4
