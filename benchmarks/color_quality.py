@@ -30,8 +30,8 @@ Method = Callable[[Case], Result]
 WATERS = ("blue-ocean", "coastal-green", "turbid")
 
 
-def bins_of_range(image: np.ndarray, range_m: np.ndarray, share: float, norm: float, bins: int = 20) -> np.ndarray:
-    """The darkest hundredth of each bin of range, or a share of it, subtracted; one gain a channel and bin, from the norm of its
+def bins_of_range(image: np.ndarray, range_m: np.ndarray, fraction: float, norm: float, bins: int = 20) -> np.ndarray:
+    """The darkest hundredth of each bin of range, or a fraction of it, subtracted; one gain a channel and bin, from the norm of its
     colors, log-linear in range; exposed like the other baselines."""
     known = np.isfinite(range_m)
     edges = np.quantile(range_m[known], np.linspace(0, 1, bins + 1))
@@ -41,7 +41,7 @@ def bins_of_range(image: np.ndarray, range_m: np.ndarray, share: float, norm: fl
         inside = known & (bin_of == b)
         if inside.sum() < 20:
             continue
-        direct[inside] = np.maximum(image[inside] - share * np.quantile(image[inside], 0.01, axis=0), 0)
+        direct[inside] = np.maximum(image[inside] - fraction * np.quantile(image[inside], 0.01, axis=0), 0)
         ranges.append(range_m[inside].mean())
         levels.append(np.log((direct[inside] ** norm).mean(axis=0) ** (1 / norm) + 1e-4))
     slope = len(ranges) > 1 and np.ptp(ranges) > 1e-3
@@ -155,7 +155,7 @@ def table(title: str, cases: list[Case], methods: dict[str, Method]) -> None:
 
 
 def card_table(data: Path, methods: dict[str, Method]) -> None:
-    """psi and clipped share on FLSea's white cards."""
+    """psi and clipped fraction on FLSea's white cards."""
     flsea = data / "flsea"
     print("\n### White cards of FLSea\n\n| method | psi, degrees, card by card | mean | most clipped |\n| --- | --- | --- | --- |")
     frames = []

@@ -116,7 +116,9 @@ def score(survey: Survey, out: Path) -> Rows:
     T = rigid_alignment(track.T_world_camera[:, :3, 3], truth[:, :3, 3])
     error = trajectory_error(track.T_world_camera[:, :3, 3], truth[:, :3, 3])
     rows: Rows = {"frames placed": f"{len(chosen)} of {len(survey)}"}
-    rows["track: RMS error, share of the path"] = f"{1000 * error.rms_m:.1f} mm, {100 * error.share:.3f} % of {error.path_m:.0f} m"
+    rows["track: RMS error, fraction of the path"] = (
+        f"{1000 * error.rms_m:.1f} mm, {100 * error.fraction:.3f} % of {error.path_m:.0f} m"
+    )
     vertices = read_vertices(out / "cloud.ply")
     cloud = np.asarray(vertices["position"], np.float64) @ T[:3, :3].T + T[:3, 3]
     rows |= cloud_rows(survey, cloud) | length_rows(survey, track, chosen, truth) | terrain_rows(survey, out, T)
@@ -235,8 +237,8 @@ def tint(mapped: NDArray, truth: NDArray, both: NDArray, low: NDArray, x: float,
     cells = both[window]
     if cells.sum() < 100:
         return np.full(3, np.nan)
-    share = [(m[window][cells][:, :3] / m[window][cells][:, 3:]).mean(axis=0) for m in (mapped, truth)]
-    return np.asarray(share[0] / share[1])
+    fraction = [(m[window][cells][:, :3] / m[window][cells][:, 3:]).mean(axis=0) for m in (mapped, truth)]
+    return np.asarray(fraction[0] / fraction[1])
 
 
 def main(folder: Path, pairs: int) -> None:

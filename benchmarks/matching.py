@@ -59,9 +59,9 @@ def compare(name: str, pair: RectifiedPair, frame: StereoFrame, truth: np.ndarra
         known = np.isfinite(truth) & np.isfinite(disparity)
         error = np.abs(disparity - truth)
         rates = [100 * float((error[where] > px).mean()) for where in (known, known & both) for px in (1, 2)]
-        share = 100 * known.sum() / np.isfinite(truth).sum()
+        fraction = 100 * known.sum() / np.isfinite(truth).sum()
         print(
-            f"{name:14s} {way:24s} {1e3 * median(seconds[way]):6.0f} ms  known {share:5.1f} %"
+            f"{name:14s} {way:24s} {1e3 * median(seconds[way]):6.0f} ms  known {fraction:5.1f} %"
             f"  bad-1 {rates[0]:5.2f}  bad-2 {rates[1]:5.2f}  | seen by both: bad-1 {rates[2]:5.2f}  bad-2 {rates[3]:5.2f}"
             f"  median error {np.median(error[known & both]):.3f} px",
             flush=True,

@@ -234,7 +234,7 @@ class FrameRow:
     """What became of one pair, or of one file without a partner.
 
     kept: an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds: a stage's name -> seconds.
-    facts: shares and parameters, by column.
+    facts: fractions and parameters, by column.
     """
 
     name: str

@@ -32,13 +32,13 @@ def fisheye_rig() -> StereoRig:
 
 
 def poses(
-    target: Chessboard, views: int, rng: np.random.Generator, width_share: float = 0.5, slope: float = 0.45
+    target: Chessboard, views: int, rng: np.random.Generator, width_fraction: float = 0.5, slope: float = 0.45
 ) -> list[np.ndarray]:
     """Boards before the rig, tilted up to 35 degrees, all over the image."""
     middle = np.append(target.points_m.max(axis=0)[:2] / 2, 0)
     found = []
     while len(found) < views:
-        distance = target.points_m[:, 0].max() / (2 * slope) / width_share * rng.uniform(0.8, 1.5)
+        distance = target.points_m[:, 0].max() / (2 * slope) / width_fraction * rng.uniform(0.8, 1.5)
         T = _pose(rng.uniform(-0.6, 0.6, 3) * [1, 1, 0.5], [0, 0, 0])
         center = np.append(rng.uniform(-slope, slope, 2) * [1, 0.7], 1.0) * distance
         T[:3, 3] = center - T[:3, :3] @ middle

@@ -39,8 +39,8 @@ def chart_image() -> tuple[np.ndarray, np.ndarray]:
     return draw_chart(np.random.default_rng(5))
 
 
-def eight_bit(shares: np.ndarray) -> np.ndarray:
-    return np.round(np.clip(shares, 0, 1) * 255).astype(np.uint8)
+def eight_bit(fractions: np.ndarray) -> np.ndarray:
+    return np.round(np.clip(fractions, 0, 1) * 255).astype(np.uint8)
 
 
 def flat_range() -> np.ndarray:

@@ -69,11 +69,11 @@ def test_twelve_bits_are_scaled_to_full(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff"])
-@pytest.mark.parametrize("share", [0.0, 0.02, 0.3, 0.7, 0.99])
-def test_truncated_files_are_refused(tmp_path: Path, suffix: str, share: float) -> None:
+@pytest.mark.parametrize("fraction", [0.0, 0.02, 0.3, 0.7, 0.99])
+def test_truncated_files_are_refused(tmp_path: Path, suffix: str, fraction: float) -> None:
     path = save(tmp_path / f"a{suffix}", RNG.integers(0, 256, (64, 64, 3), dtype=np.uint8))
     content = path.read_bytes()
-    path.write_bytes(content[: int(share * len(content))])
+    path.write_bytes(content[: int(fraction * len(content))])
     with pytest.raises(InputError, match=rf"a\{suffix}: (is (truncated|empty|damaged|no PNG)|cannot be decoded)"):
         read_image(path)
 

@@ -59,7 +59,7 @@ def test_the_track_is_found_to_half_a_percent(reef: ReefFrames, frames: list[Sur
     placement = estimate(frames, reef, ALONE)
     assert placement.components.tolist() == [0] * 12
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
-    assert error.share < 0.005
+    assert error.fraction < 0.005
 
 
 @pytest.mark.slow
@@ -68,14 +68,14 @@ def test_frames_out_of_order_are_followed_by_their_times(reef: ReefFrames, frame
     placement = estimate([frames[i] for i in shuffle], reef, ALONE)
     assert placement.components.tolist() == [0] * 6
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3])
-    assert error.share < 0.005
+    assert error.fraction < 0.005
 
 
 @pytest.mark.slow
 def test_loops_bring_it_to_a_fifth_of_a_percent(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     placement = estimate(frames, reef, MappingConfig())
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3])
-    assert error.share < 0.002
+    assert error.fraction < 0.002
 
 
 @pytest.mark.slow
@@ -187,7 +187,7 @@ def test_frames_whose_files_are_out_of_order_lose_no_loop_and_keep_their_track(
     for edge in graphs[-1]:
         assert edge.loop == (abs(shuffle[edge.i] - shuffle[edge.j]) > odometry.SETTINGS.window)
     error = trajectory_error(placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[shuffle, :3, 3])
-    assert error.share < 0.002
+    assert error.fraction < 0.002
 
 
 def test_priors_hold_the_map_to_navigation() -> None:

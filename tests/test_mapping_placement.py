@@ -148,11 +148,11 @@ def test_a_world_that_does_not_know_up_is_leveled() -> None:
 
 
 @given(st.lists(st.floats(-3.1, 3.1), min_size=3, max_size=3), st.floats(0, 1))
-def test_rotations_and_their_vectors_agree(vector: list[float], share: float) -> None:
+def test_rotations_and_their_vectors_agree(vector: list[float], fraction: float) -> None:
     R = rotation_from_vector(np.array(vector))
     np.testing.assert_allclose(rotation_from_vector(rotation_vector(R)), R, atol=1e-5)
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, vector
     np.testing.assert_allclose(T @ inverse(T), np.eye(4), atol=1e-9)
-    there = interpolate(np.eye(4), T, share)
-    np.testing.assert_allclose(interpolate(T, np.eye(4), 1 - share)[:3], there[:3], atol=1e-4)
+    there = interpolate(np.eye(4), T, fraction)
+    np.testing.assert_allclose(interpolate(T, np.eye(4), 1 - fraction)[:3], there[:3], atol=1e-4)

@@ -32,7 +32,7 @@ def swapped(scene: Scene, left: np.ndarray, right: np.ndarray) -> Scene:
     return replace(scene, frame=StereoFrame("pair", left, right))
 
 
-def bad_share(found: RangeMap, scene: Scene, px: float) -> float:
+def bad_fraction(found: RangeMap, scene: Scene, px: float) -> float:
     error = np.abs(found.disparity - scene.disparity)[np.isfinite(found.disparity)]
     return float((error > px).mean())
 
@@ -41,7 +41,7 @@ def bad_share(found: RangeMap, scene: Scene, px: float) -> float:
 def test_clear_water_is_dense_and_right() -> None:
     found = match(scene())
     assert np.isfinite(found.range_m)[scene().both].mean() > 0.93
-    assert bad_share(found, scene(), 1.0) < 0.015
+    assert bad_fraction(found, scene(), 1.0) < 0.015
     known = np.isfinite(found.range_m)
     truth_m = scene().pair.range_from_depth(scene().depth_m)
     assert np.median(np.abs(found.range_m / truth_m - 1)[known]) < 0.003
@@ -108,7 +108,7 @@ def test_exposure_may_differ() -> None:
     darker = swapped(scene(), scene().frame.left, (scene().frame.right * 0.6 + 8).astype(np.uint8))
     found = match(darker)
     assert np.isfinite(found.range_m)[scene().both].mean() > 0.9
-    assert bad_share(found, scene(), 1.0) < 0.02
+    assert bad_fraction(found, scene(), 1.0) < 0.02
 
 
 def test_sixteen_bits_hold_the_same_scene() -> None:

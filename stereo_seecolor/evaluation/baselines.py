@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Method = Callable[[Array, Array], Array]
 
-STRETCHED_SHARE = 0.01
-DARK_SHARE, DARK_BINS = 0.01, 10
-CLIPPED_SHARE = 0.0005
+STRETCHED_FRACTION = 0.01
+DARK_FRACTION, DARK_BINS = 0.01, 10
+CLIPPED_FRACTION = 0.0005
 LEAST_ATTENUATION = 1e-3
 _GRID_WIDTH, _AVERAGING_STEPS = 160, 600
 
@@ -27,7 +27,7 @@ def raw(image: Array, range_m: Array) -> Array:
 
 def contrast_stretch(image: Array, range_m: Array) -> Array:
     """Each channel stretched from its darkest to its brightest hundredth; clips what lies outside, as it is made to."""
-    low, high = np.quantile(image.reshape(-1, 3), [STRETCHED_SHARE, 1 - STRETCHED_SHARE], axis=0)
+    low, high = np.quantile(image.reshape(-1, 3), [STRETCHED_FRACTION, 1 - STRETCHED_FRACTION], axis=0)
     return np.asarray(np.clip((image - low) / np.maximum(high - low, 1e-6), 0, 1))
 
 
@@ -84,9 +84,9 @@ METHODS: dict[str, Method] = {
 }
 
 
-def expose(image: Array, known: NDArray[np.bool_], share: float = CLIPPED_SHARE) -> Array:
-    """The image at the brightness at which a stated share of its known pixels has a channel at full scale."""
-    brightest = float(np.quantile(image[known].max(axis=-1), 1 - share))
+def expose(image: Array, known: NDArray[np.bool_], fraction: float = CLIPPED_FRACTION) -> Array:
+    """The image at the brightness at which a stated fraction of its known pixels has a channel at full scale."""
+    brightest = float(np.quantile(image[known].max(axis=-1), 1 - fraction))
     return image / brightest if brightest > 0 else image
 
 
@@ -97,7 +97,7 @@ def darkest(pixels: Array, range_m: Array) -> tuple[Array, Array]:
     ranges, colors = [], []
     for b in range(DARK_BINS):
         inside = np.flatnonzero(bins == b)
-        number = int(np.ceil(DARK_SHARE * inside.size))
+        number = int(np.ceil(DARK_FRACTION * inside.size))
         if number:
             dark = inside[np.argpartition(pixels[inside].sum(axis=1), number - 1)[:number]]
             ranges.append(range_m[dark])

@@ -1,6 +1,6 @@
 """What a corrected image is worth: on neutral targets, against known truth, over range, across frames.
 
-Images are float arrays (..., 3), RGB, as a share of full scale, in the encoding that they are looked at in (sRGB for PNG),
+Images are float arrays (..., 3), RGB, as a fraction of full scale, in the encoding that they are looked at in (sRGB for PNG),
 unless said. Unknown pixels are NaN in any channel, and take part in nothing. A measure of nothing is NaN.
 """
 
@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from stereo_seecolor.files.srgb import decode_srgb
 
 Pixels = NDArray[np.floating]
-"""(..., 3) RGB as a share of full scale, NaN = unknown."""
+"""(..., 3) RGB as a fraction of full scale, NaN = unknown."""
 
 CLIPPED = 254 / 255
-"""A channel at or above this share of full scale tells nothing any more."""
+"""A channel at or above this fraction of full scale holds no color any more."""
 
 _XYZ_FROM_LINEAR = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])  # IEC 61966-2-1
 _WHITE = _XYZ_FROM_LINEAR.sum(axis=1)
@@ -62,7 +62,7 @@ def clipped(pixels: Pixels) -> NDArray[np.bool_]:
 
 
 def score_neutral(pixels: Pixels) -> NeutralScore:
-    """Score of a neutral target's pixels (N, 3): psi averaged over them, and the share blown out, without which psi is no score."""
+    """Score of a neutral target's pixels (N, 3): mean psi, and the fraction clipped, without which psi is no score."""
     known = np.isfinite(pixels).all(axis=-1)
     angles = gray_angle_deg(pixels[known])
     if not np.isfinite(angles).any():
@@ -75,8 +75,8 @@ def score_truth(
 ) -> TruthScore:
     """Score of an image (..., 3) against its truth (..., 3), both in the same encoding: sRGB, or linear light where so said.
 
-    range_m (...): meters, for the range consistency. darkest: pixels whose brightest true channel is below this share of full scale
-    are left out, as their color is noise; so are those that the truth has clipped.
+    range_m (...): meters, for the range consistency. darkest: pixels whose brightest true channel is below this fraction of full
+    scale are left out, as their color is noise; so are those that the truth has clipped.
     """
     lit = np.isfinite(image).all(axis=-1) & (truth.max(axis=-1) >= darkest) & ~clipped(truth)
     nan = float("nan")

@@ -16,8 +16,8 @@ class TrajectoryError:
     path_m: float
 
     @property
-    def share(self) -> float:
-        """The error as a share of the path."""
+    def fraction(self) -> float:
+        """The error as a fraction of the path."""
         return self.rms_m / self.path_m
 
 

@@ -27,8 +27,8 @@ NOT_MEASURED = (1, 2)
 class RangeScore:
     """Measured ranges against truth; what was filled in counts as not measured.
 
-    median_relative_error: |range - truth| / truth. bad_1_px, bad_2_px: share of measured pixels whose disparity is off by more.
-    coverage: share of the pixels that both cameras see which were measured.
+    median_relative_error: |range - truth| / truth. bad_1_px, bad_2_px: fraction of measured pixels whose disparity is off by more.
+    coverage: fraction of the pixels that both cameras see which were measured.
     """
 
     median_relative_error: float
@@ -128,7 +128,7 @@ def _score_frame(result: FrameFiles, truth: Path, name: str, rectification: Rect
 
 
 def _displayed(path: Path, linear: bool) -> NDArray[np.float64]:
-    """(H, W, 3) in sRGB as a share of full scale; float TIFFs are linear."""
+    """(H, W, 3) in sRGB as a fraction of full scale; float TIFFs are linear."""
     if path.suffix == ".tiff":
         bgr = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
         if bgr is None:
@@ -138,8 +138,8 @@ def _displayed(path: Path, linear: bool) -> NDArray[np.float64]:
 
 
 def _as_displayed(image: NDArray[np.unsignedinteger], linear: bool) -> NDArray[np.float64]:
-    share = image / np.iinfo(image.dtype).max
-    return encode_srgb(share) if linear else np.asarray(share)
+    fraction = image / np.iinfo(image.dtype).max
+    return encode_srgb(fraction) if linear else np.asarray(fraction)
 
 
 def _is_linear(truth: Path) -> bool:

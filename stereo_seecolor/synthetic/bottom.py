@@ -87,10 +87,10 @@ class Bottom:
         self.albedo[window] = np.where(above[..., None], albedo, self.albedo[window])
         self.texture[window] = np.where(above, np.float32(texture), self.texture[window])
 
-    def paint(self, patch: Patch, share: Grid, albedo: Color) -> None:
-        """Cover what is there with a color, ``share`` in [0, 1] of it."""
+    def paint(self, patch: Patch, fraction: Grid, albedo: Color) -> None:
+        """Cover what is there with a color, ``fraction`` in [0, 1] of it."""
         window = patch.rows, patch.columns
-        self.albedo[window] = _mix(self.albedo[window], share, albedo)
+        self.albedo[window] = _mix(self.albedo[window], fraction, albedo)
 
 
 def fractal_noise(shape: tuple[int, int], wavelength: float, octaves: int, rng: np.random.Generator) -> Grid:
@@ -109,9 +109,9 @@ def fractal_noise(shape: tuple[int, int], wavelength: float, octaves: int, rng: 
     return np.asarray(total / max(float(total.std()), 1e-6), dtype=np.float32)
 
 
-def _mix(albedo: Grid, share: Grid | float, color: Color) -> Grid:
-    share = np.asarray(share, np.float32)[..., None]
-    return np.asarray(albedo * (1 - share) + np.array(color, np.float32) * share, dtype=np.float32)
+def _mix(albedo: Grid, fraction: Grid | float, color: Color) -> Grid:
+    fraction = np.asarray(fraction, np.float32)[..., None]
+    return np.asarray(albedo * (1 - fraction) + np.array(color, np.float32) * fraction, dtype=np.float32)
 
 
 def _smooth_step(value: Grid, low: float, high: float) -> Grid:

@@ -36,7 +36,7 @@ def look_up(
 
 
 def in_rows(kernel: Callable[..., Any], rows: int, *arguments: Any) -> None:
-    """Run a compiled ``kernel(first_row, end_row, *arguments)`` over all rows, a share to each core.
+    """Run a compiled ``kernel(first_row, end_row, *arguments)`` over all rows, a part on each core.
 
     In threads of its own: who renders frames as they are asked for may be in the shared ones, which must not wait for each other.
     """
@@ -176,20 +176,20 @@ def _lit_color(
 ) -> None:
     """Trilinear color into ``near[:3]``, with the grain that this footprint resolves; height moves the grain, for walls."""
     level = _level(footprint_m, CELL_M, len(color))
-    k, share = int(level), level - int(level)
+    k, fraction = int(level), level - int(level)
     scale = 2.0**k
     column, row = (x - x0) / CELL_M + 0.5, (y - y0) / CELL_M + 0.5
     _bilinear(color[k], column / scale - 0.5, row / scale - 0.5, near)
-    if share > 0.0:
+    if fraction > 0.0:
         _bilinear(color[k + 1], column / (2 * scale) - 0.5, row / (2 * scale) - 0.5, far)
         for c in range(4):
-            near[c] = near[c] * (1 - share) + far[c] * share
+            near[c] = near[c] * (1 - fraction) + far[c] * fraction
     if near[3] > 0.0:
         level = _level(footprint_m, DETAIL_TEXEL_M, len(detail))
-        k, share = int(level), level - int(level)
+        k, fraction = int(level), level - int(level)
         u, v = (x + 0.7 * z) / DETAIL_TEXEL_M + 0.5, (y - 0.6 * z) / DETAIL_TEXEL_M + 0.5
-        grain = (1 - share) * _wrapped(detail[k], u / 2.0**k - 0.5, v / 2.0**k - 0.5)
-        grain += share * _wrapped(detail[k + 1], u / 2.0 ** (k + 1) - 0.5, v / 2.0 ** (k + 1) - 0.5)
+        grain = (1 - fraction) * _wrapped(detail[k], u / 2.0**k - 0.5, v / 2.0**k - 0.5)
+        grain += fraction * _wrapped(detail[k + 1], u / 2.0 ** (k + 1) - 0.5, v / 2.0 ** (k + 1) - 0.5)
         for c in range(3):
             near[c] = near[c] * max(1.0 + near[3] * grain, 0.1)
 

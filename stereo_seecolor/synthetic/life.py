@@ -132,10 +132,10 @@ def _bare_patch(bottom: Bottom, x: float, y: float, radius_m: float) -> None:
     """Level sand with nothing on it: no stereo matcher finds anything here."""
     patch = bottom.patch(x, y, radius_m)
     window = patch.rows, patch.columns
-    share = np.clip((radius_m - np.hypot(patch.u_m, patch.v_m)) / 0.1, 0, 1).astype(np.float32)
-    bottom.height_m[window] = bottom.height_m[window] * (1 - share) - 0.02 * share
-    bottom.texture[window] *= 1 - share
-    bottom.paint(patch, share, SAND)
+    fraction = np.clip((radius_m - np.hypot(patch.u_m, patch.v_m)) / 0.1, 0, 1).astype(np.float32)
+    bottom.height_m[window] = bottom.height_m[window] * (1 - fraction) - 0.02 * fraction
+    bottom.texture[window] *= 1 - fraction
+    bottom.paint(patch, fraction, SAND)
 
 
 def _chart(bottom: Bottom, x: float, y: float) -> NDArray[np.float64]:
@@ -175,8 +175,8 @@ def _painted(like: Grid, color: Color) -> Grid:
     return np.full((*like.shape, 3), np.array(color, np.float32))
 
 
-def _blend(albedo: Grid, share: NDArray[np.floating], color: Color) -> Grid:
-    return np.asarray(albedo * (1 - share[..., None]) + np.array(color, np.float32) * share[..., None], dtype=np.float32)
+def _blend(albedo: Grid, fraction: NDArray[np.floating], color: Color) -> Grid:
+    return np.asarray(albedo * (1 - fraction[..., None]) + np.array(color, np.float32) * fraction[..., None], dtype=np.float32)
 
 
 def _pick(colors: tuple[Color, ...], rng: np.random.Generator) -> Color:

@@ -217,7 +217,9 @@ def _points(T_world_camera: NDArray[np.float64], rays: Rays, range_m: NDArray[np
 
 
 @compiled
-def _through_water(first: int, end: int, color: Any, light: Any, range_m: Any, transmission: Any, veil: Any, seen: Any) -> None:
+def _through_water(
+    first: int, end: int, color: Any, light: Any, range_m: Any, transmission: Any, backscatter: Any, seen: Any
+) -> None:
     """What a pixel gathers: I = J light A(z) + B(z), averaged over its samples."""
     _, columns, samples, _ = color.shape
     last = transmission.shape[0] - 1
@@ -226,9 +228,9 @@ def _through_water(first: int, end: int, color: Any, light: Any, range_m: Any, t
             for s in range(samples):
                 place = min(range_m[i, j, s] / _TABLE_STEP_M, last - 1.001)
                 k = int(place) if np.isfinite(range_m[i, j, s]) else last
-                share = place - k if k < last else 0.0
+                fraction = place - k if k < last else 0.0
                 after = min(k + 1, last)
                 for c in range(3):
-                    a = transmission[k, c] * (1 - share) + transmission[after, c] * share
-                    b = veil[k, c] * (1 - share) + veil[after, c] * share
+                    a = transmission[k, c] * (1 - fraction) + transmission[after, c] * fraction
+                    b = backscatter[k, c] * (1 - fraction) + backscatter[after, c] * fraction
                     seen[i, j, c] += (color[i, j, s, c] * light[i, j, s, c] * a + b) / samples

@@ -29,8 +29,8 @@ WATER_NAMES: tuple[WaterName, ...] = tuple(_KD)
 _WAVELENGTH_NM = np.arange(400.0, 701.0, 5.0)
 # Peaks and widths of a machine-vision sensor's R, G, B filters, about the mean of the 28 cameras of Jiang et al. (WACV 2013).
 _CHANNELS = np.exp(-0.5 * ((_WAVELENGTH_NM - np.array([[610.0], [535.0], [460.0]])) / np.array([[26.0], [36.0], [28.0]])) ** 2)
-_LOST_SHARE_OF_SCATTERING = 0.2
-_VEILING_SHARE = 0.06  # of the scattered sunlight, what reaches a camera as veiling light; sets its level, not its color
+_LOST_FRACTION_OF_SCATTERING = 0.2
+_VEILING_FRACTION = 0.06  # of the scattered sunlight, what reaches a camera as veiling light; sets its level, not its color
 _FITTED_RANGE_M = np.linspace(0.5, 6.0, 23)
 
 
@@ -63,11 +63,11 @@ def lit_water(
     """
     kd = np.interp(_WAVELENGTH_NM, TABLE_NM, _KD[name])
     scattering = scattering_per_m(_KD[name])
-    beam = kd + _LOST_SHARE_OF_SCATTERING * scattering
+    beam = kd + _LOST_FRACTION_OF_SCATTERING * scattering
     sunlight = np.exp(-kd * depth_m)
 
     rate, decay = _falling_rate(_transmission(beam, sunlight))
-    veiling_spectrum = _VEILING_SHARE * np.exp(-kd * camera_depth_m) * scattering / beam
+    veiling_spectrum = _VEILING_FRACTION * np.exp(-kd * camera_depth_m) * scattering / beam
     beta, zero = _saturating_rate(beam, veiling_spectrum), np.zeros(3)
     patch = (1.0 + lamps) * _band(sunlight * np.exp(-beam * exposure_range_m))
     veil = _band(veiling_spectrum) * -np.expm1(-beta * exposure_range_m)
@@ -94,7 +94,7 @@ def _band(spectrum: Spectrum) -> PerChannel:
 
 
 def _transmission(beam: Spectrum, light: Spectrum) -> NDArray[np.float64]:
-    """(K, 3) share of the light that each channel still sees after each of the fitted ranges."""
+    """(K, 3) fraction of the light that each channel still sees after each of the fitted ranges."""
     return np.stack([_band(light * np.exp(-beam * z)) / _band(light) for z in _FITTED_RANGE_M])
 
 

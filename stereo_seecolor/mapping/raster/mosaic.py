@@ -160,8 +160,8 @@ def _smoothed(costs: Float, seen: NDArray[np.bool_]) -> Float:
     """Costs (views, h, w) averaged over their neighborhood, infinite where a view does not see the cell."""
     size, smooth = (SETTINGS.smooth_px,) * 2, np.empty_like(costs)
     for k in range(len(costs)):
-        share = cv2.blur(seen[k].astype(np.float32), size)
-        mean = cv2.blur(np.where(seen[k], costs[k], 0).astype(np.float32), size) / np.maximum(share, 1e-6)
+        fraction = cv2.blur(seen[k].astype(np.float32), size)
+        mean = cv2.blur(np.where(seen[k], costs[k], 0).astype(np.float32), size) / np.maximum(fraction, 1e-6)
         smooth[k] = np.where(seen[k], mean, np.inf)
     return smooth
 

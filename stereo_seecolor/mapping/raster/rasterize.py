@@ -7,7 +7,7 @@ import numpy as np
 from stereo_seecolor.compute.compiled import compiled
 
 EDGE = 1e-3
-"""How far outside a triangle, in shares of it, a cell may lie: the map's vertices lie on cells' centers, give or take float32."""
+"""How far outside a triangle, as a fraction of it, a cell may lie: the map's vertices lie on cells' centers, up to float32."""
 
 
 @compiled

@@ -28,7 +28,7 @@ Heights = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReefMetrics:
-    """One square's numbers, or a site's; NaN where too little was seen. coverage: share of the cells that were seen."""
+    """One square's numbers, or a site's; NaN where too little was seen. coverage: fraction of the cells that were seen."""
 
     coverage: float
     surface_rugosity: float

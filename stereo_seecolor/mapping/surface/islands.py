@@ -17,8 +17,8 @@ BORDER = 0.02
 
 def near_border(points_m: NDArray[np.float32], tile_m: float) -> NDArray[np.bool_]:
     """(V,) True for points that a neighboring tile may hold as well."""
-    share = np.abs(points_m[:, :2] / tile_m - np.rint(points_m[:, :2] / tile_m))
-    return np.asarray((share < BORDER).any(axis=1))
+    fraction = np.abs(points_m[:, :2] / tile_m - np.rint(points_m[:, :2] / tile_m))
+    return np.asarray((fraction < BORDER).any(axis=1))
 
 
 def kept_parts(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bool_]]:

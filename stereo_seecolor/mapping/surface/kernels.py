@@ -127,15 +127,15 @@ def colors_at(points_m: Any, sorted_keys: Any, order: Any, color: Any, color_wei
         mixed = np.zeros(3)
         low = np.floor(points_m[v] / voxel_m + 1e-3).astype(np.int64)
         for corner in range(8):
-            share = 1.0
+            fraction = 1.0
             cell = low.copy()
             for axis in range(3):
                 past = points_m[v, axis] / voxel_m - low[axis]
                 if corner >> axis & 1:
                     cell[axis] += 1
-                    share *= max(past, 1e-6)
+                    fraction *= max(past, 1e-6)
                 else:
-                    share *= max(1 - past, 1e-6)
+                    fraction *= max(1 - past, 1e-6)
             key = packed(cell[0] // BLOCK, cell[1] // BLOCK, cell[2] // BLOCK)
             found = np.searchsorted(sorted_keys, key)
             if found == len(sorted_keys) or sorted_keys[found] != key:
@@ -143,8 +143,8 @@ def colors_at(points_m: Any, sorted_keys: Any, order: Any, color: Any, color_wei
             b = order[found]
             i, j, k = cell % BLOCK
             if color_weight[b, k, j, i] > 0:
-                total += share
-                mixed += share * color[b, k, j, i]
+                total += fraction
+                mixed += fraction * color[b, k, j, i]
         if total > 0:
             result[v] = mixed / total
     return result
