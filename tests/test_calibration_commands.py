@@ -1,7 +1,5 @@
 """The commands around a calibration, as a user types them."""
 
-import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import cv2
@@ -9,26 +7,12 @@ import numpy as np
 import pytest
 from calibration_boards import photograph_board, rendered
 from calibration_texts import OPENCV_EXTRINSICS, OPENCV_INTRINSICS, ROS_LEFT, ROS_RIGHT
+from conftest import Cli
 
 from calibration import StereoRig
 from calibration.formats import load_rig, write_rig
-from stereo_seecolor.cli import main
 
-Cli = Callable[..., tuple[int, str, str]]
 TARGET = "chessboard:7x5:40mm"
-
-
-@pytest.fixture
-def cli(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Cli:
-    """Run a command in this process; (exit code, what was printed, what was said on standard error)."""
-
-    def call(*words: str | Path) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["stereo-seecolor", *map(str, words)])
-        with pytest.raises(SystemExit) as end:
-            main()
-        return (int(end.value.code or 0), *capsys.readouterr())
-
-    return call
 
 
 @pytest.fixture(scope="module")
