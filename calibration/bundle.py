@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from calibration.rig import CameraModel
 
 Array = NDArray[np.float64]
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 100  # a bound: fits end before, by CONVERGED
 CONVERGED = 1e-7  # gain of a step, of the squared error
 
 

@@ -17,8 +17,8 @@ from calibration.targets import Target
 from calibration.views import View, common_ids, observations_of, usable_views
 
 LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
-FOLDS = 10
-MIN_VIEWS_FOR_CHOICE = 5
+FOLDS = 10  # parts of the views that are left out in turn, to choose a lens model: each fit keeps nine tenths of them
+MIN_VIEWS_FOR_CHOICE = 5  # fewer views cannot judge a model by what is left out: the simplest is taken
 
 
 def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -> tuple[StereoRig, CalibrationReport]:

@@ -13,7 +13,7 @@ from calibration.targets import Target
 from calibration.transforms import inverse_transform, rigid
 from calibration.views import View, observations_of
 
-FISHEYE_TRIAL_ITERATIONS = 10
+FISHEYE_TRIAL_ITERATIONS = 10  # of each guess; the best one is then fitted to the end
 FISHEYE_FOCAL_GUESSES = (0.25, 0.4, 0.6, 0.9, 1.4)  # of the image's width
 Size = tuple[int, int]
 

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 
-MAX_DISTANCE_M = 0.5
-MAX_THICKNESS_M = 0.1
-MAX_TILT_DEG = 30.0
-BAR_PER_M = 0.1005
+MAX_DISTANCE_M = 0.5  # larger housings are unknown: more is a mistake of unit
+MAX_THICKNESS_M = 0.1  # the same
+MAX_TILT_DEG = 30.0  # a window seen at more would be seen from the side
+BAR_PER_M = 0.1005  # pressure of sea water: 1025 kg/m3 times 9.81 m/s2
 
 
 @dataclass(frozen=True, eq=False)

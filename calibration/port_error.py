@@ -11,7 +11,7 @@ from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.rig import StereoRig
 
 Array = NDArray[np.float64]
-GRID = (17, 13)
+GRID = (17, 13)  # points over the image, columns and rows: errors of a port are smooth
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,9 @@ import numpy as np
 from calibration.errors import CalibrationError
 from calibration.targets import Charuco, Chessboard, Target
 
-POINTS_PER_M = 72 / 0.0254
-MAX_PIXELS = 200_000_000
-NOTE_M = 0.006
+POINTS_PER_M = 72 / 0.0254  # of PDF: 72 an inch
+MAX_PIXELS = 200_000_000  # A0 at 200 dots an inch is 61 million; more is a mistake of unit
+NOTE_M = 0.006  # height of the line that says what was printed
 
 
 class _Rectangle(NamedTuple):

@@ -13,16 +13,16 @@ from calibration.suspicions import placement_suspicions
 
 Array = NDArray[np.float64]
 Verdict = Literal["good", "usable", "do it again"]
-GRID = (8, 6)
-MIN_CORNERS_IN_CELL = 3
+GRID = (8, 6)  # cells of the image in which corners are counted
+MIN_CORNERS_IN_CELL = 3  # a cell with fewer is not covered
 
 # The limits of each figure, up to which a calibration is good, and up to which it is usable.
-MAX_ROW_ERROR_PX = (0.25, 0.5)
-MAX_RMS_PX = (0.35, 1.0)
-MAX_FOCAL_STD = (0.005, 0.02)
-MAX_BASELINE_STD = (0.005, 0.02)
-MIN_COVERAGE = (0.6, 0.35)
-MIN_VIEWS = (10, 5)
+MAX_ROW_ERROR_PX = (0.25, 0.5)  # root mean square; the matcher searches along rows and loses matches beyond half a pixel
+MAX_RMS_PX = (0.35, 1.0)  # of reprojection
+MAX_FOCAL_STD = (0.005, 0.02)  # fraction of the focal length, and so of every range
+MAX_BASELINE_STD = (0.005, 0.02)  # the same of the baseline
+MIN_COVERAGE = (0.6, 0.35)  # fraction of the cells of both images
+MIN_VIEWS = (10, 5)  # pairs
 
 
 @dataclass(frozen=True)

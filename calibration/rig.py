@@ -16,12 +16,12 @@ from calibration.refinement import Refinement
 CameraModel = Literal["pinhole", "fisheye"]
 Medium = Literal["water", "air"]
 
-ORTHONORMAL_TOLERANCE = 1e-3
-MAX_BASELINE_M = 2.0
-MIN_BASELINE_M = 0.005
+ORTHONORMAL_TOLERANCE = 1e-3  # of R R^T - 1: files with four digits pass, a wrong matrix does not
+MAX_BASELINE_M = 2.0  # rigs of divers and vehicles are shorter: more is a mistake of unit
+MIN_BASELINE_M = 0.005  # the same
 MAX_IMAGE_SIDE_PX = 32767  # cv2.remap's limit
 WIDEST_SLOPE = 20.0  # tan of 87 degrees
-RAY_TOLERANCE_PX = 0.01
+RAY_TOLERANCE_PX = 0.01  # how far a ray may come back from its pixel: beyond, the distortion folds over
 SQUARE_TOLERANCE = 1e-5  # of fx / fy: 0.02 px at the border of an image of 4000 px
 DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 
 UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
-MIN_CORNERS = 8
+MIN_CORNERS = 8  # a pose has 6 unknowns, corners have two numbers: 8 leave 10 to judge it
 DETECTION_SIDE_PX = 1600  # larger images are searched at this size first: quick, and refined at full size after
 
 

@@ -13,7 +13,7 @@ from calibration.report import ViewReport
 from calibration.targets import MIN_CORNERS, Corners, Target
 
 Size = tuple[int, int]
-MIN_VIEWS = 3
+MIN_VIEWS = 3  # fewer do not determine a camera (Zhang 2000)
 SIDES = ("left", "right")
 
 

@@ -18,10 +18,10 @@ from calibration.errors import CalibrationError
 from calibration.formats.binary import is_binary, load_binary
 from calibration.formats.section import Section
 
-MAX_BYTES = 256 * 1024
-MAX_VALUES = 50_000
-MAX_DEPTH = 20
-MAX_INTEGER = 10**18
+MAX_BYTES = 256 * 1024  # a calibration as text is a few kB
+MAX_VALUES = 50_000  # a file of 300 views with every pose has some thousands
+MAX_DEPTH = 20  # levels; known formats have far fewer
+MAX_INTEGER = 10**18  # larger ones overflow 64 bits when they become floats and back
 TOO_MUCH = f"holds more than {MAX_VALUES} values or {MAX_DEPTH} levels, which no calibration does: is it the right file?"
 
 

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 
-HEADER_BYTES = 128
+HEADER_BYTES = 128  # of a Level 5 file (MathWorks, MAT-File Format)
 MAX_INFLATED_BYTES = 32 * 2**20  # a calibration of 300 views with all its errors is 1 MB
-MAX_ELEMENTS = 50_000
-MAX_DEPTH = 20
+MAX_ELEMENTS = 50_000  # as of a text file: see document.py
+MAX_DEPTH = 20  # levels, as of a text file
 
 STORED = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8", 16: "u1", 17: "u2", 18: "u4"}
-MI_MATRIX, MI_COMPRESSED = 14, 15
-CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17
+MI_MATRIX, MI_COMPRESSED = 14, 15  # data types (MAT-File Format, table 1-1)
+CELL, STRUCT, OBJECT, CHAR, OPAQUE = 1, 2, 3, 4, 17  # array classes (table 1-3)
 NUMERIC = range(6, 16)
 ENCODINGS = {16: "utf-8", 17: "utf-16", 18: "utf-32"}
 

@@ -22,7 +22,7 @@ from calibration.transforms import rigid
 
 Array = NDArray[np.float64]
 Size = tuple[int, int]
-SAME_ROTATION = 1e-6
+SAME_ROTATION = 1e-6  # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
 DOCUMENTED = "RotationOfCamera2 read as MATLAB documents it, for row vectors"
 TRANSPOSED = "RotationOfCamera2 read as R of x2 = R x1 + T, not transposed"
 

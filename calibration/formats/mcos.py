@@ -17,8 +17,8 @@ from calibration.errors import CalibrationError
 from calibration.formats.mat5 import Mat5Reader, Opaque, byte_order
 
 REFERENCE = 0xDD000000  # the first number of an array that stands for an object
-MAX_DEPTH = 10
-MAX_NAMES = 10_000
+MAX_DEPTH = 10  # objects in objects; real files have fewer
+MAX_NAMES = 10_000  # of classes and fields; real files have fewer
 Words = NDArray[np.uint32]
 
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 
-MAX_ARRAYS = 100
-MAX_ARRAY_BYTES = 2**20
+MAX_ARRAYS = 100  # a rig is some ten arrays
+MAX_ARRAY_BYTES = 2**20  # corners of 300 views are 0.3 MB
 DAMAGED = (zipfile.BadZipFile, zlib.error, ValueError, EOFError, NotImplementedError, RuntimeError, OverflowError, SyntaxError)
 
 

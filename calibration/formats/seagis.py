@@ -27,9 +27,9 @@ from calibration.transforms import inverse_transform, rigid
 Array = NDArray[np.float64]
 FORMAT = "SeaGIS .cam"
 NUMBERS = ("xp", "yp", "c", "k3", "k5", "k7", "p1", "p2", "orthogonality", "affinity", "X", "Y", "Z", "omega", "phi", "kappa")
-MAX_TEXT = 4096
+MAX_TEXT = 4096  # bytes of one text field: names and remarks are shorter
 MAX_AFFINITY = 1e-3  # a pixel over an image of 1000; more would have to be modeled, and its sign is not documented
-GRID = 21
+GRID = 21  # points a side over the image at which the distortion is fitted: 441 for at most 8 coefficients
 Y_DOWN = np.diag([1.0, -1.0, -1.0])  # photogrammetric axes look along -z with y up
 
 

@@ -8,7 +8,7 @@ from stereo_seecolor.errors import printable
 MAX_NAME_BYTES = 180
 """File systems take 255 bytes; a suffix (5) and the prefix of a file that is being written (up to 40) must fit too."""
 
-_HASH_DIGITS = 8
+_HASH_DIGITS = 8  # hexadecimal: two names of a dive share them by chance in one of 400 million
 
 
 def natural_key(name: str) -> tuple[tuple[str | int, ...], str]:

@@ -12,7 +12,7 @@ from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.inputs.headers import image_size
 from stereo_seecolor.records import Image, Map
 
-MAX_PIXELS = 150_000_000
+MAX_PIXELS = 150_000_000  # the largest cameras have 150 million; more is a damaged header
 BAYER_CODES = {
     "rggb": cv2.COLOR_BayerRGGB2RGB,
     "bggr": cv2.COLOR_BayerBGGR2RGB,

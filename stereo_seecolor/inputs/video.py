@@ -22,7 +22,7 @@ EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg",
 SAMPLE_BYTES = 1 << 20
 """A video is told from others by its size, its time of change, and so much of its beginning, middle and end."""
 
-_STEM_LETTERS = 40
+_STEM_LETTERS = 40  # of a video's name in the name of its folder: frames add to it
 _PNG_FAST = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 
 

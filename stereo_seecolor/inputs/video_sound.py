@@ -6,11 +6,11 @@ from numpy.typing import NDArray
 from stereo_seecolor.inputs.video_lags import Array, Lag, coarse_lag, straight_lag
 from stereo_seecolor.inputs.video_streams import SOUND_RATE_HZ
 
-ENVELOPE_HZ = 100
+ENVELOPE_HZ = 100  # of the loudness that gives the first estimate: half a period is far below REACH_S
 WINDOW_S, REACH_S = 2.0, 0.1
 """Pieces of sound that are compared, and how far about the first estimate."""
 
-MOST_WINDOWS = 120
+MOST_WINDOWS = 120  # pieces over the video: a bound on time
 PEAK = 6.0
 """A piece counts where its best lag stands out from the others by so many standard deviations; noise reaches 4 to 5."""
 

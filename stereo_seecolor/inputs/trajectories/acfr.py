@@ -7,8 +7,8 @@ from stereo_seecolor.inputs.trajectories.axes import poses_from_ned, rotation_fr
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
-_WITH_DEGREES = 15
-_WITHOUT_DEGREES = 13
+_WITH_DEGREES = 15  # columns of a pose with latitude and longitude
+_WITHOUT_DEGREES = 13  # columns of one without
 
 
 def recognizes(lines: Lines) -> bool:

@@ -14,8 +14,8 @@ _LEAST_QUATERNION = 1e-300
 _STEPS = 8
 """Of an iteration that gains two digits a step over a few kilometers."""
 
-_SEMI_MAJOR_M = 6378137.0
-_ECCENTRICITY_SQUARED = 0.00669437999014
+_SEMI_MAJOR_M = 6378137.0  # of WGS 84
+_ECCENTRICITY_SQUARED = 0.00669437999014  # of WGS 84
 
 
 def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> NDArray[np.float64]:

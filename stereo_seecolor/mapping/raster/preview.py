@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from stereo_seecolor.mapping.raster.rasterize import rasterize
 from stereo_seecolor.mapping.surface.surface import Surface
 
-LONGER_SIDE_PX = 1600
-ELEVATION_DEG = 50.0
-AZIMUTH_DEG = 25.0
+LONGER_SIDE_PX = 1600  # fills a screen
+ELEVATION_DEG = 50.0  # of the view: relief shows, and little hides behind it
+AZIMUTH_DEG = 25.0  # of the view, off the axes of most surveys
 LIGHT = np.array([-0.4, 0.3, 0.866])
-BACKGROUND = 255
+BACKGROUND = 255  # white
 
 
 def render_preview(surfaces: Callable[[], Iterable[Surface]]) -> NDArray[np.uint8]:
