@@ -96,6 +96,10 @@ class Dive:
         for _ in self._pass(stage, pairs, rows_alone(work)):
             pass
 
+    def end(self) -> None:
+        """Free what was kept for later passes."""
+        self._stages.end()
+
     def _begin_ranges(self) -> None:
         settings, earlier = self._stages.range_settings, self._folder.dive.settings
         self._folder.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})

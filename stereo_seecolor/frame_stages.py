@@ -25,6 +25,7 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_alone, ranges_for_color
 from stereo_seecolor.records import Capture, FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 from stereo_seecolor.run_folder.products import Files, correction_files, original_files, range_files
@@ -85,6 +86,7 @@ class FrameStages:
     def __init__(self, source: Source, folder: RunFolder, verify: bool = False) -> None:
         self.light: Light | None = None
         self._source, self._folder, self._verify = source, folder, verify
+        self._kept = KeptPixels(folder.root)
 
     @property
     def range_settings(self) -> str:
@@ -141,7 +143,17 @@ class FrameStages:
     def counted(self, pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
         """The pair's range, without its pixels, and its table."""
         ranged = self.ranged(pair, clock)
+        if ranged.pixels:
+            self._keep(ranged, *ranged.pixels)
         return ranged.row, (replace(ranged, pixels=None), self.table(ranged, clock))
+
+    def _keep(self, ranged: Ranged, image: Image, range_map: RangeMap) -> None:
+        """Keep a frame's pixels for the passes to come."""
+        self._kept.keep(ranged.pair.name, ranged.key, FramePixels(image, range_map.range_m, ~range_map.filled))
+
+    def end(self) -> None:
+        """Forget the pixels of all frames."""
+        self._kept.clear()
 
     def _measured(self, ranged: Ranged, clock: Clock) -> Ranged:
         image, range_map = self._source.measure(ranged.pair, clock)
@@ -167,6 +179,9 @@ class FrameStages:
 
     def _read_again(self, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
         """A pair that was measured before; measured again where its files have been damaged since."""
+        kept, warnings = self._kept.find(ranged.pair.name, ranged.key), ranged.record.stages["range"].warnings
+        if kept and kept.range_m is not None and kept.measured is not None:
+            return kept.image, ranges_alone(kept.range_m, kept.measured, warnings)
         if not self._source.makes_ranges:
             return self._source.measure(ranged.pair, clock)
         try:
@@ -176,8 +191,10 @@ class FrameStages:
             again = self._measured(ranged, clock)
             assert again.pixels
             return again.pixels
-        image = self._source.image(ranged.pair, clock)
-        return image, ranges_alone(range_m, confidence > 0, ranged.record.stages["range"].warnings)
+        image = kept.image if kept else self._source.image(ranged.pair, clock)
+        range_map = ranges_alone(range_m, confidence > 0, warnings)
+        self._keep(ranged, image, range_map)
+        return image, range_map
 
     def table(self, ranged: Ranged, clock: Clock) -> MomentTable:
         """The frame's colors counted over range: an earlier run's table, or counted now and kept."""
@@ -232,6 +249,7 @@ class FrameStages:
                 files |= self._original_files(ranged.pair, measured, as_shown, exif, clock)
             with clock("write"):
                 self._folder.save(ranged.record.with_stage("corrected", record), "corrected", files)
+        self._kept.drop(ranged.pair.name, ranged.key)
         return ranged.row.then(FrameRow(ranged.pair.name, kept=kept, warnings=record.warnings, facts=dict(record.facts)))
 
     def _gain(self, name: str) -> dict[str, float]:

@@ -139,6 +139,7 @@ class Job:
             drop_live_page(options, folder)
             raise
         finally:
+            dive.end()
             description = self.description
             if description.last == "range" and "corrected" in folder.dive.settings and earlier:
                 description = replace(description, config=earlier)  # corrected frames of an earlier run are still current

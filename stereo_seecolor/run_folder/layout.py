@@ -116,6 +116,11 @@ def light_file(root: Path) -> Path:
     return state(root, "light.json")
 
 
+def scratch_folder(root: Path) -> Path:
+    """Where a run keeps pixels for its later passes."""
+    return state(root, "scratch")
+
+
 def table_file(name: str) -> str:
     """Where the moment table of a frame is kept, relative to OUT."""
     return f"{STATE}/tables/{name}.table"
