@@ -42,7 +42,7 @@ class FramePixels:
 
 
 class KeptPixels:
-    """Each frame's pixels under the hash of what they were made from. For threads of one process: a copy for another keeps nothing."""
+    """Each frame's pixels under the hash of what they were made from. A copy for another process keeps nothing."""
 
     def __init__(self, root: Path | None) -> None:
         self._root = root

@@ -145,10 +145,11 @@ def _matches(a: Features, b: Features) -> tuple[NDArray[np.int64], NDArray[np.in
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     x, y = a.descriptors.astype(np.float32), b.descriptors.astype(np.float32)
     squared = (x * x).sum(1)[:, None] + (y * y).sum(1)[None] - 2 * x @ y.T
-    nearest = squared.argmin(axis=1)
-    mutual = squared.argmin(axis=0)[nearest] == np.arange(len(x))
-    two = np.partition(squared, 1, axis=1)[:, :2]
-    clear = two[:, 0] < SETTINGS.ratio**2 * two[:, 1]
+    rows, nearest = np.arange(len(x)), squared.argmin(axis=1)
+    mutual = squared.argmin(axis=0)[nearest] == rows
+    least = squared[rows, nearest]
+    squared[rows, nearest] = np.inf
+    clear = least < SETTINGS.ratio**2 * squared.min(axis=1)
     chosen = np.flatnonzero(mutual & clear)
     return chosen, nearest[chosen]
 
