@@ -15,8 +15,7 @@ from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLigh
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m
-from stereo_seecolor.mapping.track.features import SETTINGS as FEATURES
-from stereo_seecolor.mapping.track.features import Features, detect
+from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
 
@@ -29,19 +28,22 @@ class Look:
 
     width_px: int
     """Images are reduced to about it: lamps and lenses are smooth, and a fourth of the pixels takes a fourth of the time."""
-    features: int
-    """By which a frame is placed against another."""
     back: tuple[int, ...]
     """Frames before that each frame is held against."""
     patches: int = 800
     """Spots looked for in each frame, on a grid: some 500 are seen again."""
 
 
-WHOLE = Look(width_px=700, features=2000, back=(1, 2, 4))
+WHOLE = Look(width_px=700, back=(1, 2, 4))
 """For the pattern: the farther back, the more of the picture a spot has crossed."""
-NEIGHBORS = Look(width_px=480, features=800, back=(1, 2, 4))
+NEIGHBORS = Look(width_px=480, back=(1, 2, 4))
 """For the gains of a long dive, of every frame: a third of the time. Without the fourth before gains drift (offsets of 0.11 instead
 of 0.09 on a real dive)."""
+
+FEATURES = FeatureSettings(max_features=800, max_width_px=480)
+"""By which a frame is placed against another. A pose among neighbors needs some 50 matches, a map's track many more: on a real dive
+the light, and how much it helps, are the same as with 2000 at twice the size, which take twice the time.
+"""
 
 
 @dataclass(frozen=True)
@@ -139,7 +141,7 @@ class LightSearch:
         known = np.isfinite(ranges).astype(np.float32)
         frame = SurveyFrame("", None, shown, ranges, estimated_range_std_m(ranges, geometry), known)
         view = View.of(KeyFrame(small, ranges, np.eye(4)), geometry, self.encoding)
-        return _Seen(number, view, detect(frame, geometry, replace(FEATURES, max_features=how.features)))
+        return _Seen(number, view, detect(frame, geometry, FEATURES))
 
 
 class _Links:
