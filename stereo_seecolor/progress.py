@@ -1,4 +1,4 @@
-"""How a command goes about its work, and who follows it; nothing here changes what comes out."""
+"""How a command goes about its work, and who follows it."""
 
 import logging
 import re
