@@ -38,6 +38,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "report": ("stereo-seecolor report survey",),
     "view": ("stereo-seecolor view mapped  # opens the page in the browser",),
     "metrics": ("stereo-seecolor metrics mapped --out metrics",),
+    "compare": ("stereo-seecolor compare mapped mapped --out change  # of two dives",),
     "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),
     "campaign": ("stereo-seecolor campaign campaign.yaml",),
     "plan": ("stereo-seecolor plan --left left --right right --calib cam.yaml",),

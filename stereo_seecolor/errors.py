@@ -63,3 +63,7 @@ class ColorError(SeeColorError):
 
 class MappingError(SeeColorError):
     """A survey that cannot be placed or fused."""
+
+
+class ComparingError(SeeColorError):
+    """Two surveys that cannot be compared."""

@@ -233,6 +233,28 @@ SHAPES: dict[str, Shape] = {
         **dict.fromkeys(("cell_m", "area_m2", "height_std_m"), (float, None)),
         "files": [str],
     },
+    "compare": {
+        **END,
+        **dict.fromkeys(("format", "first", "second"), str),
+        "registration": {
+            "T_first_second": [[float]],
+            "covariance": [[float]],
+            "center_m": [float],
+            **dict.fromkeys(("features_alike", "features_agreeing"), int),
+            **dict.fromkeys(("feature_rms_m", "stable_fraction", "surface_spread_m", "features_to_surfaces_m"), float),
+        },
+        **dict.fromkeys(("overlap_m2", "cell_m", "median_lod_m", "error_inflation", "beyond_lod"), float),
+        **dict.fromkeys(("growth_l", "growth_std_l", "loss_l", "loss_std_l"), (float, int)),
+        "patches": [
+            {
+                "number": int,
+                "kind": str,
+                **dict.fromkeys(("x_m", "y_m", "area_cm2", "lightness", "chroma"), float),
+                **dict.fromkeys(("mean_m", "most_m", "volume_l", "volume_std_l"), (float, None)),
+            }
+        ],
+        "files": [str],
+    },
     "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int},
     "water": {**END, "out": str, "path": str, "water": dict},
     "evaluate": {**END, **TRUTH},

@@ -17,7 +17,7 @@ from stereo_seecolor.synthetic.casting import cast
 from stereo_seecolor.synthetic.dive import parse_spec, synthesize
 from stereo_seecolor.synthetic.life import CHART
 from stereo_seecolor.synthetic.lighting import sunlight
-from stereo_seecolor.synthetic.reef import CELL_M, Reef, _blocks, build_reef
+from stereo_seecolor.synthetic.reef import CELL_M, Reef, blocks, build_reef
 from stereo_seecolor.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.synthetic.survey import SurveySpec, track
 from stereo_seecolor.synthetic.waters import WATER_NAMES, WaterName, lit_water
@@ -53,7 +53,7 @@ def test_rays_meet_an_inclined_plane_where_geometry_says(slope_x: float, slope_y
     y, x = np.meshgrid(np.arange(400) * CELL_M - 1.0, np.arange(400) * CELL_M - 1.0, indexing="ij")
     height_m = (slope_x * x + slope_y * y).astype(np.float32)
     empty = (np.zeros((4, 4, 4), np.float32),)
-    reef = Reef((-1.0, -1.0), height_m, empty, empty, _blocks(height_m), np.zeros((4, 2)))
+    reef = Reef((-1.0, -1.0), height_m, empty, empty, blocks(height_m), np.zeros((4, 2)))
     pose = np.eye(4)
     pose[:3, 3] = 0.1, -0.05, 2.0
     aim = np.stack(np.meshgrid(np.linspace(-0.15, 0.15, 31), np.linspace(-0.15, 0.15, 31)), axis=-1)

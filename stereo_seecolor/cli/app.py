@@ -40,6 +40,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "view": map_commands.view,
         "measure": map_commands.measure,
         "metrics": reef_commands.metrics,
+        "compare": reef_commands.compare,
         "export": map_commands.export,
     },
     "Single steps of run": {

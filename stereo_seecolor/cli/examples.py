@@ -24,6 +24,7 @@ EXAMPLES = {
     "measure": ("measure OUT points.csv", "measure OUT points.csv > lengths.csv"),
     "view": ("view OUT", "view OUT --window"),
     "metrics": ("metrics OUT", "metrics OUT --polygons corals.geojson --out METRICS"),
+    "compare": ("compare 2024 2025 --out CHANGE",),
     "export": ("export --list", "export OUT --to colmap --out COLMAP"),
     "demo": ("demo --out demo",),
     "synthesize": ("synthesize --out dive --pairs 20 --lines 2 --water turbid",),

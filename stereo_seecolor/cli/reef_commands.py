@@ -1,4 +1,4 @@
-"""Commands on what a map shows: metrics."""
+"""Commands on what a map shows: metrics, compare."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ import typer
 
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.options import AsJson, Finished
-from stereo_seecolor.cli.reef_text import metrics_text
+from stereo_seecolor.cli.reef_text import comparison_text, metrics_text
 from stereo_seecolor.cli.report import Report
 
 
@@ -28,3 +28,22 @@ def metrics(
         result = measure(out, polygons, folder)
     code = EXIT_SOME_FAILED if result.unseen else EXIT_DONE
     report.end({"out": out, **vars(result)}, metrics_text(result), code)
+
+
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="FIRST", help="Output folder of a run that was fused.")],
+    second: Annotated[Path, typer.Argument(metavar="SECOND", help="The same of a later dive at the same site.")],
+    folder: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="A new or empty folder for rasters, table and picture.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find what changed between two fused runs of one site: growth, loss and color, with standard errors."""
+    from stereo_seecolor.commands.compare import compare as compare_runs
+    from stereo_seecolor.comparing.change_files import description
+
+    report = Report("compare", as_json)
+    with report.working():
+        found = compare_runs(first, second, folder)
+    content = description(found.change) | {"first": first, "second": second, "patches": found.change.patches}
+    report.end({**content, "files": found.files}, comparison_text(found))

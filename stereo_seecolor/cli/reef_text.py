@@ -1,10 +1,13 @@
-"""Metrics of a reef as text for a person."""
+"""Metrics of a reef, and what changed on it, as text for a person."""
 
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
+    from stereo_seecolor.commands.compare import Comparison
     from stereo_seecolor.metrics.site_metrics import SiteMetrics
 
 
@@ -16,6 +19,36 @@ def metrics_text(result: "SiteMetrics") -> str:
         parts += [_outlines(result), _cover(result)]
     parts += [lines([f"not seen: {name}" for name in result.unseen]), lines([f"  {path}" for path in result.files])]
     return "\n".join(part for part in parts if part)
+
+
+def comparison_text(found: "Comparison") -> str:
+    """The evidence of the registration, totals, patches, files."""
+    change, at = found.change, found.change.registration
+    lod_mm = 1000 * float(np.nanmedian(change.difference.lod_m))
+    fits = f"{at.stable:.0%} of the ground fits, within {1000 * at.spread_m:.1f} mm"
+    beyond = f"level of detection {lod_mm:.1f} mm, {change.beyond_lod:.1%} of it beyond (5 % by chance)"
+    head = [
+        f"registered: {at.agreeing} of {at.matches} features agree, within {1000 * at.feature_rms_m:.1f} mm; {fits}",
+        f"{change.overlap_m2:.2f} m2 in both; {beyond}",
+        "growth {:.3f} +- {:.3f} l".format(*change.growth_l) + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
+    ]
+    return lines(head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
+
+
+def _patches(found: "Comparison") -> str:
+    rows = [
+        (
+            f"{patch.number}",
+            patch.kind,
+            f"{patch.x_m:.2f}, {patch.y_m:.2f}",
+            f"{patch.area_cm2:.0f}",
+            f"{1000 * patch.mean_m:+.1f}",
+            f"{patch.volume_l:+.3f} +- {patch.volume_std_l:.3f}" if patch.kind in ("growth", "loss") else "",
+            f"{patch.lightness:+.0f}, {patch.chroma:+.0f}",
+        )
+        for patch in found.change.patches
+    ]
+    return table(("patch", "what", "at m", "cm2", "mm", "liters", "L*, C*"), rows) + "\n" if rows else "no patch of change\n\n"
 
 
 def _structure(result: "SiteMetrics") -> str:

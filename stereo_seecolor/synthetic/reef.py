@@ -51,10 +51,10 @@ def build_reef(spec: SurveySpec) -> Reef:
     height_m = cv2.GaussianBlur(bottom.height_m, (0, 0), 0.8)
     lit = bottom.albedo * _shading(height_m)[..., None]
     color = np.concatenate([lit, bottom.texture[..., None]], axis=-1).astype(np.float32)
-    return Reef((-MARGIN_M, -MARGIN_M), height_m, _mips(color), _mips(_detail_tile(rng)), _blocks(height_m), chart_corners_m)
+    return Reef((-MARGIN_M, -MARGIN_M), height_m, mips(color), mips(_detail_tile(rng)), blocks(height_m), chart_corners_m)
 
 
-def _blocks(height_m: Grid) -> Grid:
+def blocks(height_m: Grid) -> Grid:
     """(rows, columns, 2) highest point and steepest slope in each block, its neighboring grid points included."""
     slope_x, slope_y = (np.abs(np.diff(height_m, axis=axis, append=np.nan)) / CELL_M for axis in (1, 0))
     slope = np.nan_to_num(np.hypot(slope_x, slope_y))
@@ -90,7 +90,8 @@ def _detail_tile(rng: np.random.Generator) -> Grid:
     return np.asarray(np.clip(tile / tile.std(), -2.5, 2.5), dtype=np.float32)
 
 
-def _mips(image: Grid) -> tuple[Grid, ...]:
+def mips(image: Grid) -> tuple[Grid, ...]:
+    """The image at full size and halved seven times."""
     levels = [np.ascontiguousarray(image)]
     for _ in range(7):
         height, width = levels[-1].shape[:2]

@@ -1,0 +1,1 @@
+"""Two surveys of one site: registered, and what changed between them."""

@@ -1,0 +1,125 @@
+"""The height of one terrain less that of another, cell by cell, with standard errors that hold on this very site.
+
+The errors of both terrains and of the registration add up. What they do not know, such as voxels that fall differently on rough
+ground, is read off ground that did not change: the spread of differences there, against what the errors say, as a function of
+what they say (Hugonnet et al. 2022, IEEE JSTARS 15; the same for slopes). The level of detection is then 1.96 standard errors.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.comparing.registration import Registration
+from stereo_seecolor.site.terrain import Terrain
+from stereo_seecolor.site.terrain_errors import TerrainErrors
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+NORMAL_95 = 1.959964
+"""Two-sided 95 % of a normal distribution, in standard deviations."""
+
+
+@dataclass(frozen=True)
+class DifferenceSettings:
+    """How errors are learned from stable ground."""
+
+    slope_cells: float = 0.3  # standard error of where a surface lies sideways, cells: voxels round it off (1 / sqrt 12)
+    bins: int = 8  # of the stated standard error
+    fewest: int = 200  # cells in a bin: its 95 % quantile is then known to 2 % of the cells
+    window_cells: int = 5  # differences are averaged over it to tell change from noise
+    change_sigmas: float = 4.0  # of such a mean, beyond which ground is not taken to be stable
+    grow_cells: int = 3  # around it neither
+    rounds: int = 3
+
+
+SETTINGS = DifferenceSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """dz_m: (H, W) b less a, NaN where either is unknown. std_m: its standard error. lod_m: 1.96 of those. stable: not changed.
+
+    inflation: by how much more than stated the differences of stable ground spread, median over the cells. shared_std_m: (H, W)
+    the part of std_m that all cells share, the registration's. significance: (H, W) means over a window in spreads of such means on
+    stable ground, 0 where unknown. alike: (H, W) how many neighboring cells share one error.
+    """
+
+    dz_m: Array
+    std_m: Array
+    stable: Mask
+    inflation: float
+    shared_std_m: Array
+    significance: Array
+    alike: Array
+
+    @property
+    def lod_m(self) -> Array:
+        """(H, W) the level of detection at 95 %."""
+        return np.asarray(NORMAL_95 * self.std_m)
+
+
+def difference(a: Terrain, b: Terrain, a_errors: TerrainErrors, b_errors: TerrainErrors, registration: Registration) -> Difference:
+    """Of two terrains on one grid."""
+    dz = b.height_m - a.height_m
+    shared = registration.std_m(np.nan_to_num(a.points_m))
+    sideways = SETTINGS.slope_cells * a.grid.cell_m * np.maximum(_steepness(a), _steepness(b))
+    stated = np.sqrt(a_errors.std_m**2 + b_errors.std_m**2 + shared**2 + sideways**2)
+    known = np.isfinite(dz) & np.isfinite(stated)
+    dz, stable, factor = np.where(known, dz, np.nan), known, np.ones_like(dz)
+    for _ in range(SETTINGS.rounds):
+        factor = spread_by(np.abs(dz) / stated, stated, stable)
+        stable = known & ~_changed(dz, stated * factor, stable)
+    std = np.where(known, stated * factor, np.nan)
+    inflation = float(np.median(factor[known])) if known.any() else float("nan")
+    return Difference(dz, std, stable, inflation, np.where(known, shared, np.nan), *in_spreads(dz, std, stable))
+
+
+def _steepness(terrain: Terrain) -> Array:
+    east, north = np.nan_to_num(terrain.slopes)
+    return np.asarray(np.hypot(east, north))
+
+
+def spread_by(size: Array, std: Array, stable: Mask) -> Array:
+    """(H, W) the spread of what should be of unit spread, as a function of std: such that 95 % of stable ground lie within 1.96.
+
+    size: (H, W) absolute values. A value for each bin of std, between the bins' middles interpolated.
+    """
+    used = stable & np.isfinite(std) & np.isfinite(size)
+    bins = int(min(SETTINGS.bins, used.sum() // SETTINGS.fewest))
+    if bins < 1:
+        return np.ones_like(std)
+    edges = np.quantile(std[used], np.linspace(0, 1, bins + 1))
+    centers, factors = [], []
+    for low, high in pairwise(edges):
+        own = used & (std >= low) & (std <= high)
+        centers.append(float(np.median(std[own])))
+        factors.append(max(float(np.quantile(size[own], 0.95)) / NORMAL_95, 1e-9))
+    return np.asarray(np.interp(np.nan_to_num(std), centers, factors))
+
+
+def in_spreads(dz: Array, std: Array, stable: Mask) -> tuple[Array, Array]:
+    """(H, W) window means of differences in spreads of such means on stable ground; and (H, W) how many cells share one error."""
+    z = window_mean(dz, std)
+    spread = spread_by(np.abs(z), std, stable)
+    return np.nan_to_num(z / spread), np.maximum(spread**2, 1)
+
+
+def _changed(dz: Array, std: Array, stable: Mask) -> Mask:
+    """Where the mean over a window is further off than such means are on stable ground; and around that."""
+    z, _ = in_spreads(dz, std, stable)
+    size = 2 * SETTINGS.grow_cells + 1
+    far = (np.abs(z) > SETTINGS.change_sigmas).astype(np.uint8)
+    return np.asarray(cv2.dilate(far, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))) > 0)
+
+
+def window_mean(dz: Array, std: Array, cells: int = SETTINGS.window_cells) -> Array:
+    """(H, W) sum of dz / std^2 over a window, over the square root of the sum of 1 / std^2; NaN where dz is unknown."""
+    known = np.isfinite(dz) & np.isfinite(std)
+    weight = np.where(known, 1 / np.where(known, std, 1) ** 2, 0)
+    total = cv2.boxFilter(weight * np.where(known, dz, 0), -1, (cells, cells), normalize=False)
+    norm = np.sqrt(np.maximum(cv2.boxFilter(weight, -1, (cells, cells), normalize=False), 0))
+    return np.where(known, total / np.maximum(norm, 1e-12), np.nan)

@@ -1,0 +1,91 @@
+"""Connected ground that rose, sank or changed its color, with areas and volumes."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.comparing.difference import Difference
+from stereo_seecolor.comparing.m3c2 import SurfaceDistances
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Kind = Literal["growth", "loss", "paler", "darker", "other color"]
+
+
+@dataclass(frozen=True)
+class PatchSettings:
+    """What is a patch."""
+
+    seed_sigmas: float = 5.0  # of a mean over a window: somewhere in a patch it is at least so far off
+    edge_sigmas: float = 2.5  # and everywhere so far
+    fewest_cells: int = 25  # a window: smaller ones are errors of single cells
+    sure_sigmas: float = 3.0  # its volume over its standard error
+    on_surface: float = 0.5  # of its cells also differ along the normal: at an edge, heights differ where nothing moved
+
+
+SETTINGS = PatchSettings()
+
+
+@dataclass(frozen=True)
+class Patch:
+    """number: in height_change.tif. x_m, y_m: of its middle, in the first survey's world. area_cm2: in plan.
+
+    mean_m, most_m: change of height. volume_l: liters more than before, with its standard error; NaN for a change of color.
+    lightness, chroma: change of CIELAB's L* and C*, mean over the patch.
+    """
+
+    number: int
+    kind: Kind
+    x_m: float
+    y_m: float
+    area_cm2: float
+    mean_m: float
+    most_m: float
+    volume_l: float
+    volume_std_l: float
+    lightness: float
+    chroma: float
+
+
+def height_patches(found: Difference, surface: SurfaceDistances, cell_m: float) -> list[tuple[Kind, Mask]]:
+    """Growth and loss whose volume is sure, and which the distances along the normal (H, W) show too."""
+    moved = np.abs(np.nan_to_num(surface.distance_m)) > np.nan_to_num(surface.lod_m)
+    z = found.significance
+    kept: list[tuple[Kind, Mask]] = []
+    kinds: tuple[tuple[Kind, Array], ...] = (("growth", z), ("loss", -z))
+    for kind, signed in kinds:
+        for mask in _regions(signed):
+            volume, std = volume_l(found, mask, cell_m)
+            if abs(volume) > SETTINGS.sure_sigmas * std and moved[mask].mean() > SETTINGS.on_surface:
+                kept.append((kind, mask))
+    return kept
+
+
+def volume_l(found: Difference, mask: Mask, cell_m: float) -> tuple[float, float]:
+    """Liters and their standard error: errors that neighbors share, and the registration's, which all share."""
+    known = mask & np.isfinite(found.dz_m)
+    variance = float((found.alike[known] * found.std_m[known] ** 2).sum()) + float(found.shared_std_m[known].sum()) ** 2
+    return 1000 * cell_m**2 * float(found.dz_m[known].sum()), 1000 * cell_m**2 * variance**0.5
+
+
+def color_patches(z: Array, change: NDArray[np.float32]) -> list[tuple[Kind, Mask]]:
+    """z: (H, W) color change in spreads of stable ground. change: (H, W, 2) of lightness and chroma."""
+    return [(_color_kind(change[mask]), mask) for mask in _regions(z)]
+
+
+def _color_kind(change: NDArray[np.float32]) -> Kind:
+    lightness, chroma = np.nanmean(change, axis=0)
+    if abs(lightness) < 0.5 * abs(chroma):
+        return "other color"
+    return "paler" if lightness > 0 else "darker"
+
+
+def _regions(z: Array) -> list[Mask]:
+    """Connected cells beyond edge_sigmas that reach seed_sigmas somewhere, and are not too few."""
+    count, labels = cv2.connectedComponents((z > SETTINGS.edge_sigmas).astype(np.uint8))
+    seeds = np.unique(labels[z > SETTINGS.seed_sigmas])
+    sizes = np.bincount(labels.ravel(), minlength=count)
+    return [labels == number for number in seeds if number and sizes[number] >= SETTINGS.fewest_cells]

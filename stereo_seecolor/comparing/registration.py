@@ -1,0 +1,102 @@
+"""Where a second survey of a site lies in the coordinates of the first, with the evidence; refused where it does not hold."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.comparing.landmarks import Landmarks, landmarks, matched
+from stereo_seecolor.comparing.rigid import RigidFit, rigid_fit
+from stereo_seecolor.comparing.surface_fit import SurfaceFit, surface_fit
+from stereo_seecolor.errors import ComparingError
+from stereo_seecolor.export.posed_run import PosedRun
+from stereo_seecolor.geometry import transformed
+from stereo_seecolor.site.mesh import SiteMesh
+from stereo_seecolor.site.orthophoto import orthophoto
+from stereo_seecolor.site.terrain import grid_of, terrain_of
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """When a registration holds."""
+
+    tolerance_cells: float = 3.0  # matched points that lie nearer agree
+    fewest: int = 12  # matches that agree; wrong matches of a rigid motion with this tolerance reach 4 or 5
+    fraction: float = 0.05  # of the matches; RANSAC finds no motion below
+    apart_cells: float = 5.0  # features and surfaces may place the site so differently, and no more
+    stable: float = 0.5  # of the ground over both must fit: what moved cannot be told from what did not otherwise
+
+
+SETTINGS = RegistrationSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """T_a_b: (4, 4) from b's coordinates to a's. covariance: (6, 6) of (turn in rad, shift in m) about center_m.
+
+    matches, agreeing: features, and those that agree on the motion, within feature_rms_m. stable: fraction of the ground over both
+    that fits. spread_m: robust standard deviation of the distances there. apart_m: between features and surfaces.
+    """
+
+    T_a_b: Array
+    covariance: Array
+    center_m: Array
+    matches: int
+    agreeing: int
+    feature_rms_m: float
+    stable: float
+    spread_m: float
+    apart_m: float
+
+    def std_m(self, points_m: Array) -> Array:
+        """(...,) standard error of the height of points (..., 3) through the registration alone, on level ground."""
+        arm = points_m - self.center_m
+        J = np.stack([arm[..., 1], -arm[..., 0], *np.broadcast_arrays(0.0, 0.0, 0.0, np.ones(arm.shape[:-1]))], axis=-1)
+        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", J, self.covariance, J)))
+
+
+@dataclass(frozen=True, eq=False)
+class Surveyed:
+    """A fused run, its mesh, and the edge of its voxels."""
+
+    posed: PosedRun
+    mesh: SiteMesh
+    voxel_m: float
+
+    def landmarks(self, cell_m: float) -> Landmarks:
+        """What it can be recognized by."""
+        terrain = terrain_of(self.mesh, grid_of(self.mesh, cell_m))
+        return landmarks(orthophoto(self.posed, terrain, self.voxel_m), terrain)
+
+
+def register(a: Surveyed, b: Surveyed, cell_m: float) -> Registration:
+    """Place b in a's coordinates. Raises ComparingError, with the evidence, where it cannot be relied on."""
+    found = matched(a.landmarks(cell_m), b.landmarks(cell_m))
+    count = len(found[0])
+    coarse = rigid_fit(*found, SETTINGS.tolerance_cells * cell_m)
+    agreeing = int(coarse.inliers.sum()) if coarse else 0
+    needed = max(SETTINGS.fewest, round(SETTINGS.fraction * count))
+    if coarse is None or agreeing < needed:
+        raise ComparingError(
+            f"the surveys cannot be registered: of {count} features that look alike {agreeing} agree on one place (needed: {needed}"
+            "): do they show the same site, in colors that are corrected alike?"
+        )
+    fine = surface_fit(a.mesh, b.mesh, coarse.T, SETTINGS.apart_cells * cell_m)
+    return _checked(coarse, fine, found[0][coarse.inliers], count, cell_m)
+
+
+def _checked(coarse: RigidFit, fine: SurfaceFit | None, places: Array, count: int, cell_m: float) -> Registration:
+    """The registration by features and surfaces together, if they agree."""
+    if fine is None:
+        raise ComparingError("the surveys cannot be registered: features agree, but the surfaces do not overlap there")
+    back = transformed(coarse.T @ np.linalg.inv(fine.T), places)
+    apart_m = float(np.sqrt(((back - places) ** 2).sum(axis=1).mean()))
+    if fine.stable < SETTINGS.stable or apart_m > SETTINGS.apart_cells * cell_m:
+        raise ComparingError(
+            f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: {SETTINGS.stable:.0%}); features "
+            f"and surfaces are {1000 * apart_m:.0f} mm apart (at most {1000 * SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
+        )
+    agreeing = int(coarse.inliers.sum())
+    return Registration(fine.T, fine.covariance, fine.center_m, count, agreeing, coarse.rms_m, fine.stable, fine.spread_m, apart_m)

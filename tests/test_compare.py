@@ -1,0 +1,269 @@
+"""Two dives of one reef of which parts changed in between: registered, and what changed is found and nothing else."""
+
+import csv
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from json_shapes import SHAPES, mismatch
+from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, track, write_run
+from numpy.typing import NDArray
+
+from stereo_seecolor.commands.compare import Comparison, compare
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.comparing.color_change import color_change
+from stereo_seecolor.comparing.difference import spread_by
+from stereo_seecolor.comparing.m3c2 import distances
+from stereo_seecolor.comparing.rigid import rigid_fit
+from stereo_seecolor.comparing.surface_fit import surface_fit
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import ComparingError, InputError, OutputError
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
+from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.site.mesh import SiteMesh
+from stereo_seecolor.site.terrain import Terrain
+from stereo_seecolor.synthetic.changes import Change, changed_reef
+from stereo_seecolor.synthetic.reef import Reef
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+Array = NDArray[np.float64]
+
+FIRST = SurveySpec(
+    seed=11, pairs=10, lines=2, image_size=(320, 256), line_spacing_m=0.6, pair_spacing_m=0.35, altitude_m=(1.3, 1.3), relief_m=0.2
+)
+SECOND = replace(FIRST, seed=12, pairs=12, lines=3, line_spacing_m=0.35, pair_spacing_m=0.45, altitude_m=(1.5, 1.5))
+"""Another track, another altitude; its noise is its own."""
+GROWN, LARGER, BLEACHED = (
+    Change("grown", 0.35, 0.25, 0.16, 0.02),
+    Change("grown", 1.1, 0.6, 0.12, 0.03),
+    Change("bleached", 0.5, 0.75, 0.13),
+)
+SAND, REMOVED = Change("sand", 1.4, 0.0, 0.16, 0.04), Change("removed", 0.9, 0.05, 0.13, 0.0)
+CHANGES = (GROWN, LARGER, BLEACHED, SAND, REMOVED)
+T_SECOND = pose(rotation_from_vector(np.array([0.01, -0.015, 0.35])), [3.0, -1.0, 0.4])
+"""The second dive's navigation has another origin, heading and level."""
+
+
+@pytest.fixture(scope="module")
+def dives(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Reef, Reef]:
+    folder = tmp_path_factory.mktemp("dives")
+    first, second = ReefFrames(FIRST, noise_px=0.1), ReefFrames(SECOND, noise_px=0.1)
+    second.__dict__["reef"] = changed_reef(first.reef, CHANGES)
+    for name, frames, T in (("first", first, np.eye(4)), ("second", second, T_SECOND)):
+        taken = [frames[i] for i in range(len(frames))]
+        if name == "second":  # a cast that no white balance took out
+            taken = [replace(frame, color=cast(frame.color)) for frame in taken]
+        write_run(folder / name, taken, frames.pair)
+        write_tum(folder / f"{name}.tum", replace(frames.trajectory, T_world_camera=T @ frames.trajectory.T_world_camera))
+        config = RunConfig.model_validate({"mapping": {"poses": "given", "voxel_m": 0.01}})
+        fuse(folder / name, folder / f"{name}.tum", config)
+    return folder / "first", folder / "second", first.reef, second.reef
+
+
+def cast(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    return np.clip(color * np.array([0.8, 1.0, 1.1]) + np.array([4, 6, 9]), 0, 255).astype(np.uint8)
+
+
+@pytest.fixture(scope="module")
+def found(dives: tuple[Path, Path, Reef, Reef], tmp_path_factory: pytest.TempPathFactory) -> Comparison:
+    return compare(dives[0], dives[1], tmp_path_factory.mktemp("found") / "change")
+
+
+def true_change_m(dives: tuple[Path, Path, Reef, Reef], grid: Grid) -> Array:
+    x, y = grid.centers(slice(0, grid.shape[0]), slice(0, grid.shape[1]))
+    heights = []
+    for reef in dives[2:]:
+        column, row = (
+            ((values - start) / 0.005).astype(np.float32) for values, start in ((x, reef.origin_m[0]), (y, reef.origin_m[1]))
+        )
+        heights.append(cv2.remap(reef.height_m, column, row, cv2.INTER_LINEAR).astype(np.float64))
+    return np.asarray(heights[1] - heights[0])
+
+
+def around(mask: NDArray[np.bool_], cells: int) -> NDArray[np.bool_]:
+    return cv2.dilate(mask.astype(np.uint8), np.ones((2 * cells + 1,) * 2, np.uint8)) > 0
+
+
+@pytest.mark.slow
+def test_the_second_dive_is_placed_within_millimeters(found: Comparison) -> None:
+    at, points = found.change.registration, found.change.before.points_m[found.change.before.known]
+    off = transformed(at.T_a_b @ T_SECOND, points) - points
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 3e-3
+    assert at.agreeing > 500 and at.stable > 0.85
+    np.testing.assert_array_less(np.abs(off[:, 2]), 5 * at.std_m(points) + 2e-4)
+
+
+@pytest.mark.slow
+def test_unchanged_ground_lies_within_the_level_of_detection(dives: tuple[Path, Path, Reef, Reef], found: Comparison) -> None:
+    change = found.change
+    still = np.isfinite(change.difference.dz_m) & ~around(np.abs(true_change_m(dives, change.before.grid)) > 5e-4, 2)
+    assert 0.93 < (np.abs(change.difference.dz_m) <= change.difference.lod_m)[still].mean() < 0.97
+    on_surface = still & np.isfinite(change.surface.distance_m)
+    assert 0.9 < (np.abs(change.surface.distance_m) <= change.surface.lod_m)[on_surface].mean() < 0.99
+
+
+@pytest.mark.slow
+def test_growth_and_loss_are_found_and_nothing_else(dives: tuple[Path, Path, Reef, Reef], found: Comparison) -> None:
+    change, true_m = found.change, true_change_m(dives, found.change.before.grid)
+    known, patches = np.isfinite(change.difference.dz_m), np.zeros(true_m.shape, bool)
+    for patch, mask in zip(change.patches, change.masks, strict=True):
+        patches |= mask & (patch.kind in ("growth", "loss"))
+    large = known & (np.abs(true_m) > 0.0195)
+    assert patches[large].mean() > 0.9
+    assert (patches & ~around(np.abs(true_m) > 5e-4, 3)).sum() < 0.05 * patches.sum()
+    for (total, std), true in ((change.growth_l, np.maximum(true_m, 0)), (change.loss_l, np.minimum(true_m, 0))):
+        expected = 1000 * change.before.grid.cell_m**2 * true[known].sum()
+        assert total == pytest.approx(expected, rel=0.1)
+        assert 0 < std < 0.1 * abs(expected)
+
+
+@pytest.mark.slow
+def test_bleaching_is_found_by_color(found: Comparison) -> None:
+    near = [p for p in found.change.patches if np.hypot(p.x_m - BLEACHED.x_m, p.y_m - BLEACHED.y_m) < 0.05]
+    assert [patch.kind for patch in near] == ["paler"]
+    assert near[0].lightness > 5 and near[0].chroma < 0
+    assert near[0].area_cm2 == pytest.approx(1e4 * np.pi * BLEACHED.radius_m**2, rel=0.6)  # averaged over a window
+    kinds = {patch.kind for patch in found.change.patches if np.hypot(patch.x_m - GROWN.x_m, patch.y_m - GROWN.y_m) < 0.05}
+    assert kinds == {"growth"}  # what grew kept its color
+
+
+@pytest.mark.slow
+def test_what_is_written(
+    dives: tuple[Path, Path, Reef, Reef], found: Comparison, tmp_path: Path, cli: Callable[..., tuple[int, str, str]]
+) -> None:
+    import rasterio
+
+    folder = found.files[0].parent
+    assert [path.name for path in found.files] == [
+        "change.json",
+        "change.png",
+        "color_change.tif",
+        "height_change.tif",
+        "patches.csv",
+    ]
+    with (folder / "patches.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["kind"] for row in rows] == [patch.kind for patch in found.change.patches]
+    with rasterio.open(folder / "height_change.tif") as raster:
+        heights, labels = (
+            raster.read(raster.descriptions.index("change_m") + 1),
+            raster.read(raster.descriptions.index("patch") + 1),
+        )
+        row, column = raster.index(GROWN.x_m, GROWN.y_m)
+    assert heights[row, column] == pytest.approx(0.02, abs=0.01)
+    assert rows[int(labels[row, column]) - 1]["kind"] == "growth"
+    image = cv2.imread(str(folder / "change.png"))
+    assert image.shape[1] > 1000 and image.std() > 20
+    code, said, _ = cli("compare", dives[0], dives[1], "--json")
+    content = json.loads(said)
+    assert (code, mismatch(content, SHAPES["compare"])) == (0, None)
+    assert content["growth_l"] == pytest.approx(json.loads((folder / "change.json").read_text())["growth_l"])
+    code, said, _ = cli("compare", dives[0], dives[0])
+    assert code == 0 and "no patch of change" in said
+    with pytest.raises(OutputError, match="new or an empty folder"):
+        compare(dives[0], dives[1], folder)
+    write_run(tmp_path / "flat", [flat_frame(i) for i in range(3)], PAIR)
+    with pytest.raises(InputError, match="holds no map"):
+        compare(dives[0], tmp_path / "flat")
+    write_tum(tmp_path / "nav.tum", track(3))
+    fuse(tmp_path / "flat", tmp_path / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})))
+    with pytest.raises(ComparingError, match=r"of \d+ features that look alike \d agree on one place \(needed: 12\)"):
+        compare(dives[0], tmp_path / "flat")
+
+
+def test_a_motion_is_found_among_wrong_matches() -> None:
+    rng = np.random.default_rng(0)
+    b = rng.uniform(-2, 2, (200, 3))
+    T = pose(rotation_from_vector(np.array([0.1, 0.2, 1.5])), [1, 2, 3])
+    a = transformed(T, b) + rng.normal(0, 0.002, b.shape)
+    a[60:] = rng.uniform(-2, 2, (140, 3))
+    fit = rigid_fit(a, b, 0.02)
+    assert fit is not None and fit.inliers[:60].all() and fit.inliers.sum() < 63
+    np.testing.assert_allclose(fit.T, T, atol=3e-3)
+    assert rigid_fit(a[:2], b[:2], 0.02) is None
+    lost = rigid_fit(a[60:], b[60:], 0.02)
+    assert lost is None or lost.inliers.sum() < 8
+
+
+def waves(x: Array, y: Array) -> Array:
+    return 0.1 * np.sin(4 * x) * np.cos(5 * y) + 0.05 * np.sin(9 * x + 1)
+
+
+def surface(height: Callable[[Array, Array], Array], shift: float = 0.0) -> SiteMesh:
+    """A surface over a square of 2 m, a vertex every 2 cm."""
+    x, y = np.meshgrid(*(np.arange(-1, 1, 0.02) + shift,) * 2)
+    z = height(x, y)
+    east, north = (height(x + dx, y + dy) - z for dx, dy in ((1e-4, 0), (0, 1e-4)))
+    normals = np.stack([-east / 1e-4, -north / 1e-4, np.ones_like(z)], axis=-1).reshape(-1, 3)
+    points = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    unit = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    return SiteMesh(points, unit, np.zeros((len(points), 3), np.uint8), np.zeros((0, 3), np.int32))
+
+
+def test_surfaces_meet_where_they_did_not_change_and_say_how_surely() -> None:
+    rng = np.random.default_rng(2)
+    a, b = surface(waves), surface(lambda x, y: waves(x, y) + 0.05 * (np.hypot(x - 0.4, y) < 0.3), shift=0.007)
+    noisy = replace(b, points_m=b.points_m + rng.normal(0, 0.002, b.points_m.shape))
+    T = pose(rotation_from_vector(np.array([0.004, -0.003, 0.005])), [0.01, -0.008, 0.012])
+    fit = surface_fit(a, noisy.moved(T), np.eye(4), 0.06)
+    assert fit is not None and 0.85 < fit.stable < 0.97
+    off = transformed(fit.T @ T, b.points_m) - b.points_m
+    assert np.abs(off).max() < 5e-4
+    center = (fit.T @ T)[:3] @ [*fit.center_m, 1] - fit.center_m
+    assert (np.abs(center) < 5 * np.sqrt(np.diag(fit.covariance))[3:] + 5e-5).all()
+    far = a.moved(pose(np.eye(3), [50, 0, 0]))
+    assert surface_fit(a, far, np.eye(4), 0.06) is None
+
+
+def test_distances_are_along_the_normal_of_steep_ground() -> None:
+    slope = pose(rotation_from_vector(np.array([0.0, -np.radians(70), 0.0])), [0, 0, 0])
+    wall = surface(lambda x, y: 0 * x).moved(slope)
+    nearer = wall.moved(pose(np.eye(3), 0.015 * wall.normals[0]))
+    core = wall.points_m[25::50]  # not at an edge
+    std = np.full(len(core), 0.003)
+    result = distances(wall, nearer, core, (std, std, 0 * std), 0.02)
+    inner = np.isfinite(result.distance_m)
+    assert inner.mean() > 0.9
+    np.testing.assert_allclose(result.distance_m[inner], 0.015, atol=1e-6)
+    assert np.median(result.lod_m[inner]) == pytest.approx(1.96 * 0.003 * np.sqrt(2 / (20 / 9)), rel=0.2)
+
+
+def test_a_spread_that_grows_with_the_stated_error_is_learned() -> None:
+    rng = np.random.default_rng(5)
+    std = rng.uniform(0.002, 0.02, (150, 150))
+    dz = rng.normal(0, 1, std.shape) * std * (1 + 50 * std)
+    factor = spread_by(np.abs(dz) / std, std, np.ones_like(std, bool))
+    for low, high in ((0.002, 0.006), (0.006, 0.012), (0.012, 0.02)):
+        own = (std > low) & (std < high)
+        assert (np.abs(dz) < 1.96 * factor * std)[own].mean() == pytest.approx(0.95, abs=0.02)
+    assert (spread_by(dz, std, np.zeros_like(std, bool)) == 1).all()
+
+
+def test_a_cast_is_no_change_of_color_and_a_pale_spot_is() -> None:
+    rng = np.random.default_rng(6)
+    color = cv2.GaussianBlur(rng.uniform(30, 220, (120, 120, 3)).astype(np.float32), (0, 0), 4)
+    color = (color - color.mean()) * 6 + 100
+    grid, flat = Grid(0, 0, 0.01, (120, 120)), np.zeros((120, 120))
+    spotted = np.clip(color, 5, 200)
+    later = spotted.copy()
+    later[40:70, 40:70] = 0.3 * later[40:70, 40:70] + 150
+    found = color_change(Terrain(grid, flat, spotted), Terrain(grid, flat, later * np.array([0.7, 0.95, 0.9], np.float32)))
+    assert np.median(found.delta_e) < 1.5
+    assert found.z[45:65, 45:65].min() > 4
+    assert found.change[45:65, 45:65, 0].mean() > 10 and found.change[45:65, 45:65, 1].mean() < 0
+
+
+def test_changes_change_what_they_say_and_no_more() -> None:
+    """Inverse by construction: what grew and is taken off again is the reef as it was."""
+    reef = ReefFrames(replace(FIRST, pairs=2, lines=1)).reef
+    grown = changed_reef(reef, [GROWN])
+    assert np.abs(grown.height_m - reef.height_m).max() == pytest.approx(0.02, abs=1e-6)
+    assert (grown.color[0] == reef.color[0]).all()
+    back = changed_reef(grown, [replace(GROWN, amount_m=-0.02)])
+    np.testing.assert_allclose(back.height_m, reef.height_m, atol=1e-6)
+    assert inverse(T_SECOND) @ T_SECOND == pytest.approx(np.eye(4))
