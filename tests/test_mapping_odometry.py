@@ -130,6 +130,7 @@ def test_nothing_but_blank_frames_is_an_error(reef: ReefFrames, frames: list[Sur
         estimate([blank(f) for f in frames[:3]], reef, ALONE)
 
 
+@pytest.mark.slow
 def test_noisy_navigation_as_a_prior_gives_place_and_pictures_give_shape(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     truth = reef.trajectory.T_world_camera[:6]
     rng = np.random.default_rng(1)

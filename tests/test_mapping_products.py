@@ -101,6 +101,7 @@ def pyramid() -> Surface:
     return Surface(points, up, np.full((5, 3), (10, 200, 30), np.uint8), triangles)
 
 
+@pytest.mark.slow
 def test_terrain_is_the_highest_surface_over_each_cell(tmp_path: Path) -> None:
     grid = Grid.around(np.array([-0.5, 0.0]), np.array([1.0, 1.0]), 0.1)
     roof = pyramid()
@@ -157,6 +158,7 @@ def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
     assert (int(cloud.red[0]), int(cloud.green[0])) == (200 * 257, 120 * 257)
 
 
+@pytest.mark.slow
 def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     frames = [flat_frame(i, fish=i == 1) for i in range(4)]
     build_map(frames, PAIR, tmp_path, CONFIG, track(4, step_m=0.15))
@@ -171,6 +173,7 @@ def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     assert (rgba[:3, ~painted] == 0).all()
 
 
+@pytest.mark.slow
 def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -182,6 +185,7 @@ def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
         assert (painted.read(4) == 255).sum() * painted.res[0] ** 2 > 0.97 * known_m2
 
 
+@pytest.mark.slow
 def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
     build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     lines = (tmp_path / "reef_metrics.csv").read_text().splitlines()

@@ -111,6 +111,7 @@ def test_exposure_may_differ() -> None:
     assert bad_fraction(found, scene(), 1.0) < 0.02
 
 
+@pytest.mark.slow
 def test_sixteen_bits_hold_the_same_scene() -> None:
     wide = swapped(scene(), *(image.astype(np.uint16) * 257 for image in (scene().frame.left, scene().frame.right)))
     difference = np.abs(match(wide).disparity - match(scene()).disparity)

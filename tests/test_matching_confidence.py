@@ -89,6 +89,7 @@ def test_equal_grays_say_nothing_about_the_edge() -> None:
     assert not fattened(best, gray(100), odds=0.4).any()  # rejected already
 
 
+@pytest.mark.slow
 def test_less_confidence_leaves_the_ranges_that_are_known_as_they_are() -> None:
     scene = render((320, 256), relief_m=0.5, seed=3)
     strict, loose = (

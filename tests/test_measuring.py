@@ -144,6 +144,7 @@ def spots(terrain: Ground, *places: tuple[float, float]) -> list[Spot]:
     return [spot for spot in found if spot is not None]
 
 
+@pytest.mark.slow
 def test_on_a_slope_points_lengths_and_areas_are_those_of_a_plane() -> None:
     terrain = slope(east=0.5)
     corners = spots(terrain, (5.2, 2.8), (5.8, 2.8), (5.8, 2.4), (5.2, 2.4))
@@ -257,6 +258,7 @@ def table(path: Path, *rows: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_table_of_places_is_measured(out: Path, tmp_path: Path) -> None:
     rows = ("a,0000,length,coral,60,60", "a,0000,length,coral,100,60", "b,0001,point,,88,64")
     length, point = measure(out, table(tmp_path / "points.csv", *rows))
