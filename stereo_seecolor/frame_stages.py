@@ -20,18 +20,16 @@ from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.frame_facts import capture_facts, range_facts
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_alone, ranges_for_color
-from stereo_seecolor.records import Capture, FrameRow, Image, Map, Mask, RangeMap, Water
+from stereo_seecolor.records import FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 from stereo_seecolor.run_folder.products import Files, correction_files, original_files, range_files
-
-MEDIAN_STEP_PX = 4
-"""The median range is that of every fourth pixel of every fourth row: of all it takes ten times as long, and is no truer."""
 
 
 class Source(Protocol):
@@ -157,7 +155,7 @@ class FrameStages:
 
     def _measured(self, ranged: Ranged, clock: Clock) -> Ranged:
         image, range_map = self._source.measure(ranged.pair, clock)
-        facts = _facts(range_map) | _recorded(self._source.reader.capture(ranged.pair.left))
+        facts = range_facts(range_map) | capture_facts(self._source.reader.capture(ranged.pair.left))
         stage = StageRecord(ranged.key, self.range_settings, facts=facts, warnings=range_map.warnings)
         with clock("write"):
             makes, output = self._source.makes_ranges, self._source.config.output
@@ -277,25 +275,6 @@ class FrameStages:
 def water_key(water: Water) -> str:
     """Hash of a water's content."""
     return content_key(water.content())
-
-
-def _facts(range_map: RangeMap) -> dict[str, float]:
-    """coverage: fraction of the frame with a measured range. median_range_m: of those pixels; absent where there is none."""
-    measured_m = range_map.measured_m
-    facts = {"coverage": float(np.isfinite(measured_m).mean())}
-    sample_m = measured_m[::MEDIAN_STEP_PX, ::MEDIAN_STEP_PX]
-    known_m = sample_m[np.isfinite(sample_m)]
-    return facts | ({"median_range_m": float(np.median(known_m))} if known_m.size else {})
-
-
-def _recorded(capture: Capture) -> dict[str, float]:
-    """What the camera recorded of its exposure: seconds, gain as a factor (1 = ISO 100), f-number."""
-    facts = {
-        "camera_exposure_s": capture.exposure_s,
-        "camera_gain": capture.gain,
-        "camera_aperture": capture.aperture,
-    }
-    return {name: value for name, value in facts.items() if value is not None}
 
 
 def _table_content(table: MomentTable, key: str) -> bytes:
