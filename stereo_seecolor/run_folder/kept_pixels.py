@@ -4,13 +4,13 @@ in files of OUT that only this run reads.
 
 import contextlib
 import shutil
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.files.atomic import temporary_path
 from stereo_seecolor.records import Image, Map, Mask
 from stereo_seecolor.run_folder.layout import scratch_folder
@@ -46,7 +46,7 @@ class KeptPixels:
 
     def __init__(self, root: Path | None) -> None:
         self._root = root
-        self._lock = threading.Lock()
+        self._lock = Lock()
         self._memory: dict[tuple[str, str], FramePixels] = {}
         self._files: dict[tuple[str, str], Path] = {}
         self._bytes = 0
