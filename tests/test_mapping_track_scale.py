@@ -84,8 +84,8 @@ def test_a_pose_fits_exact_points_in_spite_of_outliers() -> None:
     assert (np.linalg.eigvalsh(covariance) > 0).all()
 
 
-def views(corner_px: float, disparity_px: float, pairs: int = 12) -> list[Pair]:
-    """Pairs whose points are off by a radial term and by a square one of the disparity, and by noise."""
+def views(corner_px: float, disparity_px: float, cubic_px: float = 0.0, pairs: int = 12) -> list[Pair]:
+    """Pairs whose points are off by a radial term, by a square and a cubic one of the disparity, and by noise."""
     rng = np.random.default_rng(4)
     corner = np.hypot(*PAIR.image_size) / 2 / PAIR.focal_px
     std = np.broadcast_to([2e-4, 2e-4, 0.1 / 40], (400, 3))
@@ -93,7 +93,7 @@ def views(corner_px: float, disparity_px: float, pairs: int = 12) -> list[Pair]:
     def seen(true: np.ndarray) -> Observed:
         x, y = true[:, 0] / corner, true[:, 1] / corner
         radial = corner_px / PAIR.focal_px * (x * x + y * y)
-        off = np.column_stack([radial * x, radial * y, disparity_px / 40 * x * y])
+        off = np.column_stack([radial * x, radial * y, (disparity_px * x * y + cubic_px * x**3) / 40])
         return Observed(true + off + std * rng.standard_normal(true.shape), std)
 
     found = []
@@ -108,7 +108,13 @@ def views(corner_px: float, disparity_px: float, pairs: int = 12) -> list[Pair]:
 def test_errors_that_all_images_share_are_found() -> None:
     errors = find_image_errors(views(1.5, 0.8), PAIR)
     assert errors is not None
-    assert errors.values == pytest.approx([1.5, 0, 0.8, 0], abs=0.15)
+    assert errors.values == pytest.approx([1.5, 0, 0.8, 0, 0, 0, 0, 0, 0, 0], abs=0.15)
+
+
+def test_lenses_that_are_off_differently_leave_a_cubic_disparity_which_is_found() -> None:
+    errors = find_image_errors(views(0.0, 0.0, cubic_px=0.8), PAIR)
+    assert errors is not None
+    assert errors.values == pytest.approx([0, 0, 0, 0, 0, 0.8, 0, 0, 0, 0], abs=0.15)
 
 
 def test_a_true_lens_is_left_alone() -> None:

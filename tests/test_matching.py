@@ -139,6 +139,18 @@ def test_what_the_left_camera_did_not_see_is_unknown() -> None:
         assert np.isnan(found.range_m[~seen]).all() and np.isfinite(found.range_m[seen]).mean() > 0.8
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_lies_just_outside_the_right_image_is_not_matched_with_its_border(seed: int) -> None:
+    """Up to 0.01 % of the pixels were."""
+    flat = render((480, 360), altitude_m=1.0, relief_m=0.0, noise=1.5, seed=seed)
+    found = match(flat, MatchingConfig(min_range_m=0.5))
+    column = np.arange(480, dtype=np.float32)
+    assert np.nanmin(column - found.disparity) >= 0.49  # an ulp of the disparity
+    outside = column - flat.disparity < 0
+    assert np.isfinite(found.disparity)[outside].mean() < 0.001
+    assert np.isfinite(found.disparity)[~outside].mean() > 0.99
+
+
 def test_ranges_outside_the_limits_are_unknown() -> None:
     found = match(scene(), MatchingConfig(min_range_m=1.75, max_range_m=2.0))
     assert np.nanmin(found.range_m) >= 1.75 and np.nanmax(found.range_m) <= 2.0

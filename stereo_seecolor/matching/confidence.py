@@ -30,6 +30,10 @@ class ConfidenceWeights:
 
 
 WEIGHTS = ConfidenceWeights()
+BORDER_PX = 0.5
+"""Disparities that meet the right image nearer than this to its left or right end are not believed, pixels: what lies just outside
+it is often matched with its outermost column (on a drawn plane nine of ten of the wrong pixels there).
+"""
 _LOG_2 = float(np.log(2))
 _UNIQUENESS, _SUPPORT, _RELIEF = WEIGHTS.uniqueness / _LOG_2, WEIGHTS.support / _LOG_2, WEIGHTS.relief
 _FATTENING, _LEAST_RELIEF = WEIGHTS.fattening / _LOG_2, WEIGHTS.least_relief_px
@@ -66,14 +70,18 @@ def weigh_rows(evidence: tuple[Map, Map, Map, Map], odds: Map) -> None:
 
 @compiled
 def judge_rows(least: Any, fattening: Map, disparity: Map, confidence: Map) -> None:
-    """Turn the log odds in ``confidence`` into the confidence; make disparities NaN where it is under ``least``."""
+    """Turn the log odds in ``confidence`` into the confidence; make disparities NaN where it is under ``least``, and where they meet
+    nothing of the right image.
+    """
+    nearest, farthest = np.float32(BORDER_PX), np.float32(confidence.shape[1] - 1 - BORDER_PX)
     one, unknown, bound, per_fattening = np.float32(1), np.float32(np.nan), np.float32(least), np.float32(_FATTENING)
     for y in range(confidence.shape[0]):
         disparity_row, confidence_row, fat_row = disparity[y], confidence[y], fattening[y]
         for x in range(confidence_row.size):
             chance = one / (one + _exp2(-(confidence_row[x] + per_fattening * fat_row[x])))
             confidence_row[x] = chance
-            disparity_row[x] = disparity_row[x] if chance >= bound else unknown
+            met = np.float32(x) - disparity_row[x]
+            disparity_row[x] = disparity_row[x] if (chance >= bound) & (met >= nearest) & (met <= farthest) else unknown
 
 
 @compiled(inline=True)

@@ -19,9 +19,11 @@ from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
 from stereo_seecolor.mapping.track.relative_pose import weights
 
 Array = NDArray[np.float64]
-TERMS = 4
-"""A radial term of the lens, and three square ones of the disparity (x x, x y, y y). Not the disparity's mean, which is the scale,
-nor its slopes and the lens's tangential terms, which look like a turn of the camera's axes.
+MODELS = (10, 4)
+"""Numbers of terms that are tried, the more first. The first four: a radial term of the lens, and three square ones of the disparity
+(x x, x y, y y). The others: a second radial term, four cubic ones of the disparity, as two lenses that are off differently leave them,
+and one of the fourth order. Not the disparity's mean, which is the scale, nor its slopes and the lens's tangential terms, which look
+like a turn of the camera's axes.
 """
 
 
@@ -51,14 +53,15 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class ImageErrors:
-    """values: (4,) pixels at the image's corner, see TERMS."""
+    """values: (k,) pixels at the image's corner, the first k of MODELS' terms."""
 
     values: Array
     geometry: RectifiedPair
 
     def corrected(self, features: Features) -> Features:
         """Features without the errors."""
-        return replace(features, points=features.points - _field(features.points, self.geometry) @ self.values)
+        field = _field(features.points, self.geometry, len(self.values))
+        return replace(features, points=features.points - field @ self.values)
 
 
 def find_image_errors(pairs: Sequence[Pair], geometry: RectifiedPair) -> ImageErrors | None:
@@ -66,25 +69,34 @@ def find_image_errors(pairs: Sequence[Pair], geometry: RectifiedPair) -> ImageEr
     if len(pairs) < SETTINGS.min_pairs:
         return None
     pairs = [_thinned(pair) for pair in pairs[:: -(-len(pairs) // SETTINGS.max_pairs)]]
-    none = np.zeros(TERMS)
+    for terms in MODELS:
+        if _confirmed(pairs, geometry, terms):
+            return ImageErrors(_solve(pairs, geometry, np.zeros(terms), free=True)[0], geometry)
+    return None
+
+
+def _confirmed(pairs: Sequence[Pair], geometry: RectifiedPair, terms: int) -> bool:
+    """True where errors that are fitted to one half of the pairs explain the other half better than none, both ways."""
+    none = np.zeros(terms)
     for fitted, left_out in ((pairs[::2], pairs[1::2]), (pairs[1::2], pairs[::2])):
         values, _ = _solve(fitted, geometry, none, free=True)
         if _solve(left_out, geometry, values, free=False)[1] > SETTINGS.better * _solve(left_out, geometry, none, free=False)[1]:
-            return None
-    return ImageErrors(_solve(pairs, geometry, none, free=True)[0], geometry)
+            return False
+    return True
 
 
 def _solve(pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: bool) -> tuple[Array, float]:
     """Gauss-Newton over the values, if they are free, and each pair's pose; the values, and the robust cost of a point."""
+    terms = len(values)
     poses = [pair.T_a_b for pair in pairs]
-    fields = [(_field(pair.a.points, geometry), _field(pair.b.points, geometry)) for pair in pairs]
+    fields = [(_field(pair.a.points, geometry, terms), _field(pair.b.points, geometry, terms)) for pair in pairs]
     for _ in range(SETTINGS.rounds):
-        H, g = np.eye(TERMS) / SETTINGS.prior_px**2, -values / SETTINGS.prior_px**2
+        H, g = np.eye(terms) / SETTINGS.prior_px**2, -values / SETTINGS.prior_px**2
         normals = [_normal(*item, values) for item in zip(pairs, fields, poses, strict=True)]
         for normal in normals:
             H += normal.H_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.H_mixed)
             g += normal.g_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.g_pose)
-        step = np.linalg.solve(H, g) if free else np.zeros(TERMS)
+        step = np.linalg.solve(H, g) if free else np.zeros(terms)
         values = values + step
         for number, normal in enumerate(normals):
             move_by = np.asarray(np.linalg.solve(normal.H_pose, normal.g_pose - normal.H_mixed @ step), np.float64)
@@ -123,15 +135,17 @@ def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) ->
     )
 
 
-def _field(points: Array, geometry: RectifiedPair) -> Array:
-    """(n, 3, 4) error of points (n, 3) in image space by each term, for a pixel at the image's corner."""
+def _field(points: Array, geometry: RectifiedPair, terms: int) -> Array:
+    """(n, 3, terms) error of points (n, 3) in image space by each of the first terms, for a pixel at the image's corner."""
     corner = float(np.hypot(*geometry.image_size)) / 2 / geometry.focal_px
     x, y = points[:, 0] / corner, points[:, 1] / corner
-    zero, square = np.zeros(len(points)), x * x + y * y
-    radial = np.stack([x * square, y * square, zero], axis=1) / geometry.focal_px
-    by_disparity = 1 / (geometry.focal_px * geometry.baseline_m)
-    depth = [np.stack([zero, zero, term], axis=1) * by_disparity for term in (x * x, x * y, y * y)]
-    return np.stack([radial, *depth], axis=2)
+    square = x * x + y * y
+    radial = [(x * square, y * square), (x * square**2, y * square**2)]
+    depth = [x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3, square**2]
+    found = np.zeros((len(points), 3, 2 + len(depth)))
+    found[:, :2, 0], found[:, :2, 4] = (np.stack(term, axis=1) / geometry.focal_px for term in radial)
+    found[:, 2, [1, 2, 3, 5, 6, 7, 8, 9]] = np.stack(depth, axis=1) / (geometry.focal_px * geometry.baseline_m)
+    return found[:, :, :terms]
 
 
 def _thinned(pair: Pair) -> Pair:
