@@ -70,8 +70,8 @@ def weigh_rows(evidence: tuple[Map, Map, Map, Map], odds: Map) -> None:
 
 @compiled
 def judge_rows(least: Any, fattening: Map, disparity: Map, confidence: Map) -> None:
-    """Turn the log odds in ``confidence`` into the confidence; make disparities NaN where it is under ``least``, and where they meet
-    nothing of the right image.
+    """Turn the log odds in ``confidence`` into the confidence; make disparities NaN where it is under ``least``, and where
+    they meet nothing of the right image.
     """
     nearest, farthest = np.float32(BORDER_PX), np.float32(confidence.shape[1] - 1 - BORDER_PX)
     one, unknown, bound, per_fattening = np.float32(1), np.float32(np.nan), np.float32(least), np.float32(_FATTENING)
