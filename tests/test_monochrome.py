@@ -24,6 +24,7 @@ def corrected(out: Path, suffix: str) -> np.ndarray:
     return image
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("image_format", "suffix"), [("png", ".png"), ("png16", ".png"), ("jpg", ".jpg"), ("tiff32", ".tiff")])
 def test_two_monochrome_cameras_give_one_channel(make_dive, tmp_path: Path, image_format: str, suffix: str) -> None:
     dive = make_dive(2)

@@ -154,6 +154,7 @@ def test_a_rectified_rig_gives_the_same_twice(cli: Cli, make_dive: Callable[...,
         assert np.array_equal(frame.read("range"), frame.read("original/range"), equal_nan=True)
 
 
+@pytest.mark.slow
 def test_rectified_products_stay_as_they_are(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     """A map, a water and a score are made of these; so a run with originals holds both."""
     dive, plain, out = make_dive(2), tmp_path / "plain", tmp_path / "out"

@@ -117,6 +117,7 @@ def test_the_page_allows_no_network_and_no_inline_script(out: Path) -> None:
     assert not re.search(r"<script(?! src=\"page/)", page)
 
 
+@pytest.mark.slow
 def test_formats_that_no_browser_shows_are_shown_as_jpeg(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(1, dtype=np.uint16)
     go(dive, tmp_path / "a", "output.image_format=tiff32")
@@ -152,6 +153,7 @@ def test_a_page_is_made_once(out: Path) -> None:
     assert before == {path: path.stat().st_mtime_ns for path in (out / "page").rglob("*") if path.is_file()}
 
 
+@pytest.mark.slow
 def test_a_frame_that_changed_is_made_again(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive, out = make_dive(3), tmp_path / "out"
     go(dive, out)

@@ -64,6 +64,7 @@ def test_a_picture_without_exif_gets_a_position() -> None:
     assert read_capture(located(content, gps_tags(point(), ORIGIN))).latitude_deg == pytest.approx(-33.124167, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_frames_of_a_map_on_earth_hold_their_place(tmp_path: Path) -> None:
     out, poses = tmp_path / "out", tmp_path / "track.tum"
     write_run(out, [flat_frame(i) for i in range(4)], PAIR)

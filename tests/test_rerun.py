@@ -28,6 +28,7 @@ def test_second_run_keeps_everything(make_dive, cli, tmp_path) -> None:
     assert before == {path: path.stat().st_mtime_ns for path in before}
 
 
+@pytest.mark.slow
 def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
     cli(*dive.command(out))
@@ -40,6 +41,7 @@ def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -
     assert changed == {"0001"}
 
 
+@pytest.mark.slow
 def test_a_lost_output_is_made_again(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
     cli(*dive.command(out))
@@ -51,6 +53,7 @@ def test_a_lost_output_is_made_again(make_dive, cli, tmp_path) -> None:
     assert contents(out) == before
 
 
+@pytest.mark.slow
 def test_what_was_damaged_since_is_made_again(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
     cli(*dive.command(out))
@@ -68,6 +71,7 @@ def test_what_was_damaged_since_is_made_again(make_dive, cli, tmp_path) -> None:
     assert contents(out) == before
 
 
+@pytest.mark.slow
 def test_water_of_one_dive_serves_another(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
     cli(*dive.command(tmp_path / "a", "--set", "color.lock=survey"))

@@ -85,6 +85,7 @@ main()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.posix
 def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes_for_a_run(make_dive, tmp_path, cli) -> None:
     """All frames are of the new settings then, and run.json is of the old ones."""
@@ -105,6 +106,7 @@ def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes
     assert contents(out) == contents(tmp_path / "whole")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [2, 7])
 def test_interrupt_tells_what_was_done_and_resumes(make_dive, tmp_path, at) -> None:
     dive, out = make_dive(5), tmp_path / "out"
@@ -206,6 +208,7 @@ def test_kept_tables_that_are_damaged_are_counted_again(make_dive, tmp_path) -> 
     assert contents(out) == before
 
 
+@pytest.mark.slow
 def test_a_rerun_fits_no_water_again_unless_something_changed(make_dive, tmp_path, monkeypatch) -> None:
     dive, out, fits = make_dive(3), tmp_path / "out", []
     fit = Corrector.fit

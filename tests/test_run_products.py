@@ -86,6 +86,7 @@ def test_gray_images_go_through(make_dive, cli, tmp_path) -> None:
     assert cli(*dive.command(tmp_path / "out"))[0] == 0
 
 
+@pytest.mark.slow
 def test_result_is_the_same_with_any_number_of_workers(make_dive, cli, tmp_path) -> None:
     dive = make_dive(4)
     cli(*dive.command(tmp_path / "one", "--workers", "1"))
@@ -93,6 +94,7 @@ def test_result_is_the_same_with_any_number_of_workers(make_dive, cli, tmp_path)
     assert contents(tmp_path / "one") == contents(tmp_path / "three")
 
 
+@pytest.mark.slow
 def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
     assert cli(*dive.command(tmp_path / "all", "--set", "color.lock=frame"))[0] == 0  # as correct takes unrelated images

@@ -65,6 +65,7 @@ def test_the_refined_rig_is_used_again_in_another_run(cli: Cli, make_dive: Calla
     assert contents(again) == contents(out)
 
 
+@pytest.mark.slow
 def test_a_rig_that_fits_is_used_as_it_is(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(3)
     code, printed, _ = cli(*dive.command(tmp_path / "out", "--refine"))
@@ -72,6 +73,7 @@ def test_a_rig_that_fits_is_used_as_it_is(cli: Cli, make_dive: Callable[..., Div
     assert native.read(tmp_path / "out" / "rig.yaml").refinement is None
 
 
+@pytest.mark.slow
 def test_a_dive_too_short_to_refine_is_run_all_the_same(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive = make_dive(2)
     turn_right_camera(dive)
