@@ -39,6 +39,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "view": ("stereo-seecolor view mapped  # opens the page in the browser",),
     "metrics": ("stereo-seecolor metrics mapped --out metrics",),
     "compare": ("stereo-seecolor compare mapped mapped --out change  # of two dives",),
+    "markers": ("stereo-seecolor markers mapped --size 0.2  # the sample dive has no markers",),
     "export": ("stereo-seecolor export --list", "stereo-seecolor export mapped --to metashape --out metashape"),
     "campaign": ("stereo-seecolor campaign campaign.yaml",),
     "plan": ("stereo-seecolor plan --left left --right right --calib cam.yaml",),

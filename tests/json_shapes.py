@@ -255,6 +255,21 @@ SHAPES: dict[str, Shape] = {
         ],
         "files": [str],
     },
+    "markers": {
+        **END,
+        "out": str,
+        "frames": int,
+        "markers": [
+            {
+                **dict.fromkeys(("number", "views"), int),
+                **dict.fromkeys(("x_m", "y_m", "z_m", "residual_m", "edge_m", "edge_std_m"), float),
+            }
+        ],
+        "size": {"ratio": float, "std": float, "lengths": int},
+        "bars": dict,
+        "control": {"T": [[float]], "residuals_m": dict, "rms_m": float},
+        "files": [str],
+    },
     "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int},
     "water": {**END, "out": str, "path": str, "water": dict},
     "evaluate": {**END, **TRUTH},

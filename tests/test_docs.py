@@ -20,7 +20,7 @@ FRAMES = range(3, 9)
 """The frames of the sample dive where its two lines overlap: enough for everything, and half the time."""
 
 FINISHED = (0, None)
-SHOWN_ONLY = ("view", "bag-info", "measure", "campaign", "sync")
+SHOWN_ONLY = ("view", "bag-info", "measure", "campaign", "sync", "markers")
 """Commands that open a window, or need files that a user has: only their help is asked for."""
 
 ONLY_PRINT = ("evaluate", "inspect", "doctor")

@@ -41,6 +41,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
         "measure": map_commands.measure,
         "metrics": reef_commands.metrics,
         "compare": reef_commands.compare,
+        "markers": reef_commands.markers,
         "export": map_commands.export,
     },
     "Single steps of run": {

@@ -25,6 +25,7 @@ EXAMPLES = {
     "view": ("view OUT", "view OUT --window"),
     "metrics": ("metrics OUT", "metrics OUT --polygons corals.geojson --out METRICS"),
     "compare": ("compare 2024 2025 --out CHANGE",),
+    "markers": ("markers OUT --size 0.2", "markers OUT --bars bars.csv --points surveyed.csv --out MARKERS"),
     "export": ("export --list", "export OUT --to colmap --out COLMAP"),
     "demo": ("demo --out demo",),
     "synthesize": ("synthesize --out dive --pairs 20 --lines 2 --water turbid",),

@@ -1,4 +1,4 @@
-"""Commands on what a map shows: metrics, compare."""
+"""Commands on what a map shows: metrics, compare, markers."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ import typer
 
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.options import AsJson, Finished
-from stereo_seecolor.cli.reef_text import comparison_text, metrics_text
+from stereo_seecolor.cli.reef_text import comparison_text, markers_text, metrics_text
 from stereo_seecolor.cli.report import Report
 
 
@@ -47,3 +47,32 @@ def compare(
         found = compare_runs(first, second, folder)
     content = description(found.change) | {"first": first, "second": second, "patches": found.change.patches}
     report.end({**content, "files": found.files}, comparison_text(found))
+
+
+def markers(
+    out: Finished,
+    size: Annotated[
+        float | None, typer.Option("--size", metavar="METERS", help="Edge of the black border that all markers have.")
+    ] = None,
+    family: Annotated[
+        str, typer.Option("--family", metavar="NAME", help="36h11 (AprilTag), aruco-4x4, ...; a wrong one lists them.")
+    ] = "36h11",
+    bars: Annotated[
+        Path | None, typer.Option("--bars", metavar="FILE", help="Scale bars: CSV with first, second, length_m.")
+    ] = None,
+    points: Annotated[
+        Path | None, typer.Option("--points", metavar="FILE", help="Surveyed places: CSV with marker, x_m, y_m, z_m.")
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--out", metavar="FOLDER", help="A new or empty folder for table and track.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Find markers in a fused run: its scale, checked by their size and by scale bars; its place, by surveyed markers."""
+    from stereo_seecolor.commands.markers import Known
+    from stereo_seecolor.commands.markers import markers as find
+
+    report = Report("markers", as_json)
+    with report.working() as listener:
+        found = find(out, Known(size, family, bars, points), folder, listener)
+    report.end({"out": out, **vars(found)}, markers_text(found), EXIT_SOME_FAILED if found.wrong else EXIT_DONE)

@@ -8,6 +8,8 @@ from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.compare import Comparison
+    from stereo_seecolor.commands.markers import FoundMarkers
+    from stereo_seecolor.markers.marker_map import ScaleCheck
     from stereo_seecolor.metrics.site_metrics import SiteMetrics
 
 
@@ -95,3 +97,27 @@ def _cover(result: "SiteMetrics") -> str:
         for each in result.cover
     ]
     return table(("label", "n", "surface m2", "of the surface", "in plan"), rows)
+
+
+def markers_text(found: "FoundMarkers") -> str:
+    """Each marker, then the scale by sizes and bars, then the residuals of surveyed places."""
+    rows = [
+        (
+            f"{each.number}",
+            f"{each.views}",
+            f"{each.x_m:.3f}, {each.y_m:.3f}, {each.z_m:.3f}",
+            f"{1000 * each.residual_m:.1f}",
+            f"{1000 * each.edge_m:.2f} +- {1000 * each.edge_std_m:.2f}",
+        )
+        for each in found.markers
+    ]
+    text = [table(("marker", "frames", "at m", "residual mm", "edge mm"), rows)]
+    checks = ([("edges", found.size)] if found.size else []) + [(f"bar {name}", check) for name, check in found.bars.items()]
+    text += [lines([f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}"]) for name, check in checks]
+    if found.control:
+        text.append(lines([f"surveyed places: {len(found.control.residuals_m)} found, {1000 * found.control.rms_m:.1f} mm RMS"]))
+    return "\n".join(text) + "".join(f"  {path}\n" for path in found.files)
+
+
+def _doubt(check: "ScaleCheck") -> str:
+    return ": no rig is so far off: another size than was given?" if check.wrong else ""

@@ -1,0 +1,76 @@
+"""Markers in three dimensions: the plane that stereo measured on a marker, met by the rays through its corners.
+
+A corner's own range is as rough as any pixel's; the plane averages all of the marker, and the rays are known to a twentieth of a
+pixel.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration import RectifiedPair
+from stereo_seecolor.markers.detection import Sighting
+from stereo_seecolor.records import SurveyFrame
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlacingSettings:
+    """When a marker was measured."""
+
+    fewest_px: int = 60  # with a range on it
+    covered: float = 0.3  # of its pixels: else the plane hangs on an edge
+    rounds: int = 4  # of the robust fit
+    tukey: float = 4.685  # spreads beyond which a pixel weighs nothing
+
+
+SETTINGS = PlacingSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedSighting:
+    """corners_m: (4, 3) in the camera's axes. frame: its name."""
+
+    number: int
+    frame: str
+    corners_m: Array
+
+    @property
+    def edges_m(self) -> Array:
+        """(4,) lengths of its sides."""
+        return np.asarray(np.linalg.norm(np.roll(self.corners_m, -1, axis=0) - self.corners_m, axis=1))
+
+
+def place(sighting: Sighting, frame: SurveyFrame, geometry: RectifiedPair) -> PlacedSighting | None:
+    """None where too little of the marker has a measured range."""
+    inside = np.zeros(frame.range_m.shape, np.uint8)
+    cv2.fillConvexPoly(inside, np.rint(sighting.corners_px).astype(np.int32), 1)
+    rows, columns = np.nonzero(inside)
+    known = np.isfinite(frame.range_m[rows, columns])
+    if known.sum() < max(SETTINGS.fewest_px, SETTINGS.covered * len(rows)):
+        return None
+    rows, columns = rows[known], columns[known]
+    disparity = geometry.disparity_from_depth(geometry.depth_from_range(frame.range_m))[rows, columns]
+    plane = _plane(np.stack([columns, rows], axis=-1).astype(np.float64), np.asarray(disparity, np.float64))
+    corners = np.concatenate([sighting.corners_px, np.ones((4, 1))], axis=1)
+    depth_m = geometry.focal_px * geometry.baseline_m / (corners @ plane + geometry.cx_right_px - geometry.cx_left_px)
+    x = (corners[:, 0] - geometry.cx_left_px) / geometry.focal_px
+    y = (corners[:, 1] - geometry.cy_px) / geometry.focal_px
+    return PlacedSighting(sighting.number, frame.name, np.stack([x * depth_m, y * depth_m, depth_m], axis=-1))
+
+
+def _plane(pixels: Array, disparity: Array) -> Array:
+    """(3,) of disparity = a column + b row + c: a plane in space is one in disparity, where the errors of stereo are even."""
+    basis = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
+    weight = np.ones(len(basis))
+    plane = np.zeros(3)
+    for _ in range(SETTINGS.rounds):
+        scaled = basis * weight[:, None]
+        plane = np.asarray(np.linalg.lstsq(scaled.T @ basis, scaled.T @ disparity, rcond=None)[0], np.float64)
+        off = np.abs(basis @ plane - disparity)
+        u = off / max(SETTINGS.tukey * 1.4826 * float(np.median(off)), 1e-6)
+        weight = np.where(u < 1, (1 - u**2) ** 2, 0)
+    return plane
