@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import SampleRun
 
-from stereo_seecolor.color.render.carried_ranges import carry_ranges
+from stereo_seecolor.color.render.carried_ranges import Smoother, carry_ranges
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 RNG = np.random.default_rng(3)
@@ -94,3 +94,13 @@ def angular_error(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 def linear(srgb: np.ndarray) -> np.ndarray:
     return (srgb / 255.0) ** 2.2
+
+
+def test_a_few_wrong_matches_far_away_are_not_carried() -> None:
+    image, true_m = (cv2.resize(part, None, fx=4, fy=4, interpolation=cv2.INTER_NEAREST) for part in coral_before_sand())
+    known_m = true_m.copy()
+    known_m[:96] = np.nan
+    known_m[88:96, 200:220] = 9.0  # the nearest to what is to be carried, and weighed by the square of its range
+    found_m = carry_ranges(image, known_m)
+    assert carry_ranges(image, known_m, smoother=Smoother(strays=0.0))[60:86, 205:215].mean() > 4
+    np.testing.assert_allclose(found_m[60:86, 205:215], 2.0, atol=0.1)
