@@ -6,6 +6,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 import pytest
@@ -176,16 +177,16 @@ def test_a_full_disk_is_named_and_what_is_done_is_kept(tmp_path: Path, monkeypat
     saved = []
     real = np.savez
 
-    def full_at_third(file: object, **content: object) -> None:
-        saved.append(file)
+    def full_at_third_tile(file: BinaryIO, **content: object) -> None:
+        saved.extend([file] if "tiles" in Path(file.name).parts else [])
         if len(saved) == 3:
             raise OSError(errno.ENOSPC, "No space left on device")
         real(file, **content)
 
-    monkeypatch.setattr(np, "savez", full_at_third)
+    monkeypatch.setattr(np, "savez", full_at_third_tile)
     with pytest.raises(OutputError, match="No space left on device: free the place and run again"):
         build_map([flat_frame(i) for i in range(6)], PAIR, tmp_path, CONFIG, track(6))
-    assert len(list((tmp_path / ".tiles").rglob("*.npz"))) == 2
+    assert len(list((tmp_path / ".scratch/tiles").rglob("*.npz"))) == 2
     assert not list(tmp_path.rglob(".writing-*"))
 
 

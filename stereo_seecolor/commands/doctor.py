@@ -43,6 +43,7 @@ CORE = (
     Library("filelock", "filelock"),
     Library("PIL", "pillow"),
     Library("jinja2", "jinja2"),
+    Library("isal", "isal", without="nothing, but pictures are written in twice the time"),
 )
 EXTRAS = (
     Library("gtsam", "gtsam", "slam", "no loop closure, and no poses as a prior (mapping.poses=prior)"),
@@ -110,7 +111,7 @@ def examine(library: Library) -> Finding:
     """Import a library and state its version, or why it cannot be used."""
     name = f"{library.module} (extra {library.extra!r})" if library.extra else library.module
     fix = f"{INSTALL} '.[{library.extra}]'" if library.extra else f"{INSTALL} ."
-    needed = not library.extra
+    needed = not library.extra and not library.without
     try:
         importlib.import_module(library.module)
     except ModuleNotFoundError as error:
