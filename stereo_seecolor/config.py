@@ -61,6 +61,16 @@ class InputConfig(StageConfig):
         "Used only where rows of pairs left out agree better for it.",
     )
     video_every: int = Field(default=1, ge=1, description="Of a video, take every nth frame.")
+    video_overlap: float | None = Field(
+        default=None,
+        gt=0,
+        lt=1,
+        description="Of a video, take a frame where it shows less than this fraction of what the last one showed (0.7 suits maps), "
+        "instead of every nth.",
+    )
+    video_skip_blurred: bool = Field(
+        default=False, description="Of a video, leave out frames that are much less sharp than those around them, on either side."
+    )
     video_offset_s: float | None = Field(
         default=None,
         description="What to add to the time of a left frame to get that of the right one, of two videos; found where not given.",

@@ -111,7 +111,7 @@ SHAPES: dict[str, Shape] = {
         **END,
         **dict.fromkeys(("left", "right", "text"), str),
         **dict.fromkeys(("offset_s", "std_s", "drift", "drift_std", "center_s", "rest_s", "false_disparity"), NUMBER),
-        "pairs": int,
+        **dict.fromkeys(("pairs", "left_out"), int),
         "evidence": [{"kind": str, "offset_s": NUMBER, "std_s": NUMBER}],
     },
     "live": {

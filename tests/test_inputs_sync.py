@@ -1,17 +1,23 @@
 """Two videos without a wire: offset and drift against known truth, and refusals."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from video_writers import RATE_HZ, write_pair
+from video_writers import HEIGHT, RATE_HZ, WIDTH, swell, write_pair
 
+from calibration import Camera, StereoRig
+from calibration.formats import write_rig
 from stereo_seecolor.commands.sync import sync
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.inputs.video import unpack
 from stereo_seecolor.inputs.video_choice import choose_frames, numbered
-from stereo_seecolor.inputs.video_lags import straight_lag
+from stereo_seecolor.inputs.video_lags import Lag, straight_lag
+from stereo_seecolor.inputs.video_motion import video_signals
+from stereo_seecolor.inputs.video_rows import row_lag
+from stereo_seecolor.inputs.video_sync import paired
 
 
 def error_s(found, offset_s: float, drift: float) -> float:
@@ -123,6 +129,94 @@ def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
     assert len(list(frames.left.iterdir())) == len(list(frames.right.iterdir())) == 9
     assert "by motion" in frames.notes[0]
     assert unpack(*videos, tmp_path / "frames", InputConfig(video_every=20)).left == frames.left
+
+
+def rig() -> StereoRig:
+    """Of the drawn videos: rectified, rows in order."""
+    camera = Camera(np.array([[300.0, 0, WIDTH / 2], [0, 300, HEIGHT / 2], [0, 0, 1]]), np.zeros(0), (WIDTH, HEIGHT))
+    right_of_left = np.eye(4)
+    right_of_left[0, 3] = -0.1
+    return StereoRig(camera, camera, right_of_left)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("offset_s", [0.3137, -0.205])
+def test_rows_tell_the_offset_to_a_fraction_of_a_frame(tmp_path: Path, offset_s: float) -> None:
+    """From a lag that is wrong by a quarter of a frame, on cameras whose frames are not taken together."""
+    videos = write_pair(tmp_path, offset_s)
+    signals = video_signals(videos[0]), video_signals(videos[1])
+    coarse = Lag(offset_s + 0.25 / RATE_HZ, 0.01)
+    found = row_lag(videos, rig(), signals, coarse, paired(signals, coarse).pairs)
+    assert found is not None
+    assert abs(found.offset_s - offset_s) < min(0.001, 3 * found.std_s)
+
+
+@pytest.mark.slow
+def test_a_calibration_is_used_as_evidence(tmp_path: Path, cli) -> None:
+    left, right = write_pair(tmp_path, 0.31, seconds=6)
+    write_rig(rig(), tmp_path / "cam.yaml")
+    code, printed, said = cli("sync", left, right, "--calib", tmp_path / "cam.yaml")
+    assert code == 0, said
+    assert "by motion and rows" in printed
+    other = replace(rig(), left=replace(rig().left, image_size=(640, 480)), right=replace(rig().right, image_size=(640, 480)))
+    write_rig(other, tmp_path / "other.yaml")
+    assert [item.kind for item in sync(left, right, str(tmp_path / "other.yaml")).evidence] == ["motion"]
+
+
+@pytest.mark.slow
+def test_a_picture_that_does_not_move_up_or_down_tells_nothing_by_rows(tmp_path: Path) -> None:
+    videos = write_pair(tmp_path, 0.0, seconds=4, moves=False)
+    signals = video_signals(videos[0]), video_signals(videos[1])
+    lag = Lag(0.0, 0.01)
+    assert row_lag(videos, rig(), signals, lag, paired(signals, lag).pairs) is None
+
+
+@pytest.mark.slow
+def test_motion_that_spoils_nearly_all_pairs_is_refused(tmp_path: Path) -> None:
+    """Frames half a frame apart, and a picture that is fast."""
+    videos = write_pair(tmp_path, 10.5 / RATE_HZ, seconds=8, speed=3.0)
+    with pytest.raises(InputError, match=r"px of false disparity at 1920 px; film at a higher rate"):
+        sync(*videos)
+    choice = choose_frames(*videos, InputConfig(video_offset_s=10.5 / RATE_HZ))
+    assert choice.left is not None
+    assert len(choice.left) > 150
+
+
+@pytest.mark.slow
+def test_pairs_that_motion_spoils_are_left_out(tmp_path: Path) -> None:
+    found = sync(*write_pair(tmp_path, 10.5 / RATE_HZ, seconds=8))
+    assert found.left_out > 20
+    assert found.pairs > 20
+    assert found.false_disparity < 1e-3
+    assert "pairs in which it moves by more than 0.1% are left out" in found.text
+
+
+@pytest.mark.slow
+def test_frames_are_chosen_by_their_overlap(tmp_path: Path) -> None:
+    videos = write_pair(tmp_path, 0.0, seconds=8, speed=3.0)
+    choice = choose_frames(*videos, InputConfig(video_overlap=0.8))
+    assert choice.left is not None
+    at = swell(np.arange(240) / RATE_HZ)[list(choice.left)] * 3.0
+    x, y = np.abs(np.diff(at, axis=0)).T
+    overlap = (1 - x / WIDTH) * (1 - y / HEIGHT)
+    assert 5 < len(choice.left) < 200
+    assert overlap.max() < 0.83
+    assert overlap.min() > 0.6  # it moves on by some frames only
+    assert "overlap by 80%" in choice.notes[-1]
+    still = write_pair(tmp_path / "still", 0.0, seconds=4, moves=False)
+    assert choose_frames(*still, InputConfig(video_overlap=0.8)).left == (0,)
+
+
+@pytest.mark.slow
+def test_blurred_frames_are_left_out_on_demand(tmp_path: Path) -> None:
+    videos = write_pair(tmp_path, 0.0, seconds=4, moves=False, blurred=(20, 21, 50))
+    config = InputConfig(video_skip_blurred=True, video_every=10)
+    choice = choose_frames(*videos, config)
+    assert choice.left == choice.right == (0, 10, 22, 30, 40, 51, 60, 70, 80, 90, 100, 110)
+    assert "3 of 120 pairs are blurred" in choice.notes[-1]
+    alone = choose_frames(videos[0], videos[0], config)
+    assert alone.left == choice.left
+    assert len(list(unpack(videos[0], videos[0], tmp_path / "frames", config).left.iterdir())) == 12
 
 
 @pytest.mark.slow

@@ -40,8 +40,10 @@ def write_pair(
     sound_offset_s: float | None = None,
     flash_s: float | None = None,
     rate_hz: float = RATE_HZ,
+    speed: float = 1.0,
+    blurred: tuple[int, ...] = (),
 ) -> tuple[Path, Path]:
-    """An event at t on the left clock is at t + offset_s + drift t on the right one."""
+    """An event at t on the left clock is at t + offset_s + drift t on the right one. blurred: numbers of frames."""
     folder.mkdir(parents=True, exist_ok=True)
     scene = texture()
     files = []
@@ -50,8 +52,10 @@ def write_pair(
         true_s = (own_s - clock[0]) / (1 + clock[1])
         sound_s = sound_offset_s if sound_offset_s is not None and side == "right" else clock[0]
         noise = hum(own_s[-1], sound_s, clock[1]) if sound else None
-        shifts = swell(true_s) if moves else np.zeros((len(true_s), 2))
-        files.append(_write(folder / f"{side}.mp4", scene, own_s, shifts + np.array([clock[2], 0.0]), noise, true_s, flash_s))
+        shifts = speed * swell(true_s) if moves else np.zeros((len(true_s), 2))
+        files.append(
+            _write(folder / f"{side}.mp4", scene, own_s, shifts + np.array([clock[2], 0.0]), noise, true_s, flash_s, blurred)
+        )
     return files[0], files[1]
 
 
@@ -67,15 +71,17 @@ def hum(seconds: float, offset_s: float, drift: float) -> np.ndarray:
     return np.interp((own_s - offset_s) / (1 + drift), start_s + np.arange(len(heard)) / rate, heard).astype(np.float32)
 
 
-def _write(path: Path, scene, own_s, shifts, noise, true_s, flash_s) -> Path:
+def _write(path: Path, scene, own_s, shifts, noise, true_s, flash_s, blurred=()) -> Path:
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=RATE_HZ, options={"crf": "14", "preset": "ultrafast"})
         video.width, video.height, video.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         video.codec_context.time_base = Fraction(1, TICKS)
         audio = container.add_stream("aac", rate=8000, layout="mono") if noise is not None else None
-        for time_s, (x_px, y_px), moment_s in zip(own_s, shifts, true_s, strict=True):
+        for number, (time_s, (x_px, y_px), moment_s) in enumerate(zip(own_s, shifts, true_s, strict=True)):
             place = np.float32([[1, 0, x_px - 180], [0, 1, y_px - 140]])
             image = cv2.warpAffine(scene, place, (WIDTH, HEIGHT), flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT)
+            if number in blurred:
+                image = cv2.blur(image, (9, 1))  # the rig jerked sideways
             if flash_s is not None and flash_s <= moment_s < flash_s + 0.1:
                 image = image + 80
             gray = np.clip(image, 0, 255).astype(np.uint8)

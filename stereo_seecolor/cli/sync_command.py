@@ -10,16 +10,27 @@ from stereo_seecolor.cli.options import AsJson, LogFile, Verbose
 from stereo_seecolor.cli.report import Report
 
 LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
+Rig = Annotated[
+    str | None,
+    typer.Option("--calib", metavar="FILE", help="Calibration of the rig: rows of rectified pairs then tell the offset too."),
+]
 RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the right camera.")]
 
 
-def sync(left: LeftVideo, right: RightVideo, as_json: AsJson = False, verbose: Verbose = False, log_file: LogFile = None) -> None:
+def sync(
+    left: LeftVideo,
+    right: RightVideo,
+    calib: Rig = None,
+    as_json: AsJson = False,
+    verbose: Verbose = False,
+    log_file: LogFile = None,
+) -> None:
     """Find offset and drift of two cameras without a wire, from sound, a flash and the motion of the picture."""
     from stereo_seecolor.commands.sync import sync as find
 
     report = Report("sync", as_json, "none", verbose, log_file)
     with report.working():
-        found = find(left, right)
+        found = find(left, right, calib or "")
     said = [found.text]
     said += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
     said += [f"{found.pairs} pairs of frames", "", f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out"]

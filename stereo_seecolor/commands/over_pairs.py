@@ -2,11 +2,13 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from calibration import Rectification
+from calibration import CalibrationError, Rectification
 from calibration.checks import suspicions
+from calibration.formats import load_rig
 from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
 from stereo_seecolor.commands.pages import drop_live_page, end_page, keep_live_page, with_live_page
 from stereo_seecolor.commands.refine_dive import DiveRefinement
@@ -82,7 +84,10 @@ class StereoInputs:
 
     def unpacked(self, folder: RunFolder, config: RunConfig) -> "StereoInputs":
         """The frames of videos as folders of images, in OUT's own folder. Raises InputError, OutputError."""
-        frames = unpack(self.left, self.right, state(folder.root, "video"), config.input)
+        rig = None
+        with suppress(CalibrationError):  # said when the frames are opened
+            rig = load_rig(self.calib)
+        frames = unpack(self.left, self.right, state(folder.root, "video"), config.input, rig)
         return StereoInputs(frames.left, frames.right, self.calib, frames.notes)
 
 

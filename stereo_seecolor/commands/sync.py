@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
+from calibration.formats import load_rig
 from stereo_seecolor.inputs.video_sync import synchronize
 
 
@@ -20,7 +23,7 @@ class SyncResult:
     """An event at t on the left clock is at t + offset_s + drift (t - center_s) on the right one.
 
     std_s, drift_std: standard errors. pairs: frames that have a partner; rest_s: root mean square of how far apart they are.
-    false_disparity: of the median motion over rest_s, as a fraction of the image's width.
+    left_out: pairs that the picture's motion spoils. false_disparity: what it moves in a pair's rest, median, image widths.
     """
 
     left: Path
@@ -31,18 +34,20 @@ class SyncResult:
     drift_std: float
     center_s: float
     pairs: int
+    left_out: int
     rest_s: float
     false_disparity: float
     evidence: tuple[EvidenceFacts, ...]
     text: str
 
 
-def sync(left: Path, right: Path) -> SyncResult:
-    """Compare sound, a flash and motion of two videos; nothing is written.
+def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
+    """Compare sound, a flash, motion, and with a calibration the rows of two videos; nothing is written.
 
-    Raises InputError where nothing tells the offset, or the evidence disagrees; DeviceError if PyAV is missing.
+    Raises InputError where nothing tells the offset, the evidence disagrees, or the picture moves too fast; CalibrationError for
+    the rig; DeviceError if PyAV is missing.
     """
-    found = synchronize(left, right)
+    found = synchronize(left, right, load_rig(calib) if calib else None)
     lag, rest_s = found.lag, float((found.rest_s**2).mean() ** 0.5)
     evidence = tuple(EvidenceFacts(item.kind, item.lag.offset_s, item.lag.std_s) for item in found.evidence)
     return SyncResult(
@@ -54,8 +59,9 @@ def sync(left: Path, right: Path) -> SyncResult:
         lag.drift_std,
         lag.center_s,
         len(found.pairs),
+        found.left_out,
         rest_s,
-        found.false_disparity,
+        float(np.median(found.false_disparity)),
         evidence,
         found.text,
     )

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, flush_folder, output_errors, remove_leftovers, write_atomic
@@ -40,10 +41,10 @@ class Unpacked:
     notes: tuple[str, ...] = ()
 
 
-def unpack(left: Path, right: Path, folder: Path, config: InputConfig) -> Unpacked:
+def unpack(left: Path, right: Path, folder: Path, config: InputConfig, rig: StereoRig | None = None) -> Unpacked:
     """Unpack the frames of two videos, or of one that shows left and right side by side.
 
-    left, right: one file a side; the same file twice means side by side. Frames of two videos are paired by ``choose_frames``.
+    left, right: one file a side; the same file twice means side by side. Frames are chosen by ``choose_frames``.
     folder: each unpacking gets a folder of its own in it, named after the videos' content; a finished one is kept, an unfinished
     one is replaced, and others are left alone. Call it only while ``folder`` is locked.
     Raises InputError if a video cannot be opened or read; OutputError if the disk is full.
@@ -51,7 +52,7 @@ def unpack(left: Path, right: Path, folder: Path, config: InputConfig) -> Unpack
     unpacked = folder / unpacked_name(left, right, config)
     notes: tuple[str, ...] = ()
     if not unpacked.exists():
-        choice = choose_frames(left, right, config)
+        choice = choose_frames(left, right, config, rig)
         notes = choice.notes
         remove_leftovers(folder)
         temporary = folder / f"{TEMPORARY_PREFIX}{unpacked.name}"
@@ -73,6 +74,8 @@ def unpacked_name(left: Path, right: Path, config: InputConfig) -> str:
         digest.update(_identity(path))
     if left != right:
         digest.update(f"by time {config.video_offset_s}".encode())
+    if config.video_overlap or config.video_skip_blurred:
+        digest.update(f"overlap {config.video_overlap}, without blurred {config.video_skip_blurred}".encode())
     return f"{product_name(left.stem)[:_STEM_LETTERS]}-every-{config.video_every}-{digest.hexdigest()[:16]}"
 
 
@@ -93,7 +96,7 @@ def _identity(path: Path) -> bytes:
 
 def _write_sides(left: Path, right: Path, every: int, choice: FrameChoice, folder: Path) -> None:
     if left == right:
-        _write(folder, ("left", "right"), _halves(_frames(left, numbered(None, every)), left))
+        _write(folder, ("left", "right"), _halves(_frames(left, numbered(choice.left, every)), left))
         return
     _write(folder, ("left",), ((frame,) for frame in _frames(left, numbered(choice.left, every))))
     _write(folder, ("right",), ((frame,) for frame in _frames(right, numbered(choice.right, every))))

@@ -1,16 +1,25 @@
-"""Which frames of two videos are unpacked, side by side."""
+"""Which frames of two videos, or of one that shows both sides, make a dive."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.inputs.video_lags import LIMITS, Lag
-from stereo_seecolor.inputs.video_motion import NoEvidence, video_signals
+from stereo_seecolor.inputs.video_motion import NoEvidence, VideoSignals, video_signals
+from stereo_seecolor.inputs.video_rows import Pairs
 from stereo_seecolor.inputs.video_sync import VideoSync, paired, synchronize
+
+BLURRED = 0.7
+"""Of the usual sharpness around a frame: motion blur of 2 px takes a third of the steps from pixel to pixel."""
+
+AROUND_S = 1.0
+"""The frames that are around: the scene changes little in that time."""
 
 
 @dataclass(frozen=True)
@@ -22,28 +31,77 @@ class FrameChoice:
     notes: tuple[str, ...] = ()
 
 
-def choose_frames(left: Path, right: Path, config: InputConfig) -> FrameChoice:
-    """Of two videos the frames that were taken at nearly the same time; of one that shows both sides, every nth.
+def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig | None = None) -> FrameChoice:
+    """Of two videos the frames that were taken at nearly the same time; of these every nth, or by their overlap.
 
     Where nothing tells how the two clocks run, frames of the same number are paired, as of cameras that are wired together.
-    Raises InputError where sound and picture disagree, or an offset was given by which the videos do not overlap.
+    rig: if known, rows of rectified pairs tell it most precisely.
+    Raises InputError where the evidence disagrees, or an offset was given by which the videos do not overlap; DeviceError where
+    frames are chosen by what they show and PyAV is missing.
     """
+    looks = config.video_overlap is not None or config.video_skip_blurred
     if left == right:
-        return FrameChoice()
+        if not looks:
+            return FrameChoice()
+        signals = video_signals(left)
+        return _chosen(_equal(signals, signals), (signals, signals), config, ())
     try:
-        found = _synchronized(left, right, config.video_offset_s)
+        found = _synchronized(left, right, config.video_offset_s, rig)
     except (NoEvidence, DeviceError) as error:
-        return FrameChoice(notes=(f"frames of the same number are taken for pairs: {error}",))
-    numbers = found.pairs[found.pairs[:, 0] % config.video_every == 0]
-    chosen = numbers[np.unique(numbers[:, 1], return_index=True)[1]]  # a right frame once
-    return FrameChoice(tuple(chosen[:, 0].tolist()), tuple(chosen[:, 1].tolist()), (f"{left.name} and {right.name}: {found.text}",))
+        notes = (f"frames of the same number are taken for pairs: {error}",)
+        if not looks:
+            return FrameChoice(notes=notes)
+        both = video_signals(left), video_signals(right)
+        return _chosen(_equal(*both), both, config, notes)
+    return _chosen(found.pairs, found.signals, config, (f"{left.name} and {right.name}: {found.text}",))
 
 
-def _synchronized(left: Path, right: Path, offset_s: float | None) -> VideoSync:
+def _synchronized(left: Path, right: Path, offset_s: float | None, rig: StereoRig | None) -> VideoSync:
     if offset_s is None:
-        return synchronize(left, right)
+        return synchronize(left, right, rig)
     lag = Lag(offset_s, 0.0, 0.0, LIMITS.drift)
     return paired((video_signals(left), video_signals(right)), lag)
+
+
+def _equal(left: VideoSignals, right: VideoSignals) -> Pairs:
+    numbers = np.arange(min(len(left.times_s), len(right.times_s)))
+    return np.column_stack([numbers, numbers])
+
+
+def _chosen(pairs: Pairs, signals: tuple[VideoSignals, VideoSignals], config: InputConfig, notes: tuple[str, ...]) -> FrameChoice:
+    """Without blurred frames, if that is asked for; of the rest by overlap, or the first of every n."""
+    if config.video_skip_blurred:
+        sharp = ~(_blurred(signals[0])[pairs[:, 0]] | _blurred(signals[1])[pairs[:, 1]])
+        notes = (*notes, f"{int((~sharp).sum())} of {len(pairs)} pairs are blurred and left out")
+        pairs = pairs[sharp]
+    pairs = pairs[np.unique(pairs[:, 1], return_index=True)[1]]  # a right frame once
+    if config.video_overlap is not None:
+        pairs = pairs[_by_overlap(signals[0].place[pairs[:, 0]], signals[0].height, config.video_overlap)]
+        notes = (*notes, f"{len(pairs)} pairs overlap by {config.video_overlap:.0%} from one to the next")
+    else:
+        pairs = pairs[np.unique(pairs[:, 0] // config.video_every, return_index=True)[1]]
+    return FrameChoice(tuple(pairs[:, 0].tolist()), tuple(pairs[:, 1].tolist()), notes)
+
+
+def _blurred(signals: VideoSignals) -> NDArray[np.bool_]:
+    """(n,) True for frames that are much less sharp, along x or y, than the frames around them usually are."""
+    from scipy.ndimage import median_filter
+
+    around = max(3, round(AROUND_S / signals.frame_s))
+    usual = median_filter(signals.sharpness, size=(around, 1), mode="nearest")
+    return np.asarray((signals.sharpness < BLURRED * usual).any(axis=1))
+
+
+def _by_overlap(places: NDArray[np.float64], height: float, overlap: float) -> list[int]:
+    """The first, and each that shows no more than ``overlap`` of what the last one showed. places, height: image widths."""
+    chosen: list[int] = []
+    for number, place in enumerate(places):
+        if chosen:
+            x, y = np.abs(place - places[chosen[-1]])
+            if max(0.0, 1 - x) * max(0.0, 1 - y / height) > overlap:
+                continue
+        chosen.append(number)
+    return chosen
 
 
 def numbered(choice: tuple[int, ...] | None, every: int) -> Iterator[int]:

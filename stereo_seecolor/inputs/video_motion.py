@@ -24,13 +24,16 @@ class NoEvidence(InputError):
 class VideoSignals:
     """times_s: (n,) of the frames. brightness: (n,) mean gray, 0..255.
 
-    motion_times_s: (n-1,) midway between frames. motion: (n-1, 2) x and y, image widths a second.
+    motion_times_s: (n-1,) midway between frames. motion: (n-1, 2) x and y, image widths a second. sharpness: (n, 2) mean step
+    from pixel to pixel along x and y, gray values. height: of the picture, in widths.
     """
 
     times_s: Array
     brightness: Array
     motion_times_s: Array
     motion: Array
+    sharpness: Array
+    height: float
 
     @property
     def frame_s(self) -> float:
@@ -42,16 +45,28 @@ class VideoSignals:
         """Median speed of the picture, image widths a second."""
         return float(np.median(np.hypot(*self.motion.T)))
 
+    def speed_at(self, times_s: Array) -> Array:
+        """Speed of the picture at these times, image widths a second."""
+        x, y = (np.interp(times_s, self.motion_times_s, component) for component in self.motion.T)
+        return np.asarray(np.hypot(x, y))
+
+    @property
+    def place(self) -> Array:
+        """(n, 2) where the picture has moved to at each frame, image widths."""
+        return np.vstack([np.zeros(2), np.cumsum(self.motion * np.diff(self.times_s)[:, None], axis=0)])
+
 
 def video_signals(path: Path) -> VideoSignals:
     """Decode a video once. Raises NoEvidence if it holds fewer than three frames with times, InputError, DeviceError."""
     times: list[float] = []
     brightness: list[float] = []
     shifts: list[tuple[float, float]] = []
+    sharpness: list[tuple[float, float]] = []
     before, window = None, None
-    for time_s, gray in gray_frames(path, WIDTH_PX):
+    for time_s, full in gray_frames(path):
         if times and time_s <= times[-1]:
             continue
+        gray = _small(full)
         if window is None:
             window = cv2.createHanningWindow(gray.shape[::-1], cv2.CV_32F)
         if before is not None:
@@ -59,9 +74,24 @@ def video_signals(path: Path) -> VideoSignals:
             shifts.append((x_px / WIDTH_PX, y_px / WIDTH_PX))
         times.append(time_s)
         brightness.append(float(gray.mean()))
+        sharpness.append(_sharpness(full))
         before = gray
     if len(times) < 3:
         raise NoEvidence(f"{path}: holds {len(times)} frames with times: too few to compare with another video")
     at = np.array(times)
     intervals = np.diff(at)
-    return VideoSignals(at, np.array(brightness), (at[:-1] + at[1:]) / 2, np.array(shifts) / intervals[:, None])
+    motion = np.array(shifts) / intervals[:, None]
+    return VideoSignals(
+        at, np.array(brightness), (at[:-1] + at[1:]) / 2, motion, np.array(sharpness), gray.shape[0] / gray.shape[1]
+    )
+
+
+def _small(gray: NDArray[np.uint8]) -> NDArray[np.float32]:
+    size = (WIDTH_PX, max(1, round(gray.shape[0] * WIDTH_PX / gray.shape[1])))
+    return np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.float32))
+
+
+def _sharpness(gray: NDArray[np.uint8]) -> tuple[float, float]:
+    """Along x of every fourth row, along y of every fourth column: a blur that goes one way takes the steps of that way."""
+    rows, columns = gray[::4].astype(np.int16), np.ascontiguousarray(gray[:, ::4].T).astype(np.int16)
+    return float(np.abs(np.diff(rows)).mean()), float(np.abs(np.diff(columns)).mean())

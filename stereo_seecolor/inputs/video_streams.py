@@ -1,16 +1,18 @@
 """What a video file holds beside its pictures: exact times of its frames, and its sound. By PyAV (FFmpeg)."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.files.reading import special_kind
+
+EARLY_S = 1e-4
+"""A frame is of a time where it is no more than this before it: times are fractions of a second in files."""
 
 SOUND_RATE_HZ = 8000
 """Enough for voices, clicks and motors; a sample is 0.1 ms."""
@@ -32,8 +34,8 @@ def opened(path: Path) -> Iterator[Any]:
         raise InputError(f"{path}: is no video that FFmpeg can read: {error.strerror or error}") from error
 
 
-def gray_frames(path: Path, width_px: int) -> Iterator[tuple[float, NDArray[np.float32]]]:
-    """Each frame's time in seconds on the file's own clock, and the frame in gray, made smaller; not turned.
+def gray_frames(path: Path) -> Iterator[tuple[float, NDArray[np.uint8]]]:
+    """Each frame's time in seconds on the file's own clock, and the frame in gray; not turned.
 
     A damaged frame ends it. Raises InputError if there is none, DeviceError.
     """
@@ -46,12 +48,30 @@ def gray_frames(path: Path, width_px: int) -> Iterator[tuple[float, NDArray[np.f
         for frame in _decoded(container, stream):
             if frame.pts is None:
                 continue
-            gray = frame.to_ndarray(format="gray")
-            size = (width_px, max(1, round(gray.shape[0] * width_px / gray.shape[1])))
-            yield float(frame.pts * frame.time_base), cv2.resize(gray, size, interpolation=cv2.INTER_AREA).astype(np.float32)
+            yield float(frame.pts * frame.time_base), frame.to_ndarray(format="gray")
             count += 1
     if not count:
         raise InputError(f"{path}: holds no frame that can be decoded")
+
+
+def frames_at(path: Path, times_s: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
+    """The frames of these times, rising, in gray at their own size, found by the file's index; not turned.
+
+    Ends where the file does, or a frame is damaged. Raises InputError, DeviceError.
+    """
+    with opened(path) as container:
+        stream = container.streams.video[0]
+        stream.thread_type = "AUTO"
+        for time_s in times_s:
+            container.seek(max(0, int((time_s - EARLY_S) / stream.time_base)), stream=stream)
+            frame = next((frame for frame in _decoded(container, stream) if _is_at(frame, time_s)), None)
+            if frame is None:
+                return
+            yield frame.to_ndarray(format="gray")
+
+
+def _is_at(frame: Any, time_s: float) -> bool:
+    return frame.pts is not None and float(frame.pts * frame.time_base) > time_s - EARLY_S
 
 
 def sound(path: Path) -> tuple[float, NDArray[np.float32]]:

@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
+from calibration import StereoRig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.video_lags import Array, Lag, coarse_lag, fine_lag
 from stereo_seecolor.inputs.video_motion import NoEvidence, VideoSignals, video_signals
+from stereo_seecolor.inputs.video_rows import Pairs, row_lag
 from stereo_seecolor.inputs.video_sound import sound_lag
 from stereo_seecolor.inputs.video_streams import sound
 
@@ -23,6 +25,8 @@ class SyncLimits:
     disagree_s: float = 0.02  # cameras record sound up to half a frame early or late
     sigmas: float = 3.0
     reach_frames: float = 0.6  # a left frame is paired with a right one at most so many frames away
+    false_disparity: float = 1e-3  # image widths that the picture moves between both frames of a pair: 2 px of 1920, 2% of a range
+    least_pairs: float = 0.1  # of the pairs must be within that
 
 
 LIMITS = SyncLimits()
@@ -30,7 +34,7 @@ LIMITS = SyncLimits()
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one kind of evidence (``sound``, ``flash``, ``motion``) says."""
+    """What one kind of evidence (``sound``, ``flash``, ``motion``, ``rows``) says."""
 
     kind: str
     lag: Lag
@@ -41,19 +45,17 @@ class VideoSync:
     """How the clocks of two videos run, by the most precise evidence; the others agree with it.
 
     pairs: (n, 2) numbers of the frames that are nearest, left and right. rest_s: (n,) how far apart they are after all, right less
-    left. speed: median of the picture, image widths a second.
+    left. false_disparity: (n,) what the picture moves in that time, image widths. left_out: pairs for which that is too much.
+    signals: of both videos.
     """
 
     lag: Lag
     evidence: tuple[Evidence, ...]
-    pairs: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+    pairs: Pairs
     rest_s: Array
-    speed: float
-
-    @property
-    def false_disparity(self) -> float:
-        """Disparity of the median speed over the rest error of a pair (root mean square), as a fraction of the image's width."""
-        return float(self.speed * np.hypot(np.sqrt(np.mean(self.rest_s**2)), self.lag.std_s))
+    false_disparity: Array
+    left_out: int
+    signals: tuple[VideoSignals, VideoSignals]
 
     @property
     def text(self) -> str:
@@ -62,13 +64,25 @@ class VideoSync:
         return (
             f"the right clock is {self.lag.offset_s:+.4f} s (standard error {1000 * self.lag.std_s:.1f} ms) and runs "
             f"{1e6 * self.lag.drift:+.0f} ppm against the left one, by {kinds}; paired frames are "
-            f"{1000 * float(np.sqrt(np.mean(self.rest_s**2))):.1f} ms apart, {100 * self.false_disparity:.2f}% of the image's "
-            "width at the usual speed"
+            f"{1000 * float(np.sqrt(np.mean(self.rest_s**2))):.1f} ms apart, in which the picture moves by "
+            f"{100 * float(np.median(self.false_disparity)):.2f}% of its width{self._left_out_text}"
+        )
+
+    @property
+    def _left_out_text(self) -> str:
+        return (
+            f"; {self.left_out} pairs in which it moves by more than {LIMITS.false_disparity:.1%} are left out"
+            if self.left_out
+            else ""
         )
 
 
-def synchronize(left: Path, right: Path) -> VideoSync:
-    """Find offset and drift. Raises NoEvidence where nothing tells them, InputError where the evidence disagrees, DeviceError."""
+def synchronize(left: Path, right: Path, rig: StereoRig | None = None) -> VideoSync:
+    """Find offset and drift. rig: if known, rows of some pairs tell them most precisely.
+
+    Raises NoEvidence where nothing tells them; InputError where the evidence disagrees, or the picture moves too fast for the time
+    that frames are apart; DeviceError.
+    """
     signals = video_signals(left), video_signals(right)
     evidence = tuple(
         Evidence(kind, lag)
@@ -84,8 +98,11 @@ def synchronize(left: Path, right: Path) -> VideoSync:
             f"{left} and {right}: nothing tells how their clocks run: no sound and no flash in common, and the picture moves too "
             "little, or in waves that repeat; clap or turn the rig next time, or set input.video_offset_s"
         )
-    _refuse_disagreement(left, right, evidence)
     best = min(evidence, key=lambda item: item.lag.std_s).lag
+    if rig is not None and (rows := row_lag((left, right), rig, signals, best, _nearest(signals, best)[0])):
+        evidence = (*evidence, Evidence("rows", rows))
+        best = rows if rows.std_s < best.std_s else best
+    _refuse_disagreement(left, right, evidence)
     if best.std_s > min(item.frame_s for item in signals) / 2:
         raise InputError(
             f"{left} and {right}: their offset is known to {1000 * best.std_s:.0f} ms only, not to half a frame: set "
@@ -95,7 +112,26 @@ def synchronize(left: Path, right: Path) -> VideoSync:
 
 
 def paired(signals: tuple[VideoSignals, VideoSignals], lag: Lag, evidence: tuple[Evidence, ...] = ()) -> VideoSync:
-    """The frames that are nearest by a lag; nothing is interpolated. Raises InputError if the videos do not overlap."""
+    """The frames that are nearest by a lag; nothing is interpolated. Pairs that the picture's motion spoils are left out.
+
+    evidence: that the lag was found from; where it was given, all pairs are taken.
+    Raises InputError if the videos do not overlap, or motion spoils nearly all pairs.
+    """
+    pairs, rest_s = _nearest(signals, lag)
+    moved = signals[0].speed_at(signals[0].times_s[pairs[:, 0]]) * np.hypot(rest_s, lag.std_s)
+    good = (moved <= LIMITS.false_disparity) | (not evidence)
+    if good.mean() < LIMITS.least_pairs:
+        usual, rest_ms = float(np.median(moved)), 1000 * float(np.sqrt(np.mean(rest_s**2)))
+        raise InputError(
+            f"the two frames of a pair are {rest_ms:.1f} ms apart, in which the picture moves by {usual:.2%} of its width: "
+            f"{1920 * usual:.1f} px of false disparity at 1920 px; film at a higher rate or move more slowly, or set "
+            f"input.video_offset_s={lag.offset_s:.4f} to take them all the same"
+        )
+    return VideoSync(lag, evidence, pairs[good], rest_s[good], moved[good], int((~good).sum()), signals)
+
+
+def _nearest(signals: tuple[VideoSignals, VideoSignals], lag: Lag) -> tuple[Pairs, Array]:
+    """(n, 2) numbers of frames that are nearest by a lag; (n,) seconds, right less left."""
     left, right = signals
     wanted_s = lag.at(left.times_s)
     after = np.clip(np.searchsorted(right.times_s, wanted_s), 1, len(right.times_s) - 1)
@@ -104,8 +140,7 @@ def paired(signals: tuple[VideoSignals, VideoSignals], lag: Lag, evidence: tuple
     good = np.abs(rest_s) <= LIMITS.reach_frames * right.frame_s
     if not good.any():
         raise InputError(f"the videos do not overlap: the right clock is {lag.offset_s:+.1f} s against the left one")
-    pairs = np.column_stack([np.flatnonzero(good), nearest[good]])
-    return VideoSync(lag, evidence, pairs, rest_s[good], left.speed)
+    return np.column_stack([np.flatnonzero(good), nearest[good]]), rest_s[good]
 
 
 def motion_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
