@@ -2,6 +2,8 @@
 
 import ast
 import graphlib
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -70,6 +72,13 @@ def test_a_circle_through_a_function_is_found(tmp_path, monkeypatch):
     (tmp_path / "b.py").write_text("import a\n")
     monkeypatch.setitem(globals(), "MODULES", {"a": tmp_path / "a.py", "b": tmp_path / "b.py"})
     assert set(circle({name: imported(tmp_path / f"{name}.py") for name in "ab"})) == {"a", "b"}
+
+
+@pytest.mark.slow
+def test_the_contracts_of_imports_are_kept() -> None:
+    command = [sys.executable, "-c", "import sys, importlinter.cli; sys.exit(importlinter.cli.lint_imports())"]
+    checked = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert checked.returncode == 0, checked.stdout
 
 
 SLOW_TO_IMPORT = {"scipy", "torch", "open3d", "skimage", "rasterio", "gtsam"}
