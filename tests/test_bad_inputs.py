@@ -27,6 +27,7 @@ def test_more_lefts_than_rights(make_dive, cli, tmp_path) -> None:
     assert rows == {"0000": "ok", "0001": "unpaired", "0002": "ok"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -59,6 +60,7 @@ def test_strict_stops_at_the_first_bad_pair(make_dive, cli, tmp_path) -> None:
     assert rows == {"0000": "pending", "0001": "failed", "0002": "pending"}
 
 
+@pytest.mark.slow
 def test_of_many_bad_pairs_a_few_are_named_and_the_rest_counted(make_dive, cli, tmp_path) -> None:
     dive = make_dive(2)
     for i in range(2, 32):

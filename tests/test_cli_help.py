@@ -75,6 +75,7 @@ def test_the_examples_are_in_the_help(cli: Cli, command: str) -> None:
     assert "--json" in printed
 
 
+@pytest.mark.slow
 def test_python_m_completion_and_version() -> None:
     for words in (("--version",), ("--show-completion", "bash")):
         program = [sys.executable, "-m", "stereo_seecolor", *words]

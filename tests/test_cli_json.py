@@ -62,6 +62,7 @@ def test_the_commands_over_pairs(make_dive, parsed, tmp_path) -> None:
     assert (correct["ok"], correct["unpaired_files"]) == (1, 1)
 
 
+@pytest.mark.slow
 def test_campaigns_and_plans(make_dive, parsed, tmp_path) -> None:
     dive = make_dive(2)
     file = tmp_path / "campaign.yaml"
@@ -186,6 +187,7 @@ def test_an_export(parsed, tmp_path, monkeypatch) -> None:
     assert parsed("export", "export", tmp_path, "--to", "glb", "--out", tmp_path / "glb")["frames"] == 3
 
 
+@pytest.mark.slow
 def test_settings_and_machine(parsed) -> None:
     settings = {row["key"]: row for row in parsed("config", "config", "--set", "color.lock=survey")["settings"]}
     assert (settings["color.lock"]["value"], settings["color.lock"]["origin"]) == ("survey", "--set")

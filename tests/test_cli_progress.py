@@ -44,6 +44,7 @@ def test_with_json_the_lines_are_json(make_dive, cli: Cli, tmp_path: Path) -> No
     assert second["seconds"] >= 0
 
 
+@pytest.mark.slow
 def test_progress_can_be_chosen(make_dive, cli: Cli, tmp_path: Path) -> None:
     dive = make_dive(1)
     assert cli(*dive.command(tmp_path / "out"), "--progress", "none")[2] == ""

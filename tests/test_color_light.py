@@ -63,6 +63,7 @@ def pattern_error(light: Light) -> float:
     return float(left.std())
 
 
+@pytest.mark.slow
 def test_pattern_and_gains_come_back() -> None:
     gains = some_gains()
     found = solved(True, gains, 0.1)

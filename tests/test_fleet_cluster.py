@@ -172,6 +172,7 @@ def fail(number: int) -> int:
     raise OutputError(f"/disk: full at {number}")
 
 
+@pytest.mark.slow
 def test_results_come_in_order_and_errors_as_they_are(local: DaskCompute) -> None:
     assert list(local.each(square, range(30))) == [square(number) for number in range(30)]
     with pytest.raises(OutputError, match=r"worker on .+: /disk: full at 0"):

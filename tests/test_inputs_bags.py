@@ -387,6 +387,7 @@ def test_other_topics_are_counted(tmp_path) -> None:
     assert (topic.count, topic.msgtype, topic.entries) == (3, "sensor_msgs/msg/Range", ())
 
 
+@pytest.mark.slow
 def test_a_bag_that_changed_is_measured_again(dive, messages, cli, tmp_path) -> None:
     bag = write_bag(tmp_path / "b.bag", messages)
     command = ("run", "--bag", bag, "--out", tmp_path / "out")

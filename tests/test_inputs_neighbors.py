@@ -64,6 +64,7 @@ def test_a_run_names_the_neighbor_that_fits(make_dive, tmp_path: Path) -> None:
     assert "0021.png fits 0022.png, not 0021.png: are the sides numbered alike?" in summary.notes
 
 
+@pytest.mark.slow
 def test_notes_are_given_for_a_few_pairs_and_none_for_files_that_are_gone(make_dive) -> None:
     dive = make_dive(6)
     renumber(dive.root / "L", 0)

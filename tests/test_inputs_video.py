@@ -95,6 +95,7 @@ def test_an_unpacking_that_was_stopped_begins_again(tmp_path: Path, monkeypatch:
     assert [len(list(side.iterdir())) for side in (left, right)] == [4, 4]
 
 
+@pytest.mark.slow
 def test_an_unpacking_that_was_killed_begins_again(tmp_path: Path) -> None:
     video = write_video(tmp_path / "v.avi", smooth_frames(3))
     script = (

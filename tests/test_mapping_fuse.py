@@ -166,6 +166,7 @@ class Vanishing(Sequence[SurveyFrame]):
         return self.frames[i]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reads", [0, 1, 2, 6])
 def test_a_frame_may_vanish_at_any_moment(tmp_path: Path, reads: int) -> None:
     summary = survey_map.build_map(Vanishing([flat_frame(i) for i in range(4)], 1, reads), PAIR, tmp_path, CONFIG, track(4))

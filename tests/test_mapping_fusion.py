@@ -32,6 +32,7 @@ def read_triangles(path: Path) -> NDArray[np.int32]:
     return np.frombuffer(body, face, faces, offset=vertices * VERTEX.itemsize)["indices"]
 
 
+@pytest.mark.slow
 def test_a_flat_bottom_comes_out_flat_and_in_its_color(tmp_path: Path) -> None:
     summary = build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     cloud = read_cloud(tmp_path / "cloud.ply")
@@ -190,6 +191,7 @@ def test_a_full_disk_is_named_and_what_is_done_is_kept(tmp_path: Path, monkeypat
     assert not list(tmp_path.rglob(".writing-*"))
 
 
+@pytest.mark.slow
 def test_a_disk_too_small_for_the_mosaic_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -211,6 +213,7 @@ def test_a_jump_makes_two_maps(tmp_path: Path) -> None:
     assert read_cloud(tmp_path / "piece_1" / "cloud.ply")["position"][:, 1].min() > 49
 
 
+@pytest.mark.slow
 def test_a_frame_without_ranges_does_no_harm(tmp_path: Path) -> None:
     frames = [flat_frame(i) for i in range(3)]
     frames[1] = dataclasses.replace(frames[1], range_m=np.full_like(frames[1].range_m, np.nan))

@@ -124,6 +124,7 @@ def test_vertices_on_cells_centers_leave_no_slits(tmp_path: Path) -> None:
     assert np.isfinite(render_terrain([strip], grid, tmp_path).read(slice(0, 2), slice(0, 41))).all()
 
 
+@pytest.mark.slow
 def test_the_preview_shows_the_map_on_white() -> None:
     image = render_preview(lambda: [pyramid()])
     assert max(image.shape) == pytest.approx(1600, abs=4)

@@ -168,6 +168,7 @@ def test_rectified_products_stay_as_they_are(cli: Cli, make_dive: Callable[..., 
     assert contents(out) == contents(plain)
 
 
+@pytest.mark.slow
 def test_overwrite_leaves_no_originals(cli: Cli, make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     cli(*dive.command(out, *ORIGINAL))

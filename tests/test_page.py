@@ -127,6 +127,7 @@ def test_formats_that_no_browser_shows_are_shown_as_jpeg(make_dive: Callable[...
     assert abs(colors(tmp_path / "a/page/after/0000.jpg") - colors(tmp_path / "b/page/after/0000.jpg")).max() < 2
 
 
+@pytest.mark.slow
 def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -198,6 +199,7 @@ def test_a_damaged_frame_is_named_and_left_out(out: Path) -> None:
 # Nothing of a user's is lost
 
 
+@pytest.mark.slow
 def test_overwrite_takes_the_page_away(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive, out = make_dive(2), tmp_path / "out"
     go(dive, out)
@@ -208,6 +210,7 @@ def test_overwrite_takes_the_page_away(make_dive: Callable[..., Dive], tmp_path:
     assert not (out / "page").exists()
 
 
+@pytest.mark.slow
 def test_a_pair_that_is_gone_takes_its_pictures_along(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
     dive, out = make_dive(3), tmp_path / "out"
     go(dive, out)

@@ -18,6 +18,7 @@ def read(path: Path) -> np.ndarray:
     return image
 
 
+@pytest.mark.slow
 def test_second_run_keeps_everything(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(), tmp_path / "out"
     cli(*dive.command(out))

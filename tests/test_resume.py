@@ -157,6 +157,7 @@ def test_disk_full_is_one_line_and_resumable(make_dive, tmp_path) -> None:
     assert len(list((out / "corrected").iterdir())) == 3
 
 
+@pytest.mark.slow
 def test_output_folder_lost_midway(make_dive, tmp_path, monkeypatch) -> None:
     dive, out = make_dive(4), tmp_path / "out"
 
@@ -175,6 +176,7 @@ def test_output_folder_lost_midway(make_dive, tmp_path, monkeypatch) -> None:
     assert run_in_process(dive, out).all_done
 
 
+@pytest.mark.slow
 def test_inputs_vanishing_midway_are_named(make_dive, tmp_path) -> None:
     dive, out = make_dive(6), tmp_path / "out"
     summary = run_in_process(dive, out, AtPair(2, lambda: (dive.root / "L/0005.png").unlink()))

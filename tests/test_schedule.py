@@ -46,16 +46,6 @@ def test_failure_ends_it_and_starts_nothing_more() -> None:
     assert len(started) < 12
 
 
-def test_sums_are_added_from_the_first_to_the_last() -> None:
-    def slow_when_even(i: int) -> str:
-        time.sleep(0.002 * (i % 2 == 0))
-        return f"{i} "
-
-    assert Threads(4).total(slow_when_even, range(12)) == "0 1 2 3 4 5 6 7 8 9 10 11 "
-    with pytest.raises(ValueError, match="nothing to add"):
-        Threads(4).total(slow_when_even, [])
-
-
 def test_tiles_are_made_one_at_a_time() -> None:
     under_way: list[int] = []
 

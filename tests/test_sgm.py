@@ -54,6 +54,7 @@ def low_strips():
     sgm.CONSTANTS = usual
 
 
+@pytest.mark.slow
 @given(
     seed=st.integers(0, 2**32 - 1),
     size=st.tuples(st.integers(4, 42), st.integers(4, 42)),
@@ -75,11 +76,13 @@ def test_one_band_for_all_tiles() -> None:
     assert np.isfinite(disparity[:, 12:]).mean() > 0.9
 
 
+@pytest.mark.slow
 def test_a_band_that_misses_is_widened() -> None:
     disparity = assert_equal_to_reference(*pair(2, 32, 64, 20, 0.0), Band.everywhere((32, 64), 5, 20))
     assert np.nanmedian(disparity) == pytest.approx(20, abs=0.2)
 
 
+@pytest.mark.slow
 def test_nothing_is_unique_in_an_even_image() -> None:
     even = np.full((24, 40), 1000, np.uint16)
     assert np.isnan(assert_equal_to_reference(even, even, Band.everywhere(even.shape, 0, 31))).all()

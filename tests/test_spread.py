@@ -29,6 +29,7 @@ def frame(raw_gain: float, shown_gain: float) -> ComparedFrame:
     return ComparedFrame(raw, SurveyFrame(name, None, shown, range_m, std_m, known))
 
 
+@pytest.mark.slow
 def test_frames_of_other_brightness_are_offset_and_not_spread_within() -> None:
     report = measure_spread([frame(1.0, 1.0), frame(1.2, 1.0)], RECTIFICATION.pair, "srgb")
     assert report.pairs == 1

@@ -79,6 +79,7 @@ def test_a_link_out_of_the_folder_is_not_followed(dive: Dive, tmp_path: Path, na
     assert [path.name for path in mine.parent.iterdir()] == ["notes.txt"]
 
 
+@pytest.mark.slow
 def test_out_may_be_a_link_itself(dive: Dive, tmp_path: Path) -> None:
     (tmp_path / "big disk").mkdir()
     (tmp_path / "out").symlink_to(tmp_path / "big disk")
@@ -117,6 +118,7 @@ def test_files_in_a_products_place_are_refused(dive: Dive, tmp_path: Path, name:
     assert contents(out).items() >= before.items()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("settings", "overwrite"), [(("color.lock=survey",), False), ((), True), (("output.image_format=jpg",), False)]
 )
@@ -133,6 +135,7 @@ def test_a_product_that_the_user_edited_is_kept_aside(
     assert len(list((out / "corrected").iterdir())) == 3
 
 
+@pytest.mark.slow
 @BOTH
 def test_a_product_replaced_by_a_link_is_not_written_through(dive: Dive, tmp_path: Path, overwrite: bool) -> None:
     out, mine = tmp_path / "out", keep(tmp_path / "elsewhere/photo.png")
@@ -144,6 +147,7 @@ def test_a_product_replaced_by_a_link_is_not_written_through(dive: Dive, tmp_pat
     assert not (out / "corrected/0001.png").is_symlink()
 
 
+@pytest.mark.slow
 def test_overwrite_deletes_what_the_manifest_names_and_nothing_else(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
@@ -189,6 +193,7 @@ def test_images_inside_out_are_not_deleted(dive: Dive, tmp_path: Path) -> None:
     assert len(list((out / "rectified_left").iterdir())) == 3
 
 
+@pytest.mark.slow
 def test_a_run_may_take_the_water_of_its_own_folder(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out, "color.lock=survey")
@@ -258,6 +263,7 @@ def test_a_finished_run_is_read_without_its_inputs(dive: Dive, tmp_path: Path) -
 # Nothing stale
 
 
+@pytest.mark.slow
 def test_a_changed_format_leaves_nothing_of_the_old_one(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
@@ -312,6 +318,7 @@ def test_ranges_by_the_same_settings_keep_the_colors(dive: Dive, tmp_path: Path)
 # Stopped and starved
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("at", [1, 4])
 def test_a_stopped_run_hides_nothing_and_is_not_fused(dive: Dive, tmp_path: Path, at: int) -> None:
     out = tmp_path / "out"
@@ -385,6 +392,7 @@ def test_a_folder_turned_into_a_file_is_left_alone(dive: Dive, tmp_path: Path) -
 # The map
 
 
+@pytest.mark.slow
 def test_a_users_file_in_the_map_is_refused(dive: Dive, tmp_path: Path, open3d: None) -> None:
     out = tmp_path / "out"
     go(dive, out)
