@@ -12,7 +12,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.frame_stages import FrameStages, Source, water_key
+from stereo_seecolor.frame_stages import FrameStages, PageMaker, Source, water_key
 from stereo_seecolor.frame_work import Correction, FrameWork, Result, Work, rows_alone
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.progress import RunOptions
@@ -95,6 +95,10 @@ class Dive:
         """A pass of which nothing but the rows is wanted."""
         for _ in self._pass(stage, pairs, rows_alone(work)):
             pass
+
+    def show(self, page: PageMaker | None) -> None:
+        """Make what the page shows of frames as they are corrected."""
+        self._stages.page = page
 
     def end(self) -> None:
         """Free what was kept for later passes."""

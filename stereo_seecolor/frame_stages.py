@@ -1,12 +1,13 @@
 """The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from calibration.original_view import OriginalView
@@ -24,12 +25,12 @@ from stereo_seecolor.frame_facts import capture_facts, range_facts
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_alone, ranges_for_color
-from stereo_seecolor.records import FrameRow, Image, Map, Mask, RangeMap, Water
+from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
-from stereo_seecolor.run_folder.products import Files, correction_files, original_files, range_files
+from stereo_seecolor.run_folder.products import Files, correction_files, mask_codes, original_files, range_files
 
 
 class Source(Protocol):
@@ -57,6 +58,20 @@ class Source(Protocol):
         """That image and its range map."""
 
 
+class PageMaker(Protocol):
+    """Makes what the page shows of the frames of these names."""
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Of the frames to make."""
+
+    def stage(self, corrected_key: str) -> StageRecord:
+        """The record of a frame's page."""
+
+    def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
+        """The page's files of a frame, from its rectified image and its products as they are stored."""
+
+
 @dataclass(frozen=True, eq=False)
 class Ranged:
     """A pair whose range is known. record: what OUT knows of it. key: hash of all that its range depends on.
@@ -79,12 +94,16 @@ class Ranged:
 
 
 class FrameStages:
-    """The stages of a frame; every method may be called from many threads. light: the dive's, where a term of it is used."""
+    """The stages of a frame; every method may be called from many threads. light: the dive's, where a term of it is used.
+
+    page: makes what the page shows of frames, as they are corrected; None where the run writes no page.
+    """
 
     def __init__(self, source: Source, folder: RunFolder, verify: bool = False) -> None:
         self.light: Light | None = None
         self._source, self._folder, self._verify = source, folder, verify
         self._kept = KeptPixels(folder.root)
+        self.page: PageMaker | None = None
 
     @property
     def range_settings(self) -> str:
@@ -230,7 +249,7 @@ class FrameStages:
             image, measured = self.pixels(ranged, clock)
             with clock("color"):
                 range_map = ranges_for_color(image, measured, config, self._source.seen)
-            image = self._evened(ranged.pair.name, image, range_map.range_m, clock)
+            raw, image = image, self._evened(ranged.pair.name, image, range_map.range_m, clock)
             with clock("color"):
                 correction = correct(self._source.corrector, config, image, range_map, water)
             facts = {
@@ -246,9 +265,21 @@ class FrameStages:
                 as_shown = replace(water, exposure=correction.exposure, highlights=correction.highlights)
                 files |= self._original_files(ranged.pair, measured, as_shown, exif, clock)
             with clock("write"):
-                self._folder.save(ranged.record.with_stage("corrected", record), "corrected", files)
+                saved = self._folder.save(ranged.record.with_stage("corrected", record), "corrected", files)
+            if self.page and ranged.pair.name in self.page.names:
+                with clock("page"):
+                    self._show(self.page, saved, raw, correction, range_map)
         self._kept.drop(ranged.pair.name, ranged.key)
         return ranged.row.then(FrameRow(ranged.pair.name, kept=kept, warnings=record.warnings, facts=dict(record.facts)))
+
+    def _show(self, page: PageMaker, frame: FrameRecord, raw: Image, correction: Correction, range_map: RangeMap) -> None:
+        """What the page shows of a frame that was just corrected."""
+        kept = frame.stages["range"].outputs.keys() & {"confidence", "range_std"}
+        products = {product: self._folder.read(frame, product) for product in kept}
+        products |= {"range": range_map.measured_m, "mask": mask_codes(correction, range_map)}
+        products["corrected"] = correction.image if correction.linear is None else correction.linear
+        stage = page.stage(frame.stages["corrected"].key)
+        self._folder.save(frame.with_stage("page", stage), "page", page.files(frame.name, raw, products))
 
     def _gain(self, name: str) -> dict[str, float]:
         """light_gain: how much brighter than usual the frame was lit or exposed, where that was measured."""

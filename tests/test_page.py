@@ -19,6 +19,7 @@ from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.range_code import CODE, CodedRanges, std_blocks, std_codes, std_from_codes
 from stereo_seecolor.run_folder.finished_run import open_run
@@ -131,7 +132,7 @@ def test_formats_that_no_browser_shows_are_shown_as_jpeg(make_dive: Callable[...
 def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stereo_seecolor.report.page.BRIEF_FRAMES", 2)
+    monkeypatch.setattr("stereo_seecolor.report.early_frames.BRIEF_FRAMES", 2)
     monkeypatch.setattr("stereo_seecolor.report.telling_frames.COUNT", 1)
     go(make_dive(5), tmp_path / "out")
     brief = report(tmp_path / "out", brief=True)
@@ -152,6 +153,20 @@ def test_a_page_is_made_once(out: Path) -> None:
     result = report(out)
     assert (result.made, result.kept) == (0, 2)
     assert before == {path: path.stat().st_mtime_ns for path in (out / "page").rglob("*") if path.is_file()}
+
+
+def test_what_a_run_makes_of_its_frames_in_memory_is_what_their_files_give(
+    make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dive, out = make_dive(2), tmp_path / "out"
+    with monkeypatch.context() as patched:
+        patched.setattr(FrameFiles, "make", None)  # reads files
+        run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out)
+    made = {path.relative_to(out): path.read_bytes() for path in (out / "page").glob("*/*")}
+    assert len(made) == 8
+    shutil.rmtree(out / "page")
+    report(out)
+    assert {path.relative_to(out): path.read_bytes() for path in (out / "page").glob("*/*")} == made
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from calibration import CalibrationError, Rectification
 from calibration.checks import suspicions
 from calibration.formats import load_rig
 from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
-from stereo_seecolor.commands.pages import drop_live_page, end_page, keep_live_page, with_live_page
+from stereo_seecolor.commands.pages import drop_live_page, early_frames, end_page, keep_live_page, with_live_page
 from stereo_seecolor.commands.refine_dive import DiveRefinement
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
@@ -133,6 +133,7 @@ class Job:
         """All passes; Ctrl-C ends them early. run.json and frames.csv are written at the end, however it comes."""
         watched = with_live_page(options, folder, self.description)
         start, dive, complete = time.perf_counter(), Dive(self.source, folder, watched), False
+        dive.show(early_frames(options, self.description))
         earlier = earlier_config(folder)
         folder.update(replace(folder.dive, state="running"))
         try:

@@ -1,6 +1,7 @@
 """The page of a run, written by the run itself: while it works where that is asked for, and at its end."""
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 from stereo_seecolor.progress import Listener, RunOptions
 from stereo_seecolor.records import FrameRow
@@ -8,6 +9,9 @@ from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import INDEX
 from stereo_seecolor.run_folder.reports import RunDescription
+
+if TYPE_CHECKING:
+    from stereo_seecolor.report.early_frames import EarlyFrames
 
 
 def with_live_page(options: RunOptions, folder: RunFolder, run: RunDescription) -> RunOptions:
@@ -25,6 +29,15 @@ def keep_live_page(options: RunOptions, folder: RunFolder) -> None:
     """Leave the live page where it is until the last one takes its place: a browser that finds none does not look again."""
     if options.page == "live" and INDEX in folder.dive.files:
         folder.update(replace(folder.dive, made_from={**folder.dive.made_from, INDEX: folder.digest("corrected")}))
+
+
+def early_frames(options: RunOptions, run: RunDescription) -> "EarlyFrames | None":
+    """Makes what the page shows of some frames while the run has their pixels; None where the run writes no page."""
+    if options.page == "none" or run.last != "corrected" or run.rectification is None or not options.shard.whole:
+        return None
+    from stereo_seecolor.report.early_frames import EarlyFrames, spread
+
+    return EarlyFrames(frozenset(spread(run.names)), run.rectification.pair)
 
 
 def end_page(options: RunOptions, folder: RunFolder, run: RunDescription, stopped: bool) -> None:

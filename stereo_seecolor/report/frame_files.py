@@ -1,12 +1,15 @@
 """What the page shows of one frame: thumbnail, before, after, and its ranges to measure in."""
 
+import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration import CalibrationError, Rectification
+from calibration import CalibrationError, Rectification, RectifiedPair
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.atomic import Content
 from stereo_seecolor.geometry import estimated_range_std_m
@@ -23,6 +26,21 @@ Files = dict[str, tuple[str, Content]]
 
 OVERLAY_STEP_PX = 2
 """Confidence and mask are shown, not measured in: every second pixel of every second row."""
+
+
+class Pixels(Protocol):
+    """A frame's products by name, as the run wrote them."""
+
+    @property
+    def name(self) -> str:
+        """Of the frame."""
+
+    @property
+    def products(self) -> Mapping[str, object]:
+        """By name."""
+
+    def read(self, product: str) -> NDArray[Any]:
+        """A product's pixels as stored. Raises InputError."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,20 +70,10 @@ class FrameFiles:
         return {product: (page_path(product, frame.name), content) for product, content in contents.items()}
 
     def _contents(self, frame: FinishedFrame) -> dict[str, bytes]:
-        color = frame.read("corrected")
-        files = {"page/thumbnails": thumbnail(color), "page/after": preview(color)}
-        if before := self._before(frame):
-            files["page/before"] = before
-        if self.run.geometry is not None:
-            files["page/ranges"] = self._ranges(frame)
-        return files
-
-    def _before(self, frame: FinishedFrame) -> bytes:
-        """The image as the camera saw it, rectified; empty where it is gone."""
-        try:
-            return preview(self.raw(frame))
-        except (InputError, CalibrationError):
-            return b""
+        before = None
+        with contextlib.suppress(InputError, CalibrationError):  # the input is gone
+            before = self.raw(frame)
+        return contents_of(frame, before, self.run.geometry)
 
     def raw(self, frame: FinishedFrame) -> Image:
         """(H, W, 3), rectified and upright. Raises InputError, CalibrationError."""
@@ -77,28 +85,43 @@ class FrameFiles:
         rectified: Image = self.rectification.upright(self.rectification.apply_left(image))
         return rectified
 
-    def _ranges(self, frame: FinishedFrame) -> bytes:
-        confidence = frame.read("confidence")
-        range_m = np.where(confidence > 0, frame.read("range"), np.float32(np.nan))
-        ranges = CodedRanges.of(range_m)
-        every = np.s_[::OVERLAY_STEP_PX, ::OVERLAY_STEP_PX]
-        content = {
-            "height": range_m.shape[0],
-            "width": range_m.shape[1],
-            "step_per_m": ranges.step_per_m,
-            "ranges": text(deflated(ranges.planes)),
-            "known": text(deflated(np.packbits(ranges.known))),
-            "std": text(deflated(std_codes(self._std_m(frame, range_m)))),
-            "confidence": text(deflated(_rounded(confidence[every]))),
-            "mask": text(deflated(frame.read("mask")[every])),
-        }
-        return script("ranges", frame.name, content)
 
-    def _std_m(self, frame: FinishedFrame, range_m: Map) -> Map:
-        assert self.run.geometry is not None
-        if "range_std" not in frame.products:
-            return estimated_range_std_m(range_m, self.run.geometry)
-        return np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
+def contents_of(frame: Pixels, before: Image | None, geometry: RectifiedPair | None) -> dict[str, bytes]:
+    """Product -> content of all that the page shows of a frame. before: the rectified image as the camera saw it, if known.
+
+    Raises InputError if one of the frame's files is gone or damaged.
+    """
+    color = frame.read("corrected")
+    files = {"page/thumbnails": thumbnail(color), "page/after": preview(color)}
+    if before is not None:
+        files["page/before"] = preview(before)
+    if geometry is not None:
+        files["page/ranges"] = _ranges(frame, geometry)
+    return files
+
+
+def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
+    confidence = frame.read("confidence")
+    range_m = np.where(confidence > 0, frame.read("range"), np.float32(np.nan))
+    ranges = CodedRanges.of(range_m)
+    every = np.s_[::OVERLAY_STEP_PX, ::OVERLAY_STEP_PX]
+    content = {
+        "height": range_m.shape[0],
+        "width": range_m.shape[1],
+        "step_per_m": ranges.step_per_m,
+        "ranges": text(deflated(ranges.planes)),
+        "known": text(deflated(np.packbits(ranges.known))),
+        "std": text(deflated(std_codes(_std_m(frame, range_m, geometry)))),
+        "confidence": text(deflated(_rounded(confidence[every]))),
+        "mask": text(deflated(frame.read("mask")[every])),
+    }
+    return script("ranges", frame.name, content)
+
+
+def _std_m(frame: Pixels, range_m: Map, geometry: RectifiedPair) -> Map:
+    if "range_std" not in frame.products:
+        return estimated_range_std_m(range_m, geometry)
+    return np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
 
 
 def raw_is_there(frame: FinishedFrame) -> bool:

@@ -10,6 +10,7 @@ from stereo_seecolor.errors import FrameError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.dive_facts import DiveFacts
+from stereo_seecolor.report.early_frames import FORMAT, page_stage, spread
 from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
 from stereo_seecolor.report.map_files import write_map_files
 from stereo_seecolor.report.overview import NAMED_FRAMES, changed_settings, citations, dive_facts, methods
@@ -21,10 +22,8 @@ from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import INDEX, PAGE, WHAT_IS_WHERE
-from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
+from stereo_seecolor.run_folder.manifest import FrameRecord
 
-FORMAT = "1"
-"""Raised where the files of a frame change their content: those of an earlier program are then made again."""
 ASSETS = ("page.js", "page.css", "map.js", "licenses.txt")
 """The program of the page, built from web/."""
 
@@ -43,14 +42,6 @@ class PageSummary:
     left_out: dict[str, str]
 
 
-BRIEF_FRAMES = 24
-"""So many frames, spread over the dive, are shown whole by a brief page; of the others, the corrected images themselves.
-
-On the sample dive (576x448 pixels) run takes 125 ms of processor time a pair, and what the page shows of a pair takes 25 ms: 0.6 s
-in all, which is 1 % of a run over 500 pairs.
-"""
-
-
 def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progress) -> PageSummary:
     """Write OUT/index.html and OUT/page; of frames that an earlier page shows already, nothing is read.
 
@@ -60,7 +51,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
     facts, texts = DiveFacts.of(run), english()
     settings = content_key(FORMAT)
     whole = _spread(facts) if brief else {frame.name for frame in run.frames}
-    maker = _FrameMaker(folder, FrameFiles.of(run), settings, frozenset(whole))
+    maker = _FrameMaker(folder, FrameFiles.of(run), frozenset(whole))
     made, left_out, shown = 0, {}, {}
     for number, (frame, record) in enumerate(zip(run.frames, Threads(cores()).each(maker.of, run.frames), strict=True)):
         progress(number + 1, len(run.frames))
@@ -82,7 +73,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
 def _spread(facts: DiveFacts) -> set[str]:
     """The frames that a brief page shows whole: the telling ones, and others spread over the dive."""
     names = [frame.name for frame in facts.run.frames]
-    return {name for name, _ in telling_frames(facts)} | set(names[:: -(-len(names) // BRIEF_FRAMES) or 1])
+    return {name for name, _ in telling_frames(facts)} | set(spread(names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +82,6 @@ class _FrameMaker:
 
     folder: RunFolder
     files: FrameFiles
-    settings: str
     whole: frozenset[str]
 
     def of(self, frame: FinishedFrame) -> FrameRecord | FrameError | None:
@@ -99,10 +89,10 @@ class _FrameMaker:
         record = self.folder.manifest.frame(frame.name)
         if record is None or "corrected" not in record.stages:
             return None
-        keys = {before: content_key(self.settings, record.stages["corrected"].key, before) for before in (True, False)}
+        stages = {before: page_stage(record.stages["corrected"].key, before) for before in (True, False)}
         with_before = raw_is_there(frame)
-        good = [keys[True]] if with_before else [keys[True], keys[False]]
-        if any(self.folder.finished("page", frame.name, key) for key in good):
+        good = [stages[True]] if with_before else [stages[True], stages[False]]
+        if any(self.folder.finished("page", frame.name, stage.key) for stage in good):
             return record
         if frame.name not in self.whole:
             return None
@@ -110,8 +100,7 @@ class _FrameMaker:
             files = self.files.make(frame)
         except FrameError as error:
             return error
-        stage = StageRecord(keys[with_before], self.settings)
-        return self.folder.save(record.with_stage("page", stage), "page", files)
+        return self.folder.save(record.with_stage("page", stages[with_before]), "page", files)
 
 
 Shown = dict[str, tuple[str, ...]]

@@ -41,7 +41,7 @@ def correction_files(
     pixels = correction.image if correction.linear is None else correction.linear
     contents: dict[str, Callable[[], bytes | memoryview]] = {
         "corrected": lambda: encode_image(pixels, config.image_format, exif, config.compression),
-        "mask": lambda: encode_mask(_mask(correction, range_map), config.compression),
+        "mask": lambda: encode_mask(mask_codes(correction, range_map), config.compression),
     }
     if config.with_clouds and geometry is not None:
         rays = geometry.rays
@@ -55,7 +55,7 @@ def original_files(left: Path, correction: Correction, range_map: RangeMap, exif
     contents: dict[str, Callable[[], bytes | memoryview]] = {
         "original/corrected": lambda: encode_image(correction.image, image_format, exif),
         "original/range": lambda: encode_map(range_map.range_m),
-        "original/mask": lambda: encode_mask(_mask(correction, range_map)),
+        "original/mask": lambda: encode_mask(mask_codes(correction, range_map)),
     }
     return {product: (original_path(product, left), _encoded(encode)) for product, encode in contents.items()}
 
@@ -77,7 +77,8 @@ def _encoded(encode: Callable[[], bytes | memoryview]) -> Iterator[bytes | memor
     yield encode()
 
 
-def _mask(correction: Correction, range_map: RangeMap) -> NDArray[np.uint8]:
+def mask_codes(correction: Correction, range_map: RangeMap) -> NDArray[np.uint8]:
+    """(H, W) MASK_CODES of a corrected frame."""
     mask = np.zeros(correction.unknown.shape, np.uint8)
     mask[correction.unrecoverable] = MASK_CODES["color not recoverable"]
     mask[range_map.filled] = MASK_CODES["range filled in"]
