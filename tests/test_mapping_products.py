@@ -150,7 +150,12 @@ def test_geographic_files_lie_where_the_survey_was(tmp_path: Path) -> None:
         assert np.nanmax(np.abs(heights)) < 0.001
         longitude, latitude = pyproj.Transformer.from_crs(crs.to_wkt(), 4326, always_xy=True).transform(0.0, 0.0)
     assert (latitude, longitude) == pytest.approx((-23.5, 152.0), abs=1e-9)
+    with laspy.open(tmp_path / "cloud.laz") as file:
+        assert pyproj.CRS.from_wkt(crs.to_wkt()).equals(file.header.parse_crs())  # one system in all
+    for name in ("cloud.ply", "mesh.ply"):
+        assert b"comment crs transverse Mercator around latitude -23.5" in (tmp_path / name).read_bytes()[:500]
     cloud = laspy.read(tmp_path / "cloud.laz")
+    assert np.max(cloud.x) - np.min(cloud.x) == pytest.approx(dem.bounds.right - dem.bounds.left, abs=0.05)
     assert len(cloud.points) == summary.points
     degrees = pyproj.Transformer.from_crs(cloud.header.parse_crs(), 4326, always_xy=True).transform(
         np.mean(cloud.x), np.mean(cloud.y)

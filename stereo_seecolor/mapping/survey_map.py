@@ -22,7 +22,7 @@ from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
 from stereo_seecolor.mapping.raster import georeference
-from stereo_seecolor.mapping.raster.georeference import Georeference
+from stereo_seecolor.mapping.raster.georeference import Georeference, local_crs_name
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames, Unplaced
@@ -229,6 +229,7 @@ def _write_description(path: Path, place: Georeference, config: MappingConfig) -
         "origin": {"latitude_deg": place.origin.latitude_deg, "longitude_deg": place.origin.longitude_deg}
         if place.origin
         else None,
+        "crs": local_crs_name(place.origin),
         "voxel_m": config.voxel_m,
         "dem_m": config.terrain_cell_m,
         "mosaic_m": config.mosaic_cell_m,
@@ -240,7 +241,7 @@ def _write_description(path: Path, place: Georeference, config: MappingConfig) -
 
 def _comment(place: Georeference) -> str:
     """For the headers of the PLY files."""
-    lines = ["stereo-seecolor, meters: x east, y north, z up"]
+    lines = ["stereo-seecolor, meters: x east, y north, z up", f"crs {local_crs_name(place.origin)}"]
     if place.offset_m.any():
         lines.append("offset " + " ".join(f"{value:.3f}" for value in place.offset_m) + ": add it to get world coordinates")
     return "\n".join(lines)

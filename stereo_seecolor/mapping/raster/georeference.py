@@ -23,6 +23,13 @@ class Georeference:
     origin: GeoOrigin | None
 
 
+def local_crs_name(origin: GeoOrigin | None) -> str:
+    """The map's own coordinates in words."""
+    if origin is None:
+        return "local meters, place on Earth unknown"
+    return f"transverse Mercator around latitude {origin.latitude_deg:.9f}, longitude {origin.longitude_deg:.9f} (WGS84), scale 1"
+
+
 def available() -> bool:
     """True if rasterio, pyproj and laspy can be imported."""
     try:
@@ -77,19 +84,15 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
 
 
 def write_laz(path: Path, cloud: Path, place: Georeference) -> None:
-    """The cloud as LAZ in the UTM zone of the origin, millimeters, its offset near the map; read from cloud.ply in pieces."""
+    """The cloud as LAZ in the system of the GeoTIFFs, millimeters, its offset near the map; read from cloud.ply in pieces."""
     import laspy
     import pyproj
 
-    origin = place.origin
-    assert origin is not None, "a cloud without a place on Earth has no UTM zone"
-    zone = int((origin.longitude_deg + 180) // 6) % 60 + 1
-    utm = pyproj.CRS.from_epsg((32600 if origin.latitude_deg >= 0 else 32700) + zone)
-    transform = pyproj.Transformer.from_crs(local_crs_wkt(origin), utm, always_xy=True).transform
+    assert place.origin is not None, "a cloud without a place on Earth has no system to name"
     header = laspy.LasHeader(point_format=7, version="1.4")
     header.scales = np.full(3, 0.001)
-    header.offsets = np.array([*np.floor(transform(*place.offset_m[:2])), 0.0])
-    header.add_crs(utm)
+    header.offsets = np.array([*np.floor(place.offset_m[:2]), 0.0])
+    header.add_crs(pyproj.CRS.from_wkt(local_crs_wkt(place.origin)))
     vertices = read_vertices(cloud)
     with (
         atomic_path(path) as temporary,
@@ -100,7 +103,6 @@ def write_laz(path: Path, cloud: Path, place: Georeference) -> None:
             part = vertices[start : start + CHUNK]
             points = laspy.ScaleAwarePointRecord.zeros(len(part), header=header)
             position = np.asarray(part["position"], np.float64) + place.offset_m
-            points.x, points.y = transform(position[:, 0], position[:, 1])
-            points.z = position[:, 2]
+            points.x, points.y, points.z = position.T
             points.red, points.green, points.blue = (part["color"][:, c].astype(np.uint16) * 257 for c in range(3))
             file.write_points(points)
