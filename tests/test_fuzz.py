@@ -9,14 +9,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from bag_writers import LEFT, RIGHT, START_NS, STEP_NS, raw, write_bag
+from video_writers import write_pair
 
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.formats import load_rig, write_rig
+from stereo_seecolor.config import InputConfig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.inputs.video_motion import video_signals
+from stereo_seecolor.inputs.video_streams import sound
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.water_file import read_waters, waters_content
 
@@ -159,6 +165,28 @@ def waters(folder: Path) -> list[Path]:
     return sorted(folder.iterdir())
 
 
+def bags(folder: Path) -> list[Path]:
+    pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), dtype=np.uint8)
+    sent = [raw(f"{camera}/image_raw", START_NS + i * STEP_NS, pixels, "rgb8") for i in range(3) for camera in (LEFT, RIGHT)]
+    return [write_bag(folder / f"b{suffix}", sent) for suffix in (".bag", ".db3", ".mcap")]
+
+
+def read_bag(path: Path) -> None:
+    """Every pair that there is."""
+    for pair in open_dive(path, "", InputConfig()).pairing.pairs:
+        read_image(pair.left)
+        read_image(pair.right)
+
+
+def videos(folder: Path) -> list[Path]:
+    return list(write_pair(folder, 0.2, seconds=0.5, sound=True))
+
+
+def read_video(path: Path) -> None:
+    video_signals(path)
+    sound(path)
+
+
 KINDS: dict[str, tuple[Callable[[Path], list[Path]], Callable[[Path], object]]] = {
     "images": (images, read_image),
     "range maps": (range_maps, read_range_map),
@@ -168,6 +196,8 @@ KINDS: dict[str, tuple[Callable[[Path], list[Path]], Callable[[Path], object]]] 
     "navigation": (navigation, lambda path: read_trajectory(Path(f"{path}:time=t,lat=lat,lon=lon,depth=d,heading=h"))),
     "exposures": (exposures, ExposureTable.read),
     "waters": (waters, lambda path: read_waters(path, ["a"])),
+    "bags": (bags, read_bag),
+    "videos": (videos, read_video),
 }
 
 
