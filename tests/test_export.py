@@ -25,6 +25,7 @@ from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, north_east_from_degrees
+from stereo_seecolor.metrics.outline_files import read_outlines
 from stereo_seecolor.records import GeoOrigin
 
 FRAMES = 5
@@ -317,3 +318,35 @@ def test_a_run_is_recorded_with_or_without_a_map(make_dive, cli, tmp_path: Path)
     assert counts == {topic: 2 * (topic != "/tf") for topic in TOPICS}
     code, _, said = cli(*words, "--out-mcap", tmp_path / "a/dive.mcap")
     assert (code, "is there already: give --overwrite" in said) == (1, True)
+
+
+def test_a_taglab_project_has_colors_and_heights_of_one_size(fused: Path, tmp_path: Path) -> None:
+    import rasterio
+
+    export(fused, "taglab", tmp_path / "to")
+    project = json.loads((tmp_path / "to/project.json").read_text())
+    (image,) = project["images"]
+    with rasterio.open(tmp_path / "to/rgb.tif") as rgb, rasterio.open(tmp_path / "to/dem.tif") as dem:
+        assert (rgb.width, rgb.height) == (dem.width, dem.height) == (image["width"], image["height"])
+        assert (rgb.count, rgb.transform, dem.nodata) == (3, dem.transform, -9999)
+        heights = dem.read(1)
+        assert float(image["map_px_to_mm_factor"]) == pytest.approx(1000 * rgb.res[0])
+    assert np.isfinite(heights).all()
+    assert np.abs(heights[heights > -9999]).max() < 0.01 and (heights > -9999).mean() > 0.5
+    assert [(each["filename"], each["type"]) for each in image["channels"]] == [("rgb.tif", "RGB"), ("dem.tif", "DEM")]
+    assert len(image["acquisition_date"]) == 10
+    corner = [[10, 10], [40, 10], [40, 40], [10, 40]]
+    image["annotations"]["regions"] = [{"id": 1, "class name": "coral", "contour": corner, "inner contours": []}]
+    (tmp_path / "drawn.json").write_text(json.dumps(project))
+    (outline,) = read_outlines(tmp_path / "drawn.json", open_posed_run(fused))
+    assert np.ptp(outline.rings[0], axis=0) == pytest.approx([0.6, 0.6])
+
+
+def test_biigle_gets_a_row_for_each_image(fused: Path, tmp_path: Path) -> None:
+    export(fused, "biigle", tmp_path / "to")
+    with (tmp_path / "to/metadata.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["filename"] for row in rows} == {path.name for path in (tmp_path / "to/images").iterdir()}
+    assert float(rows[0]["distance_to_ground"]) == pytest.approx(1.5, abs=0.01)
+    assert float(rows[0]["area"]) == pytest.approx(160 * 128 * (1.5 / 200) ** 2, rel=0.01)
+    assert (rows[0]["taken_at"], rows[0]["lat"]) == ("", "")

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from stereo_seecolor.export import colmap, glb, ifdo, mcap_file, metashape, mosaic_tiles, nerfstudio
+from stereo_seecolor.export import biigle, colmap, glb, ifdo, mcap_file, metashape, mosaic_tiles, nerfstudio, taglab
 from stereo_seecolor.export.posed_run import PosedRun
 
 
@@ -29,6 +29,8 @@ EXPORT_FORMATS: dict[str, ExportFormat] = {
     "tiles": ExportFormat(
         "the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each", "CoralNet, BIIGLE", mosaic_tiles.write
     ),
+    "taglab": ExportFormat("orthomosaic and terrain model of one size, and a project that names them", "TagLab", taglab.write),
+    "biigle": ExportFormat("images, and metadata.csv with time, place, distance and area of each", "BIIGLE", biigle.write),
     "mcap": ExportFormat(
         "corrected images, ranges, points, camera and track as ROS 2 messages in one file", "Foxglove, RViz, ROS 2", mcap_file.write
     ),
