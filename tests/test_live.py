@@ -1,8 +1,11 @@
 """Live: the newest pair wins, drops are counted, nothing that a pair does ends it, memory is flat."""
 
 import json
+import os
 import re
 import shutil
+import subprocess
+import sys
 import tracemalloc
 import urllib.error
 import urllib.request
@@ -326,7 +329,7 @@ def test_a_recording_and_every_second_pair_are_kept(make_dive, cli, tmp_path) ->
     dive = make_dive(3)
     name_by_stamps(dive.root)
     bag = write_bag(tmp_path / "b.bag", [*camera_infos(dive.root / "cam.yaml"), *dive_messages(dive.root)])
-    words = ("--record", tmp_path / "live.mcap", "--out", tmp_path / "kept", "--every", 2, "--cpus", 2, "--budget-ms", 60_000)
+    words = ("--record", tmp_path / "live.mcap", "--out", tmp_path / "kept", "--every", 2, "--budget-ms", 60_000)
     code, printed, said = cli("live", "--bag", bag, *words)
     assert code == 0, said
     done = int(re.search(r"(\d+) pairs corrected", printed)[1])  # type: ignore[index]
@@ -339,6 +342,22 @@ def test_a_recording_and_every_second_pair_are_kept(make_dive, cli, tmp_path) ->
     assert stamps[0] == START_NS
     code, _, said = cli("live", "--bag", bag, "--record", tmp_path / "live.mcap")
     assert (code, "is there already, and is not written over" in said) == (1, True)
+
+
+def test_a_process_is_pinned_with_its_threads_and_those_that_it_starts_later() -> None:
+    """In a process of its own: it cannot be undone for the threads of this one."""
+    if not hasattr(os, "sched_setaffinity"):
+        pytest.skip("this system pins no processes")
+    script = (
+        "import os, threading, time\nfrom stereo_seecolor.compute.background import pin\n"
+        "from stereo_seecolor.compute.threads import cores\n"
+        "early = threading.Thread(target=time.sleep, args=(20,), daemon=True); early.start()\n"
+        "chosen = pin(1); seen = [os.sched_getaffinity(early.native_id)]\n"
+        "late = threading.Thread(target=lambda: seen.append(os.sched_getaffinity(0))); late.start(); late.join()\n"
+        "print(chosen, seen == [set(chosen)] * 2, cores())"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert re.fullmatch(r"\(\d+,\) True 1\n", done.stdout), done.stdout
 
 
 def test_less_is_done_where_pairs_take_too_long_and_more_again_later() -> None:
