@@ -90,6 +90,24 @@ class _Chunk:
         return usual_exposure(lit)[1].table if lit else None
 
 
+class _OpenChunk:
+    """The chunk that grows: its tables are not packed, so that a frame costs the same however many came before it."""
+
+    def __init__(self) -> None:
+        self.frames: dict[str, bytes] = {}
+        self._classes: dict[int, ExposureClass] = {}
+
+    def add(self, name: str, frame: ExposureClass, kind: int) -> None:
+        """One more frame, of that class."""
+        self.frames[name] = frame.brightness.packed()
+        if frame.table.pixels.any():
+            self._classes[kind] = self._classes[kind] + frame if kind in self._classes else frame
+
+    def closed(self) -> _Chunk:
+        """As it is kept."""
+        return _Chunk(self.frames, {kind: _PackedClass.of(frames) for kind, frames in self._classes.items()})
+
+
 @dataclass(frozen=True, eq=False)
 class _Evidence:
     """What a chunk says of its water. table: of its frames. seen: its quantiles. own: the cost under a water of its own."""
@@ -108,30 +126,29 @@ class AutoFitter(Fitter):
     def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
         self._config, self._fit, self._linked = config, fit, linked
         self._chunks: list[_Chunk] = []
+        self._open = _OpenChunk()
         self._chunk_frames = 1
         self.stretches: list[list[str]] = []
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame."""
         brightness = Brightness.of(table, self._config.input_encoding)
-        known = table.pixels.any()
-        classes = {class_of(brightness, self._config): _PackedClass(table.packed(), brightness)} if known else {}
-        chunk = _Chunk({name: brightness.packed()}, classes)
-        if self._chunks and (name in self._linked or len(self._chunks[-1].frames) < self._chunk_frames):
-            self._chunks[-1] += chunk
-            return
-        self._chunks.append(chunk)
-        if len(self._chunks) > SETTINGS.most_chunks:
-            self._chunk_frames *= 2
-            self._chunks = [reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)]
+        if self._open.frames and name not in self._linked and len(self._open.frames) >= self._chunk_frames:
+            self._chunks.append(self._open.closed())
+            self._open = _OpenChunk()
+            if len(self._chunks) == SETTINGS.most_chunks:
+                self._chunk_frames *= 2
+                self._chunks = [reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)]
+        self._open.add(name, ExposureClass(table, brightness), class_of(brightness, self._config))
 
     def waters(self) -> dict[str, Water]:
         """Each frame's, by its stretch; a stretch without a known range gets the water of that before it."""
-        evidence = [self._evidence(chunk) for chunk in self._chunks]
+        chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
+        evidence = [self._evidence(chunk) for chunk in chunks]
         parts = _parts(evidence, self._config)
         waters: dict[str, Water | None] = {}
         for part in parts:
-            whole = reduce(add, self._chunks[part.start : part.stop], _Chunk({}, {}))
+            whole = reduce(add, chunks[part.start : part.stop], _Chunk({}, {}))
             classes = {kind: frames.unpacked for kind, frames in whole.classes.items()}
             found: Mapping[str, Water | None] = dict.fromkeys(whole.frames)
             waters |= survey_waters(whole.frames, classes, self._config, self._fit) if classes else found
