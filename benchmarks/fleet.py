@@ -2,6 +2,8 @@
 
 python benchmarks/fleet.py kills              # same bytes as threads, after kills of workers, clients and schedulers
 python benchmarks/fleet.py batches --number 2000          # processor time of client and scheduler a batch, and their memory
+python benchmarks/fleet.py million --folder OUT           # a million pairs on 200 workers, simulated; OUT: a run with tables
+python benchmarks/fleet.py growth                         # docs/images/fleet_growth.svg
 """
 
 import argparse
@@ -11,6 +13,7 @@ from pathlib import Path
 
 import psutil
 from fleet_kills import Harm, kills
+from fleet_million import growth, million
 
 from stereo_seecolor.compute.cluster import batches
 from stereo_seecolor.compute.cluster.connect import cluster
@@ -29,7 +32,7 @@ def overhead(number: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("kills", "batches"))
+    parser.add_argument("what", choices=("kills", "batches", "million", "growth"))
     parser.add_argument("--kills", type=int, default=30, help="of workers")
     parser.add_argument("--clients", type=int, default=5, help="clients killed")
     parser.add_argument("--schedulers", type=int, default=3, help="schedulers killed")
@@ -44,8 +47,12 @@ def main() -> None:
             after_s = [options.every_s * (2 + number) for number in range(max(options.clients, options.schedulers))]
             harm = Harm(options.kills, after_s[: options.clients], after_s[: options.schedulers], options.every_s)
             kills(folder, options.pairs, harm)
-        else:
+        elif options.what == "batches":
             overhead(options.number)
+        elif options.what == "growth":
+            growth(Path(__file__).resolve().parents[1] / "docs" / "images" / "fleet_growth.svg")
+        else:
+            million(1_000_000, 200, options.folder)
 
 
 if __name__ == "__main__":

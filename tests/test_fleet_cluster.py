@@ -32,7 +32,7 @@ def test_batches_take_about_a_minute_and_leave_some_for_all_workers() -> None:
     quick = Batches(range(100))
     quick.next(4)
     quick.learn(1e-3, 1)
-    assert len(quick.next(4)) == 99 // (4 * SETTINGS.rounds)
+    assert len(quick.next(4)) == 99 // 4  # longer ones would leave a worker without any
     unknown = Batches(iter(items))
     unknown.next(4)
     unknown.learn(1e-3, 1)

@@ -14,6 +14,8 @@ class BatchSettings:
 
     target_s: float = 60.0
     """Seconds of work a batch: a scheduler spends some 10 ms on it, and a lost worker costs no more than this."""
+    least_s: float = 5.0
+    """Seconds of work a batch at least, while all workers have some: of shorter ones the scheduler cannot send enough to 200."""
     rounds: int = 4
     """Batches a worker at least, where there are enough items, so that none idles long at the end."""
     most: int = 1000
@@ -48,6 +50,9 @@ class Batches(Generic[Item]):
     def _size(self, workers: int) -> int:
         if not self._done:
             return 1
-        size = SETTINGS.target_s * self._done / max(self._seconds, 1e-9)
-        fair = size if self._left is None else self._left / (SETTINGS.rounds * max(workers, 1))
-        return max(1, min(int(min(size, fair)), self._most))
+        a_second, each = self._done / max(self._seconds, 1e-9), max(workers, 1)
+        size = SETTINGS.target_s * a_second
+        if self._left is not None:
+            least = min(SETTINGS.least_s * a_second, self._left / each)
+            size = min(size, max(self._left / (SETTINGS.rounds * each), least))
+        return max(1, min(int(size), self._most))
