@@ -368,6 +368,7 @@ def test_less_is_done_where_pairs_take_too_long_and_more_again_later() -> None:
         shrinks.append(budget.shrink)
     assert shrinks[3:5] == [1, 2]
     assert "matched at 1/4 of the size to hold 100 ms a pair" in text_after(0.1, (0.3,) * 5 + (0.15,) * 5)
+    assert "(300 ms at full size)" in text_after(0.1, (0.3,) * 5)
     assert max(shrinks) == 4
     for _ in range(400):
         budget.took(0.02)

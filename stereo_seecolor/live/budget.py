@@ -29,16 +29,17 @@ class Budget:
         self.shrink = 1
         self._budget_s = budget_s
         self._recent: deque[float] = deque(maxlen=CONSTANTS.pairs)
-        self._patience, self._at_this_size, self._too_slow = CONSTANTS.patience, 0, 0.0
+        self._patience, self._at_this_size, self._too_slow_s = CONSTANTS.patience, 0, 0.0
 
     @property
     def text(self) -> str:
         """What is done less, and why; "" where nothing is."""
         if self.shrink == 1 or self._budget_s is None:
             return ""
+        larger = "full size" if self.shrink == 2 else f"1/{self.shrink // 2}"
         return (
             f"matched at 1/{self.shrink} of the size to hold {1000 * self._budget_s:.0f} ms a pair "
-            f"({1000 * self._too_slow:.0f} ms at 1/{self.shrink // 2})"
+            f"({1000 * self._too_slow_s:.0f} ms at {larger})"
         )
 
     def took(self, seconds: float) -> None:
@@ -49,7 +50,7 @@ class Budget:
             return
         usual_s = median(self._recent)
         if usual_s > self._budget_s and self.shrink < CONSTANTS.smallest:
-            self._too_slow = usual_s
+            self._too_slow_s = usual_s
             self._patience = min(2 * self._patience, CONSTANTS.most_patience)
             self._turn_to(2 * self.shrink)
         elif self.shrink > 1 and self._at_this_size >= self._patience and usual_s * CONSTANTS.growth < self._budget_s:
