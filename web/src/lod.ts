@@ -1,10 +1,10 @@
 // Levels of detail: which pieces of the mesh are drawn, so that none is coarser on the screen than a few pixels.
 
-import { Box3, Mesh, Vector3, type Material, type Object3D, type PerspectiveCamera } from "three";
+import { Box3, Frustum, Matrix4, Mesh, Vector3, type Material, type Object3D, type PerspectiveCamera } from "three";
 import type { About, Piece } from "./about";
 import { piece, rawColors } from "./pieces";
 
-const COARSEST_PX = 1.6; // a cell of a piece on the screen: finer ones are drawn where it is larger
+const FILL_CELLS = 1.5;
 const MOST_TRIANGLES = 3_000_000; // in memory: 40 bytes each
 const AT_ONCE = 3; // pieces that are fetched at a time
 
@@ -21,6 +21,7 @@ export class Detail {
     private readonly about: About,
     private readonly parent: Object3D,
     private material: Material,
+    private behind: Material,
     private readonly changed: () => void,
   ) {
     const all = Object.entries(about.pieces);
@@ -29,9 +30,9 @@ export class Detail {
     this.roots = all.map(([name]) => name).filter((name) => !below.has(name));
   }
 
-  /** All that is drawn now. */
+  /** All that is drawn now, without what only fills cracks. */
   get shown(): Mesh[] {
-    return [...this.meshes.values()].filter((mesh) => mesh.visible);
+    return [...this.meshes.values()].filter((mesh) => mesh.visible && mesh.material === this.material);
   }
 
   get triangles(): number {
@@ -43,9 +44,10 @@ export class Detail {
     return this.about.pieces[mesh.name]?.cell_m ?? 0;
   }
 
-  setMaterial(material: Material): void {
+  /** behind: the same a little farther away, for the coarser pieces that fill cracks. */
+  setMaterial(material: Material, behind: Material): void {
     this.material = material;
-    for (const mesh of this.meshes.values()) mesh.material = material;
+    this.behind = behind;
   }
 
   /** Colors as the camera saw them, or corrected. */
@@ -54,21 +56,28 @@ export class Detail {
     for (const [name, mesh] of this.meshes) void this.paint(name, mesh);
   }
 
-  /** Draw what is wanted of what is there, and fetch what is missing, the coarsest on the screen first. pixels: of a meter at a meter. */
-  update(camera: PerspectiveCamera, pixels: number): void {
+  /**
+   * Draw what is wanted of what is there, and fetch what is missing, the coarsest on the screen first.
+   * pixels: of a meter at a meter. coarsest_px: a cell of a piece on the screen; finer ones are drawn where it is larger.
+   */
+  update(camera: PerspectiveCamera, pixels: number, coarsest_px: number): void {
     this.clock++;
     const wanted = new Map<string, number>();
     const drawn = new Set<string>();
+    const filling = new Set<string>(); // between pieces of two levels are cracks: what is one level coarser shows there
     const eye = camera.position;
-    const coarseness = (name: string, each: Piece) => (each.cell_m * pixels) / Math.max(this.boxes.get(name)?.distanceToPoint(eye) ?? 0, camera.near);
-    const visit = (name: string) => {
+    camera.updateMatrixWorld();
+    const sight = new Frustum().setFromProjectionMatrix(new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse));
+    const coarseness = (box: Box3, each: Piece) => (each.cell_m * pixels) / Math.max(box.distanceToPoint(eye), camera.near);
+    const visit = (name: string, parent: string) => {
       const each = this.about.pieces[name];
       this.used.set(name, this.clock);
-      const tooCoarse = coarseness(name, each);
+      const box = this.boxes.get(name) as Box3;
+      const tooCoarse = sight.intersectsBox(box) ? coarseness(box, each) : 0;
       const finer = each.finer;
-      if (tooCoarse > COARSEST_PX && finer.length) {
+      if (tooCoarse > coarsest_px && finer.length) {
         if (finer.every((child) => this.meshes.has(child))) {
-          finer.forEach(visit);
+          for (const child of finer) visit(child, name);
           return;
         }
         for (const child of finer) {
@@ -77,16 +86,29 @@ export class Detail {
         }
       }
       drawn.add(name);
+      if (parent) filling.add(parent);
     };
     for (const root of this.roots) {
-      if (this.meshes.has(root)) visit(root);
+      if (this.meshes.has(root)) visit(root, "");
       else wanted.set(root, Infinity);
     }
-    for (const [name, mesh] of this.meshes) mesh.visible = drawn.has(name);
+    for (const [name, mesh] of this.meshes) {
+      mesh.visible = drawn.has(name) || filling.has(name);
+      mesh.material = drawn.has(name) ? this.material : this.behind;
+      const away = drawn.has(name) ? 0 : this.behindBy(name, camera);
+      mesh.scale.setScalar(1 + away); // around the eye: farther away, and at the same place of the screen
+      mesh.position.copy(eye).multiplyScalar(-away);
+    }
     this.forget();
     const room = AT_ONCE - this.loading.size;
     const next = [...wanted].filter(([name]) => !this.loading.has(name)).sort((a, b) => b[1] - a[1]);
     for (const [name] of next.slice(0, Math.max(room, 0))) if (this.hasRoom(name)) void this.load(name);
+  }
+
+  /** So much farther away is a piece that fills cracks, that its coarser surface does not show through the finer one. */
+  private behindBy(name: string, camera: PerspectiveCamera): number {
+    const distance_m = this.boxes.get(name)?.distanceToPoint(camera.position) ?? 0;
+    return (FILL_CELLS * this.about.pieces[name].cell_m) / Math.max(distance_m, camera.near, this.about.pieces[name].cell_m);
   }
 
   private total(): number {

@@ -27,12 +27,22 @@ import { Detail, vector } from "./lod";
 
 const STILL_PX = 4;
 
+/** Levels of detail: so coarse may a cell of the mesh be on the screen; more where drawing is slow and the view moves. */
+const FINEST_PX = 1.6;
+const COARSEST_PX = 12;
+const SLOW_MS = 70;
+const QUICK_MS = 30;
+const STILL_MS = 400;
+
 /** A spot of the mesh under the pointer. cell_m: how fine the mesh is there. pixel_m: how large a pixel of the screen. */
 export interface Hit {
   spot_m: [number, number, number];
   cell_m: number;
   pixel_m: number;
 }
+
+const SLANT = new Vector3(-0.25, -0.75, 0.85);
+const FULL = 0.94; // so much of the drawing's half width and height the whole map takes
 
 export class Scene {
   readonly root: HTMLElement;
@@ -45,7 +55,12 @@ export class Scene {
   private readonly detail: Detail;
   private readonly track = new Three();
   private readonly spot: Points;
+  private readonly plainBehind = new MeshBasicMaterial({ vertexColors: true, side: 2 });
+  private readonly shadedBehind = new MeshLambertMaterial({ color: 0xb9c4c6, flatShading: true, side: 2 });
   private waiting = false;
+  private moving_px = FINEST_PX;
+  private drawn_ms = 0;
+  private still = 0;
   private placed = false;
 
   constructor(
@@ -66,7 +81,7 @@ export class Scene {
     this.controls.maxPolarAngle = Math.PI;
     this.controls.listenToKeyEvents(this.root);
     this.controls.keyPanSpeed = 30;
-    this.controls.addEventListener("change", () => this.draw());
+    this.controls.addEventListener("change", () => this.move());
     const sun = new DirectionalLight(0xffffff, 2.4);
     sun.position.set(-0.5, 0.5, 0.8);
     this.scene.add(this.track, sun, new AmbientLight(0xffffff, 0.7));
@@ -75,7 +90,7 @@ export class Scene {
     this.scene.add(this.spot);
     this.addTrack(dive);
     this.listen();
-    this.detail = new Detail(about, this.scene, this.plain, () => this.draw());
+    this.detail = new Detail(about, this.scene, this.plain, this.plainBehind, () => this.draw());
   }
 
   /** Fit the drawing to its place. */
@@ -94,18 +109,26 @@ export class Scene {
     for (const each of Object.values(this.about.pieces)) box.expandByPoint(vector(each.low_m)).expandByPoint(vector(each.high_m));
     const center = box.getCenter(new Vector3());
     const size = Math.max(box.getSize(new Vector3()).length(), 0.1);
+    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((i) => new Vector3(i & 1 ? box.max.x : box.min.x, i & 2 ? box.max.y : box.min.y, i & 4 ? box.max.z : box.min.z));
     this.controls.target.copy(center);
-    this.camera.position.copy(center).add(new Vector3(-0.25, -0.75, 0.85).multiplyScalar(size * 0.66 * Math.max(1, 1.2 / this.camera.aspect)));
     this.camera.near = size / 2000;
     this.camera.far = size * 20;
     this.camera.updateProjectionMatrix();
+    const fits = () => corners.every((corner) => Math.max(...corner.clone().project(this.camera).toArray().slice(0, 2).map(Math.abs)) < FULL);
+    for (let away = 0.3; away < 5; away *= 1.06) {
+      this.camera.position.copy(center).addScaledVector(SLANT, size * away);
+      this.camera.lookAt(center);
+      this.camera.updateMatrixWorld();
+      if (fits()) break;
+    }
     this.controls.update();
     this.draw();
   }
 
   /** Colors of the reef, or its relief alone. */
   showRelief(relief: boolean): void {
-    this.detail.setMaterial(relief ? this.shaded : this.plain);
+    if (relief) this.detail.setMaterial(this.shaded, this.shadedBehind);
+    else this.detail.setMaterial(this.plain, this.plainBehind);
     this.draw();
   }
 
@@ -135,10 +158,6 @@ export class Scene {
   /** How many pixels a meter is at a distance of a meter. */
   private get pixels(): number {
     return this.root.clientHeight / (2 * Math.tan((this.camera.fov * Math.PI) / 360));
-  }
-
-  get triangles(): number {
-    return this.detail.triangles;
   }
 
   /** Turn dragging on or off, while a point is dragged. */
@@ -178,14 +197,42 @@ export class Scene {
     this.track.add(new Line(geometry, new LineBasicMaterial({ color: 0x0a8f98 })), dots(places, 0x0a8f98, 6));
   }
 
+  /** Draw while the view moves: coarser where that is slow, and as fine as may be once it stands still. */
+  private move(): void {
+    clearTimeout(this.still);
+    this.still = window.setTimeout(() => {
+      this.still = 0;
+      this.drawn_ms = 0;
+      this.draw();
+    }, STILL_MS);
+    this.draw();
+  }
+
+  private get coarsest_px(): number {
+    return this.still ? this.moving_px : Math.max(FINEST_PX, this.moving_px / 2);
+  }
+
+  /** From frame to frame of a moving view: how long drawing takes tells how fine it can be. */
+  private keepPace(): void {
+    const now_ms = performance.now();
+    const took_ms = now_ms - this.drawn_ms;
+    if (this.still && this.drawn_ms && took_ms < 2000) {
+      if (took_ms > SLOW_MS) this.moving_px = Math.min(this.moving_px * 1.25, COARSEST_PX);
+      else if (took_ms < QUICK_MS) this.moving_px = Math.max(this.moving_px * 0.95, FINEST_PX);
+    }
+    this.drawn_ms = now_ms;
+  }
+
   /** Draw at the next frame; finer pieces are fetched where the viewer is near. */
   private draw(): void {
     if (this.waiting) return;
     this.waiting = true;
     requestAnimationFrame(() => {
       this.waiting = false;
-      this.detail.update(this.camera, this.pixels * Math.min(devicePixelRatio, 2));
+      this.keepPace();
+      this.detail.update(this.camera, this.pixels * Math.min(devicePixelRatio, 2), this.coarsest_px);
       this.renderer.render(this.scene, this.camera);
+      this.root.dataset.triangles = String(this.detail.triangles);
       this.drawn();
     });
   }
