@@ -39,14 +39,22 @@ def fuse(
 
 
 def report(
-    out: Finished, as_json: AsJson = False, progress: Progress = "auto", verbose: Verbose = False, log_file: LogFile = None
+    out: Finished,
+    charts: Annotated[
+        bool,
+        typer.Option("--charts", metavar="", help="Look for color charts in all frames (seconds a frame), and compare views."),
+    ] = False,
+    as_json: AsJson = False,
+    progress: Progress = "auto",
+    verbose: Verbose = False,
+    log_file: LogFile = None,
 ) -> None:
     """Write the page of a finished run, OUT/index.html, with everything of every frame."""
     from stereo_seecolor.commands.report import report as write_page
 
     console = Report("report", as_json, progress, verbose, log_file)
     with console.working() as listener:
-        result = write_page(out, listener)
+        result = write_page(out, listener, charts=charts)
     code = EXIT_SOME_FAILED if result.left_out else EXIT_DONE
     console.end({"out": out, **vars(result)}, report_text(result), code)
 

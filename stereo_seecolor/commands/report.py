@@ -3,10 +3,14 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from stereo_seecolor.commands.evaluate import evaluate_spread
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.charts import SeenChart, find_all, write_charts
+from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.page import write_page
-from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import INDEX
 
@@ -21,17 +25,33 @@ class ReportResult:
     left_out: dict[str, str]
 
 
-def report(out: Path, listener: Listener | None = None, *, brief: bool = False) -> ReportResult:
+def report(out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False) -> ReportResult:
     """Write ``out``/index.html, which works without a network and without the program, and what it shows, ``out``/page.
 
     brief: as run and fuse write it, in hardly any time: of a dive of many frames only some are shown with all there is of them.
-    Only what changed since an earlier page is made. Raises InputError if ``out`` holds no run, or what the page is made of is
+    charts: look for color charts in all frames, which takes seconds a frame, and compare the views of the same spots; what was found
+    is shown by later pages of the same frames too. Only what changed since an earlier page is made. Raises InputError if ``out`` holds no run, or what the page is made of is
     damaged; OutputError if it cannot be written, or another run writes into it now.
     """
     open_run(out)  # refuses another folder before anything is written into it
     listener = listener or Silence()
     with RunFolder.existing(out) as folder:
         run = open_run(out)
+        if charts:
+            _look_for_charts(folder, run, listener)
         listener.begin("page", len(run.frames))
         summary = write_page(folder, run, brief, lambda done, _: listener.advance(FrameRow(f"{done}")))
     return ReportResult(out / INDEX, summary.made, summary.kept, summary.left_out)
+
+
+def _look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> None:
+    found: list[SeenChart] = []
+    listener.begin("charts", len(run.frames))
+    for frame, charts in zip(run.frames, find_all(FrameFiles.of(run), run.frames), strict=True):
+        found += charts
+        listener.advance(FrameRow(frame.name))
+    try:
+        spread = evaluate_spread(run.root)
+    except InputError:
+        spread = None  # no two frames show the same, or the images are gone
+    write_charts(folder, found, spread)

@@ -8,6 +8,7 @@ from typing import Any
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.report.charts import kept_charts
 from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.early_frames import FORMAT, page_stage, spread
@@ -66,7 +67,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
             folder.write(f"{PAGE}/{name}", (STATIC / name).read_bytes())
     write_map_files(folder, facts, with_raw=not brief)
     folder.write(f"{PAGE}/dive.js", script("dive", _data(facts, shown, texts)))
-    folder.write(INDEX, render(facts, shown, texts), made_from=folder.digest("corrected"))
+    folder.write(INDEX, render(facts, shown, texts, kept_charts(folder)), made_from=folder.digest("corrected"))
     return PageSummary(made, len(shown) - made, left_out)
 
 
@@ -135,8 +136,8 @@ def _suffix(run: FinishedRun) -> str:
     return next((frame.products["corrected"].suffix for frame in run.frames if "corrected" in frame.products), "")
 
 
-def render(facts: DiveFacts, shown: Shown, texts: Texts) -> bytes:
-    """The page itself, with the overview in it."""
+def render(facts: DiveFacts, shown: Shown, texts: Texts, found: Mapping[str, Any]) -> bytes:
+    """The page itself, with the overview in it. found: charts and spread, where they were looked for."""
     run = facts.run
     return filled_in(
         "index.html.j2",
@@ -152,6 +153,9 @@ def render(facts: DiveFacts, shown: Shown, texts: Texts) -> bytes:
         methods=methods(facts, texts),
         citations=citations(facts, texts),
         changed_settings=changed_settings(run.config),
+        charts=found.get("charts", []),
+        spread=found.get("spread"),
+        looked_for_charts=bool(found),
         has_map=facts.map is not None,
         files={name: what for name, what in WHAT_IS_WHERE.items() if (run.root / name).exists()},
     )

@@ -1,0 +1,40 @@
+"""The page in Firefox, where it is installed: it opens from a file, nothing leaves it, and its parts work."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from conftest import Dive
+from firefox import firefox
+
+from stereo_seecolor.commands.report import report
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.config_file import load_config
+
+pytestmark = [pytest.mark.browser, pytest.mark.slow]
+
+FIREFOX = os.environ.get("FIREFOX") or shutil.which("firefox-esr") or shutil.which("firefox")
+
+
+def test_the_page_works_in_firefox(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    if FIREFOX is None:
+        pytest.skip("Firefox is not installed (apt-get install firefox-esr, or FIREFOX=PATH)")
+    dive = make_dive(2)
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", load_config(None, []))
+    report(tmp_path / "out")
+    page = (tmp_path / "out/index.html").as_uri()
+    with firefox(FIREFOX, tmp_path / "profile") as browser:
+        browser.open(page)
+        browser.until("[...document.querySelectorAll('.telling img')].every(image => image.naturalWidth > 0)")
+        browser.ask("location.hash = '#frames/0001'")
+        browser.until("document.querySelector('.frame-name')?.textContent === '0001'")
+        browser.until("document.querySelector('.stage .slider img').naturalWidth > 0")
+        browser.ask("[...document.querySelectorAll('#frames .choice button')].find(each => each.textContent === 'Range').click()")
+        browser.until("document.querySelector('.stage canvas')?.width > 0")
+        browser.ask("[...document.querySelectorAll('#frames .choice button')].find(each => each.textContent === 'Measure').click()")
+        browser.until("document.querySelector('.overlay') !== null")
+        browser.ask("location.hash = '#plots'")
+        browser.until("document.querySelectorAll('.plot canvas').length > 2")
+        assert browser.complaints == []
