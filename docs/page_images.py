@@ -22,7 +22,7 @@ def _measured(page: Page) -> None:
     """A length and an area on the map."""
     box = page.locator(".map-stage").bounding_box()
     assert box
-    for kind, places in (("Length", ((0.36, 0.5), (0.55, 0.62))), ("Area", ((0.42, 0.72), (0.55, 0.72), (0.5, 0.8)))):
+    for kind, places in (("Length", ((0.44, 0.5), (0.53, 0.62))), ("Area", ((0.46, 0.7), (0.53, 0.7), (0.5, 0.78)))):
         page.get_by_role("button", name=kind, exact=True).click()
         for x, y in places:
             page.mouse.click(box["x"] + x * box["width"], box["y"] + y * box["height"])

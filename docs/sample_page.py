@@ -6,7 +6,7 @@ from typing import Any
 
 PLACE = "<!-- sample page -->"
 """Where page.md links to it."""
-LINK = '<p><a href="sample/index.html">Try the page of the sample dive</a>, with its map; everything works but saving to the folder.</p>'
+LINK = '<p><a href="sample/index.html">Try the page of the sample dive</a>, with its map.</p>'
 SHOWN = ("index.html", "page", "corrected", "map/preview.png", "map/orthomosaic_preview.png")
 
 

@@ -42,7 +42,7 @@ export interface Hit {
 }
 
 const SLANT = new Vector3(-0.25, -0.75, 0.85);
-const FULL = 0.94; // so much of the drawing's half width and height the whole map takes
+const FULL = 0.98; // so much of the drawing's half width and height the whole map takes
 
 export class Scene {
   readonly root: HTMLElement;
@@ -109,7 +109,9 @@ export class Scene {
     for (const each of Object.values(this.about.pieces)) box.expandByPoint(vector(each.low_m)).expandByPoint(vector(each.high_m));
     const center = box.getCenter(new Vector3());
     const size = Math.max(box.getSize(new Vector3()).length(), 0.1);
-    const corners = [0, 1, 2, 3, 4, 5, 6, 7].map((i) => new Vector3(i & 1 ? box.max.x : box.min.x, i & 2 ? box.max.y : box.min.y, i & 4 ? box.max.z : box.min.z));
+    const all = Object.values(this.about.pieces);
+    const finest_m = Math.min(...all.map((each) => each.cell_m));
+    const corners = all.filter((each) => each.cell_m === finest_m).flatMap(({ low_m, high_m }) => cornersOf(low_m, high_m));
     this.controls.target.copy(center);
     this.camera.near = size / 2000;
     this.camera.far = size * 20;
@@ -236,6 +238,10 @@ export class Scene {
       this.drawn();
     });
   }
+}
+
+function cornersOf(low_m: number[], high_m: number[]): Vector3[] {
+  return [0, 1, 2, 3, 4, 5, 6, 7].map((i) => vector([0, 1, 2].map((axis) => ((i >> axis) & 1 ? high_m : low_m)[axis])));
 }
 
 function dots(places: number[][], color: number, size: number): Points {
