@@ -17,8 +17,12 @@ from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
+from stereo_seecolor.evaluation.chart_finder import FoundChart
+from stereo_seecolor.evaluation.chart_types import CLASSIC
+from stereo_seecolor.evaluation.targets import chart
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.report.chart_search import patch_colors
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.range_code import CODE, CodedRanges, std_blocks, std_codes, std_from_codes
@@ -272,6 +276,28 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no finished run"):
         report(tmp_path)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_chart_is_shown_before_and_after_beside_its_published_colors(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    corners = np.array([(30, 30), (120, 30), (120, 90), (30, 90)], float)
+    monkeypatch.setattr("stereo_seecolor.report.chart_search.find_charts", lambda image: (FoundChart(CLASSIC, corners, 0.9),))
+    report(out, charts=True)
+    kept = json.loads((out / "page/charts.json").read_bytes())["charts"]
+    assert [each["frame"] for each in kept] == ["0000", "0001"]
+    assert kept[0]["published"][0] == "rgb(115 82 68)"  # dark skin
+    assert kept[0]["after_ciede2000"] > 5  # there is none in truth
+    report(out)
+    page = (out / "index.html").read_text("utf-8")
+    assert page.count('class="patches"') == 2
+    assert f"<strong>{kept[1]['after_ciede2000']:.1f}</strong>" in page
+
+
+def test_patches_of_the_published_colors_have_no_difference() -> None:
+    cells = np.rint(CLASSIC.srgb * 255).astype(np.uint8).reshape(4, 6, 3)
+    image = np.kron(cells, np.ones((20, 20, 1), np.uint8))
+    colors, difference = patch_colors(chart("chart", np.array([(0, 0), (120, 0), (120, 80), (0, 80)]), image.shape[:2]), image)
+    assert difference < 0.5
+    assert colors[0] == "rgb(115 82 68)"
 
 
 # Written by the run itself
