@@ -271,7 +271,13 @@ SHAPES: dict[str, Shape] = {
         "files": [str],
     },
     "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int},
-    "water": {**END, "out": str, "path": str, "water": dict},
+    "water": {
+        **END,
+        "out": str,
+        "path": str,
+        "water": dict,
+        "charts": [{"frame": str, "target": str, "range_m": float, "residual_deg": float}],
+    },
     "evaluate": {**END, **TRUTH},
     "evaluate --spread": {**END, "raw": SPREAD, "corrected": SPREAD, "pairs": int},
     "evaluate --chart": {

@@ -1,4 +1,4 @@
-"""The command water: attenuation and backscatter from places that several frames see."""
+"""The command water: attenuation and backscatter from places that several frames see, or the white point from charts."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,31 +12,51 @@ from stereo_seecolor.cli.report import Report
 if TYPE_CHECKING:
     from stereo_seecolor.commands.water import MeasuredWater
 
-Poses = Annotated[Path, typer.Option("--poses", metavar="FILE", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")]
+Poses = Annotated[
+    Path | None, typer.Option("--poses", metavar="FILE", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")
+]
+Chart = Annotated[
+    bool, typer.Option("--chart", metavar="", help="The white point from color charts and white cards in the frames.")
+]
+Targets = Annotated[
+    Path | None,
+    typer.Option("--targets", metavar="FILE", help="JSON of chart corners and polygons; without it charts are found."),
+]
 
 
 def water(
     out: Finished,
-    poses: Poses,
+    poses: Poses = None,
+    chart: Chart = False,
+    targets: Targets = None,
     config: ConfigFile = None,
     settings: Settings = None,
     as_json: AsJson = False,
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
-    """Measure the water from places that several frames see; run again with --water to use it."""
-    from stereo_seecolor.commands.water import measure_water
+    """Measure the water from places that several frames see (--poses), or its white point (--chart); use it with run --water."""
+    from stereo_seecolor.commands.water import measure_water, measure_white
     from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.errors import InputError
     from stereo_seecolor.run_folder.finished_run import settings_file
 
     report = Report("water", as_json, "none", verbose, log_file)
     with report.working():
-        result = measure_water(out, poses, load_config(config or settings_file(out), settings or []))
+        if (poses is None) != chart:
+            raise InputError("water: give --poses FILE for attenuation and backscatter, or --chart for the white point")
+        if poses:
+            result = measure_water(out, poses, load_config(config or settings_file(out), settings or []))
+        else:
+            result = measure_white(out, targets)
     report.end({"out": out, **vars(result)}, water_text(result))
 
 
 def water_text(result: "MeasuredWater") -> str:
-    """Measured attenuation, and the option that uses it."""
+    """What was measured, and the option that uses it."""
+    use = f"use it with: stereo-seecolor run ... --water {result.path}"
+    if result.charts:
+        return lines([*_white_lines(result), use])
     errors = result.water.standard_errors["y"]
     rates = ", ".join(
         f"{name} {rate:.3f} +- {error:.3f}"
@@ -45,6 +65,20 @@ def water_text(result: "MeasuredWater") -> str:
     return lines(
         [
             f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)",
-            f"use it with: stereo-seecolor run ... --water {result.path}",
+            use,
         ]
     )
+
+
+def _white_lines(result: "MeasuredWater") -> list[str]:
+    white = result.water.white
+    errors = result.water.standard_errors["white"] / white
+    shown = ", ".join(
+        f"{name} {value:.3f} +- {error:.1%}"
+        for name, value, error in zip(("red", "green", "blue"), white / white[1], errors, strict=True)
+    )
+    each = [
+        f"{chart.frame}: {chart.target} at {chart.range_m:.2f} m: {chart.residual_deg:.1f} degrees from the white of all"
+        for chart in result.charts
+    ]
+    return [f"white point against green, from {len(each)} charts: {shown}", *each]

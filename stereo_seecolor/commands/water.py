@@ -1,4 +1,4 @@
-"""Measure the water of a finished run from places that several of its frames see, for another run with ``--water``."""
+"""Measure the water of a finished run for another run with ``--water``: from places that several frames see, or from charts."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,12 +6,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry.even_light import even_light
+from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
 from stereo_seecolor.color.photometry.sightings import KeyFrame, find_sightings
 from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.chart_white import SeenWhite, seen_whites, survey_white
+from stereo_seecolor.evaluation.targets import read_targets, targets_of
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.placement import place
@@ -21,14 +25,26 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MEASURED_WATER
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 from stereo_seecolor.run_folder.water_file import read_waters, waters_content
+from stereo_seecolor.water import read_water_document
+
+
+@dataclass(frozen=True)
+class ChartReading:
+    """A chart or white card in a frame. residual_deg: angle between its white and that of all of them, once the water is out."""
+
+    frame: str
+    target: str
+    range_m: float
+    residual_deg: float
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredWater:
-    """The water, and the file that ``--water`` of another run takes."""
+    """The water, and the file that ``--water`` of another run takes. charts: that its white point stems from, if any."""
 
     path: Path
     water: Water
+    charts: tuple[ChartReading, ...] = ()
 
 
 def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> MeasuredWater:
@@ -43,16 +59,57 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     index = FrameIndex.build(frames, frames.geometry)
     trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left)
     placed = place(index, trajectory, config.mapping)
-    waters = read_waters(run.water_file, list(index.names))
-    if len({tuple(water.white) for water in waters.values()}) > 1:
-        raise InputError(f"{run.water_file}: holds a water for each frame: run again with --set color.lock=survey")
-    scene = waters[index.names[0]]
+    scene = _one_water(run, list(index.names))
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)
     sightings = find_sightings(key_frames, frames.geometry, scene.input_encoding)
     water = with_white_of(fit_sightings(sightings, scene.input_encoding), scene, sightings)
     with RunFolder.existing(out, (poses,)) as folder:
         folder.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.digest("range"))
     return MeasuredWater(out / MEASURED_WATER, water)
+
+
+def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
+    """Write OUT/water_measured.json: the run's water with the white point of the charts and white cards that its frames show.
+
+    out: a run with one water for all frames. targets: JSON of chart corners and polygons (see ``read_targets``), of which only
+    frames that it names count; without it every frame is searched for charts. Raises InputError, also where nothing is found.
+    """
+    run = open_run(out)
+    frames, raw = SurveyFrames(run), RawImages(run)
+    scene, light = _one_water(run, [frame.name for frame in run.frames]), _light_of(run)
+    given = read_targets(targets) if targets else {}
+    seen: list[SeenWhite] = []
+    for number, frame in enumerate(run.frames):
+        if targets and frame.name not in given:
+            continue
+        image, range_m = raw.rectified(frame.name), frames[number].range_m
+        found = targets_of(given.get(frame.name, []), image, range_m)
+        if light and found:
+            image = even_light(image, range_m, light.on(frame.name, (image.shape[1], image.shape[0])), scene.input_encoding)
+        seen += seen_whites(frame.name, found, image, range_m, scene)
+    if not seen:
+        where = f"{targets}: none of its targets" if targets else f"{out}: no color chart"
+        raise InputError(f"{where} shows grays of known range that are neither clipped nor dark: give corners with --targets")
+    white = survey_white(seen)
+    water = white.set_in(scene)
+    with RunFolder.existing(out, (targets,) if targets else ()) as folder:
+        folder.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.digest("range"))
+    pairs = zip(white.seen, white.residuals_deg, strict=True)
+    return MeasuredWater(out / MEASURED_WATER, water, tuple(ChartReading(s.frame, s.target, s.range_m, deg) for s, deg in pairs))
+
+
+def _one_water(run: FinishedRun, names: list[str]) -> Water:
+    """The water that all frames share. Raises InputError where each has its own."""
+    waters = read_waters(run.water_file, names)
+    if len({tuple(water.white) for water in waters.values()}) > 1:
+        raise InputError(f"{run.water_file}: holds a water for each frame: run again with --set color.lock=survey")
+    return waters[names[0]]
+
+
+def _light_of(run: FinishedRun) -> Light | None:
+    """What was taken out of the run's images before its water was fitted."""
+    content = read_water_document(run.water_file).get("light")
+    return Light.from_content(content) if content else None
 
 
 class _KeyFrames(Lazy[KeyFrame]):

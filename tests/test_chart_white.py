@@ -1,0 +1,93 @@
+"""The white point from charts and cards: the true one comes back from any range, and a wrong water shows in what charts are off."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from stereo_seecolor.cli import main
+from stereo_seecolor.evaluation.chart_types import CLASSIC
+from stereo_seecolor.evaluation.chart_white import ChartWhite, seen_whites, survey_white
+from stereo_seecolor.evaluation.targets import Target, chart
+from stereo_seecolor.files.srgb import decode_srgb
+from stereo_seecolor.records import Water
+
+SIZE = (96, 128)
+WHITE = np.array([0.25, 0.6, 0.5])
+
+
+def some_water(red_per_m: float = 0.4) -> Water:
+    zero, one = np.zeros(3), np.ones(3)
+    y = np.array([red_per_m, 0.1, 0.08])
+    return Water(
+        np.array([0.01, 0.03, 0.04]), 0.3 * one, zero, one, w=zero, v=zero, y=y, x=zero, white=WHITE, input_encoding="linear"
+    )
+
+
+def pictured(range_m: float, brightness: float = 1.0) -> tuple[Target, NDArray[np.uint16], NDArray[np.float32]]:
+    """A ColorChecker that fills a frame of 16 bits, at one range in ``some_water``."""
+    water, corners = some_water(), np.array([[10, 10], [118, 10], [118, 86], [10, 86]], float)
+    target, z = chart("chart", corners, SIZE), np.array(range_m)
+    color = np.zeros((*SIZE, 3))
+    for patch, srgb in zip(target.patches, CLASSIC.srgb, strict=True):
+        color[patch] = decode_srgb(srgb)
+    light = brightness * color * WHITE * water.attenuation(z) + water.backscatter(z)
+    return target, np.round(light * 65535).astype(np.uint16), np.full(SIZE, range_m, np.float32)
+
+
+def white_of(ranges_m: Sequence[float], water: Water) -> ChartWhite:
+    seen = []
+    for number, range_m in enumerate(ranges_m):
+        target, image, measured_m = pictured(range_m, brightness=0.5 + 0.1 * number)
+        seen += list(seen_whites(f"{number}", [target], image, measured_m, water))
+    return survey_white(seen)
+
+
+def test_the_true_white_comes_back_from_any_range() -> None:
+    wrong = replace(some_water(), white=np.array([0.5, 0.5, 0.5]))
+    found = white_of([1.0, 2.0, 3.5], wrong)
+    assert max(found.residuals_deg) < 0.5
+    water = found.set_in(wrong)
+    np.testing.assert_allclose(water.white / water.white[1], WHITE / WHITE[1], rtol=0.01)
+    assert np.log(water.white).mean() == pytest.approx(np.log(0.5))
+    assert (water.standard_errors["white"] > 0).all()
+    np.testing.assert_array_equal(water.y, wrong.y)
+
+
+def test_a_wrong_attenuation_shows_over_range() -> None:
+    assert max(white_of([1.0, 2.0, 3.5], some_water(red_per_m=0.6)).residuals_deg) > 5
+    wrong, right = (white_of([1.0, 3.5], some_water(red_per_m=rate)).error[0] for rate in (0.6, 0.4))
+    assert wrong > 5 * right
+
+
+def test_clipped_and_unmeasured_patches_do_not_count() -> None:
+    target, image, range_m = pictured(1.0)
+    assert not list(seen_whites("a", [target], np.full_like(image, 65535), range_m, some_water()))
+    assert not list(seen_whites("a", [target], image, np.full_like(range_m, np.nan), some_water()))
+    assert not list(seen_whites("a", [Target("card", (np.zeros(SIZE, bool),))], image, range_m, some_water()))
+
+
+def test_a_white_card_needs_no_chart() -> None:
+    _, _, range_m = pictured(2.0)
+    water, card = some_water(), np.zeros(SIZE, bool)
+    card[30:50, 40:60] = True
+    light = 0.8 * WHITE * water.attenuation(np.array(2.0)) + water.backscatter(np.array(2.0))
+    image = np.broadcast_to(np.round(light * 65535).astype(np.uint16), (*SIZE, 3)).copy()
+    (seen,) = seen_whites("a", [Target("card", (card,))], image, range_m, replace(water, white=np.ones(3)))
+    np.testing.assert_allclose(seen.white, np.log(WHITE) - np.log(WHITE).mean(), atol=0.01)
+    assert seen.range_m == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("words", [[], ["--poses", "track.tum", "--chart"]])
+def test_either_poses_or_charts_are_needed(
+    words: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "empty.yaml").write_text("")
+    monkeypatch.setattr("sys.argv", ["stereo-seecolor", "water", str(tmp_path), "--config", str(tmp_path / "empty.yaml"), *words])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 1
+    assert "give --poses FILE" in " ".join(capsys.readouterr().err.split())
