@@ -31,7 +31,6 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "correct": ("stereo-seecolor correct --images rectified/rectified_left --range ranges/range --out corrected",),
     "water": (
         "stereo-seecolor water survey --poses trajectory.tum",
-        "stereo-seecolor water survey --chart",
         "stereo-seecolor run --left left --right right --calib cam.yaml --out measured --water survey/water_measured.json",
     ),
     "fuse": ("stereo-seecolor fuse survey --poses trajectory.tum",),

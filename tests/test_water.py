@@ -9,7 +9,7 @@ from conftest import SampleRun
 
 from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.commands.water import measure_water
+from stereo_seecolor.commands.water import measure_water, measure_white
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.progress import RunOptions
@@ -40,3 +40,24 @@ def test_sample_dive_measures_its_own_water(sample_run: SampleRun, tmp_path: Pat
 def test_a_run_with_a_water_for_each_frame_is_refused(waters_a_frame: Path) -> None:
     with pytest.raises(InputError, match=r"color\.lock=survey"):
         measure_water(waters_a_frame, SAMPLES / "trajectory.tum")
+
+
+@pytest.mark.slow
+def test_the_chart_of_the_sample_dive_gives_its_white(sample_run: SampleRun, tmp_path: Path) -> None:
+    """Seen in two frames, within the errors that the file states."""
+    config = load_config(overrides=["color.lock=survey", "output.clouds=false"])
+    run(*SIDES, sample_run.copy(tmp_path / "out"), config)
+    corners = {
+        "reef_1790000001000": [[171.8, 163.4], [147.7, 45.3], [237.1, 29.8], [261.2, 147.9]],
+        "reef_1790000002000": [[148.7, 309.5], [125.5, 166.1], [225.3, 148.0], [248.5, 291.4]],
+    }
+    targets = tmp_path / "targets.json"
+    targets.write_text(json.dumps({name: [{"chart": points}] for name, points in corners.items()}))
+    measured = measure_white(tmp_path / "out", targets)
+    assert [chart.frame for chart in measured.charts] == list(corners)
+    assert max(chart.residual_deg for chart in measured.charts) < 1
+    white = np.array(json.loads((SAMPLES / "truth" / "water.json").read_bytes())["water"]["white"])
+    off = np.log(measured.water.white / measured.water.white.prod() ** (1 / 3)) - np.log(white / white.prod() ** (1 / 3))
+    error = measured.water.standard_errors["white"] / measured.water.white
+    assert (np.abs(off) < 2 * error).all()
+    assert np.abs(off).max() < 0.1

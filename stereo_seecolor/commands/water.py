@@ -1,5 +1,6 @@
 """Measure the water of a finished run for another run with ``--water``: from places that several frames see, or from charts."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white
 from stereo_seecolor.color.photometry.sightings import KeyFrame, find_sightings
 from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.chart_white import SeenWhite, seen_whites, survey_white
@@ -75,18 +77,10 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
     frames that it names count; without it every frame is searched for charts. Raises InputError, also where nothing is found.
     """
     run = open_run(out)
-    frames, raw = SurveyFrames(run), RawImages(run)
-    scene, light = _one_water(run, [frame.name for frame in run.frames]), _light_of(run)
-    given = read_targets(targets) if targets else {}
-    seen: list[SeenWhite] = []
-    for number, frame in enumerate(run.frames):
-        if targets and frame.name not in given:
-            continue
-        image, range_m = raw.rectified(frame.name), frames[number].range_m
-        found = targets_of(given.get(frame.name, []), image, range_m)
-        if light and found:
-            image = even_light(image, range_m, light.on(frame.name, (image.shape[1], image.shape[0])), scene.input_encoding)
-        seen += seen_whites(frame.name, found, image, range_m, scene)
+    names = tuple(frame.name for frame in run.frames)
+    scene, given = _one_water(run, list(names)), read_targets(targets) if targets else None
+    looking = _Looking(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
+    seen = [white for part in Threads(cores()).each(looking, range(len(names))) for white in part]
     if not seen:
         where = f"{targets}: none of its targets" if targets else f"{out}: no color chart"
         raise InputError(f"{where} shows grays of known range that are neither clipped nor dark: give corners with --targets")
@@ -96,6 +90,29 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
         folder.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.digest("range"))
     pairs = zip(white.seen, white.residuals_deg, strict=True)
     return MeasuredWater(out / MEASURED_WATER, water, tuple(ChartReading(s.frame, s.target, s.range_m, deg) for s, deg in pairs))
+
+
+@dataclass(frozen=True, eq=False)
+class _Looking:
+    """The charts and cards of a frame. targets: by frame, where they are given."""
+
+    names: tuple[str, ...]
+    frames: SurveyFrames
+    raw: RawImages
+    water: Water
+    light: Light | None
+    targets: Mapping[str, list[dict[str, NDArray[np.float64]]]] | None
+
+    def __call__(self, number: int) -> list[SeenWhite]:
+        name = self.names[number]
+        if self.targets is not None and name not in self.targets:
+            return []
+        image, range_m = self.raw.rectified(name), self.frames[number].range_m
+        found = targets_of(self.targets[name] if self.targets else [], image, range_m)
+        if self.light and found:
+            light = self.light.on(name, (image.shape[1], image.shape[0]))
+            image = even_light(image, range_m, light, self.water.input_encoding)
+        return list(seen_whites(name, found, image, range_m, self.water))
 
 
 def _one_water(run: FinishedRun, names: list[str]) -> Water:

@@ -98,10 +98,15 @@ class ChartWhite:
         return tuple(_angle_deg(one.white - self.white) for one in self.seen)
 
     def set_in(self, water: Water) -> Water:
-        """The water with this white point, at its own level; every other number as it was."""
+        """The water with this white point, at its own level; every other number as it was.
+
+        Its standard errors hold what those of the attenuation are from the charts to no range.
+        """
         level = np.exp(np.log(water.white).mean())
         white = level * np.exp(self.white)
-        errors = {**water.standard_errors, "white": white * self.error}
+        rate = np.nan_to_num(water.standard_errors.get("y", np.zeros(3)))
+        error = np.hypot(self.error, np.median([one.range_m for one in self.seen]) * rate)
+        errors = {**water.standard_errors, "white": white * error}
         return replace(water, white=white, standard_errors=errors, exposure=None, highlights=1.0)
 
 
