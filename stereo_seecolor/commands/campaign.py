@@ -14,6 +14,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from calibration import CalibrationError
+from stereo_seecolor.commands.campaign_records import write_records
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
@@ -113,6 +114,7 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
         _save(root, {**earlier, **states})
         if states[dive.name].state == "stopped":
             break
+    write_records(root, {name: Path(state.out) for name, state in states.items() if state.ok})
     return CampaignResult(tuple(states.values()), root / TABLE)
 
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import uuid
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -24,21 +25,26 @@ HANDLE = "unknown: fill in the handle or DOI when it is published"
 def write(posed: PosedRun, folder: Path) -> None:
     """``images/`` and image-set.ifdo.yaml. What the program cannot know (project, licence, creators) is left out: add it."""
     (folder / "images").mkdir()
-    names = [write_image(frame, folder / "images") for frame in posed.frames]
-    content = {"image-set-header": _header(posed), "image-set-items": {}}
-    for frame, name, T in zip(posed.frames, names, posed.T_map_camera, strict=True):
-        content["image-set-items"][name] = _item(posed, frame, folder / "images" / name, T)
-    (folder / "image-set.ifdo.yaml").write_text(yaml.safe_dump(content, sort_keys=False, allow_unicode=True), encoding="utf-8")
+    images = [folder / "images" / write_image(frame, folder / "images") for frame in posed.frames]
+    (folder / "image-set.ifdo.yaml").write_bytes(document(posed, images, "images"))
 
 
-def _header(posed: PosedRun) -> dict[str, Any]:
+def document(posed: PosedRun, images: Sequence[Path], local_path: str) -> bytes:
+    """The metadata alone. images: of the frames, which lie in one folder. local_path: that folder, as the document names it."""
+    content: dict[str, Any] = {"image-set-header": _header(posed, local_path), "image-set-items": {}}
+    for frame, image, T in zip(posed.frames, images, posed.T_map_camera, strict=True):
+        content["image-set-items"][image.name] = _item(posed, frame, image, T)
+    return yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode()
+
+
+def _header(posed: PosedRun, local_path: str) -> dict[str, Any]:
     identity = "".join(frame.sha256 for frame in posed.frames)
     fields = {
         "image-set-name": posed.run.root.resolve().name,
         "image-set-uuid": str(uuid.uuid5(uuid.NAMESPACE_OID, identity)),
         "image-set-handle": HANDLE,
         "image-set-ifdo-version": VERSION,
-        "image-set-local-path": "images",
+        "image-set-local-path": local_path,
         "image-acquisition": "photo",
         "image-quality": "processed",
         "image-navigation": "reconstructed",
