@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.glob("*.md"))
 DIVE = Path("data_samples/reef")
-FRAMES = range(3, 9)
+FRAMES = range(4, 8)
 """The frames of the sample dive where its two lines overlap: enough for everything, and half the time."""
 
 FINISHED = (0, None)
