@@ -12,7 +12,8 @@ from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.frame_stages import FrameStages, PageMaker, Source, water_key
+from stereo_seecolor.frame_source import PageMaker, Source
+from stereo_seecolor.frame_stages import FrameStages, water_key
 from stereo_seecolor.frame_work import Correction, FrameWork, Result, Work, rows_alone
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.progress import RunOptions

@@ -1,96 +1,30 @@
 """The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
 
 import zlib
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibration import RectifiedPair
-from calibration.original_view import OriginalView
-from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.even_light import even_light
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.frame_facts import capture_facts, range_facts
-from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.frame_source import PageMaker, Ranged, Source
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import correct, ranges_alone, ranges_for_color
-from stereo_seecolor.records import Correction, FrameRow, Image, Map, Mask, RangeMap, Water
+from stereo_seecolor.records import Correction, FrameRow, Image, Map, RangeMap, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 from stereo_seecolor.run_folder.products import Files, correction_files, mask_codes, original_files, range_files
-
-
-class Source(Protocol):
-    """What measures a pair: a Pipeline, or RangedImages. makes_ranges: whether its range maps are written to OUT."""
-
-    config: RunConfig
-    corrector: Corrector
-    reader: FrameReader
-    geometry: RectifiedPair | None
-    makes_ranges: bool
-    seen: Mask | None
-    original: OriginalView | None
-    settings: str
-
-    def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The pair's files."""
-
-    def raw(self, pair: Pair, clock: Clock) -> Image:
-        """The left image as the camera gave it."""
-
-    def image(self, pair: Pair, clock: Clock) -> Image:
-        """The (rectified) left image."""
-
-    def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """That image and its range map."""
-
-
-class PageMaker(Protocol):
-    """Makes what the page shows of the frames of these names."""
-
-    @property
-    def names(self) -> frozenset[str]:
-        """Of the frames to make."""
-
-    def stage(self, corrected_key: str) -> StageRecord:
-        """The record of a frame's page."""
-
-    def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
-        """The page's files of a frame, from its rectified image and its products as they are stored."""
-
-
-@dataclass(frozen=True, eq=False)
-class Ranged:
-    """A pair whose range is known. record: what OUT knows of it. key: hash of all that its range depends on.
-
-    pixels: its image and range map where this run measured them just now. kept: an earlier run had.
-    """
-
-    pair: Pair
-    record: FrameRecord
-    key: str
-    pixels: tuple[Image, RangeMap] | None = None
-    kept: bool = True
-
-    @property
-    def row(self) -> FrameRow:
-        """What is known of the frame so far."""
-        stage = self.record.stages["range"]
-        hashes = {side: file.sha256 for side, file in self.record.inputs.items()}
-        return FrameRow(self.pair.name, kept=self.kept, warnings=stage.warnings, hashes=hashes, facts=dict(stage.facts))
 
 
 class FrameStages:

@@ -18,7 +18,7 @@ from stereo_seecolor.dive import Dive
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes
-from stereo_seecolor.frame_stages import Source
+from stereo_seecolor.frame_source import Source
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing, pair_folders
