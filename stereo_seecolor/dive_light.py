@@ -111,7 +111,7 @@ class LightSearch:
         for window in windows:
             links.add(window)
             found.extend(differences(window, light, size))
-        chain = solve_chain(found, len(self.frames))
+        chain = solve_chain(found, len(self.frames), (light.luminance.use.gains, light.color.use.gains))
         measured = np.flatnonzero(chain.measured).tolist() if chain.gains.any() else []
         return light.with_gains({self.frames[k][0]: chain.gains[k] for k in measured}, chain.offsets)
 

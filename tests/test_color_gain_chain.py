@@ -62,6 +62,13 @@ def test_noise_is_no_gain(found: list[Difference]) -> None:
     assert not solve_chain(found, FRAMES).gains.any()
 
 
+def test_gains_that_were_chosen_with_the_pattern_are_used() -> None:
+    gains = 0.05 * varying()  # offsets too small to be worth it by themselves
+    found = chained(gains, 0.002)
+    assert not solve_chain(found, FRAMES).gains.any()
+    np.testing.assert_allclose(solve_chain(found, FRAMES, (True, False)).gains, np.repeat(gains[:, None], 3, axis=1), atol=0.02)
+
+
 @pytest.mark.slow
 def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sample dive, its frames exposed by known factors; two stretches of five of its twelve frames are looked at first."""

@@ -100,14 +100,15 @@ class Chain:
     offsets: tuple[float, float]
 
 
-def solve_chain(found: Iterable[Difference], frames: int) -> Chain:
-    """The gains of luminance and of color, each if they help."""
+def solve_chain(found: Iterable[Difference], frames: int, chosen: tuple[bool, bool] = (False, False)) -> Chain:
+    """The gains of luminance and of color, each if they help, or were ``chosen`` with the pattern."""
     every = list(found)
     measured = np.zeros(frames, np.bool_)
     measured[[k for difference in every for k in (difference.i, difference.j)]] = True
     halves, outputs = (_outputs(every, frames, [getattr(d, part) for d in every]) for part in ("fitted", "whole"))
     luminance, color = (_offsets(every, halves[:, part], part) for part in (_LUMINANCE, _COLOR))
-    gains = outputs[:, _LUMINANCE] * _helps(luminance) + outputs[:, _COLOR] * _helps(color)
+    used = chosen[0] or _helps(luminance), chosen[1] or _helps(color)
+    gains = outputs[:, _LUMINANCE] * used[0] + outputs[:, _COLOR] * used[1]
     return Chain(gains, measured, luminance)
 
 
