@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from stereo_seecolor.commands.compare import Comparison, compare
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.comparing.color_change import color_change
-from stereo_seecolor.comparing.difference import spread_by
-from stereo_seecolor.comparing.m3c2 import distances
+from stereo_seecolor.comparing.difference import Difference, in_spreads, spread_by
+from stereo_seecolor.comparing.m3c2 import SurfaceDistances, distances
+from stereo_seecolor.comparing.patches import height_patches
 from stereo_seecolor.comparing.rigid import rigid_fit
 from stereo_seecolor.comparing.surface_fit import surface_fit
 from stereo_seecolor.config import RunConfig
@@ -242,6 +243,20 @@ def test_a_spread_that_grows_with_the_stated_error_is_learned() -> None:
         own = (std > low) & (std < high)
         assert (np.abs(dz) < 1.96 * factor * std)[own].mean() == pytest.approx(0.95, abs=0.02)
     assert (spread_by(dz, std, np.zeros_like(std, bool)) == 1).all()
+
+
+def test_what_heights_show_alone_at_an_edge_is_no_change_and_what_is_gone_is() -> None:
+    """Where something tall was taken away, no cylinder reaches both surfaces; at an edge it does, and finds them together."""
+    dz, std = np.random.default_rng(1).normal(0, 0.003, (100, 100)), np.full((100, 100), 0.003)
+    dz[20:40, 20:40] -= 0.2
+    stable = np.abs(dz) < 0.05
+    found = Difference(dz, std, stable, 1.0, 0 * std, *in_spreads(dz, std, stable))
+    lod_m = np.full(dz.shape, 0.004)
+    gone, edge = np.where(stable, 0.0, np.nan), np.where(stable, 0.0, np.nan)
+    gone[20:26, 20:40], edge[20:26, 20:40] = -0.2, 0.001
+    ((kind, mask),) = height_patches(found, SurfaceDistances(gone, lod_m), 0.01)
+    assert kind == "loss" and mask[20:40, 20:40].all()
+    assert height_patches(found, SurfaceDistances(edge, lod_m), 0.01) == []
 
 
 def test_a_cast_is_no_change_of_color_and_a_pale_spot_is() -> None:

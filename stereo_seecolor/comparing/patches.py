@@ -22,8 +22,10 @@ class PatchSettings:
     seed_sigmas: float = 5.0  # of a mean over a window: somewhere in a patch it is at least so far off
     edge_sigmas: float = 2.5  # and everywhere so far
     fewest_cells: int = 25  # a window: smaller ones are errors of single cells
+    fewest_color_cells: int = 98  # two windows of colors
     sure_sigmas: float = 3.0  # its volume over its standard error
-    on_surface: float = 0.5  # of its cells also differ along the normal: at an edge, heights differ where nothing moved
+    seen: float = 0.1  # of its cells beyond their level of detection have a distance along the normal, and
+    on_surface: float = 0.5  # of those also differ along the normal: at an edge, heights differ where nothing moved
 
 
 SETTINGS = PatchSettings()
@@ -52,14 +54,19 @@ class Patch:
 
 def height_patches(found: Difference, surface: SurfaceDistances, cell_m: float) -> list[tuple[Kind, Mask]]:
     """Growth and loss whose volume is sure, and which the distances along the normal (H, W) show too."""
+    with np.errstate(invalid="ignore"):
+        clear = np.abs(found.dz_m) > found.lod_m
+    known = clear & np.isfinite(surface.distance_m)
     moved = np.abs(np.nan_to_num(surface.distance_m)) > np.nan_to_num(surface.lod_m)
     z = found.significance
     kept: list[tuple[Kind, Mask]] = []
     kinds: tuple[tuple[Kind, Array], ...] = (("growth", z), ("loss", -z))
     for kind, signed in kinds:
-        for mask in _regions(signed):
+        for mask in _regions(signed, SETTINGS.fewest_cells):
             volume, std = volume_l(found, mask, cell_m)
-            if abs(volume) > SETTINGS.sure_sigmas * std and moved[mask].mean() > SETTINGS.on_surface:
+            seen = (mask & known).sum()  # where something tall is gone, few cylinders reach both surfaces
+            agrees = seen >= SETTINGS.seen * (mask & clear).sum() and moved[mask & known].sum() > SETTINGS.on_surface * seen
+            if abs(volume) > SETTINGS.sure_sigmas * std and agrees:
                 kept.append((kind, mask))
     return kept
 
@@ -73,7 +80,7 @@ def volume_l(found: Difference, mask: Mask, cell_m: float) -> tuple[float, float
 
 def color_patches(z: Array, change: NDArray[np.float32]) -> list[tuple[Kind, Mask]]:
     """z: (H, W) color change in spreads of stable ground. change: (H, W, 2) of lightness and chroma."""
-    return [(_color_kind(change[mask]), mask) for mask in _regions(z)]
+    return [(_color_kind(change[mask]), mask) for mask in _regions(z, SETTINGS.fewest_color_cells)]
 
 
 def _color_kind(change: NDArray[np.float32]) -> Kind:
@@ -83,9 +90,9 @@ def _color_kind(change: NDArray[np.float32]) -> Kind:
     return "paler" if lightness > 0 else "darker"
 
 
-def _regions(z: Array) -> list[Mask]:
+def _regions(z: Array, fewest: int) -> list[Mask]:
     """Connected cells beyond edge_sigmas that reach seed_sigmas somewhere, and are not too few."""
     count, labels = cv2.connectedComponents((z > SETTINGS.edge_sigmas).astype(np.uint8))
     seeds = np.unique(labels[z > SETTINGS.seed_sigmas])
     sizes = np.bincount(labels.ravel(), minlength=count)
-    return [labels == number for number in seeds if number and sizes[number] >= SETTINGS.fewest_cells]
+    return [labels == number for number in seeds if number and sizes[number] >= fewest]
