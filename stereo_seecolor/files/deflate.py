@@ -8,7 +8,7 @@ try:
 except ImportError:  # no wheel for this machine: the same content, in more time
     fast_compress = None  # type: ignore[assignment]
 
-Compression = Literal["fast", "small"]
+Compression = Literal["fast", "small", "repeats"]
 FAST_LEVEL = 1
 """Of ISA-L: 12 ms for the 4 MB of a filtered picture of 1.3 megapixels. Level 0 gives 36 % more, 2 and 3 the same."""
 
@@ -17,9 +17,12 @@ def deflated(content: bytes | memoryview, compression: Compression = "fast") -> 
     """A zlib stream. fast: by Intel's ISA-L, which runs on ARM too. small: run lengths and Huffman codes, by zlib.
 
     On filtered pictures, which are mostly noise, small takes 40 ms where fast takes 12, and gives 5 to 8 % less: less than zlib's
-    levels 6 to 9, which find matches by chance in 260 ms.
+    levels 6 to 9, which find matches by chance in 260 ms. repeats: by zlib's level 6, for what does repeat: the triangles of a mesh
+    take a fifth less than by fast, at 0.2 s a million.
     """
     if compression == "fast" and fast_compress is not None:
         return bytes(fast_compress(content, FAST_LEVEL))
+    if compression == "repeats":
+        return zlib.compress(content, 6)
     runs = zlib.compressobj(1, strategy=zlib.Z_RLE)
     return runs.compress(content) + runs.flush()

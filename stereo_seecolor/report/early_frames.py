@@ -13,7 +13,7 @@ from stereo_seecolor.report.frame_files import Files, contents_of
 from stereo_seecolor.run_folder.layout import page_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 
-FORMAT = "1"
+FORMAT = "2"
 """Raised where the files of a frame change their content: those of an earlier program are then made again."""
 BRIEF_FRAMES = 24
 """So many frames, spread over the dive, are shown whole by a brief page; of the others, the corrected images themselves.

@@ -20,9 +20,9 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN
 from stereo_seecolor.run_folder.stamp import Stamp
 
-FORMAT = "3"
-STRIP_VOXELS = 4
-"""Neighbors of a triangle lie in its strip or the next: small numbers, which deflate well."""
+FORMAT = "4"
+STRIP_VOXELS = 1
+"""Neighbors of a triangle lie in its strip or the next: small numbers, which repeat from cell to cell, and deflate well."""
 FOLDER = f"{PAGE}/map"
 SQUARES = "reef_metrics.csv"
 Files = Iterator[tuple[str, bytes]]

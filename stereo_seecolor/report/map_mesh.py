@@ -23,6 +23,7 @@ class MeshSizes:
     tile_triangles: int = 150_000  # loaded in a tenth of a second
     most_columns: int = 64  # of the finest level: a long, thin map is cut into no more tiles
     steps_per_voxel: int = 16  # of positions: no edge is seen to move, and half the bytes of 16 bits a tile
+    color_step: int = 4  # of 255: noise hides it, and colors take 40 % less
 
 
 SIZES = MeshSizes()
@@ -64,12 +65,11 @@ class Piece:
         """The same, triangles in the order of strips across the map, and vertices in the order in which triangles use them."""
         centers = self.points_m[self.triangles, :2].mean(axis=1)
         strips = np.floor(centers[:, 1] / strip_m).astype(np.int64)
-        triangles = self.triangles[np.lexsort((centers[:, 0], strips))]
-        used, first, inverse = np.unique(triangles.ravel(), return_index=True, return_inverse=True)
-        order = np.argsort(first)
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order))
-        return Piece(self.points_m[used[order]], self.colors[used[order]], place[inverse].reshape(-1, 3))
+        walked = self._of_vertices(*_by_first_use(self.triangles[np.lexsort((centers[:, 0], strips))]))
+        return walked._of_vertices(*_by_first_use(_newest_first(walked.triangles)))
+
+    def _of_vertices(self, vertices: NDArray[np.int64], triangles: NDArray[np.int64]) -> "Piece":
+        return Piece(self.points_m[vertices], self.colors[vertices], triangles)
 
     def packed(self, step_m: float) -> dict[str, Any]:
         """As the page takes it: positions in whole steps, as differences from vertex to vertex; how far back each index lies."""
@@ -82,10 +82,31 @@ class Piece:
             "triangles": len(self.triangles),
             "low_m": [round(float(value), 5) for value in low],
             "step_m": step_m,
-            "positions": text(deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3))),
-            "colors": text(deflated(np.diff(self.colors.T.astype(np.uint8), axis=1, prepend=np.uint8(0)))),
-            "indices": text(deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3))),
+            "positions": text(deflated(_planes(np.diff(positions, axis=0, prepend=0).T.ravel(), 3), "repeats")),
+            "colors": packed_colors(self.colors),
+            "indices": text(deflated(_bytes((newest + 1 - indices).astype(np.uint64), 3), "repeats")),
         }
+
+
+def packed_colors(colors: NDArray[np.uint8]) -> str:
+    """Colors (N, 3) as the page takes them, in steps."""
+    steps = (colors // SIZES.color_step) * SIZES.color_step + SIZES.color_step // 2
+    return text(deflated(np.diff(steps.T.astype(np.uint8), axis=1, prepend=np.uint8(0)), "small"))
+
+
+def _by_first_use(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The vertices in the order in which triangles (T, 3) use them, and the triangles with the vertices' new numbers."""
+    used, first, inverse = np.unique(triangles.ravel(), return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order))
+    return used[order], place[inverse].reshape(-1, 3)
+
+
+def _newest_first(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The same triangles, turned so that each begins at its highest vertex: neighbors then look alike, and deflate better."""
+    corners = (np.arange(3) + triangles.argmax(axis=1)[:, None]) % 3
+    return np.take_along_axis(triangles, corners, axis=1)
 
 
 def _planes(differences: NDArray[np.int64], count: int) -> NDArray[np.uint8]:

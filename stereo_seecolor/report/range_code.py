@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.files.deflate import Compression
 from stereo_seecolor.files.deflate import deflated as compress
 from stereo_seecolor.records import Map
 
@@ -21,7 +22,7 @@ from stereo_seecolor.records import Map
 class RangeCode:
     """How ranges become whole numbers."""
 
-    step_per_m: float = 1e-4  # half a step is 0.05 mm at 1 m, below a tenth of a range's standard error
+    step_per_m: float = 1.9e-4  # half a step is 0.095 mm at 1 m, a tenth of a range's standard error
     std_floor_m: float = 1e-5  # no stereo measures better
     std_steps_per_octave: int = 12  # 3 % of the standard error; 8 bits reach 24 m
     std_block_px: int = 4  # standard errors vary slowly
@@ -101,9 +102,9 @@ def std_blocks(range_std_m: Map) -> Map:
     return np.take_along_axis(blocks, middle[..., None], axis=-1)[..., 0]
 
 
-def deflated(values: NDArray[Any]) -> bytes:
-    """Deflated bytes, with zlib's header."""
-    return compress(np.ascontiguousarray(values).data.cast("B"))
+def deflated(values: NDArray[Any], compression: Compression = "fast") -> bytes:
+    """Deflated bytes, with zlib's header. compression: see ``files.deflate``."""
+    return compress(np.ascontiguousarray(values).data.cast("B"), compression)
 
 
 def text(content: bytes) -> str:

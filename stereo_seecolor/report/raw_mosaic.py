@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.report.map_images import Box, Terrain
-from stereo_seecolor.report.map_mesh import Piece
-from stereo_seecolor.report.range_code import deflated, text
+from stereo_seecolor.report.map_mesh import Piece, packed_colors
 from stereo_seecolor.run_folder.layout import page_path
 
 Floats = NDArray[np.float64]
@@ -75,7 +74,7 @@ class RawMosaic:
         columns, rows = np.clip(x.astype(int), 0, about["width"] - 1), np.clip(y.astype(int), 0, about["height"] - 1)
         found = self.rgba[rows, columns]
         colors = np.where(found[:, 3:] > 0, found[:, :3], np.uint8(128))
-        return text(deflated(np.diff(colors.T, axis=1, prepend=np.uint8(0))))
+        return packed_colors(colors)
 
 
 def _points(terrain: Terrain, box: Box, offset_m: Floats) -> Floats:
