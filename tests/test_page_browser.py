@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -318,6 +319,39 @@ def test_the_mosaic_is_zoomed_into_and_a_click_finds_the_frames(on_map: Page) ->
     assert box
     on_map.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     on_map.locator(".found .card").first.wait_for()
+
+
+@pytest.mark.slow
+def test_hillshade_is_offered_where_it_changes_what_is_shown(on_map: Page) -> None:
+    shade = on_map.get_by_role("button", name="Hillshade")
+    for view, there in (("Mosaic", True), ("Terrain", False), ("In three dimensions", False), ("Relief", False)):
+        on_map.get_by_role("button", name=view, exact=True).click()
+        expect(shade).to_be_visible(visible=there)
+
+
+@pytest.mark.slow
+def test_frames_are_looked_for_at_the_height_of_the_terrain(mapped: Path, browser: Browser, tmp_path: Path) -> None:
+    """And not at the middle height of a piece, which is made wrong here."""
+    copy = shutil.copytree(mapped, tmp_path / "out")
+    file = copy / "page/map/map.js"
+    head, about = file.read_text("ascii").split("(", 1)
+    about = json.loads(about.removesuffix(");\n"))
+    for each in about["pieces"].values():
+        each["high_m"][2] += 1
+    file.write_text(f"{head}({json.dumps(about)});\n", "ascii")
+    page = browser.new_page(viewport={"width": 1200, "height": 900})
+    page.goto(f"{(copy / 'index.html').as_uri()}#map")
+    page.get_by_role("button", name="Terrain").click()
+    page.locator(".map-flat canvas").first.wait_for()
+    page.wait_for_timeout(500)
+    box = page.locator(".map-flat").bounding_box()
+    assert box
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    found = page.locator(".found h2")
+    found.wait_for()
+    height_m = float(re.findall(r"-?[0-9.]+(?= m\))", found.inner_text())[0])
+    page.close()
+    assert about["terrain"]["low_m"] - 0.01 < height_m < about["terrain"]["high_m"] + 0.01
 
 
 @pytest.mark.slow

@@ -20,13 +20,16 @@ seecolor.showMap = (section, dive, text, look) => {
 
 type View = "scene" | "relief" | "mosaic" | "terrain";
 
+/** What belongs to which views. */
+type Tools = Record<"scene" | "flat" | "shade" | "colors", HTMLElement[]>;
+
 class MapView {
   private readonly stage = element("div", { class: "map-stage" });
   private readonly flat = element("div", { class: "map-flat" });
   private readonly squares = element("canvas", { class: "map-squares", "aria-hidden": "true" });
   private readonly legend = element("div", { class: "legend" });
   private readonly found = element("div", { class: "found", role: "status" });
-  private readonly tools: { scene: HTMLElement[]; flat: HTMLElement[]; colors: HTMLElement[] };
+  private readonly tools: Tools;
   private readonly measuring: MapMeasuring | null;
   private scene: Scene | null = null;
   private mosaic: Mosaic | null = null;
@@ -48,7 +51,7 @@ class MapView {
     const views = this.views();
     const choice = new Choice(text("map.view"), views, (view) => this.show(view as View));
     section.replaceChildren(
-      element("div", { class: "toolbar" }, choice.root, ...this.tools.colors, ...this.tools.scene, ...this.tools.flat),
+      element("div", { class: "toolbar" }, choice.root, ...this.tools.colors, ...this.tools.scene, ...this.tools.shade, ...this.tools.flat),
       ...(this.measuring ? [element("div", { class: "toolbar" }, this.measuring.tool)] : []),
       this.stage,
       this.legend,
@@ -72,7 +75,7 @@ class MapView {
     return views;
   }
 
-  private madeTools(): { scene: HTMLElement[]; flat: HTMLElement[]; colors: HTMLElement[] } {
+  private madeTools(): Tools {
     const { about, text } = this;
     const track = toggle(text("map.track"), true, (shown) => this.scene?.showTrack(shown));
     const zoom = [
@@ -90,7 +93,8 @@ class MapView {
     const squares = about.squares?.rows.length ? [this.metrics()] : [];
     return {
       scene: [track, button(text("map.home"), () => this.scene?.home())],
-      flat: [...(about.terrain ? [shade] : []), ...squares, element("span", { class: "pair" }, ...zoom)],
+      shade: about.terrain ? [shade] : [],
+      flat: [...squares, element("span", { class: "pair" }, ...zoom)],
       colors: about.raw ? [raw] : [],
     };
   }
@@ -130,6 +134,7 @@ class MapView {
     this.view = view;
     for (const tool of this.tools.scene) tool.hidden = !this.isSolid;
     for (const tool of this.tools.flat) tool.hidden = this.isSolid;
+    for (const tool of this.tools.shade) tool.hidden = this.isSolid || view === "terrain" || !(this.raw ? this.about.raw : this.about.mosaic);
     for (const tool of this.tools.colors) tool.hidden = view === "relief" || view === "terrain";
     if (this.isSolid) this.showScene(view === "relief");
     else this.showFlat(view === "terrain" ? "terrain" : this.raw ? "raw" : "mosaic");
@@ -180,7 +185,7 @@ class MapView {
 
   private clicked(hit: Clicked): void {
     if (this.measuring?.isOn) void this.measuring.add(hit);
-    else void this.seen(hit.spot_m.length > 2 ? hit.spot_m : this.onGround(hit.spot_m));
+    else void this.seen(hit.spot_m);
   }
 
   private key(event: KeyboardEvent): void {
@@ -190,19 +195,26 @@ class MapView {
     event.stopPropagation();
   }
 
-  /** A spot from above at the middle height of the map, in the map's own coordinates. */
-  private onGround([x_m, y_m]: number[]): number[] {
+  /** A spot with its height: on the terrain where it was clicked from above. */
+  private async onReef([x_m, y_m, z_m]: number[]): Promise<number[]> {
+    const height_m = z_m ?? (await this.measuring?.height(x_m, y_m)) ?? NaN;
+    return [x_m, y_m, Number.isNaN(height_m) ? this.middle_m(x_m, y_m) : height_m];
+  }
+
+  /** The middle height of the map around a spot. */
+  private middle_m(x_m: number, y_m: number): number {
     const inside = ([, each]: [string, About["pieces"][string]]) =>
       each.low_m[0] <= x_m && x_m <= each.high_m[0] && each.low_m[1] <= y_m && y_m <= each.high_m[1];
     const all = Object.entries(this.about.pieces);
     const boxes = all.some(inside) ? all.filter(inside) : all;
     const finest = Math.min(...boxes.map(([, each]) => each.cell_m));
     const heights = boxes.filter(([, each]) => each.cell_m === finest).map(([, each]) => (each.low_m[2] + each.high_m[2]) / 2);
-    return [x_m, y_m, heights.reduce((a, b) => a + b, 0) / Math.max(heights.length, 1)];
+    return heights.reduce((a, b) => a + b, 0) / Math.max(heights.length, 1);
   }
 
-  private async seen(spot_m: number[]): Promise<void> {
+  private async seen(clicked_m: number[]): Promise<void> {
     const turn = ++this.turn;
+    const spot_m = await this.onReef(clicked_m);
     const all = sightings(this.dive, spot_m);
     const visible = await Promise.all(all.map((each) => isVisible(this.dive, each).catch(() => true)));
     if (turn !== this.turn) return;

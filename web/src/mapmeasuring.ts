@@ -83,6 +83,12 @@ export class MapMeasuring {
     this.draw();
   }
 
+  /** The terrain's height at a spot, NaN where it is unknown. */
+  async height(x_m: number, y_m: number): Promise<number> {
+    await this.ground.heights.load([[x_m, y_m]]);
+    return this.ground.pick(x_m, y_m, null, 0)?.point_m[2] ?? NaN;
+  }
+
   /** A spot of the map was clicked. */
   async add(clicked: Clicked): Promise<void> {
     const placed = await this.placed(clicked);
