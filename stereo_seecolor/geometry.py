@@ -45,10 +45,13 @@ def rotation_vector(R: Array) -> Array:
 
 
 def rotation_from_vector(vector: Array) -> Array:
-    """(..., 3, 3) rotations of axis times angle (..., 3)."""
-    from scipy.spatial.transform import Rotation
-
-    return Rotation.from_rotvec(vector).as_matrix()
+    """(..., 3, 3) rotations of axis times angle (..., 3), by Rodrigues' formula, in forms that hold for an angle of zero."""
+    vector = np.asarray(vector, np.float64)
+    x, y, z = np.moveaxis(vector, -1, 0)
+    none = np.zeros_like(x)
+    cross = np.stack([none, -z, y, z, none, -x, -y, x, none], axis=-1).reshape(*vector.shape[:-1], 3, 3)
+    turns = np.linalg.norm(vector, axis=-1)[..., None, None] / np.pi
+    return np.asarray(np.eye(3) + np.sinc(turns) * cross + 0.5 * np.sinc(turns / 2) ** 2 * (cross @ cross), np.float64)
 
 
 def quaternion(R: Array) -> Array:

@@ -50,3 +50,14 @@ def test_everything_is_as_before_afterwards(capfd: pytest.CaptureFixture[str]) -
     said = capfd.readouterr().err
     assert "from C" not in said
     assert "C again" in said
+
+
+def test_libraries_hear_of_their_threads_before_they_are_imported() -> None:
+    code = (
+        "import sys; sys.argv = ['x', '--version']\n"
+        "from stereo_seecolor import cli\n"
+        "cli.one_thread_in_libraries = lambda: print('BEFORE', sorted({'numpy', 'cv2', 'scipy'} & sys.modules.keys()))\n"
+        "cli.main()"
+    )
+    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert "BEFORE []" in printed

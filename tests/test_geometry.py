@@ -3,8 +3,10 @@
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from calibration import Camera, Rectification, RectifiedPair, StereoRig
+from stereo_seecolor.geometry import rotation_from_vector
 
 PAIR = RectifiedPair(focal_px=500, cx_left_px=40, cx_right_px=30, cy_px=20, baseline_m=0.1, image_size=(80, 60))
 
@@ -41,3 +43,9 @@ def test_rectified_rig_passes_images_through_untouched() -> None:
     image = np.zeros((60, 80, 3), np.uint16)
     assert rectification.apply_left(image) is image
     assert rectification.pair.cx_left_px - rectification.pair.cx_right_px == 10
+
+
+def test_rotations_from_vectors_agree_with_scipy() -> None:
+    vectors = np.random.default_rng(3).normal(size=(50, 4, 3)) * np.array([0, 1e-9, 1e-3, 3])[:, None]
+    expected = Rotation.from_rotvec(vectors.reshape(-1, 3)).as_matrix().reshape(50, 4, 3, 3)
+    np.testing.assert_allclose(rotation_from_vector(vectors), expected, atol=1e-14)

@@ -70,3 +70,13 @@ def test_another_process_keeps_nothing(kept: KeptPixels) -> None:
     copy = pickle.loads(pickle.dumps(kept))
     copy.keep("0", "key", pixels())
     assert copy.find("0", "key") is None
+
+
+def test_a_part_of_a_larger_block_does_not_keep_the_block(kept: KeptPixels) -> None:
+    block = RNG.uniform(1, 2, (6, 20, 30)).astype(np.float32)
+    kept.keep("0", "key", FramePixels(pixels().image, block[4]))
+    found = kept.find("0", "key")
+    assert found is not None
+    assert found.range_m is not None
+    assert not np.shares_memory(found.range_m, block)
+    np.testing.assert_array_equal(found.range_m, block[4])

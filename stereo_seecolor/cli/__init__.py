@@ -3,6 +3,8 @@
 import sys
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED, interrupts
+from stereo_seecolor.compute.garbage import collect_seldom
+from stereo_seecolor.compute.library_threads import one_thread_in_libraries
 
 __all__ = ["main"]
 
@@ -11,6 +13,8 @@ def main() -> None:
     """Run the command line and exit with its code. All imports that take time come after Ctrl-C is taken care of."""
     with interrupts():
         try:
+            collect_seldom()
+            one_thread_in_libraries()  # before any command is imported, since commands import these libraries
             from stereo_seecolor.cli.app import run_command_line
 
             sys.exit(run_command_line())

@@ -26,7 +26,6 @@ from stereo_seecolor.cli.examples import epilog
 from stereo_seecolor.cli.quiet import quiet_libraries
 from stereo_seecolor.cli.streams import prepare_streams, write_out
 from stereo_seecolor.compute.allocator import keep_freed_memory
-from stereo_seecolor.compute.library_threads import one_thread_in_libraries
 
 COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "A dive": {
@@ -94,7 +93,6 @@ def run_command_line() -> int:
     """Run the command that the program was started with and return its exit code."""
     prepare_streams()
     keep_freed_memory()
-    one_thread_in_libraries()
     words = sys.argv[1:]
     with contextlib.nullcontext() if "--verbose" in words else quiet_libraries():
         return exit_code_of(lambda: app(standalone_mode=False, prog_name="stereo-seecolor"), as_json="--json" in words)

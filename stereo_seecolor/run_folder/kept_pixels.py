@@ -5,7 +5,7 @@ in files of OUT that only this run reads.
 import contextlib
 import shutil
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,10 @@ class FramePixels:
     range_m: Map | None = None
     measured: Mask | None = None
 
+    def alone(self) -> "FramePixels":
+        """The same without the larger block of memory that the ranges are a part of, with all else that a match makes."""
+        return replace(self, range_m=None if self.range_m is None else self.range_m.copy())
+
     @property
     def size(self) -> int:
         """Bytes in memory."""
@@ -63,7 +67,7 @@ class KeptPixels:
                 return
             fits = self._bytes + pixels.size <= LIMITS.memory_bytes
             if fits:
-                self._memory[name, key] = pixels
+                self._memory[name, key] = pixels.alone()
                 self._bytes += pixels.size
         if not fits:
             self._write(self._root, (name, key), pixels.image)

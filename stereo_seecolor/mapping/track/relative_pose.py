@@ -144,13 +144,16 @@ def _matches(a: Features, b: Features) -> tuple[NDArray[np.int64], NDArray[np.in
     if len(a.descriptors) < 2 or len(b.descriptors) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     x, y = a.descriptors.astype(np.float32), b.descriptors.astype(np.float32)
-    squared = (x * x).sum(1)[:, None] + (y * y).sum(1)[None] - 2 * x @ y.T
+    squared = x @ (-2 * y).T
+    squared += (x * x).sum(1)[:, None]
+    squared += (y * y).sum(1)
     rows, nearest = np.arange(len(x)), squared.argmin(axis=1)
-    mutual = squared.argmin(axis=0)[nearest] == rows
     least = squared[rows, nearest]
     squared[rows, nearest] = np.inf
-    clear = least < SETTINGS.ratio**2 * squared.min(axis=1)
-    chosen = np.flatnonzero(mutual & clear)
+    clear = np.flatnonzero(least < SETTINGS.ratio**2 * squared.min(axis=1))
+    squared[rows, nearest] = least
+    mutual = squared[:, nearest[clear]].argmin(axis=0) == clear  # down columns is slow: only where it is asked for
+    chosen = clear[mutual]
     return chosen, nearest[chosen]
 
 

@@ -1,0 +1,12 @@
+"""How often Python looks for garbage that refers to itself: set once, by a process that loads many modules and works on images."""
+
+import gc
+
+NEW_OBJECTS, ROUNDS = 50_000, 10
+"""Containers made before the young ones are looked at, 700 by default; and rounds before older ones are. Images are freed at once
+by their count of references; what waits for a round are small objects, and errors with what they were raised from."""
+
+
+def collect_seldom() -> None:
+    """Look for garbage after many more new objects: while modules are loaded nearly all of them stay."""
+    gc.set_threshold(NEW_OBJECTS, ROUNDS, ROUNDS)
