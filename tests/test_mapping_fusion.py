@@ -169,7 +169,7 @@ def test_tiles_of_frames_that_were_made_anew_are_not_kept(tmp_path: Path) -> Non
     build_map(whole, PAIR, tmp_path / "whole", CONFIG, track(6))
     with pytest.raises(KeyboardInterrupt):
         build_map(Stopping(whole.frames, fails_at=2 * whole.reads // 3), PAIR, tmp_path, CONFIG, track(6))
-    assert list((tmp_path / ".tiles").rglob("*.npz"))
+    assert list((tmp_path / ".scratch" / "tiles").rglob("*.npz"))
     build_map([flat_frame(i, color=(10, 20, 230)) for i in range(6)], PAIR, tmp_path, CONFIG, track(6))
     np.testing.assert_array_equal(np.unique(read_cloud(tmp_path / "cloud.ply")["color"], axis=0), [[10, 20, 230]])
 
