@@ -12,6 +12,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.compute.threads import Clock
+from stereo_seecolor.frame_facts import recorded_capture
 from stereo_seecolor.frame_source import PageMaker, Source
 from stereo_seecolor.frame_stages import FrameStages, water_key
 from stereo_seecolor.frame_work import Correction, FrameWork, Result, Work, rows_alone
@@ -139,7 +140,8 @@ class Dive:
         self._ranged = True
         good = [ranged for _, (ranged, _) in self._pass("ranges", pairs, self._stages.counted)]  # tables while pixels are at hand
         frames = [(ranged.pair.name, self._stages.reader(ranged)) for ranged in good]
-        found = LightSearch(frames, geometry, self._config.color.input_encoding).solve(allowed)
+        captures = [recorded_capture(ranged.row.facts) for ranged in good]
+        found = LightSearch(frames, captures, geometry, self._config.color.input_encoding).solve(allowed)
         light = found.light
         content = light.content() if light and light.light else None
         kept = KeptLight(self._stages.fit_key(pairs) or "", light.note if light else "", content, found.linked)

@@ -6,10 +6,12 @@ from functools import partial
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.gain_chain import Difference, differences, solve_chain
 from stereo_seecolor.color.photometry.light_solver import Use
+from stereo_seecolor.color.photometry.recorded_exposure import explains, log_exposures, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.sightings import KeyFrame, View, look
 from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
@@ -17,8 +19,9 @@ from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
-from stereo_seecolor.records import Image, Map, SurveyFrame
+from stereo_seecolor.records import Capture, Image, Map, SurveyFrame
 
+Array = NDArray[np.float64]
 ReadFrame = Callable[[], tuple[Image, Map]]
 
 
@@ -80,9 +83,12 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class LightSearch:
-    """frames: how each frame of the dive is read, and its name, in order. geometry: of the rectified images."""
+    """frames: how each frame of the dive is read, and its name, in order. captures: what the camera recorded of each.
+    geometry: of the rectified images.
+    """
 
     frames: Sequence[tuple[str, ReadFrame]]
+    captures: Sequence[Capture]
     geometry: RectifiedPair
     encoding: InputEncoding
 
@@ -97,23 +103,39 @@ class LightSearch:
         links = _Links()
         for window in windows:
             links.add(window)
-        light = solve_light(windows, names, reduced(self.geometry, WHOLE).image_size, allowed)
+        size = reduced(self.geometry, WHOLE).image_size
+        light = solve_light(windows, names, size, allowed)
+        recorded = self._recorded(light, windows) if light and allowed.gains else None
+        if recorded is not None:
+            light = solve_light(windows, names, size, allowed, recorded)
         if light and len(chosen) < len(names) and allowed.gains:
-            light = self._followed(light, self._windows(range(len(names)), NEIGHBORS), NEIGHBORS, links)
-        elif light and light.solved.gains:
-            light = self._followed(light, windows, WHOLE, links)
+            light = self._followed(light, self._windows(range(len(names)), NEIGHBORS), NEIGHBORS, links, recorded)
+        elif light and (light.solved.gains or light.recorded):
+            light = self._followed(light, windows, WHOLE, links, recorded)
         return Found(light, tuple(names[k] for k in sorted(links.frames)))
 
-    def _followed(self, light: SurveyLight, windows: Iterable[SeenWindow], how: Look, links: "_Links") -> SurveyLight:
+    def _recorded(self, light: SurveyLight, windows: Iterable[SeenWindow]) -> Array | None:
+        """(F,) logarithms of the recorded exposures; None where they do not explain how frames differ."""
+        recorded = log_exposures(self.captures)
+        if not worth_a_look(recorded):
+            return None
+        size = reduced(self.geometry, WHOLE).image_size
+        found = [difference for window in windows for difference in differences(window, light, size)]
+        return recorded if explains(found, recorded) else None
+
+    def _followed(
+        self, light: SurveyLight, windows: Iterable[SeenWindow], how: Look, links: "_Links", recorded: Array | None
+    ) -> SurveyLight:
         """With the gains of all frames; with none where they do not help."""
         size = reduced(self.geometry, how).image_size
         found: list[Difference] = []
         for window in windows:
             links.add(window)
             found.extend(differences(window, light, size))
-        chain = solve_chain(found, len(self.frames), (light.luminance.use.gains, light.color.use.gains))
-        measured = np.flatnonzero(chain.measured).tolist() if chain.gains.any() else []
-        return light.with_gains({self.frames[k][0]: chain.gains[k] for k in measured}, chain.offsets)
+        chosen = light.luminance.use.gains, light.color.use.gains
+        solved = solve_chain(found, len(self.frames), chosen) if recorded is None else solve_recorded(found, recorded, chosen)
+        measured = np.flatnonzero(solved.measured).tolist() if solved.gains.any() else []
+        return light.with_gains({self.frames[k][0]: solved.gains[k] for k in measured}, solved.offsets)
 
     def _windows(self, numbers: Sequence[int], how: Look) -> Iterator[SeenWindow]:
         """One for each frame: its spots, where frames before it show them too."""

@@ -1,5 +1,7 @@
 """Numbers of a frame for frames.csv."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from stereo_seecolor.records import Capture, RangeMap
@@ -25,3 +27,8 @@ def capture_facts(capture: Capture) -> dict[str, float]:
         "camera_aperture": capture.aperture,
     }
     return {name: value for name, value in facts.items() if value is not None}
+
+
+def recorded_capture(facts: Mapping[str, float]) -> Capture:
+    """What ``capture_facts`` wrote down."""
+    return Capture(facts.get("camera_exposure_s"), facts.get("camera_gain"), facts.get("camera_aperture"))

@@ -57,7 +57,7 @@ class Pipeline:
         maps = (self.rectification.maps_left, self.rectification.maps_right)
         tables = (table.tobytes() for pair in maps if pair for table in pair)
         config = self.config
-        sections = (config.input.model_dump(), config.matching.model_dump(), config.output.range_std, config.output.preset)
+        sections = (self.reader.settings, config.matching.model_dump(), config.output.range_std, config.output.preset)
         return content_key(__version__, self.geometry, *tables, *sections)
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
@@ -141,7 +141,7 @@ class RangedImages:
         self.config = config
         self.corrector = Corrector(config.color)
         self.reader = FrameReader(config.input)
-        self.settings = content_key(__version__, config.input.model_dump())
+        self.settings = content_key(__version__, self.reader.settings)
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
         """The files of a pair, by what they are."""

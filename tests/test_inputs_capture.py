@@ -164,6 +164,16 @@ def test_frames_come_with_what_was_recorded(tmp_path: Path) -> None:
     assert [capture.relative_exposure for capture in (frame.left_capture, frame.right_capture)] == [0.002, 0.032]
 
 
+def test_readers_of_different_tables_have_different_settings(tmp_path: Path) -> None:
+    config = InputConfig(exposures=tmp_path / "log.csv")
+    settings = [FrameReader(InputConfig()).settings]
+    for exposure_ms in (2, 3, 2):
+        (tmp_path / "log.csv").write_text(f"name,exposure_ms\nL/1,{exposure_ms}\n")
+        settings.append(FrameReader(config).settings)
+    assert settings[1] == settings[3]
+    assert len(set(settings)) == 3
+
+
 def test_monochrome_images_are_told_by_their_pixels() -> None:
     gray = np.repeat(RGB[..., :1], 3, axis=2)
     assert is_monochrome(gray)

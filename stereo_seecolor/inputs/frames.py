@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.images import decode_image, read_image_bytes
@@ -11,11 +12,16 @@ from stereo_seecolor.records import Capture, StereoFrame
 
 
 class FrameReader:
-    """Reads pairs, from any thread. Raises InputError for an exposure table that cannot be read."""
+    """Reads pairs, from any thread. Raises InputError for an exposure table that cannot be read.
+
+    settings: hash of the settings and of the table.
+    """
 
     def __init__(self, config: InputConfig) -> None:
         self._config = config
         self._exposures = ExposureTable.read(config.exposures) if config.exposures else ExposureTable({})
+        rows = sorted((name, row.exposure_s, row.gain) for name, row in self._exposures.rows.items())
+        self.settings = content_key(config.model_dump(), rows)
 
     def read(self, pair: Pair) -> StereoFrame:
         """Both images, not rectified. Raises InputError if one cannot be read."""

@@ -112,6 +112,12 @@ def solve_chain(found: Iterable[Difference], frames: int, chosen: tuple[bool, bo
     return Chain(gains, measured, luminance)
 
 
+def offset_between(every: Sequence[Difference]) -> float:
+    """rms of the luminance between frames, on the patches that judge."""
+    frames = 1 + max((difference.i for difference in every), default=0)
+    return _offsets(every, np.zeros((frames, 1)), _LUMINANCE)[0]
+
+
 def _offsets(every: Sequence[Difference], gains: Array, part: slice) -> tuple[float, float]:
     """rms between frames on patches that took no part, without and with gains."""
     if not every:

@@ -40,14 +40,15 @@ class SeenWindow:
 @dataclass(frozen=True, eq=False)
 class SurveyLight:
     """solved: the light of the survey; terms that do not help are 0. luminance, color: what was chosen of each, and how much it
-    helps. offsets: rms of luminance between neighbors over a long dive, without and with the gains of all frames; None for a short
-    one, whose gains are chosen with the rest.
+    helps. offsets: rms of luminance between neighbors, without and with the gains of all frames; None where these were not solved.
+    recorded: the gains are about what the camera recorded.
     """
 
     solved: Light
     luminance: Choice
     color: Choice
     offsets: tuple[float, float] | None = None
+    recorded: bool = False
 
     @property
     def light(self) -> Light | None:
@@ -74,6 +75,8 @@ class SurveyLight:
         if self.offsets and self.solved.gains:
             without, with_gains = (_percent(offset) for offset in self.offsets)
             parts.append(f"a gain for each of {len(self.solved.gains)} frames: {with_gains} between neighbors (before {without})")
+        if self.recorded:
+            parts.append("the exposures that the camera recorded are used")
         return f"light: {'; '.join(parts)}; on spots left out of the fit"
 
     def at(self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
@@ -93,15 +96,23 @@ class SurveyLight:
             "luminance": _choice(self.luminance),
             "color": _choice(self.color),
             **({} if self.offsets is None else {"spread_between_neighbors": list(self.offsets)}),
+            **({"recorded_exposures": True} if self.recorded else {}),
             **({} if self.light is None else self.light.content()),
         }
 
 
-def solve_light(windows: Sequence[SeenWindow], names: Sequence[str], size: tuple[int, int], allowed: Use) -> SurveyLight | None:
+def solve_light(
+    windows: Sequence[SeenWindow],
+    names: Sequence[str],
+    size: tuple[int, int],
+    allowed: Use,
+    recorded: NDArray[np.float64] | None = None,
+) -> SurveyLight | None:
     """The light of a dive; None where nothing is seen from two frames.
 
     names: of all frames of the dive. size: (width, height) of the pictures that the sightings' pixels are of.
-    allowed: the terms that may be used.
+    allowed: the terms that may be used. recorded: (F,) logarithms of what the camera recorded of its exposure; they are taken off
+    first, and the gains found are about them.
     """
     ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:
@@ -109,7 +120,7 @@ def solve_light(windows: Sequence[SeenWindow], names: Sequence[str], size: tuple
     near_m, far_m = (float(value) for value in np.quantile(ranges, LIMITS.range_quantiles))
     views = Views(size, float(np.median(ranges)), (near_m, far_m))
     made = [views.window(window.seen, window.frames, usable(window.seen)) for window in windows]
-    made = [window for window in made if len(window.patch)]
+    made = [_exposed_alike(window, recorded) for window in made if len(window.patch)]
     if not made:
         return None
     priors = LightPrior.unknown(LUMINANCE), LightPrior.lamps(views.reference_m)
@@ -121,7 +132,13 @@ def solve_light(windows: Sequence[SeenWindow], names: Sequence[str], size: tuple
     coefficients = luminance.solution.coefficients + color.solution.coefficients
     fade = -float(luminance.solution.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0
     by_name = {names[frame]: gain for frame, gain in zip(measured, gains, strict=True)} if gains.any() else {}
-    return SurveyLight(Light(coefficients, views.reference_m, views.seen_m, by_name, fade), luminance, color)
+    light = Light(coefficients, views.reference_m, views.seen_m, by_name, fade)
+    return SurveyLight(light, luminance, color, recorded=recorded is not None)
+
+
+def _exposed_alike(window: Window, recorded: NDArray[np.float64] | None) -> Window:
+    """The sightings as one exposure had shown them."""
+    return window if recorded is None else replace(window, log_light=window.log_light - recorded[window.frame][:, None])
 
 
 def _numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:

@@ -1,0 +1,72 @@
+"""What cameras recorded of their exposure as a prior for each frame's gain, where it explains how frames differ.
+
+A camera may record nonsense, and behind a strobe the exposure time changes nothing: differences between frames of the same spots
+decide whether the records are used at all.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.gain_chain import Chain, Difference, offset_between, solve_chain
+from stereo_seecolor.records import Capture
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RecordSettings:
+    """When records are used."""
+
+    varies: float = 0.03
+    """Standard deviation over the dive (logarithm) of records worth a look; smaller offsets are not mended."""
+    left: float = 0.8
+    """Fraction of the offsets between frames that may be left with them, as for gains that are measured."""
+    no_gain: float = 1e-9
+    """Logarithm: a gain of color alone has none of luminance but for rounding."""
+
+
+SETTINGS = RecordSettings()
+
+
+def log_exposures(captures: Sequence[Capture]) -> Array:
+    """(F,) logarithms of how bright each frame comes out by its record, of mean 0; 0 where a frame lacks what others recorded."""
+    fields = np.array([[c.exposure_s, c.gain, c.aperture] for c in captures], np.float64).reshape(len(captures), 3)
+    recorded = ~np.isnan(fields)
+    complete = (recorded | ~recorded.any(axis=0)).all(axis=1)
+    logs = np.log(np.where(recorded, fields, 1.0)) @ np.array([1.0, 1.0, -2.0])
+    usual = logs[complete].mean() if complete.any() else 0.0
+    return np.where(complete, logs - usual, 0.0)
+
+
+def worth_a_look(recorded: Array) -> bool:
+    """Whether the (F,) records say that frames differ."""
+    return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
+
+
+def explains(found: Sequence[Difference], recorded: Array) -> bool:
+    """Whether frames differ less in luminance once the records are taken off."""
+    before, after = (offset_between(every) for every in (found, without(found, recorded)))
+    return after < SETTINGS.left * before
+
+
+def solve_recorded(found: Sequence[Difference], recorded: Array, chosen: tuple[bool, bool]) -> Chain:
+    """The gains of all frames about the (F,) records, which are all that is known of a frame without overlap. chosen: as of
+    ``solve_chain``.
+    """
+    chain = solve_chain(without(found, recorded), len(recorded), chosen)
+    left = chain.offsets[1] if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain else chain.offsets[0]
+    return Chain(chain.gains + recorded[:, None], chain.measured | (recorded != 0), (offset_between(found), left))
+
+
+def without(found: Sequence[Difference], recorded: Array) -> list[Difference]:
+    """The differences with the records taken off their luminance."""
+    return [_without(difference, recorded[difference.i] - recorded[difference.j]) for difference in found]
+
+
+def _without(difference: Difference, log_ratio: float) -> Difference:
+    off = np.array([log_ratio, 0.0, 0.0, 0.0])
+    whole, fitted, judged = (part - off for part in (difference.whole, difference.fitted, difference.judged))
+    return replace(difference, whole=whole, fitted=fitted, judged=judged)
