@@ -10,6 +10,7 @@ from importlib.metadata import distribution
 from pathlib import Path
 
 import pytest
+from conftest import SampleRun
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("calibration", "stereo_seecolor")
@@ -86,9 +87,10 @@ def pip(*arguments: str) -> None:
 
 
 @pytest.mark.slow
-def test_documentation_builds(tmp_path: Path) -> None:
+def test_documentation_builds_with_the_page_of_the_sample_dive_in_it(sample_run: SampleRun, tmp_path: Path) -> None:
+    sample = f"sample_page={sample_run.out}"
     built = subprocess.run(
-        [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", str(ROOT / "docs"), str(tmp_path)],
+        [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-D", sample, str(ROOT / "docs"), str(tmp_path)],
         capture_output=True,
         text=True,
     )
@@ -96,3 +98,6 @@ def test_documentation_builds(tmp_path: Path) -> None:
     settings = (tmp_path / "configuration.html").read_text("utf-8")
     assert "color.lock" in settings
     assert "stereo-seecolor run" in (tmp_path / "commands.html").read_text("utf-8")
+    assert 'href="sample/index.html"' in (tmp_path / "page.html").read_text("utf-8")
+    shown = {path.name for path in (tmp_path / "sample/page").iterdir()}
+    assert (tmp_path / "sample/index.html").is_file() and {"page.js", "map.js", "dive.js", "thumbnails"} <= shown

@@ -7,11 +7,12 @@ import re
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import cv2
 import numpy as np
 import pytest
+from axe_playwright_python.sync_playwright import Axe
 from conftest import Dive
 from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
 from playwright.sync_api import Browser, Page, expect, sync_playwright
@@ -258,6 +259,10 @@ def mapped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+SHOWN = {"overview": ".verdict", "frames": ".stage img", "map": ".map-stage canvas"}
+"""What a part of the page shows when it is there."""
+
+
 @pytest.fixture
 def on_map(browser: Browser, mapped: Path) -> Iterator[Page]:
     context = browser.new_context(viewport={"width": 1200, "height": 900})
@@ -319,6 +324,24 @@ def test_the_mosaic_is_zoomed_into_and_a_click_finds_the_frames(on_map: Page) ->
     assert box
     on_map.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     on_map.locator(".found .card").first.wait_for()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    ("place", "pressed"), [("overview", ""), ("frames", ""), ("frames", "Measure"), ("map", "Length"), ("map", "Mosaic")]
+)
+def test_axe_finds_no_fault(browser: Browser, mapped: Path, scheme: Literal["light", "dark"], place: str, pressed: str) -> None:
+    context = browser.new_context(viewport={"width": 1200, "height": 900}, color_scheme=scheme)
+    page = context.new_page()
+    page.goto(f"{(mapped / 'index.html').as_uri()}#{place}")
+    page.locator(SHOWN[place]).first.wait_for()
+    if pressed:
+        page.locator(f"#{place}").get_by_role("button", name=pressed, exact=True).click()
+        page.wait_for_timeout(200)
+    found = Axe().run(page)
+    context.close()
+    assert found.response["passes"]
+    assert not found.response["violations"], found.generate_report()
 
 
 @pytest.mark.slow
