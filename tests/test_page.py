@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -13,6 +14,8 @@ import numpy as np
 import pytest
 from conftest import REEF, Cli, Dive, SampleRun, command, contents
 
+from calibration.formats import native
+from calibration.refinement import Movement, Refinement
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
@@ -67,6 +70,22 @@ def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
         colors(out / path) for path in ("page/before/0001.jpg", "page/after/0001.jpg", "corrected/0001.png")
     )
     assert abs(after - corrected).max() < 1 < abs(before - corrected).max()
+
+
+def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
+    report(out)
+    assert data(out)["calibration"].startswith("Standard errors hold 0.5 % of a length for the calibration")
+    assert "yaw" not in data(out)["calibration"]
+
+
+def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
+    rig = native.read(out / "rig.yaml")
+    refinement = Refinement((Movement("yaw", 0.01, 0.001),), 1.0, 0.1, 12, 1000, 150.0)
+    (out / "rig.yaml").write_bytes(native.to_bytes(replace(rig, refinement=refinement)))
+    report(out)
+    said = re.search(r"yaw alone is ([0-9.]+) % of a range of ([0-9.]+) m", data(out)["calibration"])
+    assert said
+    assert float(said[1]) == pytest.approx(100 * 0.001 * float(said[2]) / 0.1, rel=0.05)
 
 
 def test_a_dive_without_faults_is_called_good(out: Path) -> None:

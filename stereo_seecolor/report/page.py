@@ -8,6 +8,7 @@ from typing import Any
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.report.calibration_note import calibration_note
 from stereo_seecolor.report.charts import kept_charts
 from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.dive_facts import DiveFacts
@@ -115,6 +116,7 @@ def _data(facts: DiveFacts, shown: Shown, texts: Texts) -> dict[str, Any]:
         "format": FORMAT,
         "id": run.frames[0].sha256[:16] if run.frames else "",
         "texts": texts.content,
+        "calibration": calibration_note(facts, texts),
         "geometry": asdict(run.geometry) if run.geometry else None,
         "poses": _poses(facts),
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],

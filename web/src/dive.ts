@@ -17,6 +17,7 @@ export interface Dive {
   poses: Record<string, number[]>;
   offset_m: number[];
   texts: Record<string, string>;
+  calibration: string;
   geometry: Geometry | null;
   image_suffix: string;
   shown: Record<string, string[]>;

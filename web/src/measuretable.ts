@@ -23,6 +23,7 @@ export class MeasureTable {
     this.root.append(
       element("div", { class: "scroll" }, element("table", { class: "measures" }, element("thead", {}, element("tr", {}, ...heads, element("td"))), this.list)),
       element("div", { class: "toolbar" }, ...exports),
+      element("p", { class: "hint" }, dive.calibration),
     );
     this.draw();
   }
