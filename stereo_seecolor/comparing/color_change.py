@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
+from stereo_seecolor.robust_statistics import TUKEY, biweight
 from stereo_seecolor.site.terrain import Terrain
 
 Float = NDArray[np.float32]
@@ -22,7 +23,6 @@ class ColorSettings:
     """When colors differ."""
 
     rounds: int = 8  # of the fit between both surveys' colors
-    tukey: float = 4.685  # spreads beyond which a cell weighs nothing in it
     window_cells: int = 7  # colors are averaged over it: details need not meet to the cell
     least_sigma: float = 2.0  # CIELAB units: colors of one spot seldom differ less from dive to dive
 
@@ -68,8 +68,7 @@ def _brought(a: NDArray[np.floating], b: NDArray[np.floating], known: Mask) -> N
         scaled = basis * weight[:, None]
         M = np.linalg.lstsq(scaled.T @ basis, scaled.T @ target, rcond=None)[0]
         off = np.linalg.norm(basis @ M - target, axis=1)
-        u = off / max(SETTINGS.tukey * float(np.median(off)), 1e-9)
-        weight = np.where(u < 1, (1 - u**2) ** 2, 0)
+        weight = biweight(off / max(TUKEY * float(np.median(off)), 1e-9))
     return np.asarray(b @ M[:3] + M[3])
 
 

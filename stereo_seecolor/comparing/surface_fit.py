@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from stereo_seecolor.geometry import rotation_from_vector, transformed
+from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation
 from stereo_seecolor.site.mesh import SiteMesh
 
 Array = NDArray[np.float64]
@@ -23,7 +24,6 @@ class SurfaceFitSettings:
     points: int = 40_000  # of b, evenly: the standard error of the mean of so many is micrometers
     rounds: int = 30  # at the most
     settled_m: float = 1e-5  # a smaller step, at the far end of the site, is none
-    tukey: float = 4.685  # spreads beyond which a distance weighs nothing; 95 % efficient (Beaton and Tukey 1974)
     steepest: float = 0.3  # cosine to the vertical below which a triangle is no ground: seen from above it is an edge
     blocks: int = 6  # a side
 
@@ -92,10 +92,8 @@ class _Distances:
         points, nearest = points[near], nearest[near]
         normals = a.normals[nearest]
         off = ((a.points_m[nearest] - points) * normals).sum(axis=1)
-        middle = float(np.median(off))
-        spread = max(1.4826 * float(np.median(np.abs(off - middle))), 1e-6)
-        u = (off - middle) / (SETTINGS.tukey * spread)
-        weight = np.where(np.abs(u) < 1, (1 - u**2) ** 2, 0)
+        spread = max(deviation(off), 1e-6)
+        weight = biweight((off - float(np.median(off))) / (TUKEY * spread))
         return cls(points, normals, off, weight, spread, points.mean(axis=0))
 
     @property

@@ -19,6 +19,7 @@ from stereo_seecolor.geometry import inverse, transformed
 from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
+from stereo_seecolor.robust_statistics import deviation
 
 Array = NDArray[np.float64]
 
@@ -158,5 +159,6 @@ def _spread(pairs: Sequence[Array]) -> Spread:
     every, angle = np.concatenate(ratios), np.concatenate(angles)
     if not every.size:
         raise InputError("no spot is bright enough in two frames: there is nothing to compare")
-    spread = 1.4826 * float(np.median(np.abs(every - np.median(every))))
-    return Spread(spread, float(np.sqrt(np.mean(squares))) if squares else float("nan"), float(np.median(angle)), int(every.size))
+    return Spread(
+        deviation(every), float(np.sqrt(np.mean(squares))) if squares else float("nan"), float(np.median(angle)), int(every.size)
+    )

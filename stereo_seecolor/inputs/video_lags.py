@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.robust_statistics import deviation
+
 Array = NDArray[np.float64]
 
 
@@ -103,7 +105,7 @@ def fine_lag(times: tuple[Array, Array], signals: tuple[Array, Array], coarse: t
 
 def straight_lag(at: Array, offsets_s: Array, floor_s: float) -> Lag | None:
     """The line through offsets measured at several times, without those far off it; None for fewer than three."""
-    keep = np.abs(offsets_s - np.median(offsets_s)) < max(5 * _spread(offsets_s), 2 * floor_s)
+    keep = np.abs(offsets_s - np.median(offsets_s)) < max(5 * deviation(offsets_s), 2 * floor_s)
     if keep.sum() < 3:
         return None
     at, offsets_s = at[keep], offsets_s[keep]
@@ -162,8 +164,3 @@ def _standard_errors(jacobian: Array, residuals: Array, quantities: int) -> Arra
 def _standard(values: Array) -> Array:
     spread = values.std(axis=0)
     return np.asarray((values - values.mean(axis=0)) / np.where(spread > 0, spread, 1.0))
-
-
-def _spread(values: Array) -> float:
-    """1.48 times the median distance from the median: the standard deviation of what is not far off."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))

@@ -13,6 +13,7 @@ from calibration.matches import QUICK, find_matches
 from stereo_seecolor.inputs.video_lags import Array, Lag
 from stereo_seecolor.inputs.video_motion import VideoSignals
 from stereo_seecolor.inputs.video_streams import frames_at
+from stereo_seecolor.robust_statistics import deviation_about_zero
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def _solved(moved: Array, speeds: Array, misfits: Array) -> tuple[float, float] 
             return None
         solution, *_ = np.linalg.lstsq(A[known], misfits[known], rcond=None)
         rest = misfits - A @ solution
-        spread = 1.4826 * float(np.median(np.abs(rest[known]))) + 1e-9
+        spread = deviation_about_zero(rest[known]) + 1e-9
         keep = np.isfinite(misfits) & (np.abs(rest) < LIMITS.outlier_sigmas * spread)
         if (keep == known).all():
             break

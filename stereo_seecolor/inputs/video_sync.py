@@ -13,6 +13,7 @@ from stereo_seecolor.inputs.video_motion import NoEvidence, VideoSignals, video_
 from stereo_seecolor.inputs.video_rows import Pairs, row_lag
 from stereo_seecolor.inputs.video_sound import sound_lag
 from stereo_seecolor.inputs.video_streams import sound
+from stereo_seecolor.robust_statistics import deviation
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ def flash_lag(left: VideoSignals, right: VideoSignals) -> Lag | None:
 def _flash(signals: VideoSignals) -> float | None:
     rise = np.diff(signals.brightness)
     at = int(np.argmax(rise))
-    usual = 1.4826 * float(np.median(np.abs(rise - np.median(rise)))) + 1e-6
+    usual = deviation(rise) + 1e-6
     others = np.abs(signals.motion_times_s - signals.motion_times_s[at]) > 0.3
     alone = rise[others].max(initial=0.0) < rise[at] / 2
     if rise[at] < max(LIMITS.flash_gray, LIMITS.flash_sigmas * usual) or not alone:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.markers.detection import Sighting
 from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.robust_statistics import TUKEY, biweight, deviation_about_zero
 
 Array = NDArray[np.float64]
 
@@ -24,7 +25,6 @@ class PlacingSettings:
     fewest_px: int = 60  # with a range on it
     covered: float = 0.3  # of its pixels: else the plane hangs on an edge
     rounds: int = 4  # of the robust fit
-    tukey: float = 4.685  # spreads beyond which a pixel weighs nothing
 
 
 SETTINGS = PlacingSettings()
@@ -70,7 +70,6 @@ def _plane(pixels: Array, disparity: Array) -> Array:
     for _ in range(SETTINGS.rounds):
         scaled = basis * weight[:, None]
         plane = np.asarray(np.linalg.lstsq(scaled.T @ basis, scaled.T @ disparity, rcond=None)[0], np.float64)
-        off = np.abs(basis @ plane - disparity)
-        u = off / max(SETTINGS.tukey * 1.4826 * float(np.median(off)), 1e-6)
-        weight = np.where(u < 1, (1 - u**2) ** 2, 0)
+        off = basis @ plane - disparity
+        weight = biweight(off / max(TUKEY * deviation_about_zero(off), 1e-6))
     return plane

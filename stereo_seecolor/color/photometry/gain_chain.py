@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
 from stereo_seecolor.color.photometry.light_prior import COLOR
-from stereo_seecolor.color.photometry.light_solver import ROBUST_DEVIATION
 from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, usable
+from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

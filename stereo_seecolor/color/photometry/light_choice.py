@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_prior import LightPrior
-from stereo_seecolor.color.photometry.light_solver import ROBUST_DEVIATION, Solution, Use, Window, explained, solve
+from stereo_seecolor.color.photometry.light_solver import Solution, Use, Window, explained, solve
+from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 Array = NDArray[np.float64]
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.photometry.light_model import PATTERN, SHAPE, TERMS, pattern_terms
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.sightings import Sightings
+from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 Array = NDArray[np.float64]
 
@@ -38,8 +39,6 @@ class SolverSettings:
 
 
 SETTINGS = SolverSettings()
-ROBUST_DEVIATION = 1.4826
-"""Standard deviation over median absolute deviation of a Gaussian."""
 
 
 class Use(NamedTuple):

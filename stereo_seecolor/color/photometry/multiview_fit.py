@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.photometry.sightings import Sightings
+from stereo_seecolor.robust_statistics import deviation
 
 Array = NDArray[np.float64]
 
@@ -28,8 +29,6 @@ class SightingNoise:
 
 
 NOISE = SightingNoise()
-ROBUST_DEVIATION = 1.4826
-"""Standard deviation over median absolute deviation of a Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -111,8 +110,8 @@ class MultiviewFit:
         """From the residuals of the brighter half: what differs between channels is each one's own, the rest is all together."""
         bright = self.direct.min(axis=1) > np.median(self.direct.min(axis=1))
         relative = self.residual[bright] / self.direct[bright]
-        each = min(_deviation(relative[:, c] - relative[:, (c + 1) % 3]) for c in range(3)) / np.sqrt(2.0)
-        every = _deviation(relative.mean(axis=1))
+        each = min(deviation(relative[:, c] - relative[:, (c + 1) % 3]) for c in range(3)) / np.sqrt(2.0)
+        every = deviation(relative.mean(axis=1))
         together = np.sqrt(max(every**2 - each**2 / 3.0, 0.0))
         return Scatter(float(np.clip(each, *NOISE.scatter_each)), float(np.clip(together, *NOISE.scatter_together)))
 
@@ -139,7 +138,3 @@ def sums_by_patch(sightings: Sightings, values: Array) -> Array:
     """Sums over the sightings of each patch; patches are sorted."""
     first = np.flatnonzero(np.diff(sightings.patch, prepend=-1))
     return np.asarray(np.add.reduceat(values, first, axis=0))
-
-
-def _deviation(values: Array) -> float:
-    return ROBUST_DEVIATION * float(np.median(np.abs(values - np.median(values))))

@@ -15,6 +15,7 @@ from stereo_seecolor.mapping.track.readings import better_reading, misfit, readi
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.mapping.track.residuals import Motions, by_frame, depth_difference_m
 from stereo_seecolor.records import Trajectory
+from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 
@@ -125,7 +126,7 @@ def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prio
     estimated = np.array(UNKNOWN_STD)
     if offsets:
         off, turn = np.concatenate(offsets), np.concatenate(turns)
-        estimated = np.array([_spread(off[:, :2]), _spread(off[:, 2:]), _spread(turn)])
+        estimated = np.array([deviation_about_zero(off[:, :2]), deviation_about_zero(off[:, 2:]), deviation_about_zero(turn)])
     position, depth, attitude = np.maximum(estimated, LEAST_STD)
     position, depth = config.prior_position_std_m or position, config.prior_depth_std_m or depth
     attitude = np.radians(config.prior_attitude_std_deg) if config.prior_attitude_std_deg else attitude
@@ -157,11 +158,6 @@ def _residuals(motions: Motions, edges: Sequence[Edge], survey: Survey) -> Navig
 
 def _median(values: Array) -> float:
     return float(np.median(values)) if len(values) else float("nan")
-
-
-def _spread(values: Array) -> float:
-    """Standard deviation of numbers around zero, by their median: outliers do not count."""
-    return float(1.4826 * np.median(np.abs(values)))
 
 
 def _turn_advice(turn: Turn, config: MappingConfig) -> str:
