@@ -1,7 +1,6 @@
 """Heights of a map's terrain as the page holds them: whole steps of a twentieth of a millimeter, in 16 bits, tile by tile.
 
-What is unknown repeats its left neighbor, and a mask of its own says so. Each number is stored as its difference from left + upper
-- upper left, as those of ranges are (range_code.py), and deflated.
+Codes are predicted from their neighbors, as those of ranges are (predicted_codes.py), and deflated.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.records import Map
+from stereo_seecolor.report.predicted_codes import UNKNOWN, predicted
 from stereo_seecolor.report.range_code import deflated, text
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 
@@ -35,25 +34,15 @@ def coded_heights(heights_m: Map) -> dict[str, Any]:
     known = np.isfinite(heights_m)
     low_m, high_m = (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
     step_m = max(CODE.step_m, (high_m - low_m) / 65535)
-    codes = _filled(np.where(known, np.rint((heights_m.astype(np.float64) - low_m) / step_m), 0).astype(np.int64), known)
-    errors = np.diff(np.diff(codes, axis=0, prepend=0), axis=1, prepend=0).astype(np.int16).astype(np.int32)
-    folded = (errors << 1) ^ (errors >> 31)
-    planes = np.stack([folded & 255, (folded >> 8) & 255]).astype(np.uint8)
+    codes = np.where(known, np.rint((heights_m.astype(np.float64) - low_m) / step_m), UNKNOWN).astype(np.int32)
     return {
         "height": heights_m.shape[0],
         "width": heights_m.shape[1],
         "low_m": low_m,
         "step_m": step_m,
-        "heights": text(deflated(planes)),
+        "heights": text(deflated(predicted(codes))),
         "known": text(deflated(np.packbits(known))),
     }
-
-
-def _filled(codes: NDArray[np.int64], known: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Unknown ones as their nearest known left neighbor, 0 where there is none."""
-    columns = np.where(known, np.arange(codes.shape[1]), -1)
-    nearest = np.maximum.accumulate(columns, axis=1)
-    return np.where(nearest >= 0, np.take_along_axis(codes, np.maximum(nearest, 0), axis=1), 0)
 
 
 def height_tiles(width: int, height: int, read: Callable[[tuple[int, int, int, int]], Map]) -> Iterator[tuple[str, dict[str, Any]]]:

@@ -1,8 +1,7 @@
 """Range maps as the page holds them: whole numbers of 16 bits, packed into text that a script can carry.
 
 A range is stored as code = 1 / (range step), a whole number: its error grows with the square of the range, as that of stereo does.
-What is unknown repeats its left neighbor, and a mask of its own says so. Codes are predicted from left, upper and upper left
-neighbor (left + upper - upper left), and deflated; the page undoes this with sums along columns and rows.
+Codes are predicted from their neighbors (predicted_codes.py), and deflated.
 """
 
 import base64
@@ -16,6 +15,7 @@ from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.files.deflate import Compression
 from stereo_seecolor.files.deflate import deflated as compress
 from stereo_seecolor.records import Map
+from stereo_seecolor.report.predicted_codes import UNKNOWN, predicted
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class CodedRanges:
         known = range_m > 0
         nearest_m = float(np.min(range_m, where=known, initial=np.inf))
         step = max(CODE.step_per_m, 1 / (65535 * nearest_m))
-        planes = np.empty((2, *range_m.shape), np.uint8)
-        _predict(range_m, step, planes)
-        return cls(step, planes, known)
+        codes = np.empty(range_m.shape, np.int32)
+        _code(range_m, step, codes)
+        return cls(step, predicted(codes), known)
 
     def range_m(self) -> Map:
         """The ranges again, NaN where unknown; the page's program does the same."""
@@ -59,19 +59,13 @@ class CodedRanges:
 
 
 @compiled
-def _predict(range_m, step, planes):  # type: ignore[no-untyped-def]
-    """Fill ``planes`` with the errors of the prediction, modulo 2^16, small ones of either sign as small numbers."""
+def _code(range_m, step, codes):  # type: ignore[no-untyped-def]
+    """Fill ``codes`` with those of ranges."""
     height, width = range_m.shape
-    above = np.zeros(width, np.int32)
     for row in range(height):
-        left, left_above = np.int32(0), np.int32(0)
         for column in range(width):
             meters = range_m[row, column]
-            code = np.int32(np.rint(1 / (meters * step))) if meters > 0 else left
-            error = np.int32(np.int16(code - left - above[column] + left_above))
-            folded = (error << 1) ^ (error >> 31)
-            planes[0, row, column], planes[1, row, column] = folded & 255, (folded >> 8) & 255
-            left, left_above, above[column] = code, above[column], code
+            codes[row, column] = np.int32(np.rint(1 / (meters * step))) if meters > 0 else UNKNOWN
 
 
 def std_codes(range_std_m: Map) -> NDArray[np.uint8]:

@@ -1,6 +1,7 @@
 // Heights of the map's terrain at full precision: tiles, loaded as scripts when they are asked for (stereo_seecolor/report/height_code.py).
 
 import type { Place } from "./about";
+import { decoded } from "./codes";
 import { inflated } from "./ranges";
 import { script, seecolor } from "./scripts";
 
@@ -71,23 +72,7 @@ export class Heights {
     if (!packed) return;
     received.delete(name);
     const [bytes, known] = await Promise.all([packed.heights, packed.known].map(inflated));
-    this.tiles.set(name, { width: packed.width, heights_m: decoded(bytes, known, packed) });
+    this.tiles.set(name, { width: packed.width, heights_m: decoded(bytes, known, packed.width, packed.height, (code) => packed.low_m + code * packed.step_m) });
     if (this.tiles.size > MOST_KEPT) this.tiles.delete(this.tiles.keys().next().value as string);
   }
-}
-
-function decoded(bytes: Uint8Array, known: Uint8Array, { width, height, low_m, step_m }: Packed): Float32Array {
-  const count = width * height;
-  const codes = new Uint16Array(count);
-  const heights_m = new Float32Array(count);
-  for (let row = 0, i = 0; row < height; row++) {
-    let left = 0; // the sum along the row, modulo 2^16
-    for (let column = 0; column < width; column++, i++) {
-      const folded = bytes[i] | (bytes[count + i] << 8);
-      left += (folded >>> 1) ^ -(folded & 1);
-      codes[i] = left + (row ? codes[i - width] : 0);
-      heights_m[i] = known[i >> 3] & (128 >> (i & 7)) ? low_m + codes[i] * step_m : NaN;
-    }
-  }
-  return heights_m;
 }

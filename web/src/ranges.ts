@@ -1,5 +1,6 @@
 // A frame's ranges: loaded as a script, inflated, and turned into meters (stereo_seecolor/report/range_code.py).
 
+import { decoded } from "./codes";
 import { address } from "./dive";
 import { script } from "./scripts";
 
@@ -65,27 +66,11 @@ async function unpack(packed: Packed): Promise<Ranges> {
   return {
     width,
     height,
-    range_m: decoded(codes, known, width, height, packed.step_per_m),
+    range_m: decoded(codes, known, width, height, (code) => 1 / (code * packed.step_per_m)),
     std_m: Float32Array.from(std, (code) => (code ? STD_FLOOR_M * 2 ** ((code - 1) / STD_STEPS_PER_OCTAVE) : NaN)),
     confidence,
     mask,
   };
-}
-
-function decoded(bytes: Uint8Array, known: Uint8Array, width: number, height: number, step: number): Float32Array {
-  const count = width * height;
-  const codes = new Uint16Array(count);
-  const range_m = new Float32Array(count);
-  for (let row = 0, i = 0; row < height; row++) {
-    let left = 0; // the sum along the row, modulo 2^16
-    for (let column = 0; column < width; column++, i++) {
-      const folded = bytes[i] | (bytes[count + i] << 8);
-      left += (folded >>> 1) ^ -(folded & 1);
-      codes[i] = left + (row ? codes[i - width] : 0);
-      range_m[i] = known[i >> 3] & (128 >> (i & 7)) ? 1 / (codes[i] * step) : NaN;
-    }
-  }
-  return range_m;
 }
 
 /** Bytes of a deflated, base64 text. */
