@@ -82,7 +82,8 @@ class Dive:
         """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
         fitter = self._corrector.survey_fitter(self._stages.light, self._linked)
         stage = "waters" if self._ranged else "ranges"
-        for row, (ranged, table) in self._pass(stage, pairs, self._stages.counted):
+        failed = {row.name for row in self.table.rows if row.status == "failed"}  # by the search for light; said already
+        for row, (ranged, table) in self._pass(stage, [pair for pair in pairs if pair.name not in failed], self._stages.counted):
             fitter.add(row.name, table, self._stages.reader(ranged))
         return fitter.waters(), fitter.notes()
 

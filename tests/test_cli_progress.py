@@ -31,6 +31,16 @@ def test_without_a_terminal_lines_say_how_far_it_is(make_dive, cli: Cli, tmp_pat
     assert re.search(r"^colors: 2 of 2, [\d.]+ s$", said, re.M)
 
 
+@pytest.mark.slow
+def test_a_pair_that_failed_is_neither_tried_nor_named_in_the_passes_after(make_dive, cli: Cli, tmp_path: Path) -> None:
+    dive = make_dive(11)  # so many that the light of the dive is looked for first
+    (dive.root / "R/0001.png").write_bytes(b"")
+    code, _, said = cli(*dive.command(tmp_path / "out"))
+    assert code == 3
+    assert said.count("failed: 0001: ") == 1
+    assert re.search(r"^waters: 10 of 10, [\d.]+ s$", said, re.M)
+
+
 def test_with_json_the_lines_are_json(make_dive, cli: Cli, tmp_path: Path) -> None:
     dive = make_dive(2)
     (dive.root / "R/0001.png").write_bytes(b"")
