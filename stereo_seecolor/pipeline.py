@@ -18,6 +18,7 @@ from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
@@ -61,7 +62,9 @@ class Pipeline:
         return content_key(__version__, self.geometry, *tables, *sections)
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The files of a pair, by side."""
+        """The files of a pair, by side; a video or a bag that they lie in is opened."""
+        open_around(pair.left)
+        open_around(pair.right)
         return {"left": pair.left, "right": pair.right}
 
     def read(self, pair: Pair) -> StereoFrame:

@@ -27,9 +27,9 @@ from calibration import CalibrationError
 from stereo_seecolor.commands.bag_info import bag_info
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError, SeeColorError
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.bags.bag import open_bag
 from stereo_seecolor.inputs.bags.dive import open_dive
-from stereo_seecolor.inputs.bags.messages import tiff
 from stereo_seecolor.inputs.images import read_image
 
 FORMATS = (".bag", ".db3", ".mcap")
@@ -148,9 +148,17 @@ def test_big_endian_pixels(tmp_path) -> None:
     assert (read_image(pair.left)[..., 0] == pixels).all()
 
 
+def test_images_are_found_by_their_paths_alone(messages, tmp_path, monkeypatch) -> None:
+    """As another process does, which did not pair them."""
+    pair = open_dive(write_bag(tmp_path / "b.mcap", messages), "", InputConfig()).pairing.pairs[1]
+    before = pixels_of(pair)
+    monkeypatch.setattr("stereo_seecolor.files.contained._containers", {})
+    assert all((a == b).all() for a, b in zip(pixels_of(pair), before, strict=True))
+
+
 def test_a_tiff_of_raw_pixels_is_what_opencv_reads() -> None:
     for pixels in (picture(1), picture(1, np.uint16), picture(1, channels=1), picture(1, np.uint16, 1)):
-        read = cv2.imdecode(np.frombuffer(tiff(pixels), np.uint8), cv2.IMREAD_UNCHANGED)
+        read = cv2.imdecode(np.frombuffer(encode_tiff(pixels), np.uint8), cv2.IMREAD_UNCHANGED)
         assert read.dtype == pixels.dtype
         assert ((read[..., ::-1] if read.ndim == 3 else read) == pixels).all()
 

@@ -12,8 +12,8 @@ from calibration.formats import write_rig
 from stereo_seecolor.commands.sync import sync
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.inputs.video import unpack
-from stereo_seecolor.inputs.video_choice import choose_frames, numbered
+from stereo_seecolor.inputs.video import Videos
+from stereo_seecolor.inputs.video_choice import choose_frames
 from stereo_seecolor.inputs.video_lags import Lag, straight_lag
 from stereo_seecolor.inputs.video_motion import video_signals
 from stereo_seecolor.inputs.video_rows import row_lag
@@ -122,13 +122,12 @@ def test_damaged_videos_are_one_line_or_read_as_far_as_they_go(tmp_path: Path) -
 def test_run_takes_the_frames_that_are_nearest(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 10 / RATE_HZ, seconds=6)
     choice = choose_frames(*videos, InputConfig())
-    assert choice.left is not None
-    assert choice.right is not None
     assert {b - a for a, b in zip(choice.left, choice.right, strict=True)} == {10}
-    frames = unpack(*videos, tmp_path / "frames", InputConfig(video_every=20))
-    assert len(list(frames.left.iterdir())) == len(list(frames.right.iterdir())) == 9
-    assert "by motion" in frames.notes[0]
-    assert unpack(*videos, tmp_path / "frames", InputConfig(video_every=20)).left == frames.left
+    dive = Videos(*videos)
+    pairing = dive.pairing(dive.choice(InputConfig(video_every=20)))
+    assert [pair.name for pair in pairing.pairs] == [f"{number:06d}" for number in range(0, 180, 20)]
+    assert [pair.timestamp_s for pair in pairing.pairs] == pytest.approx(np.arange(0, 180, 20) / RATE_HZ, abs=1e-9)
+    assert "by motion" in pairing.notes[0]
 
 
 def rig() -> StereoRig:
@@ -178,7 +177,6 @@ def test_motion_that_spoils_nearly_all_pairs_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"px of false disparity at 1920 px; film at a higher rate"):
         sync(*videos)
     choice = choose_frames(*videos, InputConfig(video_offset_s=10.5 / RATE_HZ))
-    assert choice.left is not None
     assert len(choice.left) > 150
 
 
@@ -195,7 +193,6 @@ def test_pairs_that_motion_spoils_are_left_out(tmp_path: Path) -> None:
 def test_frames_are_chosen_by_their_overlap(tmp_path: Path) -> None:
     videos = write_pair(tmp_path, 0.0, seconds=8, speed=3.0)
     choice = choose_frames(*videos, InputConfig(video_overlap=0.8))
-    assert choice.left is not None
     at = swell(np.arange(240) / RATE_HZ)[list(choice.left)] * 3.0
     x, y = np.abs(np.diff(at, axis=0)).T
     overlap = (1 - x / WIDTH) * (1 - y / HEIGHT)
@@ -216,7 +213,6 @@ def test_blurred_frames_are_left_out_on_demand(tmp_path: Path) -> None:
     assert "3 of 120 pairs are blurred" in choice.notes[-1]
     alone = choose_frames(videos[0], videos[0], config)
     assert alone.left == choice.left
-    assert len(list(unpack(videos[0], videos[0], tmp_path / "frames", config).left.iterdir())) == 12
 
 
 @pytest.mark.slow
@@ -234,18 +230,12 @@ def test_without_evidence_frames_of_the_same_number_are_pairs(tmp_path: Path, mo
 
     videos = write_pair(tmp_path, 0.5, seconds=4, moves=False)
     choice = choose_frames(*videos, InputConfig(video_every=7))
-    assert (choice.left, choice.right) == (None, None)
+    assert choice.left == choice.right == tuple(range(0, 120, 7))
     assert choice.notes[0].startswith("frames of the same number are taken for pairs: ")
     monkeypatch.setitem(sys.modules, "av", None)
-    assert "'.[video]'" in choose_frames(*videos, InputConfig()).notes[0]
-    with pytest.raises(DeviceError, match="library that is missing"):
-        sync(*videos)
-
-
-def test_numbers_of_frames() -> None:
-    every = numbered(None, 3)
-    assert [next(every) for _ in range(3)] == [0, 3, 6]
-    assert list(numbered((1, 5), 3)) == [1, 5]
+    for missing in (sync, lambda left, right: choose_frames(left, right, InputConfig())):
+        with pytest.raises(DeviceError, match=r"library that is missing.*'\.\[video\]'"):
+            missing(*videos)
 
 
 def test_a_line_through_offsets_leaves_out_what_is_far_off() -> None:

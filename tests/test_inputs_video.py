@@ -1,29 +1,47 @@
-"""Video: one file a side, or both side by side in one."""
+"""Video: one file a side, or both side by side in one; frames read where they lie."""
 
 import os
 import subprocess
 import sys
+from datetime import UTC, datetime
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
+from conftest import contents
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.inputs.video import is_video, unpack
+from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.inputs.video import Videos
+from stereo_seecolor.inputs.video_file import VideoFile, video_file
+from stereo_seecolor.inputs.video_images import frame_path, is_video
+
+TICKS = 90_000
+EXACT = {"libx264rgb": {"crf": "0"}, "libx264": {"crf": "0", "g": "6"}, "libx265": {"x265-params": "lossless=1:log-level=none"}}
 
 
-def write_video(path: Path, frames: list[np.ndarray]) -> Path:
+def write_video(path: Path, frames: list[np.ndarray], codec: str = "mjpeg", pix: str = "yuvj420p", times_s=None, **about) -> Path:
+    """RGB frames, of 8 or 16 bits; codecs of EXACT lose nothing but by chroma. about: metadata, flags."""
     height, width = frames[0].shape[:2]
-    video = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 10, (width, height))
-    assert video.isOpened()
-    for frame in frames:
-        video.write(np.ascontiguousarray(frame))
-    video.release()
+    with av.open(str(path), "w") as container:
+        container.metadata.update(about.get("metadata", {}))
+        stream = container.add_stream(codec, rate=10, options=about.get("options", EXACT.get(codec, {})))
+        stream.width, stream.height, stream.pix_fmt = width, height, pix
+        stream.codec_context.time_base = Fraction(1, 10 if times_s is None else TICKS)
+        for number, image in enumerate(frames):
+            frame = av.VideoFrame.from_ndarray(
+                np.ascontiguousarray(image), format="rgb24" if image.dtype == np.uint8 else "rgb48le"
+            )
+            frame.time_base = stream.codec_context.time_base
+            frame.pts = number if times_s is None else round(times_s[number] * TICKS)
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode())
     return path
 
 
@@ -34,114 +52,157 @@ def smooth_frames(count: int, seed: int = 0) -> list[np.ndarray]:
     ]
 
 
-def unpacked(left: Path, right: Path, folder: Path, every: int) -> tuple[Path, Path]:
-    found = unpack(left, right, folder, InputConfig(video_every=every))
-    return found.left, found.right
+def paired(left: Path, right: Path, every: int = 1) -> Pairing:
+    videos = Videos(left, right)
+    return videos.pairing(videos.choice(InputConfig(video_every=every)))
 
 
-def near(path: Path, bgr: np.ndarray) -> bool:
-    return float(np.abs(read_image(path).astype(int) - bgr[..., ::-1]).mean()) < 8
+def near(path: Path, rgb: np.ndarray) -> bool:
+    return float(np.abs(read_image(path).astype(int) - rgb).mean()) < 8
 
 
 def test_one_file_a_side(tmp_path: Path) -> None:
     lefts, rights = smooth_frames(5), smooth_frames(5, seed=1)
     videos = write_video(tmp_path / "l.avi", lefts), write_video(tmp_path / "r.avi", rights)
-    left, right = unpacked(*videos, tmp_path / "frames", every=2)
-    assert [path.name for path in sorted(left.iterdir())] == ["000000.png", "000001.png", "000002.png"]
-    assert near(left / "000001.png", lefts[2])
-    assert near(right / "000002.png", rights[4])
-    before = (left / "000000.png").stat().st_mtime_ns
-    unpacked(*videos, tmp_path / "frames", every=2)
-    assert (left / "000000.png").stat().st_mtime_ns == before, "what is unpacked is kept"
+    pairs = paired(*videos, every=2).pairs
+    assert [(pair.name, pair.timestamp_s) for pair in pairs] == [("000000", 0.0), ("000002", 0.2), ("000004", 0.4)]
+    assert near(pairs[1].left, lefts[2])
+    assert near(pairs[2].right, rights[4])
     write_video(videos[0], rights)
-    other, _ = unpacked(*videos, tmp_path / "frames", every=2)
-    assert near(other / "000001.png", rights[2]), "another video under the same name is unpacked too"
-    assert near(left / "000001.png", lefts[2]), "and the frames of the first are still there"
-
-
-def test_nothing_else_in_the_folder_is_touched(tmp_path: Path) -> None:
-    video = write_video(tmp_path / "v.avi", smooth_frames(2))
-    mine = tmp_path / "frames" / "mine" / "notes.txt"
-    mine.parent.mkdir(parents=True)
-    mine.write_text("mine")
-    unpacked(video, video, tmp_path / "frames", every=1)
-    with pytest.raises(InputError):
-        unpacked(tmp_path / "gone.avi", video, tmp_path / "frames", every=1)
-    assert mine.read_text() == "mine"
-
-
-def stop_after(frames: int, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
-    written = []
-
-    def write(path: Path, content: bytes) -> None:
-        if len(written) == frames:
-            raise error
-        written.append(path)
-        write_atomic(path, content)
-
-    monkeypatch.setattr("stereo_seecolor.inputs.video.write_atomic", write)
-
-
-@pytest.mark.parametrize(
-    "error", [KeyboardInterrupt(), OutputError("a.png: cannot be written: no space left on device")], ids=["Ctrl-C", "full disk"]
-)
-def test_an_unpacking_that_was_stopped_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
-    video = write_video(tmp_path / "v.avi", smooth_frames(4))
-    with monkeypatch.context() as patch, pytest.raises(type(error)):
-        stop_after(3, patch, error)
-        unpacked(video, video, tmp_path / "frames", every=1)
-    assert not list((tmp_path / "frames").iterdir())
-    left, right = unpacked(video, video, tmp_path / "frames", every=1)
-    assert [len(list(side.iterdir())) for side in (left, right)] == [4, 4]
-
-
-@pytest.mark.slow
-def test_an_unpacking_that_was_killed_begins_again(tmp_path: Path) -> None:
-    video = write_video(tmp_path / "v.avi", smooth_frames(3))
-    script = (
-        "import os, sys; from pathlib import Path\n"
-        "from stereo_seecolor.config import InputConfig; from stereo_seecolor.inputs import video as v; whole = v.write_atomic\n"
-        "v.write_atomic = lambda path, content: os._exit(9) if path.name == '000002.png' else whole(path, content)\n"
-        "v.unpack(Path(sys.argv[1]), Path(sys.argv[1]), Path(sys.argv[2]), InputConfig())"
-    )
-    assert subprocess.run([sys.executable, "-c", script, video, tmp_path / "frames"], check=False).returncode == 9
-    assert len(list((tmp_path / "frames").iterdir())) == 1
-    left, _ = unpacked(video, video, tmp_path / "frames", every=1)
-    assert len(list(left.iterdir())) == 3
-    assert len(list((tmp_path / "frames").iterdir())) == 1, "nothing is left of the killed one"
-
-
-@pytest.mark.posix
-def test_a_named_pipe_is_no_video(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "v.avi")
-    with pytest.raises(InputError, match="is a named pipe, not a video"):
-        unpacked(tmp_path / "v.avi", tmp_path / "v.avi", tmp_path / "frames", every=1)
+    assert near(paired(*videos, every=2).pairs[1].left, rights[2]), "another video under the same name"
 
 
 def test_side_by_side(tmp_path: Path) -> None:
     lefts, rights = smooth_frames(2), smooth_frames(2, seed=1)
     both = write_video(tmp_path / "both.avi", [np.hstack(pair) for pair in zip(lefts, rights, strict=True)])
-    left, right = unpacked(both, both, tmp_path / "frames", every=1)
-    assert near(left / "000001.png", lefts[1])
-    assert near(right / "000001.png", rights[1])
+    pair = paired(both, both).pairs[1]
+    assert near(pair.left, lefts[1])
+    assert near(pair.right, rights[1])
+    odd = write_video(tmp_path / "odd.mkv", [frame[:, :95] for frame in lefts], "libx264rgb", "rgb24")
+    with pytest.raises(InputError, match="an odd number: left and right do not stand side by side"):
+        read_image(paired(odd, odd).pairs[0].left)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec", "pix"),
+    [("mp4", "libx264", "yuv420p"), ("mpg", "mpeg2video", "yuv420p"), ("avi", "mjpeg", "yuvj420p"), ("mkv", "libx265", "yuv420p")],
+)
+def test_frames_in_any_order_are_the_same_as_in_a_row(tmp_path: Path, suffix: str, codec: str, pix: str) -> None:
+    path = write_video(tmp_path / f"v.{suffix}", smooth_frames(60), codec, pix, options={"g": "12"})
+    with av.open(str(path)) as container:
+        wanted = [frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)]
+    assert len(wanted) == len(video_file(path).index.pts) == 60
+    for number in [*range(60), *np.random.default_rng(0).permutation(60).tolist(), 59, 0]:
+        video = VideoFile(path) if number % 7 == 0 else video_file(path)
+        assert np.array_equal(video.frame(number).to_ndarray(format="rgb24"), wanted[number]), number
+
+
+def test_times_are_those_of_the_file(tmp_path: Path) -> None:
+    """A frame rate that varies, and a camera that says when it began."""
+    times_s = np.cumsum(np.random.default_rng(0).uniform(0.02, 0.3, 20))
+    began = "2026-05-04T03:02:01.000000Z"
+    path = write_video(tmp_path / "v.mp4", smooth_frames(20), "libx264", "yuv420p", times_s, metadata={"creation_time": began})
+    begin_s = datetime(2026, 5, 4, 3, 2, 1, tzinfo=UTC).timestamp()
+    found = np.array([pair.timestamp_s for pair in paired(path, path).pairs]) - begin_s
+    assert np.abs(np.diff(found) - np.diff(times_s)).max() < 2 / TICKS
+
+
+def test_ten_bits_become_sixteen(tmp_path: Path) -> None:
+    ramp = np.linspace(20_000, 24_000, 96)[None, :, None].repeat(64, 0).repeat(3, 2).astype(np.uint16)
+    ramp[:8], ramp[-8:] = 0, 65535
+    path = write_video(tmp_path / "v.mkv", [ramp], "libx265", "yuv444p10le")
+    image = read_image(frame_path(path, 0))
+    assert image.dtype == np.uint16
+    assert len(np.unique(image[8:-8])) > 50  # of 8 bits there would be 17
+    assert np.abs(image.astype(float) - ramp).max() < 65535 * 4 / 1023
+
+
+def test_colors_are_not_shifted(tmp_path: Path) -> None:
+    """Gray stays gray, white stays white, and colors are read as they were coded (BT.601 for small pictures)."""
+    for value in (0, 37, 128, 255):
+        path = write_video(tmp_path / f"{value}.mp4", [np.full((64, 96, 3), value, np.uint8)], "libx264", "yuv420p")
+        assert np.abs(read_image(frame_path(path, 0)).astype(int) - value).max() <= 1
+    color = smooth_frames(1)[0]
+    path = write_video(tmp_path / "color.mkv", [color], "libx264", "yuv444p")
+    assert np.abs((read_image(frame_path(path, 0)).astype(float) - color).mean(axis=(0, 1))).max() < 1.2
+
+
+@pytest.mark.parametrize("turns", [0, 1, 2, 3])
+def test_a_picture_is_turned_as_its_flag_says(tmp_path: Path, turns: int) -> None:
+    """The matrix of the track's header (ISO 14496-12, tkhd) is the first that the file holds after the movie's own."""
+    frame = smooth_frames(1)[0]
+    path = write_video(tmp_path / "v.mp4", [frame], "libx264", "yuv444p")
+    content = bytearray(path.read_bytes())
+    at = content.index(b"tkhd") + 4 + 40
+    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[turns]
+    for place, value in enumerate((cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, 0, 0, 1 << 30)):
+        content[at + 4 * place : at + 4 * place + 4] = value.to_bytes(4, "big", signed=True)
+    path.write_bytes(content)
+    assert near(frame_path(path, 0), np.rot90(frame, -turns))  # the matrix turns clockwise, since y points down
 
 
 def test_what_is_no_video(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_bytes(b"no video")
     assert is_video(tmp_path / "a.mp4")
     assert not is_video(tmp_path)
-    with pytest.raises(InputError, match=r"a\.mp4: is no video that OpenCV can open"):
-        unpacked(tmp_path / "a.mp4", tmp_path / "a.mp4", tmp_path / "frames", every=1)
+    with pytest.raises(InputError, match=r"a\.mp4: is no video that FFmpeg can read"):
+        paired(tmp_path / "a.mp4", tmp_path / "a.mp4")
     with pytest.raises(InputError, match=r"b\.mp4: the video cannot be read: No such file"):
-        unpacked(tmp_path / "b.mp4", tmp_path / "b.mp4", tmp_path / "frames", every=1)
+        paired(tmp_path / "b.mp4", tmp_path / "b.mp4")
+    path = write_video(tmp_path / "c.mp4", smooth_frames(2))
+    for inner in ("000002.tif", "up/000000.tif", "notes.txt"):
+        with pytest.raises(InputError, match=r"c\.mp4: holds no "):
+            read_image(path / inner)
+    mixed = write_video(tmp_path / "d.avi", smooth_frames(30), "libx264", "yuv420p", options={"bf": "2"})
+    with pytest.raises(InputError, match="does not say when frames that are coded out of order are"):
+        paired(mixed, mixed)
+
+
+def test_a_frame_that_is_damaged_is_named_and_later_ones_are_read(tmp_path: Path) -> None:
+    frames = smooth_frames(30)
+    path = write_video(tmp_path / "v.mkv", frames, "libx264rgb", "rgb24", options={"crf": "0", "g": "5", "bf": "0"})
+    with av.open(str(path)) as container:
+        packets = [packet for packet in container.demux(video=0) if packet.size]
+    content = bytearray(path.read_bytes())
+    at = content.index(bytes(packets[12])[:64])
+    content[at : at + packets[12].size] = bytes(packets[12].size)
+    path.write_bytes(content)
+    video = video_file(path)
+    with pytest.raises(InputError, match=r"v\.mkv: frame 12, at 1\.200 s, cannot be decoded"):
+        video.frame(12)
+    assert near(frame_path(path, 20), frames[20])
+
+
+@pytest.mark.posix
+def test_a_named_pipe_is_no_video(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "v.avi")
+    with pytest.raises(InputError, match="is a named pipe, not a video"):
+        paired(tmp_path / "v.avi", tmp_path / "v.avi")
 
 
 @pytest.mark.slow
-def test_a_run_takes_videos(make_dive, tmp_path) -> None:
-    dive = make_dive(2)
+def test_a_run_takes_videos(make_dive, tmp_path: Path) -> None:
+    """Nothing is unpacked; a rerun keeps all; other processes read the frames by their paths."""
+    dive = make_dive(3)
     for side in "LR":
-        frames = [cv2.imread(str(path)) for path in sorted((dive.root / side).iterdir())]
-        write_video(dive.root / f"{side}.avi", frames)
-    summary = run(dive.root / "L.avi", dive.root / "R.avi", dive.root / "cam.yaml", tmp_path / "out")
-    assert summary.count("ok") == 2
-    assert (tmp_path / "out/corrected/000001.png").exists()
+        frames = [cv2.imread(str(path))[..., ::-1] for path in sorted((dive.root / side).iterdir())]
+        write_video(dive.root / f"{side}.mkv", frames, "libx264rgb", "rgb24")
+    given = dive.root / "L.mkv", dive.root / "R.mkv", dive.root / "cam.yaml"
+    summary = run(*given, tmp_path / "out")
+    assert summary.count("ok") == 3
+    assert any("frames of the same number are taken for pairs" in note for note in summary.notes)
+    folders = run(dive.root / "L", dive.root / "R", given[2], tmp_path / "folders")
+    found = ([content for path, content in sorted(contents(tmp_path / out).items()) if "/" in path] for out in ("out", "folders"))
+    assert next(found) == next(found)
+    assert folders.count("ok") == 3
+    before = contents(tmp_path / "out")
+    assert [row.kept for row in run(*given, tmp_path / "out").rows] == [True] * 3
+    assert contents(tmp_path / "out").keys() == before.keys()
+    assert not any(path.endswith(".tif") for path in before)
+    script = (
+        "import sys; from pathlib import Path; from stereo_seecolor.inputs.images import read_image\n"
+        "print(read_image(Path(sys.argv[1])).shape)"
+    )
+    elsewhere = [sys.executable, "-c", script, given[0] / "000002.tif"]
+    printed = subprocess.run(elsewhere, capture_output=True, text=True, check=True).stdout
+    assert printed.strip() == str(cv2.imread(str(dive.root / "L/0000.png")).shape)

@@ -57,7 +57,7 @@ EXTRAS = (
     Library("cyclonedds", "cyclonedds", "ros2", "no ROS 2 topics in and out (live --left ros2:/..., --publish)"),
     Library("lz4", "lz4", "bags", "no bags that are compressed with LZ4"),
     Library("zstandard", "zstandard", "bags", "no bags that are compressed with Zstandard"),
-    Library("av", "av", "video", "no synchronization of two videos (sync)"),
+    Library("av", "av", "video", "no videos (run, sync)"),
     Library("distributed", "dask", "cluster", "no runs on several machines (--cluster)"),
     Library("dask_jobqueue", "dask-jobqueue", "cluster", "no clusters of SLURM, PBS, LSF, SGE or HTCondor (--cluster)"),
     Library("onnxruntime", "onnxruntime", "onnx", "no stereo network of your own (matching.engine=onnx)"),

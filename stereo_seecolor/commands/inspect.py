@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from calibration import CalibrationError, StereoRig
@@ -21,7 +20,9 @@ from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
 from stereo_seecolor.inputs.pairing import Pairing, pair_folders
 from stereo_seecolor.inputs.sides import Sides, find_sides
-from stereo_seecolor.inputs.video import is_video
+from stereo_seecolor.inputs.video_file import video_file
+from stereo_seecolor.inputs.video_images import is_video
+from stereo_seecolor.inputs.video_streams import gray
 
 SAMPLE_PAIRS = 6
 """Pairs, spread over the dive, that are looked at."""
@@ -49,7 +50,7 @@ class CalibrationFacts:
 class Inspection:
     """What came off the boat.
 
-    files: image files of both sides, or frames of the videos. pairs, unpaired: of images (0 for videos, which are unpacked first).
+    files: image files of both sides, or frames of the videos. pairs, unpaired: of images (0 for videos, which run pairs).
     interval_s: median time between pairs, None where names hold none. exposure_recorded: EXIF holds exposure or gain.
     calibrations: all that were found; calibration: the one that was tested. misfits: sample pairs that do not show one scene.
     problems: what stands in the way, or should be looked at first. run_command: the line that runs it.
@@ -152,13 +153,7 @@ def _of_videos(sides: Sides, found: tuple[FoundCalibration, ...]) -> Inspection:
 
 
 def _video_size(sides: Sides) -> tuple[int, int]:
-    video = cv2.VideoCapture(str(sides.left))
-    try:
-        if not video.isOpened():
-            raise InputError(f"{sides.left}: is no video that OpenCV can open: unpack its frames into a folder and give that")
-        width, height = (int(video.get(prop)) for prop in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-    finally:
-        video.release()
+    height, width = gray(video_file(sides.left).frame(0)).shape
     return (width // 2, height) if sides.left == sides.right else (width, height)
 
 

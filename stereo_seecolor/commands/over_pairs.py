@@ -2,16 +2,15 @@
 
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from calibration import CalibrationError, Rectification
+from calibration import Rectification
 from calibration.checks import suspicions
-from calibration.formats import load_rig
 from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
 from stereo_seecolor.commands.pages import drop_live_page, early_frames, end_page, keep_live_page, with_live_page
 from stereo_seecolor.commands.refine_dive import DiveRefinement
+from stereo_seecolor.commands.video_pairs import video_pairing
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
@@ -22,7 +21,8 @@ from stereo_seecolor.frame_source import Source
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing, pair_folders
-from stereo_seecolor.inputs.video import is_video, unpack
+from stereo_seecolor.inputs.video import Videos
+from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
@@ -31,7 +31,7 @@ from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import Claim, RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
-from stereo_seecolor.run_folder.layout import Stage, state
+from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports
 
 SAMPLE_BYTES = 1 << 20
@@ -40,15 +40,11 @@ SAMPLE_BYTES = 1 << 20
 
 @dataclass(frozen=True, eq=False)
 class StereoInputs:
-    """What a command over stereo pairs is given. left, right: folders of images, patterns, videos. calib: as for load_rig.
-
-    notes: what is known of them already.
-    """
+    """What a command over stereo pairs is given. left, right: folders of images, patterns, videos. calib: as for load_rig."""
 
     left: Path
     right: Path
     calib: str | Path
-    notes: tuple[str, ...] = ()
 
     @property
     def names(self) -> dict[str, str]:
@@ -75,20 +71,18 @@ class StereoInputs:
 
         What looks wrong with the rig, though it can be used, is added to the pairing's notes.
         """
-        pairing = pair_folders(self.left, self.right, config.input)
+        return self._opened(pair_folders(self.left, self.right, config.input), config)
+
+    def open_videos(self, folder: RunFolder, config: RunConfig) -> "Opened":
+        """The same of videos; which of their frames are pairs is kept in OUT. Raises as ``open``, and DeviceError."""
+        return self._opened(video_pairing(Videos(self.left, self.right), self.calib, folder, config.input), config)
+
+    def _opened(self, pairing: Pairing, config: RunConfig) -> "Opened":
         if config.output.geometry == "original":
             _refuse_equal_names(pairing)
         rig = load_rig_for(self.calib, pairing.pairs, config.input)
         notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(pairing.with_notes(notes), Pipeline(rig, config))
-
-    def unpacked(self, folder: RunFolder, config: RunConfig) -> "StereoInputs":
-        """The frames of videos as folders of images, in OUT's own folder. Raises InputError, OutputError."""
-        rig = None
-        with suppress(CalibrationError):  # said when the frames are opened
-            rig = load_rig(self.calib)
-        frames = unpack(self.left, self.right, state(folder.root, "video"), config.input, rig)
-        return StereoInputs(frames.left, frames.right, self.calib, frames.notes)
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ def rectify(
     inputs = StereoInputs(left, right, calib)
     opened = None if inputs.is_video else inputs.open(config)
     with RunFolder(out, claim(inputs.owner("rectify", opened.pairing if opened else None), options, inputs.paths)) as folder:
-        opened = (opened or inputs.unpacked(folder, config).open(config)).for_dive(folder, options)
+        opened = (opened or inputs.open_videos(folder, config)).for_dive(folder, options)
         pairing, pipeline = opened.pairing, opened.pipeline
         description = with_rig(describe(inputs.names, config, pairing, "rectified", options), pipeline.rectification)
 

@@ -71,7 +71,7 @@ class StereoCommand:
     last: Stage
 
     def into(self, out: Path, passes: Callable[[Dive, RunFolder, Pairing], None]) -> RunSummary:
-        """Do ``passes`` into ``out``. Folders are looked at before OUT is touched; videos are unpacked into it."""
+        """Do ``passes`` into ``out``. Folders are looked at before OUT is touched; of videos OUT keeps which frames are pairs."""
         inputs, shard = self.inputs, self.options.shard
         kind = KIND if shard.whole else f"{KIND}, shard {shard}"
         if isinstance(inputs, StereoInputs) and inputs.is_video:
@@ -81,7 +81,7 @@ class StereoCommand:
             owner = inputs.owner(kind, opened.pairing)
         with RunFolder(out, claim(owner, self.options, [*inputs.paths, self.options.water])) as folder:
             if isinstance(inputs, StereoInputs) and opened is None:
-                opened = inputs.unpacked(folder, self.config).open(self.config)
+                opened = inputs.open_videos(folder, self.config)
             assert opened
             with self.options.compute.sharing(state(folder.root), inputs.paths):
                 job = stereo_job(opened.for_dive(folder, self.options).part(shard), self, passes)

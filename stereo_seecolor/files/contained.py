@@ -40,3 +40,8 @@ def contained(path: Path) -> ContainedFile | None:
         return None
     outer = next((parent for parent in path.parents if parent in _containers), None)
     return ContainedFile(outer, path.relative_to(outer).as_posix(), _containers[outer]) if outer else None
+
+
+def is_there(path: Path) -> bool:
+    """True for a file of the disk, and for a path that leads into one."""
+    return path.is_file() or any(parent.is_file() for parent in path.parents)

@@ -3,12 +3,16 @@
 from pathlib import Path
 
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.files.contained import contained
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.images import decode_image, read_image_bytes
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Capture, StereoFrame
+
+RAW_SUFFIX = ".tif"
+"""Of what is raw pixels in a bag, or a video's frame: nothing is recorded beside them, so they need not be read for that."""
 
 
 class FrameReader:
@@ -32,7 +36,8 @@ class FrameReader:
 
     def capture(self, path: Path) -> Capture:
         """What the camera recorded beside the pixels of one image. Raises InputError if it cannot be read."""
-        return self._captured(path, read_image_bytes(path))
+        is_raw = path.suffix == RAW_SUFFIX and contained(path)
+        return self._captured(path, b"" if is_raw else read_image_bytes(path))
 
     def _captured(self, path: Path, content: bytes) -> Capture:
         return self._exposures.applied(read_capture(content), path)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.headers import image_size
 from stereo_seecolor.records import Image, Map
 
@@ -31,6 +32,7 @@ def read_image(path: Path, config: InputConfig | None = None) -> Image:
 
 def read_image_bytes(path: Path) -> bytes:
     """The file's content. Raises InputError if it cannot be read or is empty."""
+    open_around(path)
     content = read_bytes(path)
     if not content:
         raise InputError(f"{path}: is empty: copy it again from the vehicle, or leave it out")

@@ -15,7 +15,7 @@ from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.listing import EXTENSIONS, list_images
 from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.pairing import pair_folders
-from stereo_seecolor.inputs.video import is_video
+from stereo_seecolor.inputs.video_images import is_video
 
 DEPTH = 3
 """So many levels of folders are looked through: a dive, a camera, a format."""

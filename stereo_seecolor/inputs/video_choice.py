@@ -1,6 +1,5 @@
 """Which frames of two videos, or of one that shows both sides, make a dive."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.errors import DeviceError
+from stereo_seecolor.inputs.video_file import VideoFile, video_file
 from stereo_seecolor.inputs.video_lags import LIMITS, Lag
 from stereo_seecolor.inputs.video_motion import NoEvidence, VideoSignals, video_signals
 from stereo_seecolor.inputs.video_rows import Pairs
@@ -24,10 +23,10 @@ AROUND_S = 1.0
 
 @dataclass(frozen=True)
 class FrameChoice:
-    """Numbers of the frames, in rising order; where left is None, every nth of either video. notes: how that was decided."""
+    """Numbers of the frames that are pairs, left ones in rising order. notes: how that was decided."""
 
-    left: tuple[int, ...] | None = None
-    right: tuple[int, ...] | None = None
+    left: tuple[int, ...]
+    right: tuple[int, ...]
     notes: tuple[str, ...] = ()
 
 
@@ -36,24 +35,23 @@ def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig |
 
     Where nothing tells how the two clocks run, frames of the same number are paired, as of cameras that are wired together.
     rig: if known, rows of rectified pairs tell it most precisely.
-    Raises InputError where the evidence disagrees, or an offset was given by which the videos do not overlap; DeviceError where
-    frames are chosen by what they show and PyAV is missing.
+    Raises InputError where the evidence disagrees, or an offset was given by which the videos do not overlap; DeviceError.
     """
-    looks = config.video_overlap is not None or config.video_skip_blurred
-    if left == right:
-        if not looks:
-            return FrameChoice()
-        signals = video_signals(left)
-        return _chosen(_equal(signals, signals), (signals, signals), config, ())
-    try:
-        found = _synchronized(left, right, config.video_offset_s, rig)
-    except (NoEvidence, DeviceError) as error:
-        notes = (f"frames of the same number are taken for pairs: {error}",)
-        if not looks:
-            return FrameChoice(notes=notes)
-        both = video_signals(left), video_signals(right)
-        return _chosen(_equal(*both), both, config, notes)
-    return _chosen(found.pairs, found.signals, config, (f"{left.name} and {right.name}: {found.text}",))
+    files = video_file(left), video_file(right)
+    notes: tuple[str, ...] = ()
+    if left != right:
+        try:
+            found = _synchronized(left, right, config.video_offset_s, rig)
+        except NoEvidence as error:
+            notes = (f"frames of the same number are taken for pairs: {error}",)
+        else:
+            return _chosen(found.pairs, found.signals, files, config, (f"{left.name} and {right.name}: {found.text}",))
+    if config.video_overlap is None and not config.video_skip_blurred:
+        numbers = tuple(range(0, min(len(file.index.pts) for file in files), config.video_every))
+        return FrameChoice(numbers, numbers, notes)
+    first = video_signals(left)
+    signals = first, first if left == right else video_signals(right)
+    return _chosen(_equal(*signals), signals, files, config, notes)
 
 
 def _synchronized(left: Path, right: Path, offset_s: float | None, rig: StereoRig | None) -> VideoSync:
@@ -68,7 +66,13 @@ def _equal(left: VideoSignals, right: VideoSignals) -> Pairs:
     return np.column_stack([numbers, numbers])
 
 
-def _chosen(pairs: Pairs, signals: tuple[VideoSignals, VideoSignals], config: InputConfig, notes: tuple[str, ...]) -> FrameChoice:
+def _chosen(
+    pairs: Pairs,
+    signals: tuple[VideoSignals, VideoSignals],
+    files: tuple[VideoFile, VideoFile],
+    config: InputConfig,
+    notes: tuple[str, ...],
+) -> FrameChoice:
     """Without blurred frames, if that is asked for; of the rest by overlap, or the first of every n."""
     if config.video_skip_blurred:
         sharp = ~(_blurred(signals[0])[pairs[:, 0]] | _blurred(signals[1])[pairs[:, 1]])
@@ -80,7 +84,10 @@ def _chosen(pairs: Pairs, signals: tuple[VideoSignals, VideoSignals], config: In
         notes = (*notes, f"{len(pairs)} pairs overlap by {config.video_overlap:.0%} from one to the next")
     else:
         pairs = pairs[np.unique(pairs[:, 0] // config.video_every, return_index=True)[1]]
-    return FrameChoice(tuple(pairs[:, 0].tolist()), tuple(pairs[:, 1].tolist()), notes)
+    numbers = [
+        file.index.numbers_at(side.times_s[column]) for file, side, column in zip(files, signals, pairs.T, strict=True)
+    ]  # a frame that cannot be decoded has a number, but no signals
+    return FrameChoice(tuple(numbers[0].tolist()), tuple(numbers[1].tolist()), notes)
 
 
 def _blurred(signals: VideoSignals) -> NDArray[np.bool_]:
@@ -102,14 +109,3 @@ def _by_overlap(places: NDArray[np.float64], height: float, overlap: float) -> l
                 continue
         chosen.append(number)
     return chosen
-
-
-def numbered(choice: tuple[int, ...] | None, every: int) -> Iterator[int]:
-    """The numbers of the frames to be kept, rising; without end where every nth is."""
-    if choice is not None:
-        yield from choice
-        return
-    number = 0
-    while True:
-        yield number
-        number += every

@@ -3,16 +3,21 @@
 The vertical disparity of a rectified pair is that of the rig, plus what the picture moves up or down between the two moments.
 """
 
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration import Rectification, StereoRig
 from calibration.matches import QUICK, find_matches
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_lags import Array, Lag
 from stereo_seecolor.inputs.video_motion import VideoSignals
-from stereo_seecolor.inputs.video_streams import frames_at
+from stereo_seecolor.inputs.video_streams import gray
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
 
@@ -81,7 +86,7 @@ def _with_both_neighbors(pairs: Pairs, lag: Lag, signals: tuple[VideoSignals, Vi
 def _misfits(videos: tuple[Path, Path], rectification: Rectification, times: tuple[Array, Array]) -> Array:
     """Right less left row of each pair, pixels of the rectified image; NaN where too little matches."""
     found = []
-    sides = (frames_at(path, at.tolist()) for path, at in zip(videos, times, strict=True))
+    sides = (_grays(path, at) for path, at in zip(videos, times, strict=True))
     for left, right in zip(*sides, strict=False):
         if (left.shape[1], left.shape[0]) != rectification.raw_size or right.shape != left.shape:
             break
@@ -89,6 +94,14 @@ def _misfits(videos: tuple[Path, Path], rectification: Rectification, times: tup
         rows = matches.right[:, 1] - matches.left[:, 1]
         found.append(float(np.median(rows)) if len(rows) >= LIMITS.least_matches else np.nan)
     return np.array(found)
+
+
+def _grays(path: Path, times_s: Array) -> Iterator[NDArray[np.uint8]]:
+    """The frames of these times in gray, up to the first that is damaged."""
+    video = video_file(path)
+    with suppress(InputError):
+        for number in video.index.numbers_at(times_s):
+            yield gray(video.frame(number))
 
 
 def _solved(moved: Array, speeds: Array, misfits: Array) -> tuple[float, float] | None:

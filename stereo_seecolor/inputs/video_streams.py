@@ -1,7 +1,8 @@
-"""What a video file holds beside its pictures: exact times of its frames, and its sound. By PyAV (FFmpeg)."""
+"""What a video file holds beside its pictures' colors: their times, their grays, its sound, its time code. By PyAV (FFmpeg)."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.files.reading import special_kind
 
-EARLY_S = 1e-4
-"""A frame is of a time where it is no more than this before it: times are fractions of a second in files."""
+MAX_PIXELS = 150_000_000  # more is a damaged header
 
 SOUND_RATE_HZ = 8000
 """Enough for voices, clicks and motors; a sample is 0.1 ms."""
@@ -24,7 +24,7 @@ def opened(path: Path) -> Iterator[Any]:
     try:
         import av
     except ImportError as error:
-        raise DeviceError("two videos need a library that is missing (av): pip install -c constraints.txt '.[video]'") from error
+        raise DeviceError("videos need a library that is missing (av): pip install -c constraints.txt '.[video]'") from error
     try:
         if kind := special_kind(path):
             raise InputError(f"{path}: is {kind}, not a video")
@@ -34,44 +34,36 @@ def opened(path: Path) -> Iterator[Any]:
         raise InputError(f"{path}: is no video that FFmpeg can read: {error.strerror or error}") from error
 
 
+def video_stream(container: Any, path: Path) -> Any:
+    """The first stream of pictures. Raises InputError if there is none, or its pictures cannot be so large."""
+    if not container.streams.video:
+        raise InputError(f"{path}: holds no pictures")
+    stream = container.streams.video[0]
+    if stream.width * stream.height > MAX_PIXELS:
+        raise InputError(f"{path}: claims pictures of {stream.width}x{stream.height} px: not read")
+    stream.thread_type = "AUTO"
+    return stream
+
+
 def gray_frames(path: Path) -> Iterator[tuple[float, NDArray[np.uint8]]]:
-    """Each frame's time in seconds on the file's own clock, and the frame in gray; not turned.
+    """Each frame's time in seconds on the file's own clock, and the frame in gray, upright.
 
     A damaged frame ends it. Raises InputError if there is none, DeviceError.
     """
     count = 0
     with opened(path) as container:
-        if not container.streams.video:
-            raise InputError(f"{path}: holds no pictures")
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        for frame in _decoded(container, stream):
+        for frame in decoded(container, video_stream(container, path)):
             if frame.pts is None:
                 continue
-            yield float(frame.pts * frame.time_base), frame.to_ndarray(format="gray")
+            yield float(frame.pts * frame.time_base), gray(frame)
             count += 1
     if not count:
         raise InputError(f"{path}: holds no frame that can be decoded")
 
 
-def frames_at(path: Path, times_s: Sequence[float]) -> Iterator[NDArray[np.uint8]]:
-    """The frames of these times, rising, in gray at their own size, found by the file's index; not turned.
-
-    Ends where the file does, or a frame is damaged. Raises InputError, DeviceError.
-    """
-    with opened(path) as container:
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        for time_s in times_s:
-            container.seek(max(0, int((time_s - EARLY_S) / stream.time_base)), stream=stream)
-            frame = next((frame for frame in _decoded(container, stream) if _is_at(frame, time_s)), None)
-            if frame is None:
-                return
-            yield frame.to_ndarray(format="gray")
-
-
-def _is_at(frame: Any, time_s: float) -> bool:
-    return frame.pts is not None and float(frame.pts * frame.time_base) > time_s - EARLY_S
+def gray(frame: Any) -> NDArray[np.uint8]:
+    """(H, W) of a decoded frame, turned as the file says that players are to turn it."""
+    return np.rot90(frame.to_ndarray(format="gray"), round(frame.rotation / 90))
 
 
 def sound(path: Path) -> tuple[float, NDArray[np.float32]]:
@@ -86,14 +78,26 @@ def sound(path: Path) -> tuple[float, NDArray[np.float32]]:
 
         resampler = av.AudioResampler(format="flt", layout="mono", rate=SOUND_RATE_HZ)
         start_s, parts = None, []
-        for frame in _decoded(container, container.streams.audio[0]):
+        for frame in decoded(container, container.streams.audio[0]):
             if start_s is None and frame.pts is not None:
                 start_s = float(frame.pts * frame.time_base)
             parts += [np.asarray(piece.to_ndarray()).ravel() for piece in resampler.resample(frame)]
         return start_s or 0.0, np.concatenate(parts).astype(np.float32) if parts else np.zeros(0, np.float32)
 
 
-def _decoded(container: Any, stream: Any) -> Iterator[Any]:
+def recorded_at(path: Path) -> float | None:
+    """When a recording began by its camera's clock, seconds since 1970; None where the file does not say.
+
+    Cameras that write their local time are taken to be at UTC. Raises InputError, DeviceError.
+    """
+    with opened(path) as container:
+        try:
+            return datetime.fromisoformat(container.metadata.get("creation_time", "")).replace(tzinfo=UTC).timestamp()
+        except ValueError:
+            return None
+
+
+def decoded(container: Any, stream: Any) -> Iterator[Any]:
     """Frames up to the first that is damaged: what follows it would have times, but no pictures."""
     import av
 

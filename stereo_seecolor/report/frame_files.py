@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibration import CalibrationError, Rectification, RectifiedPair
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.atomic import Content
+from stereo_seecolor.files.contained import is_there
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image, Map
@@ -126,7 +127,7 @@ def _std_m(frame: Pixels, range_m: Map, geometry: RectifiedPair) -> Map:
 
 def raw_is_there(frame: FinishedFrame) -> bool:
     """True if the frame's input image still lies where it was."""
-    return frame.left != Path() and frame.left.is_file()
+    return frame.left != Path() and is_there(frame.left)
 
 
 def _rounded(confidence: NDArray[np.uint8]) -> NDArray[np.uint8]:

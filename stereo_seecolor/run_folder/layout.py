@@ -9,7 +9,7 @@ Stage = Literal["range", "corrected", "rectified", "page"]
 ORIGINAL = "original"
 """Holds products in the left camera's own pixels, whose files are named as its images."""
 STATE = ".state"
-"""The program's own folder: manifest, tables, unpacked video."""
+"""The program's own folder: manifest, tables."""
 LOCK, LEASE = "lock", "lease.json"
 """In the program's own folder while a run writes into OUT."""
 SET_ASIDE = "set_aside"
@@ -94,6 +94,11 @@ def state(root: Path, *parts: str) -> Path:
 def refinement_files(root: Path) -> tuple[Path, Path]:
     """Where the rig that a run refined is kept, and what it was refined from."""
     return state(root, "refined_rig.yaml"), state(root, "refinement.json")
+
+
+def video_pairs_file(root: Path) -> Path:
+    """Where it is kept which frames of two videos are pairs."""
+    return state(root, "video_pairs.json")
 
 
 def fit_file(root: Path) -> Path:

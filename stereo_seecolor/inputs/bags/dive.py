@@ -11,7 +11,7 @@ from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import Container, open_containers
-from stereo_seecolor.inputs.bags.bag import Bag, Entry, Topic, open_bag
+from stereo_seecolor.inputs.bags.bag import COMPRESSED, IMAGE, Bag, Entry, Topic, open_bag
 from stereo_seecolor.inputs.bags.messages import image_content, image_suffix, rig_of
 from stereo_seecolor.inputs.bags.topics import SideTopics, info_topic, parse_topics, side_topics
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
@@ -60,19 +60,28 @@ def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
     bag = open_bag(path)
     sides = side_topics(bag, given)
     images: dict[Path, dict[str, Entry]] = defaultdict(dict)
-    lefts, rights = (_files_of(topic, side, images) for side, topic in (("left", sides.left), ("right", sides.right)))
+    lefts, rights = (_files_of(topic, images) for topic in (sides.left, sides.right))
     open_containers({file: _Images(entries, file) for file, entries in images.items()})
     pairing = pair_files(lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}")
     infos = info_topic(bag, sides.left), info_topic(bag, sides.right)
     return BagDive(bag, sides, pairing.with_notes(_notes(bag, sides, pairing)), infos)
 
 
-def _files_of(topic: Topic, side: str, images: dict[Path, dict[str, Entry]]) -> list[Path]:
+def bag_images(path: Path) -> Container:
+    """All images of one file of a bag. Raises InputError, DeviceError."""
+    images: dict[Path, dict[str, Entry]] = defaultdict(dict)
+    for topic in open_bag(path).topics:
+        if topic.msgtype in (IMAGE, COMPRESSED):
+            _files_of(topic, images)
+    return _Images(images[path], path)
+
+
+def _files_of(topic: Topic, images: dict[Path, dict[str, Entry]]) -> list[Path]:
     """The paths of a topic's images inside the bag's files; of two with one stamp the first."""
     suffix = image_suffix(topic.entries[0])
     paths = []
     for entry in topic.entries:
-        name = f"{side}/{stamp_name(entry.stamp_ns)}{suffix}"
+        name = f"{topic.name.strip('/')}/{stamp_name(entry.stamp_ns)}{suffix}"
         if name not in images[entry.path]:
             images[entry.path][name] = entry
             paths.append(entry.path / name)

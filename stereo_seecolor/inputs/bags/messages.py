@@ -1,6 +1,5 @@
 """Messages of bags: image messages as the image files that the rest of the program reads, camera_info as a calibration."""
 
-import struct
 from functools import lru_cache
 from typing import Any
 
@@ -12,6 +11,7 @@ from calibration import CalibrationError, StereoRig
 from calibration.formats import ros
 from calibration.formats.section import Section
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.tiff import encode_tiff
 from stereo_seecolor.inputs.bags.bag import COMPRESSED, TRANSFORMS, Entry, needs_library
 from stereo_seecolor.inputs.headers import JPEG_SIGNATURE, PNG_SIGNATURE
 
@@ -75,7 +75,7 @@ def image_content(entry: Entry) -> bytes:
 def message_content(message: Any, msgtype: str, where: str) -> bytes:
     """A decoded image message as the content of an image file; ``where`` is for the errors. Raises InputError."""
     if msgtype != COMPRESSED:
-        return tiff(_pixels(message, where))
+        return encode_tiff(_pixels(message, where))
     content = _compressed(message)
     if not content.startswith((PNG_SIGNATURE, JPEG_SIGNATURE)):
         raise InputError(f"{where}: is compressed as {message.format!r}: JPEG and PNG are read")
@@ -102,24 +102,6 @@ def _compressed(message: Any) -> bytes:
     if "compressedDepth" not in form or form.startswith("32FC1"):
         return content
     return content[DEPTH_HEADER_BYTES:]
-
-
-def tiff(pixels: NDArray[Any]) -> bytes:
-    """(H, W) or (H, W, 3) RGB of 8 or 16 bits as an uncompressed TIFF (TIFF 6.0): a header of 150 bytes before the pixels."""
-    height, width = pixels.shape[:2]
-    channels, bits = (1 if pixels.ndim == 2 else 3), 8 * pixels.dtype.itemsize
-    entries, bits_at = 8, 8 + 2 + 8 * 12 + 4
-    start = bits_at + 8
-    tags = [
-        (256, 4, 1, width), (257, 4, 1, height),
-        (258, 3, channels, bits if channels == 1 else bits_at),
-        (259, 3, 1, 1), (262, 3, 1, 1 if channels == 1 else 2),
-        (273, 4, 1, start), (277, 3, 1, channels), (279, 4, 1, pixels.nbytes),
-    ]  # fmt: skip
-    header = struct.pack("<2sHIH", b"II", 42, 8, entries)
-    header += b"".join(struct.pack("<HHII", *tag) for tag in tags) + bytes(4)
-    header += struct.pack("<4H", *(bits,) * channels, *(0,) * (4 - channels))
-    return header + np.ascontiguousarray(pixels.astype(pixels.dtype.newbyteorder("<"))).tobytes()
 
 
 def _pixels(message: Any, where: str) -> NDArray[Any]:

@@ -1,0 +1,24 @@
+"""Paths that lead into a video or a bag: these are opened by the path alone, in whatever process reads it."""
+
+from pathlib import Path
+
+from stereo_seecolor.files.contained import Container, contained, open_containers
+from stereo_seecolor.inputs.bags.bag import SUFFIXES
+from stereo_seecolor.inputs.video_images import VideoImages, is_video
+
+
+def open_around(path: Path) -> None:
+    """Open the video or bag that ``path`` leads into, if it leads into one. Raises InputError, DeviceError."""
+    if contained(path):
+        return
+    outer = next((parent for parent in path.parents if is_video(parent) or parent.suffix.lower() in SUFFIXES), None)
+    if outer and outer.is_file():
+        open_containers({outer: _container(outer)})
+
+
+def _container(outer: Path) -> Container:
+    if is_video(outer):
+        return VideoImages(outer)
+    from stereo_seecolor.inputs.bags.dive import bag_images
+
+    return bag_images(outer)

@@ -1,0 +1,150 @@
+"""A video's frames by their numbers: an index of their times, and each decoded from the keyframe before it. By PyAV (FFmpeg)."""
+
+from bisect import bisect_right
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.compute.threads import Lock
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.video_streams import decoded, opened, video_stream
+
+KEPT_BYTES = 1 << 26
+"""Decoded frames that are kept of a video: threads ask for frames near each other, and for each more than once."""
+
+NEAR_FRAMES = 8
+"""A frame so few frames ahead is reached by decoding those between, also where a keyframe lies between."""
+
+BACK_S = (0.0, 1.0, 10.0)
+"""How far before a frame decoding begins: pictures after the keyframe of an open group cannot be decoded from it alone."""
+
+OPEN_VIDEOS = 4
+
+ORDER_FRAMES = 12
+"""Of a video so many are decoded to see whether their times rise; codecs reorder at most some frames."""
+
+Times = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameIndex:
+    """pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of keyframes."""
+
+    pts: Times
+    keys: Times
+    unit_s: float
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """(n,) on the file's own clock."""
+        return np.asarray(self.pts * self.unit_s, np.float64)
+
+    def numbers_at(self, times_s: NDArray[np.float64]) -> Times:
+        """(m,) numbers of the frames that are nearest to these times."""
+        middle = (self.times_s[1:] + self.times_s[:-1]) / 2
+        return np.searchsorted(middle, times_s)
+
+
+class VideoFile:
+    """A video of whose frames each can be had by its number, from any thread. Raises InputError, DeviceError."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.index = _frame_index(path)
+        self._lock = Lock()
+        self._kept: OrderedDict[int, Any] = OrderedDict()
+        self._frames: Iterator[Any] = iter(())
+        self._last: int | None = None
+
+    def frame(self, number: int) -> Any:
+        """A frame as FFmpeg decoded it (av.VideoFrame). Raises InputError if there is none, or it is damaged."""
+        if not 0 <= number < len(self.index.pts):
+            raise InputError(f"{self.path}: holds no frame {number}, but {len(self.index.pts)}")
+        pts = int(self.index.pts[number])
+        with self._lock:
+            for back_s in BACK_S:
+                if pts in self._kept or self._found(pts, back_s):
+                    return self._kept[pts]
+        raise InputError(f"{self.path}: frame {number}, at {pts * self.index.unit_s:.3f} s, cannot be decoded")
+
+    @property
+    def is_interlaced(self) -> bool:
+        """True if the first frame says that its even and odd rows are of two moments."""
+        return bool(self.frame(0).interlaced_frame)
+
+    def _found(self, pts: int, back_s: float) -> bool:
+        """Decode on, or from ``back_s`` before the frame, until it is kept; False where the video goes past it."""
+        if back_s or not self._is_near(pts):
+            self._frames = self._from(pts - round(back_s / self.index.unit_s))
+        for frame in self._frames:
+            if frame.pts is None:
+                continue
+            self._last = frame.pts
+            self._keep(frame)
+            if frame.pts >= pts:
+                return bool(frame.pts == pts)
+        self._last = None
+        return False
+
+    def _is_near(self, pts: int) -> bool:
+        """True if the decoder comes to the frame soon: there is no keyframe between, or hardly a frame."""
+        if self._last is None or self._last >= pts:
+            return False
+        index = self.index
+        return bool(
+            bisect_right(index.keys, self._last) == bisect_right(index.keys, pts)
+            or np.searchsorted(index.pts, pts) - np.searchsorted(index.pts, self._last) <= NEAR_FRAMES
+        )
+
+    def _from(self, pts: int) -> Iterator[Any]:
+        with opened(self.path) as container:
+            stream = video_stream(container, self.path)
+            if pts > self.index.pts[0]:
+                container.seek(pts, stream=stream)
+            yield from decoded(container, stream)
+
+    def _keep(self, frame: Any) -> None:
+        self._kept[frame.pts] = frame
+        most = max(4, KEPT_BYTES // sum(plane.buffer_size for plane in frame.planes))
+        while len(self._kept) > most:
+            self._kept.popitem(last=False)
+
+
+def video_file(path: Path) -> VideoFile:
+    """The video, opened once while its file stays the same. Raises InputError, DeviceError."""
+    try:
+        status = path.stat()
+    except OSError as error:
+        raise InputError(f"{path}: the video cannot be read: {error.strerror}") from error
+    return _video_file(path, status.st_size, status.st_mtime_ns)
+
+
+@lru_cache(OPEN_VIDEOS)
+def _video_file(path: Path, size: int, mtime_ns: int) -> VideoFile:
+    return VideoFile(path)
+
+
+def _frame_index(path: Path) -> FrameIndex:
+    """Times of all frames as the file states them."""
+    with opened(path) as container:
+        stream = video_stream(container, path)
+        first = [frame.pts or 0 for frame in islice(decoded(container, stream), ORDER_FRAMES)]
+        if first != sorted(first):  # of an AVI
+            raise InputError(f"{path}: does not say when frames that are coded out of order are: convert it to .mp4 or .mkv")
+    with opened(path) as container:
+        stream = video_stream(container, path)
+        pts, keys = [], []
+        for packet in container.demux(stream):
+            if packet.pts is not None and packet.size and not packet.is_discard:
+                pts.append(packet.pts)
+                keys += [packet.pts] if packet.is_keyframe else []
+        if not pts:
+            raise InputError(f"{path}: holds no frame with a time")
+        return FrameIndex(np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base))

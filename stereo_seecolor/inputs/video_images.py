@@ -1,0 +1,82 @@
+"""The frames of a video as image files inside it: ``dive.mp4/000012.tif``; halves of a picture that shows both sides,
+``dive.mp4/left/000012.tif``."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.contained import Container
+from stereo_seecolor.files.tiff import encode_tiff
+from stereo_seecolor.inputs.video_file import video_file
+
+EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"})
+
+HD_ROWS = 720
+"""Of videos that do not say how their colors are coded, those with so many rows are taken for BT.709, smaller ones for BT.601, as
+players do."""
+
+UNSAID = 2
+"""AVCOL_SPC_UNSPECIFIED of FFmpeg."""
+
+FULL_16 = 257 / 256
+"""FFmpeg makes white of 8 bits 255 * 256 of 16; the rest of the program has it at 65535."""
+
+SIDES = ("left", "right")
+
+
+def is_video(path: Path) -> bool:
+    """True for a file with a video's extension."""
+    return path.suffix.lower() in EXTENSIONS and not path.is_dir()
+
+
+def frame_path(video: Path, number: int, side: str = "") -> Path:
+    """The path of a frame, or of one half of it."""
+    return video / side / f"{number:06d}.tif"
+
+
+@dataclass(frozen=True)
+class VideoImages(Container):
+    """All frames of a video, by their names."""
+
+    path: Path
+
+    def read(self, name: str) -> bytes:
+        """An uncompressed TIFF of 8 bits, or of 16 where the video has more than 8. Raises InputError, DeviceError."""
+        side, _, file = name.rpartition("/")
+        if not file.endswith(".tif") or not file[:-4].isdecimal() or (side and side not in SIDES):
+            raise InputError(f"{self.path}: holds no image {name}")
+        rgb = pixels(video_file(self.path).frame(int(file[:-4])))
+        return encode_tiff(self._half(rgb, side) if side else rgb)
+
+    def _half(self, rgb: NDArray[Any], side: str) -> NDArray[Any]:
+        width = rgb.shape[1]
+        if width % 2:
+            raise InputError(f"{self.path}: is {width} px wide, an odd number: left and right do not stand side by side in it")
+        return rgb[:, : width // 2] if side == "left" else rgb[:, width // 2 :]
+
+
+def pixels(frame: Any) -> NDArray[Any]:
+    """(H, W, 3) RGB of a decoded frame (av.VideoFrame), uint8, or uint16 of full scale where it has more than 8 bits; upright."""
+    from av.video.reformatter import Colorspace, Interpolation
+
+    exact = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
+    guessed = Colorspace.ITU709 if frame.height >= HD_ROWS else Colorspace.ITU601
+    deep = max(component.bits for component in frame.format.components) > 8
+    rgb = frame.reformat(
+        format="gbrp16le" if deep else "rgb24",
+        src_colorspace=guessed if frame.colorspace == UNSAID else None,
+        interpolation=exact,
+        threads=1,
+    ).to_ndarray()
+    if deep:
+        rgb = np.minimum(np.rint(rgb * np.float32(FULL_16)), 65535).astype(np.uint16)
+    return upright(rgb, frame)
+
+
+def upright(image: NDArray[Any], frame: Any) -> NDArray[Any]:
+    """An image of a frame, turned as the file says that players are to turn it."""
+    return np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90)))
