@@ -21,6 +21,8 @@ from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
+from stereo_seecolor.inputs.video_file import video_file
+from stereo_seecolor.inputs.video_images import frame_path
 from stereo_seecolor.inputs.video_motion import video_signals
 from stereo_seecolor.inputs.video_streams import sound
 from stereo_seecolor.records import Water
@@ -185,6 +187,8 @@ def videos(folder: Path) -> list[Path]:
 def read_video(path: Path) -> None:
     video_signals(path)
     sound(path)
+    for number in range(0, len(video_file(path).index.pts), 4):
+        read_image(frame_path(path, number))
 
 
 KINDS: dict[str, tuple[Callable[[Path], list[Path]], Callable[[Path], object]]] = {
