@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from calibration import Camera, StereoRig
 from calibration.formats import native
@@ -24,6 +25,9 @@ from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.mapping.surface.open3d_extractor import open3d as open3d_library
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.synthetic.survey import SurveySpec
+
+settings.register_profile("untimed", deadline=None)  # a busy machine is no failure
+settings.load_profile("untimed")
 
 ROOT = Path(__file__).resolve().parents[1]
 REEF = ROOT / "data_samples" / "reef"

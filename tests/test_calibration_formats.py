@@ -66,7 +66,7 @@ def seen(rig: StereoRig) -> np.ndarray:
 
 
 @pytest.mark.slow
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(rig=rigs())
 def test_every_pair_of_formats_reproduces_rays(rig: StereoRig, tmp_path: Path) -> None:
     for first, second in product(FORMATS, repeat=2):

@@ -128,7 +128,7 @@ def test_missing_file_and_empty_folder(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-@settings(max_examples=300, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     text=st.sampled_from(sorted(WHOLE_RIGS.values())),
     cut=st.tuples(st.floats(0, 1), st.integers(0, 60)),
@@ -144,7 +144,7 @@ def test_any_edit_gives_a_rig_or_one_line(text: str, cut: tuple[float, int], put
     assert isinstance(found, StereoRig) or "\n" not in found
 
 
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(start=st.floats(0, 1), cut=st.integers(0, 60), put=st.text(max_size=12))
 def test_any_edit_of_a_ros_pair_gives_a_rig_or_one_line(start: float, cut: int, put: str, tmp_path: Path) -> None:
     at = int(start * len(ROS_RIGHT))

@@ -55,7 +55,7 @@ def test_paraxial_crossing_is_the_apparent_depth() -> None:
     assert crossing_m == pytest.approx(0.06 - 1.34 * (0.05 + 0.01 / 1.5), abs=1e-6)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(tilt=floats(-0.2, 0.2), distance=floats(0, 0.2), depth=floats(0.4, 10))
 def test_tracing_and_projecting_are_inverse(tilt: float, distance: float, depth: float) -> None:
     rig = port_rig(distance, normal=np.array([np.sin(tilt), 0.05, np.cos(tilt)]))

@@ -52,7 +52,7 @@ def upright_pixels(rectification: Rectification, points: Array) -> Array:
 
 
 @pytest.mark.slow
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     quarter=st.integers(0, 3),
     off_deg=st.floats(-45, 45),

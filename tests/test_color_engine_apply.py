@@ -40,7 +40,7 @@ def random_frame(seed, depth=8, shape=(40, 60)):
 
 @pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.sampled_from([8, 16]), st.sampled_from(ENCODINGS))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
     image, range_m = random_frame(seed, depth)
     known = np.isfinite(range_m) & (range_m > 0)

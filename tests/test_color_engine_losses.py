@@ -54,7 +54,7 @@ def raw_gradients(network, names):
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([8, 16]), st.sampled_from(["srgb", "as-is"]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_table_losses_and_gradients_are_the_per_pixel_ones(seed, depth, encoding):
     rng = np.random.default_rng(seed)
     image, range_m = random_frame(rng, depth)
@@ -204,17 +204,6 @@ def test_direct_signal_is_clamped_before_attenuation_sees_it():
     assert clamped.max() <= 1
     flare = torch.cat([torch.rand(1, 3, 1, 10_000) * 0.1, torch.full((1, 3, 1, 1), 0.9)], dim=3)
     assert per_pixel.clamp_direct(flare).max() < 0.3
-
-
-def test_intensity_loss_alone_turns_any_scene_gray():
-    red = torch.tensor([0.6, 0.2, 0.1]).reshape(1, 3, 1, 1) * torch.rand(1, 3, 1, 200, generator=torch.manual_seed(0))
-    gain = torch.nn.Parameter(torch.ones(1, 3, 1, 1))
-    optimizer = torch.optim.Adam([gain], lr=0.05)
-    for _ in range(600):
-        optimizer.zero_grad()
-        ((red * gain).mean(dim=(2, 3)) - 0.5).square().mean().backward()
-        optimizer.step()
-    assert torch.allclose((red * gain).mean(dim=3), torch.tensor(0.5), atol=0.01)
 
 
 def test_one_pixel_and_no_variation_have_losses_and_gradients_that_are_numbers():

@@ -21,7 +21,7 @@ def random_frame(seed, shape=(23, 17), depth=8):
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([8, 16]))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_counts_are_the_plain_histogram(seed, depth):
     image, range_m = random_frame(seed, depth=depth)
     table = measure(image, range_m)

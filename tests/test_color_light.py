@@ -139,6 +139,7 @@ def night_windows(gains: NDArray[np.float64]) -> list[SeenWindow]:
     return found
 
 
+@pytest.mark.slow
 def test_the_fall_off_of_lamps_is_told_from_frames_that_were_lit_less() -> None:
     gains = np.repeat(0.15 * np.random.default_rng(7).standard_normal((FRAMES, 1)), 3, axis=1)
     found = solve_light(night_windows(gains - gains.mean()), [f"{i:02d}" for i in range(FRAMES)], SIZE, ALL)

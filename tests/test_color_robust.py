@@ -172,7 +172,7 @@ def test_quantiles_are_those_of_the_pixels() -> None:
     np.testing.assert_allclose(seen.light[:, 0], expected, atol=1 / 255)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     st.integers(0, 2**31), st.sampled_from([(1, 1), (2, 2), (9, 7)]), st.sampled_from([np.uint8, np.uint16]), st.floats(0.05, 40)
 )

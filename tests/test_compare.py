@@ -273,6 +273,7 @@ def test_a_cast_is_no_change_of_color_and_a_pale_spot_is() -> None:
     assert found.change[45:65, 45:65, 0].mean() > 10 and found.change[45:65, 45:65, 1].mean() < 0
 
 
+@pytest.mark.slow
 def test_changes_change_what_they_say_and_no_more() -> None:
     """Inverse by construction: what grew and is taken off again is the reef as it was."""
     reef = ReefFrames(replace(FIRST, pairs=2, lines=1)).reef

@@ -65,6 +65,7 @@ def test_a_cast_is_seen(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
     assert row.ciede2000 > 8
 
 
+@pytest.mark.slow
 def test_the_chart_is_found_through_blue_water(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
     image, _ = chart_image
     (found,) = targets_of([], eight_bit(image * [0.35, 0.8, 0.9]), flat_range())
@@ -76,6 +77,7 @@ def test_the_chart_is_found_through_blue_water(chart_image: tuple[np.ndarray, np
         assert inside > 0.9 * patch.sum() > 400, "within the patch that was drawn"
 
 
+@pytest.mark.slow
 def test_no_chart_is_no_target() -> None:
     empty = eight_bit(np.random.default_rng(0).uniform(0.2, 0.6, (*SIZE, 3)))
     assert find_charts(empty) == ()
@@ -145,14 +147,18 @@ def test_folders_of_other_tools_are_scored_and_black_is_unknown(chart_image: tup
     assert np.isfinite(rows["holed"].ciede2000)
 
 
-def test_wrong_folders_of_other_tools(folders: tuple[Path, Path], tmp_path: Path) -> None:
+def test_wrong_folders_of_other_tools(
+    folders: tuple[Path, Path], chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path
+) -> None:
+    corners = tmp_path / "targets.json"
+    corners.write_text(json.dumps({"a": [{"chart": chart_image[1].tolist()}]}))
     for folder, size in (("x/out", SIZE), ("y/out", SIZE), ("small", (20, 30))):
         (tmp_path / folder).mkdir(parents=True)
         cv2.imwrite(str(tmp_path / folder / "a.png"), np.full((*size, 3), 90, np.uint8))
     with pytest.raises(InputError, match=r"another folder of results is called 'out' too"):
         evaluate_charts(*folders, others=[tmp_path / "x/out", tmp_path / "y/out"])
     with pytest.raises(InputError, match=r"small/a\.png: is 30x20 px, and the image that it was made from is 640x480"):
-        evaluate_charts(*folders, others=[tmp_path / "small"])
+        evaluate_charts(*folders, targets=corners, others=[tmp_path / "small"])
     with pytest.raises(InputError, match="the folder of corrected images does not exist"):
         evaluate_charts(*folders, others=[tmp_path / "nowhere"])
 
@@ -194,11 +200,15 @@ def test_patches_of_unknown_range_are_left_out(chart_image: tuple[np.ndarray, np
     assert (mean.psi_deg, mean.target) == (row.psi_deg, "mean of 1")
 
 
-def test_what_has_no_target_is_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_images_without_a_chart_are_named(folders: tuple[Path, Path]) -> None:
     (folders[0] / "a.tiff").unlink()
     (folders[1] / "a.tiff").unlink()
     with pytest.raises(InputError, match="no color chart was found in any of 1 images"):
         evaluate_charts(*folders)
+
+
+def test_targets_of_other_images_are_named(folders: tuple[Path, Path], tmp_path: Path) -> None:
     file = tmp_path / "targets.json"
     file.write_text("{}")
     with pytest.raises(InputError, match=r"targets\.json: none of its targets"):

@@ -12,7 +12,7 @@ from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, tran
 
 
 @pytest.mark.slow
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(st.integers(0, 1000))
 def test_nearest_agrees_with_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)

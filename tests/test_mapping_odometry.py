@@ -125,6 +125,7 @@ def test_frames_of_another_reef_are_never_joined(reef: ReefFrames, frames: list[
     assert placement.components.tolist() == [0] * 6 + [1] * 4
 
 
+@pytest.mark.slow
 def test_nothing_but_blank_frames_is_an_error(reef: ReefFrames, frames: list[SurveyFrame]) -> None:
     with pytest.raises(MappingError, match="no two frames show the same things"):
         estimate([blank(f) for f in frames[:3]], reef, ALONE)

@@ -104,6 +104,7 @@ def test_confidence_means_what_it_says() -> None:
     assert right[unsure].mean() < 0.7
 
 
+@pytest.mark.slow
 def test_exposure_may_differ() -> None:
     darker = swapped(scene(), scene().frame.left, (scene().frame.right * 0.6 + 8).astype(np.uint8))
     found = match(darker)
@@ -119,6 +120,7 @@ def test_sixteen_bits_hold_the_same_scene() -> None:
     assert np.nanpercentile(difference, 99) < 0.05
 
 
+@pytest.mark.slow
 def test_order_and_threads_do_not_matter() -> None:
     scenes = [scene(), scene(haze_per_m=0.4, noise=2.0)]
     matcher = Matcher(scene().pair, CONFIG)
@@ -139,6 +141,7 @@ def test_what_the_left_camera_did_not_see_is_unknown() -> None:
         assert np.isnan(found.range_m[~seen]).all() and np.isfinite(found.range_m[seen]).mean() > 0.8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, 2])
 def test_what_lies_just_outside_the_right_image_is_not_matched_with_its_border(seed: int) -> None:
     """Up to 0.01 % of the pixels were."""

@@ -61,7 +61,7 @@ def low_strips():
     shift=st.integers(-6, 20),
     noise=st.sampled_from([0.0, 300.0, 5000.0]),
 )
-@hypothesis_settings(max_examples=12, deadline=None)
+@hypothesis_settings(max_examples=12)
 def test_random_images_in_random_bands(seed: int, size: tuple[int, int], shift: int, noise: float) -> None:
     rng = np.random.default_rng(seed)
     tiles = tuple(-(-side // TILE) for side in size)

@@ -123,6 +123,7 @@ def test_another_seed_is_another_reef(pair: RenderedPair) -> None:
     assert np.abs(other.color - pair.color).mean() > 0.03
 
 
+@pytest.mark.slow
 def test_chart_has_its_reflectances(scene: Scene) -> None:
     """Each patch as seen in the truth has the hue of its reflectance; shading alone may darken it."""
     corners_m = scene.reef.chart_corners_m

@@ -162,7 +162,6 @@ def test_no_sequence_of_events_loses_or_confuses_anything(make_dive: Callable[..
         settings=settings(
             max_examples=12,
             stateful_step_count=10,
-            deadline=None,
             derandomize=True,
             suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
         ),
