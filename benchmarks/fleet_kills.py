@@ -21,8 +21,8 @@ PROGRAM = (sys.executable, "-m", "stereo_seecolor")
 MAP = ("mapping.voxel_m=0.02", "mapping.tile_m=0.75", "mapping.mosaic_m=0.02", "mapping.dem_m=0.02")
 TIMES = frozenset({"frames.csv", "run.json", "index.html"})
 """Files that hold times, and differ between any two runs; the page's data hold them as well."""
-STARTED_S = 3.0
-"""Seconds of processor time after which a worker has imported all, and works."""
+STARTED_S = 0.5
+"""Seconds of processor time after which a worker works."""
 GONE_S = 90.0
 """Seconds that the workers of a killed client have to end: they look for it every few seconds, on a busy machine."""
 
@@ -56,7 +56,8 @@ def contents(out: Path) -> dict[str, str]:
 def workers_of(process: psutil.Process) -> list[psutil.Process]:
     """Those that are past their start: a cluster whose workers die while it starts is one that does not start."""
     with contextlib.suppress(psutil.Error):
-        found = [child for child in process.children(recursive=True) if "spawn_main" in " ".join(child.cmdline())]
+        forked = [child for child in process.children(recursive=True) if "multiprocessing.forkserver" in " ".join(child.cmdline())]
+        found = [child for child in forked if child.ppid() != process.pid]
         return [child for child in found if child.cpu_times().user > STARTED_S]
     return []
 

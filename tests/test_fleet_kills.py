@@ -22,7 +22,7 @@ def workers() -> list[psutil.Process]:
     found = []
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):
-            if "spawn_main" in " ".join(process.cmdline()):
+            if "multiprocessing.forkserver" in " ".join(process.cmdline()) and process.ppid() != os.getpid():
                 found.append(process)
     return found
 

@@ -1,5 +1,6 @@
 """A cluster by its name on the command line: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
 
+import multiprocessing
 import re
 import tempfile
 import time
@@ -35,6 +36,9 @@ LOOK_S = 10.0
 """Seconds between two looks at the queue while no worker has come: batch systems are not to be asked every second."""
 ADAPT_S, IDLE_LOOKS = "10s", 6
 """How often it is looked whether more or fewer jobs are wanted, and for how many looks a job has nothing to do before it ends."""
+START_METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
+IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive")
+"""What the process imports from which workers of this machine are forked. The second is named only, since it lies above."""
 
 
 @contextmanager
@@ -49,8 +53,7 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
 
     from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
 
-    settings = {"distributed.scheduler.allowed-failures": FAILURES_ALLOWED, "distributed.deploy.lost-worker-timeout": LOST_S}
-    with dask.config.set(settings), opener() as opened:
+    with dask.config.set(_dask_settings()), opener() as opened:
         try:
             client: Any = Client(opened.where, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, TimeoutError, ValueError) as error:
@@ -61,6 +64,22 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
             _check_scheduler(client, name)
             _wait(client, opened, name)
             yield DaskCompute(client, name, opened.revive)
+
+
+def _dask_settings() -> dict[str, Any]:
+    """What Dask does by itself, many times a second on each process, costs a twentieth of a core: here it does so seldom.
+
+    Workers of this machine are forked from one process that has imported all: of two that import by themselves each takes 2 s.
+    """
+    return {
+        "distributed.scheduler.allowed-failures": FAILURES_ALLOWED,
+        "distributed.deploy.lost-worker-timeout": LOST_S,
+        "distributed.worker.multiprocessing-method": START_METHOD,
+        "distributed.worker.profile.enabled": False,
+        "distributed.admin.tick.interval": "500ms",
+        "distributed.admin.system-monitor.interval": "5s",
+        "distributed.worker.memory.monitor-interval": "500ms",
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +110,10 @@ def _opener(name: str) -> Callable[[], Any]:
 def _local(workers: int) -> Iterator[Opened]:
     """Processes of this machine; they end with this one, however it ends."""
     from distributed import LocalCluster
+    from distributed.utils import get_mp_context
+
+    if START_METHOD == "forkserver":
+        get_mp_context().set_forkserver_preload([*IMPORTED_ONCE])  # type: ignore[no-untyped-call]
 
     with tempfile.TemporaryDirectory(prefix="stereo-seecolor-") as folder, ExitStack() as ends:
         try:

@@ -9,6 +9,8 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+from stereo_seecolor.compute.allocator import keep_freed_memory
+from stereo_seecolor.compute.garbage import collect_seldom
 from stereo_seecolor.compute.kernel_cache import keep_on_this_machine
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import ClusterError
@@ -73,6 +75,8 @@ def admit(ticket: Ticket) -> None:
         _look(here, probe)
     if here != ticket.host:
         keep_on_this_machine()
+    keep_freed_memory()
+    collect_seldom()
     _one_core()
 
 
