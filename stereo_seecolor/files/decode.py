@@ -1,5 +1,6 @@
 """The program's own image files back to arrays."""
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.quick_decode import quickly_decoded
 from stereo_seecolor.files.srgb import encode_srgb
 
 JPEG_END = b"\xff\xd9"
@@ -24,6 +26,8 @@ def read_array(path: Path) -> NDArray[Any]:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(JPEG_END):  # OpenCV fills the rest with gray
         raise InputError(f"{path}: is cut short")
+    if "numba" in sys.modules and (quick := quickly_decoded(content)) is not None:  # else its import takes longer than a few files
+        return quick
     pixels: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
     if pixels is None:
         raise InputError(f"{path}: is damaged")

@@ -4,9 +4,11 @@ import zlib
 from typing import Literal
 
 try:
+    from isal.isal_zlib import IsalError
     from isal.isal_zlib import compress as fast_compress
+    from isal.isal_zlib import decompress as fast_inflate
 except ImportError:  # no wheel for this machine: the same content, in more time
-    fast_compress = None  # type: ignore[assignment]
+    fast_compress, fast_inflate, IsalError = None, zlib.decompress, zlib.error  # type: ignore[assignment, misc]
 
 Compression = Literal["fast", "small", "repeats"]
 FAST_LEVEL = 1
@@ -26,3 +28,11 @@ def deflated(content: bytes | memoryview, compression: Compression = "fast") -> 
         return zlib.compress(content, 6)
     runs = zlib.compressobj(1, strategy=zlib.Z_RLE)
     return runs.compress(content) + runs.flush()
+
+
+def inflated(content: bytes) -> bytes:
+    """The content of a zlib stream. Raises ValueError if it is cut short or damaged."""
+    try:
+        return bytes(fast_inflate(content))
+    except (IsalError, zlib.error) as error:
+        raise ValueError(str(error)) from error
