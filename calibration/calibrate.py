@@ -13,6 +13,7 @@ from calibration.plan import rectified_points
 from calibration.report import CalibrationReport, LensScore, ViewReport
 from calibration.resampling import jackknife, no_worse
 from calibration.rig import Medium, StereoRig
+from calibration.rig_errors import RigErrors
 from calibration.targets import Target
 from calibration.views import View, common_ids, observations_of, usable_views
 
@@ -43,7 +44,8 @@ def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -
         scores = [widened if other is score else other for other in scores]
         score = widened
     try:
-        rig = replace(_rig(bundle, size, medium), rms_px=rms(bundle, observations_of(kept, target)))
+        rig = _rig(bundle, size, medium)
+        rig = replace(rig, rms_px=rms(bundle, observations_of(kept, target)), errors=_errors(score))
     except CalibrationError as error:
         raise CalibrationError(
             f"the {len(kept)} views give no rig that can be ({error}): see whether the folders are swapped, whether pairs were "
@@ -87,6 +89,12 @@ def _with_choice_of_lens(score: LensScore, scores: list[LensScore]) -> LensScore
 def _rig(bundle: Bundle, image_size: tuple[int, int], medium: Medium) -> StereoRig:
     left, right = (to_camera(bundle.lens.model, intrinsics, image_size) for intrinsics in bundle.intrinsics)
     return StereoRig(left, right, bundle.T_right_left, medium)
+
+
+def _errors(score: LensScore) -> RigErrors | None:
+    relative = score.std / score.figures
+    known = np.isfinite(relative).all()
+    return RigErrors(float(relative[:2].max()), float(relative[2]), "stereo-seecolor calibrate") if known else None
 
 
 def _row_errors(bundle: Bundle, views: list[View]) -> Array:

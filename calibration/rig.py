@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from calibration.errors import CalibrationError
 from calibration.port import FlatPort, Port
 from calibration.refinement import Refinement
+from calibration.rig_errors import RigErrors
 
 CameraModel = Literal["pinhole", "fisheye"]
 Medium = Literal["water", "air"]
@@ -110,6 +111,7 @@ class StereoRig:
     port: the window of a rig calibrated in air; Rectification takes a flat one into account. None for all in-water calibrations.
     doubts: what had to be guessed when the file was read, one line each. alternatives: the rig by other readings of a file whose
     format leaves a convention open; reading: the convention of this one. ``readings.settle_reading`` decides by images.
+    errors: how well the calibration knows focal lengths and baseline; None where its file does not say.
     refinement: what was estimated from a dive to have moved, and is in these numbers already; None where nothing was.
 
     The right camera may stand anywhere beside the left one (to the right, below, above, diagonally), turned by any angle.
@@ -127,6 +129,7 @@ class StereoRig:
     reading: str = ""
     alternatives: "tuple[StereoRig, ...]" = ()
     refinement: Refinement | None = None
+    errors: RigErrors | None = None
 
     def __post_init__(self) -> None:
         T = self.T_right_left

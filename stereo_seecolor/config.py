@@ -265,6 +265,18 @@ class OutputConfig(StageConfig):
         return None if (self.preset, self.compression) == ("full", "fast") else self.compression
 
 
+class MeasuringConfig(StageConfig):
+    """What is known of the rig when lengths are measured."""
+
+    length_error: float | None = Field(
+        default=None,
+        ge=0,
+        lt=1,
+        description="Standard error of a length by the calibration, relative, as a bar of known length shows it. None: what the "
+        "calibration itself states, or else 0.005.",
+    )
+
+
 class RunConfig(StageConfig):
     """The whole configuration of a run."""
 
@@ -273,6 +285,7 @@ class RunConfig(StageConfig):
     color: ColorConfig = ColorConfig()
     mapping: MappingConfig = MappingConfig()
     output: OutputConfig = OutputConfig()
+    measuring: MeasuringConfig = MeasuringConfig()
 
 
 RENAMED = {

@@ -99,6 +99,16 @@ def test_bouguet(wrapped: bool, size: dict[str, object], tmp_path: Path) -> None
     assert_same(load_rig(tmp_path / "Calib_Results_stereo.mat"))
 
 
+def test_bouguets_errors_are_three_standard_errors(tmp_path: Path) -> None:
+    content: dict[str, object] = {"om": np.zeros(3), "T": [-100.0, 0.0, 0.0], "nx": 640, "ny": 480, "T_error": [0.6, 5.0, 5.0]}
+    for side in ("left", "right"):
+        content |= {f"fc_{side}": [500.0, 500.0], f"cc_{side}": [320.0, 240.0], f"fc_{side}_error": [3.0, 3.0]}
+    savemat(tmp_path / "Calib_Results_stereo.mat", content)
+    errors = load_rig(tmp_path / "Calib_Results_stereo.mat").errors
+    assert errors is not None
+    assert (errors.focal, errors.baseline) == pytest.approx((0.002, 0.002))
+
+
 def test_one_camera_of_bouguets_toolbox_is_refused(tmp_path: Path) -> None:
     savemat(tmp_path / "Calib_Results_left.mat", {"fc": [1.0, 1.0], "cc": [1.0, 1.0], "kc": np.zeros(5)})
     with pytest.raises(CalibrationError, match="one camera alone"):

@@ -32,6 +32,8 @@ def test_known_rig_is_found_again(rig: StereoRig) -> None:
     assert report.lens.row_error_px < 0.25
     assert abs(found.baseline_m - rig.baseline_m) < 4 * report.lens.std[2]
     assert report.verdict[0] == "good"
+    assert found.errors is not None
+    assert found.errors.focal == pytest.approx(report.focal_std, rel=0.01)
 
 
 @pytest.mark.slow

@@ -1,6 +1,7 @@
 """Every format gives back the rays that went in; the traps of each, by hand-written files."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -26,6 +27,7 @@ from hypothesis.strategies import DrawFn, floats, integers
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.formats import WritableFormat, load_rig, write_rig
+from calibration.rig_errors import RigErrors
 
 FORMATS: dict[WritableFormat, str] = {"native": "cam.yaml", "ros": "pair", "kalibr": "camchain.yaml", "opencv": "stereo.xml"}
 
@@ -165,6 +167,45 @@ def test_kalibr_with_the_right_camera_first(tmp_path: Path) -> None:
     rig = load_rig(file)
     assert rig.left.K[0, 0] == 457.6
     assert rig.T_right_left[0, 3] == pytest.approx(-0.1)
+
+
+def kalibr_results(focal: float) -> str:
+    """As kalibr_calibrate_cameras prints them; focal: of cam0."""
+    return f"""Calibration results
+====================
+Camera-system parameters:
+\tcam0 (/cam0/image_raw):
+\t type: <class 'aslam_cv.libaslam_cv_python.DistortedPinholeCameraGeometry'>
+\t distortion: [-0.27  0.06  0.0008  0.0001] +- [ 0.001  0.001  0.0001  0.0001]
+\t projection: [ {focal}  460.3  362.6  248.1] +- [ 0.9232  0.9206  0.4  0.3]
+\t reprojection error: [0.000001, 0.000002] +- [0.1, 0.1]
+
+\tcam1 (/cam1/image_raw):
+\t projection: [ 457.6  456.1  379.9  255.2] +- [ 0.1  0.1  0.4  0.3]
+
+\tbaseline T_1_0:
+\t q: [0. 0. 0. 1.] +- [ 0.001  0.001  0.0002]
+\t t: [-0.1  0.  0.] +- [ 0.0003  0.0009  0.0009]
+"""
+
+
+def test_kalibrs_results_beside_the_camchain_state_its_errors(tmp_path: Path) -> None:
+    file, results = tmp_path / "dive-camchain.yaml", tmp_path / "dive-results-cam.txt"
+    file.write_text(KALIBR)
+    assert load_rig(file).errors is None
+    results.write_text(kalibr_results(461.6))
+    errors = load_rig(file).errors
+    assert errors is not None
+    assert (errors.focal, errors.baseline) == pytest.approx((0.002, 0.003))
+    results.write_text(kalibr_results(470.0))  # of another calibration
+    assert load_rig(file).errors is None
+
+
+def test_native_files_keep_the_errors(tmp_path: Path) -> None:
+    (tmp_path / "cam.yaml").write_text(NATIVE)
+    rig = replace(load_rig(tmp_path / "cam.yaml"), errors=RigErrors(0.001, 0.002, "Kalibr"))
+    write_rig(rig, tmp_path / "again.yaml")
+    assert load_rig(tmp_path / "again.yaml").errors == rig.errors
 
 
 def test_oplab_trusts_the_length_of_the_data(tmp_path: Path) -> None:

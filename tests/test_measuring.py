@@ -81,8 +81,9 @@ def test_the_error_of_a_length_is_that_of_range_and_click() -> None:
     flat = straight_length(picked(surface, (100, 120), (220, 120)))
     by_click = LIMITS.click_std_px * np.sqrt(2) * 2 / 400
     assert flat.std == pytest.approx(np.hypot(by_click, np.sqrt(2) * 0.01 * 60 / 400), rel=0.03)
-    assert flat.calibration_std == pytest.approx(LIMITS.calibration_std * flat.value)
-    assert flat.total_std == pytest.approx(np.hypot(flat.std, flat.calibration_std))
+    assert flat.total_std(0.01) == pytest.approx(np.hypot(flat.std, 0.01 * flat.value))
+    area = planar_area(picked(surface, (100, 120), (220, 120), (220, 200)))
+    assert area.total_std(0.01) == pytest.approx(np.hypot(area.std, 0.02 * area.value))
 
 
 @pytest.mark.parametrize("kind", ["length", "area"])

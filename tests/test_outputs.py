@@ -15,10 +15,11 @@ from stereo_seecolor.files import deflate
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.deflate import Compression
-from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, rounded
+from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask, rounded
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.files.png import encode_png
+from stereo_seecolor.files.quick_decode import quickly_decoded
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.frames_table import FrameTable, RunSummary, frames_csv
 from stereo_seecolor.run_folder.water_file import read_waters, waters_content
@@ -213,3 +214,31 @@ def test_a_jpeg_that_is_cut_short_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(content[: len(content) // 2])
     with pytest.raises(InputError, match=r"a\.jpg: is cut short"):
         read_array(tmp_path / "a.jpg")
+
+
+@pytest.mark.parametrize("compression", ["fast", "small"])
+def test_own_files_are_read_as_opencv_reads_them(compression: Compression) -> None:
+    noise = RNG.integers(0, 255, (37, 51, 3), dtype=np.uint8)
+    codes, ranges = noise[..., 0] // 64, np.where(RNG.random((37, 51)) < 0.1, np.nan, RNG.random((37, 51))).astype(np.float32)
+    for content in (
+        encode_image(noise, "png", compression=compression),
+        encode_image(np.repeat(noise[..., :1], 3, axis=2), "png", compression=compression),
+        encode_mask(codes, compression),
+        encode_map(ranges, compression),
+    ):
+        found, expected = quickly_decoded(content), cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
+        assert found is not None
+        assert found.dtype == expected.dtype
+        np.testing.assert_array_equal(found, expected[..., ::-1] if expected.ndim == 3 else expected)
+        assert all(quickly_decoded(content[:size]) is None for size in (0, 10, 60, len(content) // 2, len(content) - 13))
+        wrong = bytearray(content)
+        wrong[len(content) // 2] ^= 255
+        again = quickly_decoded(bytes(wrong))
+        assert again is None or np.array_equal(again, found, equal_nan=found.dtype.kind == "f")
+
+
+def test_files_of_other_programs_are_left_to_opencv() -> None:
+    noise = RNG.integers(0, 255, (37, 51, 3), dtype=np.uint8)
+    for content in (cv2.imencode(".png", noise)[1], cv2.imencode(".tiff", noise[..., 0].astype(np.float32))[1]):
+        assert quickly_decoded(content.tobytes()) is None
+    assert quickly_decoded(encode_image(noise.astype(np.uint16), "png")) is None

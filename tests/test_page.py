@@ -16,6 +16,7 @@ from conftest import REEF, Cli, Dive, SampleRun, command, contents
 
 from calibration.formats import native
 from calibration.refinement import Movement, Refinement
+from calibration.rig_errors import RigErrors
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
@@ -75,7 +76,37 @@ def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
 def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
     report(out)
     assert data(out)["calibration"].startswith("Standard errors hold 0.5 % of a length for the calibration")
+    assert "0.5 % is an assumption" in data(out)["calibration"]
     assert "yaw" not in data(out)["calibration"]
+    assert data(out)["calibration_std"] == 0.005
+
+
+def test_the_calibrations_own_standard_errors_are_taken_and_named(out: Path) -> None:
+    rig = native.read(out / "rig.yaml")
+    (out / "rig.yaml").write_bytes(native.to_bytes(replace(rig, errors=RigErrors(0.003, 0.004, "Kalibr"))))
+    report(out)
+    assert data(out)["calibration_std"] == pytest.approx(0.005)
+    assert "as the calibration itself states (Kalibr)" in data(out)["calibration"]
+
+
+def test_a_setting_says_how_well_lengths_are_known(make_dive: Callable[..., Dive], tmp_path: Path) -> None:
+    go(make_dive(2), tmp_path / "out", "measuring.length_error=0.002")
+    report(tmp_path / "out")
+    assert data(tmp_path / "out")["calibration_std"] == 0.002
+    assert "set by measuring.length_error" in data(tmp_path / "out")["calibration"]
+
+
+def test_inputs_are_found_from_another_folder(
+    make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dive = make_dive(2)
+    monkeypatch.chdir(dive.root)
+    options = RunOptions(page="none")
+    run(Path("L"), Path("R"), Path("cam.yaml"), tmp_path / "out", load_config(None, ()), options)
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    report(tmp_path / "out")
+    assert "before" in data(tmp_path / "out")["shown"]["0000"]
 
 
 def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
@@ -83,9 +114,10 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
     refinement = Refinement((Movement("yaw", 0.01, 0.001),), 1.0, 0.1, 12, 1000, 150.0)
     (out / "rig.yaml").write_bytes(native.to_bytes(replace(rig, refinement=refinement)))
     report(out)
-    said = re.search(r"yaw alone is ([0-9.]+) % of a range of ([0-9.]+) m", data(out)["calibration"])
+    said = re.search(r"yaw makes ([0-9.]+) % of a range of ([0-9.]+) m", data(out)["calibration"])
     assert said
     assert float(said[1]) == pytest.approx(100 * 0.001 * float(said[2]) / 0.1, rel=0.05)
+    assert data(out)["calibration_std"] == pytest.approx(np.hypot(0.005, float(said[1]) / 100), rel=0.05)
 
 
 def test_a_dive_without_faults_is_called_good(out: Path) -> None:

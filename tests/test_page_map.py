@@ -178,7 +178,6 @@ def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pict
     (out / "page/before").mkdir(exist_ok=True)
     for i in range(3):
         cv2.imwrite(str(out / f"page/before/f{i}.jpg"), np.full((*PAIR.image_size[::-1], 3), (200, 90, 30), np.uint8))
-    (out / "page/map/map.js").unlink()
     report(out)
     (tile,) = (out / "page/map/raw").rglob("0_0.webp")
     rgba = cv2.imdecode(np.frombuffer(tile.read_bytes(), np.uint8), cv2.IMREAD_UNCHANGED)

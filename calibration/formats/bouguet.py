@@ -11,9 +11,12 @@ from calibration.formats.ros import make_camera
 from calibration.formats.section import Section, naming
 from calibration.formats.units import to_meters
 from calibration.rig import Camera, StereoRig
+from calibration.rig_errors import RigErrors
 from calibration.transforms import rigid
 
 Size = tuple[int, int]
+STDS = 3
+"""The toolbox's *_error are "approximately three times the standard deviations", as its own page on parameters says."""
 
 
 def matches(document: Section) -> bool:
@@ -34,7 +37,19 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         R = fields.matrix("R", 3, 3)
     T, doubts = to_meters(fields.numbers("T", 3), "millimeters")
     with naming(fields.where):
-        return StereoRig(left, right, rigid(R, T), doubts=doubts)
+        return StereoRig(left, right, rigid(R, T), doubts=doubts, errors=_errors(fields))
+
+
+def _errors(fields: Section) -> RigErrors | None:
+    """None for files without them."""
+    if not fields.has("fc_left_error", "fc_right_error", "T_error"):
+        return None
+    lenses = [(fields.numbers(f"fc_{side}", 2), fields.numbers(f"fc_{side}_error", 2)) for side in ("left", "right")]
+    T, T_error = fields.numbers("T", 3), fields.numbers("T_error", 3)
+    focal = max(float((error / STDS / value).mean()) for value, error in lenses)
+    along = T / np.linalg.norm(T)
+    baseline = float(np.linalg.norm(along * T_error) / STDS / np.linalg.norm(T))
+    return RigErrors(focal, baseline, "Bouguet's toolbox")
 
 
 def _find(document: Section) -> Section | None:

@@ -7,6 +7,7 @@ import numpy as np
 import yaml
 
 from calibration.errors import CalibrationError
+from calibration.formats.kalibr_results import stated_errors
 from calibration.formats.ros import make_camera
 from calibration.formats.section import Section, naming
 from calibration.rig import Camera, CameraModel, StereoRig
@@ -31,13 +32,14 @@ def parse(document: Section) -> StereoRig:
     cameras = [_parse_camera(section) for section in sections]
     T = sections[1].matrix("T_cn_cnm1", 4, 4)
     topics = [section.text("rostopic") if section.has("rostopic") else "" for section in sections]
+    errors = stated_errors(Path(document.where), np.array([camera.K[[0, 1], [0, 1]] for camera in cameras]))
     with naming(sections[1].where + ": T_cn_cnm1"):
         x_m, y_m, _ = -T[:3, :3].T @ T[:3, 3]
         if x_m < -abs(y_m):
             _check_topics(topics[::-1])
-            return StereoRig(cameras[1], cameras[0], inverse_transform(T))
+            return StereoRig(cameras[1], cameras[0], inverse_transform(T), errors=errors)
         _check_topics(topics)
-        return StereoRig(cameras[0], cameras[1], T)
+        return StereoRig(cameras[0], cameras[1], T, errors=errors)
 
 
 def write(rig: StereoRig, path: Path) -> None:

@@ -14,6 +14,7 @@ from calibration.formats.section import Section, naming
 from calibration.port import DomePort, FlatPort, FlatWindow, Port, seawater_index
 from calibration.refinement import UNSEEN, Movement, Refinement
 from calibration.rig import Camera, CameraModel, Medium, StereoRig
+from calibration.rig_errors import RigErrors
 
 FORMAT = "stereo-seecolor/rig"
 VERSION = 1
@@ -75,6 +76,14 @@ class _RefinedModel(_Strict):
     not_seen: str = UNSEEN
 
 
+class _ErrorsModel(_Strict):
+    """Standard errors of focal length and baseline, relative."""
+
+    focal: float = Field(ge=0)
+    baseline: float = Field(ge=0)
+    stated_by: str
+
+
 class _RigModel(_Strict):
     format: Literal["stereo-seecolor/rig"]
     version: Literal[1]
@@ -85,6 +94,7 @@ class _RigModel(_Strict):
     T_right_left: list[list[float]]
     port: Annotated[_FlatPortModel | _DomePortModel, Field(discriminator="type")] | None = None
     refined: _RefinedModel | None = None
+    errors: _ErrorsModel | None = None
 
 
 def read(path: Path) -> StereoRig:
@@ -134,6 +144,8 @@ def to_bytes(rig: StereoRig) -> bytes:
     if rig.refinement is not None:
         content["refined"] = {**asdict(rig.refinement), "not_seen": UNSEEN}
         content["refined"]["movements"] = [asdict(movement) for movement in rig.refinement.movements]
+    if rig.errors is not None:
+        content["errors"] = asdict(rig.errors)
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None).encode()
 
 
@@ -155,6 +167,7 @@ def _to_rig(content: _RigModel) -> StereoRig:
         rms_px=content.rms_px,
         port=_to_port(content.port),
         refinement=_to_refinement(content.refined),
+        errors=RigErrors(**content.errors.model_dump()) if content.errors else None,
     )
 
 

@@ -22,6 +22,7 @@ from stereo_seecolor.measuring.measures import (
 )
 from stereo_seecolor.measuring.picking import Pick, Surface
 from stereo_seecolor.measuring.terrain import Ground, Spot
+from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.height_code import height_std_m
 from stereo_seecolor.report.map_images import Terrain
 from stereo_seecolor.report.range_code import std_codes, std_from_codes
@@ -84,14 +85,14 @@ def measure(out: Path, points: Path) -> list[Measurement]:
     wanted = read_wanted(points)
     surfaces: dict[str, Surface] = {}
     ground = ground_of(run) if any(not each.frame for each in wanted) else None
-    results = []
+    results, calibration = [], calibration_std(run).total
     for each in wanted:
         if not each.frame and ground is not None:
-            results.append(measured_on_map(ground, each))
+            results.append(measured_on_map(ground, each, calibration))
             continue
         if each.frame not in surfaces:
             surfaces = {each.frame: surface_of(run, each.frame)}  # tables are sorted by frame: one is kept
-        results.append(measured(surfaces[each.frame], each))
+        results.append(measured(surfaces[each.frame], each, calibration))
     return results
 
 
@@ -122,8 +123,8 @@ def ground_of(run: FinishedRun) -> Ground:
     return Ground(heights_m, about["west_m"], about["north_m"], about["pixel_m"], std_m if np.isfinite(std_m) else 0.0)
 
 
-def measured_on_map(ground: Ground, wanted: Wanted) -> Measurement:
-    """Measure one thing on the map."""
+def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measurement:
+    """Measure one thing on the map. calibration: standard error of a length by it, relative."""
     found = [
         ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m)
         for x_m, y_m, z_m, click_m in wanted.spots
@@ -137,8 +138,8 @@ def measured_on_map(ground: Ground, wanted: Wanted) -> Measurement:
         return Measurement(*about, z_m, float(np.sqrt(spots[0].covariance[2, 2])), x_m=x_m, y_m=y_m, z_m=z_m)
     straight = straight_length(spots) if wanted.kind == "length" else planar_area(spots)
     on_ground = _on_ground(ground, wanted.kind, spots)
-    beyond = (on_ground.value, on_ground.total_std) if on_ground else (None, None)
-    return Measurement(*about, straight.value, straight.total_std, *beyond)
+    beyond = (on_ground.value, on_ground.total_std(calibration)) if on_ground else (None, None)
+    return Measurement(*about, straight.value, straight.total_std(calibration), *beyond)
 
 
 def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> Measured | None:
@@ -148,8 +149,8 @@ def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> Measured | 
     return straight_length(line) if line else None
 
 
-def measured(surface: Surface, wanted: Wanted) -> Measurement:
-    """Measure one thing on a surface."""
+def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measurement:
+    """Measure one thing on a surface. calibration: standard error of a length by it, relative."""
     found = [surface.pick(x_px, y_px) for x_px, y_px in wanted.places]
     picks = [pick for pick in found if pick is not None]
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
@@ -158,9 +159,10 @@ def measured(surface: Surface, wanted: Wanted) -> Measurement:
     if wanted.kind == "point":
         x_m, y_m, z_m = (float(value) for value in picks[0].point_m)
         value = range_of(picks[0])
-        return Measurement(*about, value.value, value.total_std, x_m=x_m, y_m=y_m, z_m=z_m)
+        return Measurement(*about, value.value, value.total_std(calibration), x_m=x_m, y_m=y_m, z_m=z_m)
     straight, on_surface = _length(surface, picks) if wanted.kind == "length" else _area(surface, picks)
-    return Measurement(*about, straight.value, straight.total_std, on_surface.value, on_surface.total_std)
+    on_surface_std = on_surface.total_std(calibration)
+    return Measurement(*about, straight.value, straight.total_std(calibration), on_surface.value, on_surface_std)
 
 
 def _length(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, Measured]:

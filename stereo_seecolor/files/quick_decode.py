@@ -1,4 +1,4 @@
-"""The program's own PNG and deflated TIFF back to arrays, in half the time that OpenCV takes: see png.py and tiff.py for their form."""
+"""The program's own PNG and deflated TIFF back to arrays, in half the time that OpenCV takes; png.py and tiff.py write them."""
 
 import struct
 from typing import Any

@@ -32,26 +32,26 @@ class Placed(Protocol):
 class Measured:
     """A value in meters or square meters, NaN where the surface is unknown.
 
-    std: its standard error by range and click. calibration_std: by calibration, which all measures of a dive share.
+    std: its standard error by range and click. power: with which power of lengths it grows, and so how much of the calibration's
+    error, which all measures of a dive share, it takes: 1 for a length, 2 for an area, 0 for a height.
     """
 
     value: float
     std: float
-    calibration_std: float
+    power: int
 
-    @property
-    def total_std(self) -> float:
-        """Standard error by all together."""
-        return float(np.hypot(self.std, self.calibration_std))
+    def total_std(self, calibration_std: float) -> float:
+        """Standard error by all together. calibration_std: of a length, relative."""
+        return float(np.hypot(self.std, self.power * calibration_std * self.value))
 
 
-UNKNOWN = Measured(float("nan"), float("nan"), float("nan"))
+UNKNOWN = Measured(float("nan"), float("nan"), 2)
 
 
 def range_of(pick: Pick) -> Measured:
     """The distance along the ray, with the error of the click."""
     ray = pick.point_m / pick.range_m
-    return Measured(pick.range_m, float(np.sqrt(ray @ pick.covariance @ ray)), LIMITS.calibration_std * pick.range_m)
+    return Measured(pick.range_m, float(np.sqrt(ray @ pick.covariance @ ray)), 1)
 
 
 def straight_length(picks: Sequence[Placed]) -> Measured:
@@ -63,7 +63,7 @@ def straight_length(picks: Sequence[Placed]) -> Measured:
     pulls = np.vstack([units, np.zeros((1, 3))]) - np.vstack([np.zeros((1, 3)), units])
     variance = sum(float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True))
     length_m = float(lengths.sum())
-    return Measured(length_m, float(np.sqrt(variance)), LIMITS.calibration_std * length_m)
+    return Measured(length_m, float(np.sqrt(variance)), 1)
 
 
 def along_surface(surface: Surface, picks: Sequence[Pick]) -> list[Pick]:
@@ -109,10 +109,10 @@ def planar_area(picks: Sequence[Placed]) -> Measured:
     vector = 0.5 * np.cross(edges, np.roll(edges, -1, axis=0)).sum(axis=0)
     area_m2 = float(np.linalg.norm(vector))
     if area_m2 == 0:
-        return Measured(0.0, float("nan"), 0.0)
+        return Measured(0.0, float("nan"), 2)
     pulls = 0.5 * np.cross(np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0), vector / area_m2)
     variance = sum(float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True))
-    return Measured(area_m2, float(np.sqrt(variance)), 2 * LIMITS.calibration_std * area_m2)
+    return Measured(area_m2, float(np.sqrt(variance)), 2)
 
 
 def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, float]:
@@ -140,7 +140,7 @@ def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, flo
     planar = planar_area(picks)
     by_outline = planar.std / planar.value if planar.value > 0 else float("nan")
     by_range = 2 * relative / known / np.sqrt(max(1.0, known * step**2 / (2 * LIMITS.half_window_px + 1) ** 2))
-    return Measured(area_m2, area_m2 * float(np.hypot(by_outline, by_range)), 2 * LIMITS.calibration_std * area_m2), known / total
+    return Measured(area_m2, area_m2 * float(np.hypot(by_outline, by_range)), 2), known / total
 
 
 def _pixel_area_m2(pick: Pick, focal_px: float, cx_px: float, cy_px: float) -> float:

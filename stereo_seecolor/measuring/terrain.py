@@ -7,7 +7,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.measuring.limits import LIMITS
 from stereo_seecolor.measuring.measures import Measured, inside, planar_area
 from stereo_seecolor.records import Map
 
@@ -129,7 +128,7 @@ class Ground:
         if not found:
             return None
         area_m2 = float(np.mean([np.hypot(1.0, np.hypot(*spot.slope)) for spot in found])) * level_m2
-        return Measured(area_m2, area_m2 * planar.std / planar.value, 2 * LIMITS.calibration_std * area_m2)
+        return Measured(area_m2, area_m2 * planar.std / planar.value, 2)
 
 
 def _plane(cells: Array) -> tuple[float, float, float]:

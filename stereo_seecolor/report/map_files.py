@@ -13,7 +13,7 @@ from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.height_code import height_std_m, height_tiles
 from stereo_seecolor.report.map_images import Terrain, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
-from stereo_seecolor.report.raw_mosaic import RawMosaic
+from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
 from stereo_seecolor.report.script import script
 from stereo_seecolor.run_folder.finished_map import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -31,20 +31,21 @@ Files = Iterator[tuple[str, bytes]]
 def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> None:
     """Write OUT/page/map; what an earlier page held of another map, or of one that is gone, is deleted. Raises OutputError.
 
-    with_raw: also in the colors that the camera saw, where frames have their pictures from before. What an earlier page has of them
-    is kept.
+    with_raw: also in the colors that the camera saw, where frames have their pictures from before: painted again once more of them
+    have. What an earlier page has of them is kept.
     """
     made = facts.map
-    keys = [content_key(FORMAT, raw, *_stamps(made)) if made else "" for raw in (True, False)]
+    key = content_key(FORMAT, False, *_stamps(made)) if made else ""
+    painted = content_key(*painted_from(facts.posed)) if with_raw and facts.posed else ""
     earlier = [name for name in folder.dive.files if name.startswith(f"{FOLDER}/")]
-    good = keys[:1] if with_raw else keys
-    if earlier and folder.dive.made_from.get(FOLDER) in good and all((folder.root / name).is_file() for name in earlier):
+    key_before, _, painted_before = folder.dive.made_from.get(FOLDER, "").partition(" ")
+    current = key == key_before and (painted_before == painted or not with_raw)
+    if earlier and current and all((folder.root / name).is_file() for name in earlier):
         return
     if earlier:
         folder.remove(FOLDER)
     if made is not None:
-        key = keys[0 if with_raw else 1]
-        folder.write_all(FOLDER, _MapFiles.of(facts, made, with_raw).contents(keys[1]), made_from=key)
+        folder.write_all(FOLDER, _MapFiles.of(facts, made, with_raw).contents(key), made_from=f"{key} {painted}")
 
 
 def _stamps(made: FinishedMap) -> list[str]:

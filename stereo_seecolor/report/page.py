@@ -9,6 +9,7 @@ from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.report.calibration_note import calibration_note
+from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.charts import kept_charts
 from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.dive_facts import DiveFacts
@@ -111,12 +112,13 @@ Shown = dict[str, tuple[str, ...]]
 
 def _data(facts: DiveFacts, shown: Shown, texts: Texts) -> dict[str, Any]:
     """What the page's program needs to know of the dive."""
-    run = facts.run
+    run, known = facts.run, calibration_std(facts.run)
     return {
         "format": FORMAT,
         "id": run.frames[0].sha256[:16] if run.frames else "",
         "texts": texts.content,
-        "calibration": calibration_note(facts, texts),
+        "calibration": calibration_note(known, texts),
+        "calibration_std": known.total,
         "geometry": asdict(run.geometry) if run.geometry else None,
         "poses": _poses(facts),
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],

@@ -77,6 +77,11 @@ class RawMosaic:
         return packed_colors(colors)
 
 
+def painted_from(posed: PosedRun) -> list[str]:
+    """The frames of a map that the page has from before correction."""
+    return [frame.name for frame in posed.frames if (posed.run.root / page_path("page/before", frame.name)).is_file()]
+
+
 def _points(terrain: Terrain, box: Box, offset_m: Floats) -> Floats:
     """(h, w, 3) of the cells' centers in the map's own coordinates, NaN where the height is unknown."""
     about, (left, top, width, height) = terrain.about, box
@@ -91,13 +96,14 @@ class _Views:
 
     def __init__(self, posed: PosedRun) -> None:
         self._posed, self._geometry = posed, posed.geometry
-        self._files = {i: posed.run.root / page_path("page/before", frame.name) for i, frame in enumerate(posed.frames)}
         self._read = lru_cache(LIMITS.cached_frames)(self._open)
-        self.names = [i for i, file in self._files.items() if file.is_file()]
+        painted = set(painted_from(posed))
+        self.names = [i for i, frame in enumerate(posed.frames) if frame.name in painted]
 
     def _open(self, number: int) -> tuple[NDArray[Any], NDArray[Any]] | None:
         """(h, w, 3) RGB picture and (H, W) measured ranges; None where one cannot be read."""
-        bgr = cv2.imread(str(self._files[number]), cv2.IMREAD_REDUCED_COLOR_2 if self._is_fine else cv2.IMREAD_COLOR)
+        path = self._posed.run.root / page_path("page/before", self._posed.frames[number].name)
+        bgr = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2 if self._is_fine else cv2.IMREAD_COLOR)
         try:
             return None if bgr is None else (bgr[..., ::-1], self._posed.frames[number].measured_range_m())
         except InputError:

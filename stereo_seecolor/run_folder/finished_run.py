@@ -133,7 +133,7 @@ def open_run(out: Path) -> FinishedRun:
         config=content["config"],
         geometry=geometry,
         T_rectified_left=T,
-        frames=tuple(_frame(out, record, dive) for record in current),
+        frames=tuple(_frame(out, record, dive, Path(content.get("working_directory", ""))) for record in current),
         state=dive.state,
         stale=tuple(record.name for record in records if record.name not in names and record.files),
         totals=content["totals"],
@@ -145,17 +145,22 @@ def open_run(out: Path) -> FinishedRun:
     )
 
 
-def _frame(out: Path, record: FrameRecord, dive: DiveRecord) -> FinishedFrame:
+def _frame(out: Path, record: FrameRecord, dive: DiveRecord, base: Path) -> FinishedFrame:
     stages = [stage for name, stage in record.stages.items() if dive.is_current(record, name)]
     source = record.inputs.get("left") or record.inputs.get("image")
     return FinishedFrame(
         name=record.name,
         timestamp_s=record.timestamp_s,
-        left=Path(source.path if source else ""),
+        left=_found(Path(source.path), base) if source else Path(),
         sha256=source.sha256 if source else "",
         products={product: out / path for stage in stages for product, path in stage.outputs.items()},
         facts={key: value for stage in stages for key, value in stage.facts.items()},
     )
+
+
+def _found(given: Path, base: Path) -> Path:
+    """An input from where it was given: relative to the run's working folder, or, where it is not there, to the present one."""
+    return given if given.is_file() and not (base / given).is_file() else base / given
 
 
 def _run_content(out: Path) -> dict[str, Any]:

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
 from json import JSONEncoder
+from pathlib import Path
 from typing import Any
 
 from calibration import Rectification
@@ -119,6 +120,7 @@ def _content(run: RunDescription, summary: RunSummary, settings: Mapping[Stage, 
             "version": __version__,
             "date": datetime.now(UTC).isoformat(timespec="seconds"),
             "command_line": list(run.command_line),
+            "working_directory": str(Path.cwd()),
             "host": platform.node(),
             "platform": platform.platform(),
             "libraries": {"python": sys.version.split()[0]} | {name: _version(name) for name in LIBRARIES},

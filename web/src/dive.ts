@@ -18,6 +18,7 @@ export interface Dive {
   offset_m: number[];
   texts: Record<string, string>;
   calibration: string;
+  calibration_std: number; // of a length, relative
   geometry: Geometry | null;
   image_suffix: string;
   shown: Record<string, string[]>;

@@ -167,13 +167,13 @@ export class MapMeasuring {
     const spots = placed.map(({ point_m: [x, y, z], click_m }) => this.ground.pick(x, y, z, click_m)).filter((spot): spot is Spot => spot !== null);
     if (spots.length < placed.length) return null;
     const [straight, surface] = this.values(spots, kind);
-    const both = { value: straight.value, std: totalStd(straight), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface) : null };
+    const both = { value: straight.value, std: totalStd(straight, this.dive.calibration_std), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface, this.dive.calibration_std) : null };
     const points = placed.map((each) => each.point_m);
     return { frame: "", map: this.about.id, kind, label: "", places: [], points, clicks_m: placed.map((each) => each.click_m), ...both };
   }
 
   private values(spots: Spot[], kind: Kind): [Measured, Measured | null] {
-    if (kind === "point") return [{ value: spots[0].point_m[2] + this.dive.offset_m[2], std: Math.sqrt(spots[0].covariance[8]), calibration_std: 0 }, null];
+    if (kind === "point") return [{ value: spots[0].point_m[2] + this.dive.offset_m[2], std: Math.sqrt(spots[0].covariance[8]), power: 0 }, null];
     if (kind === "area") return [planarArea(spots), this.ground.area(spots)];
     const line = this.ground.along(spots);
     return [straightLength(spots), line && straightLength(line)];

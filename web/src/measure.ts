@@ -8,7 +8,6 @@ const LEAST_PIXELS = 10;
 const LAYER_GAP = 0.02;
 const LAYER_GAP_STDS = 6;
 const CLICK_STD_PX = 0.5;
-export const CALIBRATION_STD = 0.005;
 const LEAST_STEP_PX = 8;
 const STEP_STDS = 6;
 const AREA_STEP_PX = 4;
@@ -32,10 +31,10 @@ export interface Pick extends Placed {
 export interface Measured {
   value: number;
   std: number;
-  calibration_std: number;
+  power: 0 | 1 | 2; // of lengths, with which it grows: so much of the calibration's error it takes
 }
 
-const UNKNOWN: Measured = { value: NaN, std: NaN, calibration_std: NaN };
+const UNKNOWN: Measured = { value: NaN, std: NaN, power: 2 };
 
 const dot = (a: Vector, b: Vector) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const minus = (a: Vector, b: Vector): Vector => [a[0] - b[0], a[1] - b[1], a[2] - b[2]];
@@ -48,7 +47,8 @@ const quadratic = (m: number[], v: Vector) =>
   dot(v, [m[0] * v[0] + m[1] * v[1] + m[2] * v[2], m[3] * v[0] + m[4] * v[1] + m[5] * v[2], m[6] * v[0] + m[7] * v[1] + m[8] * v[2]]);
 
 /** Standard error by everything together. */
-export const totalStd = (measured: Measured) => Math.hypot(measured.std, measured.calibration_std);
+/** calibration_std: of a length, relative. */
+export const totalStd = ({ value, std, power }: Measured, calibration_std: number) => Math.hypot(std, power * calibration_std * value);
 
 /** The surface at a place of the image; null where nothing was measured around it. */
 export function pick(ranges: Ranges, g: Geometry, x_px: number, y_px: number): Pick | null {
@@ -130,7 +130,7 @@ function pointOf(g: Geometry, x_px: number, y_px: number, [value, bx, by]: Vecto
 /** The distance along the ray, with the error of the click. */
 export function rangeOf(picked: Pick): Measured {
   const value = norm(picked.point_m);
-  return { value, std: Math.sqrt(quadratic(picked.covariance, times(picked.point_m, 1 / value))), calibration_std: CALIBRATION_STD * value };
+  return { value, std: Math.sqrt(quadratic(picked.covariance, times(picked.point_m, 1 / value))), power: 1 };
 }
 
 /** Length of the straight lines through points. */
@@ -141,7 +141,7 @@ export function straightLength(picks: Placed[]): Measured {
   const none: Vector = [0, 0, 0];
   const variance = picks.reduce((sum, each, i) => sum + quadratic(each.covariance, minus(units[i] ?? none, units[i - 1] ?? none)), 0);
   const value = lengths.reduce((a, b) => a + b, 0);
-  return { value, std: Math.sqrt(variance), calibration_std: CALIBRATION_STD * value };
+  return { value, std: Math.sqrt(variance), power: 1 };
 }
 
 /** Points of the surface along the lines between picked ones. */
@@ -182,13 +182,13 @@ export function planarArea(picks: Placed[]): Measured {
   const before = (i: number) => (i + points.length - 1) % points.length;
   const sum = edges.reduce<Vector>((total, edge, i) => minus(total, times(cross(edge, edges[next(i)]), -0.5)), [0, 0, 0]);
   const value = norm(sum);
-  if (value === 0) return { value: 0, std: NaN, calibration_std: 0 };
+  if (value === 0) return { value: 0, std: NaN, power: 2 };
   const unit = times(sum, 1 / value);
   const variance = picks.reduce(
     (total, each, i) => total + quadratic(each.covariance, times(cross(minus(points[next(i)], points[before(i)]), unit), 0.5)),
     0,
   );
-  return { value, std: Math.sqrt(variance), calibration_std: 2 * CALIBRATION_STD * value };
+  return { value, std: Math.sqrt(variance), power: 2 };
 }
 
 /** Area of the surface inside the outline of points, and the fraction of it that is known. */
@@ -213,7 +213,7 @@ export function surfaceArea(ranges: Ranges, g: Geometry, picks: Pick[]): [Measur
   const planar = planarArea(picks);
   const byRange = (2 * relative) / known / Math.sqrt(Math.max(1, (known * AREA_STEP_PX ** 2) / (2 * HALF_WINDOW_PX + 1) ** 2));
   const std = value * Math.hypot(planar.std / planar.value, byRange);
-  return [{ value, std, calibration_std: 2 * CALIBRATION_STD * value }, known / total];
+  return [{ value, std, power: 2 }, known / total];
 }
 
 function pixelArea(found: Pick, g: Geometry): number {

@@ -117,7 +117,7 @@ export class Measuring {
   private sayUnder([x, y]: [number, number]): void {
     const found = this.data ? pick(this.data, this.geometry, x, y) : null;
     this.said.textContent = found
-      ? this.text("view.cursor", { range: rangeOf(found).value.toFixed(3), std: (1000 * totalStd(rangeOf(found))).toFixed(1) })
+      ? this.text("view.cursor", { range: rangeOf(found).value.toFixed(3), std: (1000 * totalStd(rangeOf(found), this.dive.calibration_std)).toFixed(1) })
       : this.text("view.unknown");
   }
 
@@ -178,7 +178,7 @@ export class Measuring {
     const straight = kind === "point" ? rangeOf(picks[0]) : kind === "length" ? straightLength(picks) : planarArea(picks);
     const surface = kind === "point" ? null : kind === "length" ? straightLength(alongSurface(data, geometry, picks)) : surfaceArea(data, geometry, picks)[0];
     const points = picks.map((each) => each.point_m);
-    const both = { value: straight.value, std: totalStd(straight), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface) : null };
+    const both = { value: straight.value, std: totalStd(straight, this.dive.calibration_std), surface: surface?.value ?? null, surface_std: surface ? totalStd(surface, this.dive.calibration_std) : null };
     return { frame: this.frame, kind, label, places, points, ...both };
   }
 

@@ -1,7 +1,7 @@
 // Points, lengths and areas on the map's terrain, as stereo_seecolor/measuring/terrain.py computes them (a test compares both).
 
 import type { Heights } from "./heights";
-import { CALIBRATION_STD, planarArea, type Measured, type Placed, type Vector } from "./measure";
+import { planarArea, type Measured, type Placed, type Vector } from "./measure";
 
 const LEAST_CELLS = 2;
 const LAYER_CELLS = 2;
@@ -104,7 +104,7 @@ export class Ground {
     }
     if (!known) return null;
     const value = (sum / known) * level_m2;
-    return { value, std: (value * planar.std) / planar.value, calibration_std: 2 * CALIBRATION_STD * value };
+    return { value, std: (value * planar.std) / planar.value, power: 2 };
   }
 }
 
