@@ -58,6 +58,32 @@ def test_a_flash_alone_is_enough_for_the_nearest_frame(tmp_path: Path) -> None:
     assert abs(error_s(found, 0.72, 0.0)) < 1 / RATE_HZ
 
 
+@pytest.mark.parametrize(
+    ("suffix", "codes", "offset_s"),
+    [
+        (".mp4", ("10:00:01:12", "10:00:00:00"), 1.4),
+        (".mov", ("23:59:59:29", "00:00:00:02"), -0.1),  # over midnight
+        (".mkv", ("00:01:00;02", "00:00:59;29"), 1 / 30),  # two numbers are dropped between
+        (".mov", ("00:10:00;00", "00:09:59;28"), 2 / 30),  # and none in each tenth minute
+    ],
+)
+def test_time_codes_alone_are_enough(tmp_path: Path, suffix: str, codes: tuple[str, str], offset_s: float) -> None:
+    found = sync(*write_pair(tmp_path, offset_s, seconds=3, moves=False, time_codes=codes, suffix=suffix))
+    assert [item.kind for item in found.evidence] == ["time code"]
+    assert found.offset_s == pytest.approx(offset_s, abs=1e-6)
+    assert found.std_s == pytest.approx(np.sqrt(2 / 12) / RATE_HZ, rel=1e-6)
+
+
+@pytest.mark.slow
+def test_time_codes_that_were_not_set_alike_are_not_used(tmp_path: Path) -> None:
+    left, right = write_pair(tmp_path, 0.2, seconds=6, time_codes=("10:00:07:00", "10:00:00:00"))
+    found = sync(left, right)
+    assert [item.kind for item in found.evidence] == ["motion"]
+    assert "time codes say +7.000 s, so they were not set alike, and are not used" in found.text
+    _, alike = write_pair(tmp_path / "alike", 0.2, seconds=6, time_codes=("10:00:07:00", "10:00:06:24"))
+    assert [item.kind for item in sync(left, alike).evidence] == ["motion", "time code"]
+
+
 @pytest.mark.slow
 def test_motion_sound_and_flash_agree(tmp_path: Path, cli) -> None:
     left, right = write_pair(tmp_path, -0.4, sound=True, flash_s=4.0)

@@ -42,20 +42,21 @@ def write_pair(
     rate_hz: float = RATE_HZ,
     speed: float = 1.0,
     blurred: tuple[int, ...] = (),
+    time_codes: tuple[str, str] = ("", ""),
+    suffix: str = ".mp4",
 ) -> tuple[Path, Path]:
     """An event at t on the left clock is at t + offset_s + drift t on the right one. blurred: numbers of frames."""
     folder.mkdir(parents=True, exist_ok=True)
     scene = texture()
     files = []
-    for side, clock in (("left", (0.0, 0.0, 0.0)), ("right", (offset_s, drift, 14.0))):
+    for code, side, clock in zip(time_codes, ("left", "right"), ((0.0, 0.0, 0.0), (offset_s, drift, 14.0)), strict=True):
         own_s = np.arange(round(seconds * rate_hz)) / rate_hz
         true_s = (own_s - clock[0]) / (1 + clock[1])
         sound_s = sound_offset_s if sound_offset_s is not None and side == "right" else clock[0]
         noise = hum(own_s[-1], sound_s, clock[1]) if sound else None
         shifts = speed * swell(true_s) if moves else np.zeros((len(true_s), 2))
-        files.append(
-            _write(folder / f"{side}.mp4", scene, own_s, shifts + np.array([clock[2], 0.0]), noise, true_s, flash_s, blurred)
-        )
+        place = shifts + np.array([clock[2], 0.0])
+        files.append(_write(folder / f"{side}{suffix}", scene, own_s, place, noise, true_s, flash_s, blurred, code))
     return files[0], files[1]
 
 
@@ -71,11 +72,12 @@ def hum(seconds: float, offset_s: float, drift: float) -> np.ndarray:
     return np.interp((own_s - offset_s) / (1 + drift), start_s + np.arange(len(heard)) / rate, heard).astype(np.float32)
 
 
-def _write(path: Path, scene, own_s, shifts, noise, true_s, flash_s, blurred=()) -> Path:
+def _write(path: Path, scene, own_s, shifts, noise, true_s, flash_s, blurred, time_code) -> Path:
     with av.open(str(path), "w") as container:
         video = container.add_stream("libx264", rate=RATE_HZ, options={"crf": "14", "preset": "ultrafast"})
         video.width, video.height, video.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         video.codec_context.time_base = Fraction(1, TICKS)
+        video.metadata.update({"timecode": time_code} if time_code else {})
         audio = container.add_stream("aac", rate=8000, layout="mono") if noise is not None else None
         for number, (time_s, (x_px, y_px), moment_s) in enumerate(zip(own_s, shifts, true_s, strict=True)):
             place = np.float32([[1, 0, x_px - 180], [0, 1, y_px - 140]])

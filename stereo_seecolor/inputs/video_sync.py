@@ -1,6 +1,6 @@
-"""Two videos of cameras without a wire: how one clock runs against the other, from sound, a flash, and the moving picture."""
+"""Two videos of cameras without a wire: how one clock runs against the other, by sound, a flash, time codes, moving pictures."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from stereo_seecolor.inputs.video_motion import NoEvidence, VideoSignals, video_
 from stereo_seecolor.inputs.video_rows import Pairs, row_lag
 from stereo_seecolor.inputs.video_sound import sound_lag
 from stereo_seecolor.inputs.video_streams import sound
+from stereo_seecolor.inputs.video_time_code import time_code_lag
 from stereo_seecolor.robust_statistics import deviation
 
 
@@ -35,7 +36,7 @@ LIMITS = SyncLimits()
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one kind of evidence (``sound``, ``flash``, ``motion``, ``rows``) says."""
+    """What one kind of evidence (``sound``, ``flash``, ``motion``, ``time code``, ``rows``) says."""
 
     kind: str
     lag: Lag
@@ -47,7 +48,7 @@ class VideoSync:
 
     pairs: (n, 2) numbers of the frames that are nearest, left and right. rest_s: (n,) how far apart they are after all, right less
     left. false_disparity: (n,) what the picture moves in that time, image widths. left_out: pairs for which that is too much.
-    signals: of both videos.
+    signals: of both videos. time_code: what time codes say that were not set alike, None where they are used or there are none.
     """
 
     lag: Lag
@@ -57,6 +58,7 @@ class VideoSync:
     false_disparity: Array
     left_out: int
     signals: tuple[VideoSignals, VideoSignals]
+    time_code: Lag | None = None
 
     @property
     def text(self) -> str:
@@ -71,11 +73,12 @@ class VideoSync:
 
     @property
     def _left_out_text(self) -> str:
-        return (
-            f"; {self.left_out} pairs in which it moves by more than {LIMITS.false_disparity:.1%} are left out"
-            if self.left_out
-            else ""
-        )
+        text = ""
+        if self.left_out:
+            text = f"; {self.left_out} pairs in which it moves by more than {LIMITS.false_disparity:.1%} are left out"
+        if self.time_code:
+            text += f"; their time codes say {self.time_code.offset_s:+.3f} s, so they were not set alike, and are not used"
+        return text
 
 
 def synchronize(left: Path, right: Path, rig: StereoRig | None = None) -> VideoSync:
@@ -94,10 +97,13 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None = None) -> VideoS
         )
         if lag is not None
     )
+    code = time_code_lag(left, right)
+    if code and all(_agree(item.lag, code) for item in evidence):
+        evidence, code = (*evidence, Evidence("time code", code)), None
     if not evidence:
         raise NoEvidence(
-            f"{left} and {right}: nothing tells how their clocks run: no sound and no flash in common, and the picture moves too "
-            "little, or in waves that repeat; clap or turn the rig next time, or set input.video_offset_s"
+            f"{left} and {right}: nothing tells how their clocks run: no sound, flash or time code in common, and pictures move "
+            "too little, or in waves that repeat; clap or turn the rig next time, or set input.video_offset_s"
         )
     best = min(evidence, key=lambda item: item.lag.std_s).lag
     if rig is not None and (rows := row_lag((left, right), rig, signals, best, _nearest(signals, best)[0])):
@@ -109,7 +115,7 @@ def synchronize(left: Path, right: Path, rig: StereoRig | None = None) -> VideoS
             f"{left} and {right}: their offset is known to {1000 * best.std_s:.0f} ms only, not to half a frame: set "
             "input.video_offset_s"
         )
-    return paired(signals, best, evidence)
+    return replace(paired(signals, best, evidence), time_code=code)
 
 
 def paired(signals: tuple[VideoSignals, VideoSignals], lag: Lag, evidence: tuple[Evidence, ...] = ()) -> VideoSync:
@@ -175,13 +181,17 @@ def _flash(signals: VideoSignals) -> float | None:
 
 def _refuse_disagreement(left: Path, right: Path, evidence: tuple[Evidence, ...]) -> None:
     for a, b in combinations(evidence, 2):
-        at = np.array([a.lag.center_s])
-        apart_s = abs(float((a.lag.at(at) - b.lag.at(at))[0]))
-        if apart_s > LIMITS.disagree_s + LIMITS.sigmas * float(np.hypot(a.lag.std_s, b.lag.std_s)):
+        if not _agree(a.lag, b.lag):
             raise InputError(
                 f"{left} and {right}: {a.kind} says that the right clock is {a.lag.offset_s:+.3f} s against the left one, {b.kind} "
                 f"says {b.lag.offset_s:+.3f} s: are they of one dive? If so, set input.video_offset_s"
             )
+
+
+def _agree(a: Lag, b: Lag) -> bool:
+    at = np.array([a.center_s])
+    apart_s = abs(float((a.at(at) - b.at(at))[0]))
+    return apart_s <= LIMITS.disagree_s + LIMITS.sigmas * float(np.hypot(a.std_s, b.std_s))
 
 
 def _usual(signals: VideoSignals) -> float:
