@@ -2,17 +2,20 @@
 
 import platform
 import re
+import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from fractions import Fraction
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from threading import Thread
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -93,6 +96,67 @@ def test_two_network_cameras_become_pairs() -> None:
             assert 0 <= source.latency_s(later) < 30
 
 
+@contextmanager
+def sent(address: str, values: tuple[int, ...], form: str) -> Iterator[None]:
+    """H.264 of pictures of these gray values side by side, until the block ends; begun again where nobody listens yet."""
+    stopped = False
+
+    def send() -> None:
+        with av.open(address, "w", format=form, options={"rtsp_transport": "tcp"} if form == "rtsp" else {}) as container:
+            stream = container.add_stream("libx264", rate=20, options={"g": "5", "tune": "zerolatency"})
+            stream.width, stream.height, stream.pix_fmt = 64 * len(values), 48, "yuv420p"
+            picture = np.repeat(np.repeat(np.array(values, np.uint8), 64)[None, :, None], 48, 0).repeat(3, 2)
+            for number in range(2000):
+                frame = av.VideoFrame.from_ndarray(picture, format="rgb24")
+                frame.pts, frame.time_base = number, Fraction(1, 20)
+                container.mux(stream.encode(frame))
+                time.sleep(0.05)
+                if stopped:
+                    return
+
+    def keep_sending() -> None:
+        while not stopped:
+            with suppress(OSError, av.FFmpegError):
+                send()
+            time.sleep(0.1)
+
+    thread = Thread(target=keep_sending, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        stopped = True
+        thread.join(10)
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("protocol", ["udp", "rtsp"])
+def test_network_streams_become_pairs(protocol: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """MPEG-TS of two cameras; RTSP of one that shows both sides, to which our side listens, since FFmpeg has no server."""
+    monkeypatch.setenv("OPENCV_FFMPEG_CAPTURE_OPTIONS", f"{live_cameras.FFMPEG_OPTIONS}|rtsp_flags;listen|listen_timeout;20")
+    addresses = [f"{protocol}://127.0.0.1:{free_port()}/{side}" for side in ("left", "right")]
+    shows: list[tuple[int, ...]] = [(60,), (180,)]
+    if protocol == "rtsp":
+        addresses, shows = addresses[:1], [(60, 180)]
+    with ExitStack() as stack:
+        sides = stack.enter_context(cameras(addresses[0], addresses[-1]))
+        for address, values in zip(addresses, shows, strict=True):
+            stack.enter_context(sent(address, values, {"udp": "mpegts"}.get(protocol, protocol)))
+        source = StreamPairs(*sides, InputConfig())
+        for _ in range(3):
+            pair = until(source.newest)
+            frame = source.read(pair)
+            assert frame.left.shape == (48, 64, 3)
+            assert [round(side.mean(), -1) for side in (frame.left, frame.right)] == [60, 180]
+            source.take(pair)
+
+
 @pytest.mark.slow
 def test_a_server_that_is_restarted_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(live_cameras, "TIMEOUT_MS", 500)
@@ -113,8 +177,6 @@ def test_a_server_that_is_restarted_is_found_again(monkeypatch: pytest.MonkeyPat
 
 
 def test_sides_of_two_kinds_are_refused(tmp_path: Path) -> None:
-    from contextlib import ExitStack
-
     with ExitStack() as stack, pytest.raises(InputError, match="two folders, two cameras, or two topics"):
         live_source("0", str(tmp_path), InputConfig(), stack)
     if not cv2.videoio_registry.hasBackend(cv2.CAP_GSTREAMER):
@@ -227,8 +289,6 @@ def published(make_dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["", "/compressed"])
 def test_topics_of_another_process_are_read(published: Path, suffix: str) -> None:
-    from contextlib import ExitStack
-
     with ExitStack() as stack:
         sides = (f"ros2:/stereo/{side}/image_raw{suffix}" for side in ("left", "right"))
         source = live_source(*sides, InputConfig(), stack)

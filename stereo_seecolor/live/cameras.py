@@ -25,6 +25,9 @@ RETRY_S = 1.0
 FFMPEG_OPTIONS = "fflags;nobuffer|flags;low_delay|rtsp_transport;tcp"
 """Frames are shown as they come, instead of some seconds later; packets of RTSP are not lost."""
 
+FFMPEG_QUIET = "-8"
+"""AV_LOG_QUIET: a stream that is joined between two keyframes would fill the terminal with complaints."""
+
 
 def is_address(text: str) -> bool:
     """True for a capture device (``0``, ``/dev/video0``), a network address, and a GStreamer pipeline (``... ! appsink``)."""
@@ -96,6 +99,7 @@ def cameras(left: str, right: str) -> Iterator[tuple[Side, Side]]:
                 f"{address}: this OpenCV was built without GStreamer: install one that has it, or give an rtsp:// address"
             )
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", FFMPEG_OPTIONS)
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", FFMPEG_QUIET)
     first = Camera(left)
     with in_background(first.run, first.stop):
         if left == right:
