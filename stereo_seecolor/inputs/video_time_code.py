@@ -15,10 +15,10 @@ _TEXT = re.compile(r"(\d\d):(\d\d):(\d\d)([:;.,])(\d\d)")
 
 def time_code_lag(left: Path, right: Path) -> Lag | None:
     """The lag of two cameras whose time codes were set alike; None where one has none. Raises InputError, DeviceError."""
-    starts = [_start(path) for path in (left, right)]
-    if starts[0] is None or starts[1] is None:
+    first, second = _start(left), _start(right)
+    if first is None or second is None:
         return None
-    (left_s, left_frame_s), (right_s, right_frame_s) = starts
+    (left_s, left_frame_s), (right_s, right_frame_s) = first, second
     offset_s = (left_s - right_s + DAY_S / 2) % DAY_S - DAY_S / 2
     std_s = float(np.hypot(left_frame_s, right_frame_s) / np.sqrt(12))  # whole frames
     return Lag(offset_s, std_s, 0.0, LIMITS.drift)

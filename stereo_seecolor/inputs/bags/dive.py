@@ -62,7 +62,8 @@ def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
     images: dict[Path, dict[str, Entry]] = defaultdict(dict)
     lefts, rights = (_files_of(topic, images) for topic in (sides.left, sides.right))
     open_containers({file: _Images(entries, file) for file, entries in images.items()})
-    pairing = pair_files(lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}")
+    untimed = " (headers hold no time; the times of recording are used)" if sides.left.name in bag.unstamped else ""
+    pairing = pair_files(lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}{untimed}")
     infos = info_topic(bag, sides.left), info_topic(bag, sides.right)
     return BagDive(bag, sides, pairing.with_notes(_notes(bag, sides, pairing)), infos)
 

@@ -78,7 +78,7 @@ def _records(source: Source, start: int, end: int | None = None) -> Iterator[_Re
         yield _Record(kind, start, size)
         start += size
     if start > source.size:
-        raise Cut(f"ends at byte {source.size}, in the middle of a chunk")
+        raise Cut(f"ends at byte {source.size}, in the middle of a record")
 
 
 def _found(source: Source, record: _Record, declared: _Declared, chunk: Chunk | None) -> Iterator[Message]:

@@ -15,10 +15,13 @@ HEAD_BYTES = 64
 def connect(path: Path) -> sqlite3.Connection:
     """The file, opened for reading; nothing is written beside it. Raises sqlite3.Error.
 
-    A recorder that was killed leaves a journal with the last messages, which only an ordinary connection reads.
+    A recorder that was killed leaves a journal with the last messages, which only an ordinary connection reads. A file that was
+    cut is read as far as it goes, which SQLite does only with writable_schema (nothing is written: the connection is for reading).
     """
     journal = path.with_name(f"{path.name}-wal").exists()
-    return sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro{'' if journal else '&immutable=1'}", uri=True)
+    database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro{'' if journal else '&immutable=1'}", uri=True)
+    database.execute("PRAGMA writable_schema = ON")
+    return database
 
 
 def walk(path: Path, problems: list[str]) -> Iterator[Message]:
