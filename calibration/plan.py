@@ -7,7 +7,6 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
 from calibration.refraction import cameras_in_water
 from calibration.rig import StereoRig
@@ -55,9 +54,7 @@ class RectificationPlan:
 
 
 def plan_rectification(rig: StereoRig) -> RectificationPlan:
-    """The rectified geometry of ``rig``. Raises CalibrationError for image sizes that differ or views that do not overlap."""
-    if rig.left.image_size != rig.right.image_size:
-        raise CalibrationError(f"left and right images differ in size: {rig.left.image_size} and {rig.right.image_size}")
+    """The rectified geometry of ``rig``. Raises CalibrationError for views that do not overlap."""
     if rig.is_rectified:
         K = rig.left.K
         pair = RectifiedPair(K[0, 0], K[0, 2], rig.right.K[0, 2], K[1, 2], rig.baseline_m, rig.left.image_size)

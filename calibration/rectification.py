@@ -12,6 +12,7 @@ from calibration.errors import CalibrationError
 from calibration.geometry import RectifiedPair
 from calibration.plan import plan_rectification
 from calibration.refraction import CameraInWater, cameras_in_water
+from calibration.resizing import wrong_size
 from calibration.rig import Camera, StereoRig
 from calibration.turns import quarter_turn
 
@@ -31,7 +32,7 @@ class Rectification:
 
     pair: the upright geometry. R_left, R_right: (3, 3) rotation from each camera's axes to the upright rectified axes.
     center_left_m: (3,) in the left camera's axes, where the rectified left camera has its center; off zero behind a flat port.
-    raw_size: (width, height) of the cameras' images.
+    raw_size, raw_size_right: (width, height) of the cameras' images.
     maps_left, maps_right: cv2.remap tables (fixed point) to the images that are matched, None for a rig that is rectified
     already: its images pass through untouched.
     """
@@ -41,6 +42,7 @@ class Rectification:
     R_right: Array
     center_left_m: Array
     raw_size: tuple[int, int]
+    raw_size_right: tuple[int, int]
     maps_left: RemapTables | None
     maps_right: RemapTables | None
 
@@ -52,14 +54,14 @@ class Rectification:
         Raises CalibrationError if the cameras share no field of view.
         """
         plan = plan_rectification(rig)
-        size = rig.left.image_size
+        sizes = rig.left.image_size, rig.right.image_size
         if rig.is_rectified:
-            return cls(plan.pair, plan.R_left, plan.R_right, np.zeros(3), size, None, None)
+            return cls(plan.pair, plan.R_left, plan.R_right, np.zeros(3), *sizes, None, None)
         left, right, _ = cameras_in_water(rig)
         center_m = left.center_m if isinstance(left, CameraInWater) else np.zeros(3)
         maps_left = _maps(left, plan.R_left_matching, plan.matching_pair)
         maps_right = _maps(right, plan.R_right_matching, plan.matching_pair)
-        return cls(plan.pair, plan.R_left, plan.R_right, center_m, size, maps_left, maps_right)
+        return cls(plan.pair, plan.R_left, plan.R_right, center_m, *sizes, maps_left, maps_right)
 
     @cached_property
     def matching_pair(self) -> RectifiedPair:
@@ -105,12 +107,9 @@ class Rectification:
         return np.asarray(self.apply_left(np.full((height, width), 255, np.uint8)) == 255)
 
     def _remap(self, image: Image, maps: RemapTables | None, side: str) -> Image:
-        height, width = image.shape[:2]
-        if (width, height) != self.raw_size:
-            raise CalibrationError(
-                f"the {side} image is {width}x{height} px but the calibration is for {self.raw_size[0]}x{self.raw_size[1]}: "
-                "use the calibration made at this resolution"
-            )
+        size, calibrated = (image.shape[1], image.shape[0]), self.raw_size if side == "left" else self.raw_size_right
+        if size != calibrated:
+            raise CalibrationError(wrong_size(side, size, calibrated))
         if maps is None:
             return image
         rectified: Image = cv2.remap(image, *maps, interpolation=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)

@@ -172,6 +172,7 @@ class StereoRig:
         return bool(
             pinhole
             and not isinstance(self.port, FlatPort)
+            and self.left.image_size == self.right.image_size
             and same_lens
             and square
             and no_distortion

@@ -58,6 +58,11 @@ class RowCheck:
         return self.behind_fraction > LIMITS.swapped_fraction
 
     @property
+    def in_front(self) -> bool:
+        """True if nearly all points lie in front of the cameras."""
+        return self.behind_fraction < 1 - LIMITS.swapped_fraction
+
+    @property
     def has_moved(self) -> bool:
         """True if rows disagree as after a movement of a camera, which refining can find."""
         small = self.unexplained_px <= LIMITS.moved_ratio * self.row_error_px
@@ -73,9 +78,9 @@ class RowCheck:
     @property
     def advice(self) -> tuple[str, ...]:
         """What to do, one line each, the gravest first."""
-        advice = []
         if self.swapped:
-            advice.append(f"{self.behind_fraction:.0%} of the points lie behind infinity: the left and right folders are swapped")
+            return (f"{self.behind_fraction:.0%} of the points lie behind infinity: the left and right folders are swapped",)
+        advice = []
         if self.air_in_water:
             advice.append(
                 f"light bent by a flat port (index {self.index:.2f}) explains the rows, {self.index_unexplained_px:.2f} px left "

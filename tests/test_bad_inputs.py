@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import yaml
 
+from calibration.formats import load_rig
+
 
 def read(path: Path) -> np.ndarray:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
@@ -138,13 +140,25 @@ def test_calibration_that_is_no_yaml(make_dive, cli, tmp_path) -> None:
     assert said.count("\n") == 1
 
 
-@pytest.mark.slow
-def test_swapped_folders_are_noticed(make_dive, cli, tmp_path) -> None:
+def test_swapped_folders_stop_the_run(make_dive, cli, tmp_path) -> None:
     dive = make_dive()
     words = ["run", "--left", str(dive.root / "R"), "--right", str(dive.root / "L"), "--calib", str(dive.root / "cam.yaml")]
-    code, printed, said = cli(*words, "--out", str(tmp_path / "out"))
-    assert code in (1, 3)
-    assert "swapped" in printed + said
+    code, _, said = cli(*words, "--out", str(tmp_path / "out"))
+    assert code == 1
+    assert re.search(r"left and right look swapped: \d+% of \d+ points .*: exchange --left and --right", said)
+    assert said.count("\n") == 1
+
+
+def test_a_calibration_of_another_size_stops_the_run(make_dive, cli, tmp_path) -> None:
+    dive = make_dive(2)
+    twice = str(tmp_path / "twice.yaml")
+    width, height = load_rig(dive.root / "cam.yaml").left.image_size
+    assert cli("convert-calib", str(dive.root / "cam.yaml"), twice, "--resize", f"{2 * width}x{2 * height}")[0] == 0
+    words = ["--left", str(dive.root / "L"), "--right", str(dive.root / "R"), "--calib", twice]
+    code, _, said = cli("run", *words, "--out", str(tmp_path / "out"))
+    assert code == 1
+    assert re.search(rf"convert-calib {twice} resized.yaml --resize {width}x{height}; if they were cut out", said)
+    assert said.count("\n") == 1
 
 
 @pytest.mark.slow
@@ -155,9 +169,9 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(cli, tmp_path) -> Non
         first = min((reef / side).iterdir())
         (tmp_path / other / first.name).symlink_to(first)
     words = ["range", "--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(reef / "cam.yaml")]
-    code, printed, _ = cli(*words, "--out", str(tmp_path / "out"))
-    assert code == 3
-    assert re.search(r"^failed: reef_\d+: left and right look swapped: ", printed, re.M)  # its name is there once
+    code, _, said = cli(*words, "--out", str(tmp_path / "out"))
+    assert code == 1
+    assert "left and right look swapped: " in said
 
 
 def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:

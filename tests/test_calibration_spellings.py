@@ -64,6 +64,14 @@ def test_zed_custom_calibration(fisheye: bool, tmp_path: Path) -> None:
     np.testing.assert_allclose(found.T_right_left, RIG.T_right_left, atol=1e-9)
 
 
+def test_millimeters_are_taken_as_such_and_named(tmp_path: Path) -> None:
+    matrices = {"M1": RIG.left.K, "M2": RIG.right.K, "D1": RIG.left.distortion[None], "D2": RIG.right.distortion[None]}
+    storage(tmp_path / "stereo.yml", **matrices, R=RIG.R, T=RIG.T_right_left[:3, 3:] * 1000)
+    found = load_rig(tmp_path / "stereo.yml", SIZE)
+    np.testing.assert_allclose(found.T_right_left, RIG.T_right_left, atol=1e-9)
+    assert "taken as millimeters" in found.doubts[0]
+
+
 def test_a_matrix_a_file(tmp_path: Path) -> None:
     parts = {"M1": RIG.left.K, "D1": RIG.left.distortion[None], "M2": RIG.right.K, "D2": RIG.right.distortion[None]}
     for name, matrix in (parts | {"R": RIG.R, "T": RIG.T_right_left[:3, 3:]}).items():

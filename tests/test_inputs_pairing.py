@@ -41,7 +41,7 @@ def names(tmp_path: Path, lefts: list[str], rights: list[str], **config: object)
         ("dive 3-left-07.png", "dive 3-right-07.png", "dive 3-07"),
         ("PR_20180811_153729_762_LC16.tif", "PR_20180811_153729_762_RC16.tif", "PR_20180811_153729_762_16"),
         ("fwd_0001.png", "aft_0001.png", "0001"),
-        ("récif_links_5.png", "récif_rechts_5.png", "5"),
+        ("récif_links_5.png", "récif_rechts_5.png", "récif_5"),
         ("lc_5.png", "rc_5.png", "5"),
     ],
 )

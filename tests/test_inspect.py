@@ -12,6 +12,9 @@ import pytest
 from test_inputs_neighbors import renumber
 from test_inputs_video import smooth_frames, write_video
 
+from calibration import CalibrationError
+from calibration.formats import load_rig, write_rig
+from calibration.resizing import resized_rig
 from stereo_seecolor.cli import main
 from stereo_seecolor.commands.inspect import inspect
 from stereo_seecolor.errors import InputError
@@ -91,6 +94,33 @@ def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
     code, printed = cli("inspect", str(dive.root))
     assert code == 3
     assert "not a pair: 0022: its images do not show the same scene; the left image of 0022 fits the right one of 0023" in printed
+    assert "a camera has moved" not in printed
+    assert "--refine" not in printed
+
+
+def test_swapped_sides_are_exchanged_in_the_run_line(make_dive) -> None:
+    dive = make_dive(1)
+    for old, new in (("L", "x"), ("R", "L"), ("x", "R")):
+        (dive.root / old).rename(dive.root / new)
+    found = inspect([dive.root])
+    assert "the run line exchanges the sides" in found.problems
+    assert f"--left {dive.root / 'R'} --right {dive.root / 'L'}" in found.run_command
+
+
+def test_a_calibration_that_is_refused_is_named(make_dive) -> None:
+    dive = make_dive(1)
+    text = (dive.root / "cam.yaml").read_text()
+    (dive.root / "cam.yaml").write_text(text.replace("medium:", "medium: ice #"))
+    assert any("cam.yaml" in problem and "ice" in problem for problem in inspect([dive.root]).problems)
+
+
+def test_a_calibration_of_another_size_is_refused_with_what_to_do(make_dive) -> None:
+    dive = make_dive(1)
+    cam = dive.root / "cam.yaml"
+    rig = load_rig(cam)
+    write_rig(resized_rig(rig, (2 * rig.left.image_size[0], 2 * rig.left.image_size[1])), cam)
+    with pytest.raises(CalibrationError, match=rf"0.5 times the size: .*convert-calib {cam} resized.yaml --resize"):
+        inspect([dive.root])
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ from calibration.errors import CalibrationError
 from calibration.formats.ros import make_camera, rig_from_projections
 from calibration.formats.section import Section, naming
 from calibration.formats.units import to_meters
-from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.rig import MAX_BASELINE_M, Camera, CameraModel, StereoRig
 from calibration.transforms import rigid
 
 K_NAMES = ("K", "M", "cameraMatrix", "camera_matrix", "camera_matrix_coefficients", "intrinsic_matrix", "CM", "mtx")
@@ -24,6 +24,8 @@ D_NAMES = (
 SIDES = (("1", "2"), ("L", "R"), ("LEFT", "RIGHT"), ("Left", "Right"), ("left", "right"), ("l", "r"))
 SPELLINGS = ("{name}{side}", "{name}_{side}", "{side}_{name}", "{side}{name}")
 FISHEYE_NAMES = ("fisheye", "equidistant", "kannala_brandt", "KannalaBrandt8")
+LEAST_MM = 20.0
+"""A baseline of this number or more cannot be in meters, centimeters or board squares: stereoCalibrate was given millimeters."""
 Size = tuple[int, int]
 
 
@@ -75,7 +77,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     R = document.numbers("R", 9, 3)
     T = document.numbers("T", 3)
     doubts: tuple[str, ...] = ()
-    if not has_numbered_sides(document):
+    if not has_numbered_sides(document) or LEAST_MM <= np.linalg.norm(T) <= MAX_BASELINE_M * 1000:
         T, doubts = to_meters(T, "millimeters" if document.has("K_LEFT") else None)
     with naming(document.where):
         return StereoRig(left, right, rigid(R.reshape(3, 3) if R.size == 9 else cv2.Rodrigues(R)[0], T), doubts=doubts)

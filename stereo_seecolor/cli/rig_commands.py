@@ -62,6 +62,10 @@ Format = Annotated[Literal["native", "ros", "kalibr", "opencv", "matlab", "viame
 Size = Annotated[
     str | None, typer.Option("--size", metavar="WIDTHxHEIGHT", help="WIDTHxHEIGHT, for a source that does not state it (OpenCV).")
 ]
+Resize = Annotated[
+    str | None,
+    typer.Option("--resize", metavar="WIDTHxHEIGHT", help="Size of the images where they were binned or resized since."),
+]
 
 
 def calibrate(
@@ -116,11 +120,13 @@ def check(
     report.end(check_content(result), check_text(result), code)
 
 
-def convert_calib(source: Source, out: Converted, to: Format = "native", size: Size = None, as_json: AsJson = False) -> None:
+def convert_calib(
+    source: Source, out: Converted, to: Format = "native", size: Size = None, resize: Resize = None, as_json: AsJson = False
+) -> None:
     """Convert a calibration into another format; the rays of all pixels stay the same."""
     from stereo_seecolor.commands.convert_calib import convert_calib as convert
 
-    result = convert(source, out, to, size)
+    result = convert(source, out, to, size, resize)
     report = Report("convert-calib", as_json)
     text = f"{result.out}: {result.format}, baseline {result.baseline_m * 1000:.1f} mm\n"
     report.end({"source": source, "out": out, "format": to, "baseline_m": result.baseline_m}, text)

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.formats import WritableFormat, load_rig, parse_size, write_rig
+from calibration.resizing import resized_rig
 
 
 @dataclass(frozen=True)
@@ -16,11 +17,16 @@ class ConvertedCalibration:
     baseline_m: float
 
 
-def convert_calib(source: str, out: str | Path, to: WritableFormat = "native", size: str | None = None) -> ConvertedCalibration:
+def convert_calib(
+    source: str, out: str | Path, to: WritableFormat = "native", size: str | None = None, resize: str | None = None
+) -> ConvertedCalibration:
     """Read ``source`` in any known format and write it as ``to``; the rays of all pixels stay the same.
 
-    size: WIDTHxHEIGHT, for a source that does not state it. Raises CalibrationError.
+    size: WIDTHxHEIGHT, for a source that does not state it. resize: WIDTHxHEIGHT of images that were binned or resized since.
+    Raises CalibrationError.
     """
     rig = load_rig(source, parse_size(size) if size else None)
+    if resize:
+        rig = resized_rig(rig, parse_size(resize))
     write_rig(rig, out, to)
     return ConvertedCalibration(source, str(out), to, rig.baseline_m)

@@ -1,6 +1,7 @@
 """The rig of a dive: read for its images, held against its first pairs, and refined with pairs spread over it."""
 
 from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from calibration.checks import rows_agree, vertical_disparity
 from calibration.formats import load_rig
 from calibration.matches import Matches, raw_matches
 from calibration.readings import settle_reading
+from calibration.resizing import wrong_size
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -26,17 +28,28 @@ REFINING_PAIRS = 8
 def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
     """The rig, for images as large as the first that can be read (some calibration files do not say).
 
-    Raises InputError, CalibrationError.
+    Raises InputError; CalibrationError, also where the first images are all of another size than the calibration's.
     """
+    sizes = _left_sizes(pairs, images)
+    first = next(sizes)
+    rig = load_rig(calib, first)
+    if rig.left.image_size != first and rig.left.image_size not in islice(sizes, DECIDING_PAIRS - 1):
+        raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)))
+    return rig
+
+
+def _left_sizes(pairs: Sequence[Pair], images: InputConfig) -> Iterator[tuple[int, int]]:
+    """(width, height) of the left images that can be read. Raises InputError if none can be."""
     problems = []
     for pair in pairs:
         try:
             height, width = read_image(pair.left, images).shape[:2]
         except InputError as error:
             problems.append(str(error))
-            continue
-        return load_rig(calib, (width, height))
-    raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")
+        else:
+            yield width, height
+    if len(problems) == len(pairs):
+        raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")
 
 
 def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
@@ -48,18 +61,31 @@ def rows_note(rectification: Rectification, rig: StereoRig, pairs: Sequence[Pair
     """What the first pairs say of the calibration: a note where rows disagree by over half a pixel.
 
     A quick look at one pair is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked
-    at only where that one disagrees.
+    at only where that one disagrees. Raises InputError where left and right are swapped: no pair could be matched.
     """
     try:
         if all(rows_agree(rectification, both) for both in first_images(pairs, images, 1)):
             return ()
         for most in (1, DECIDING_PAIRS):
-            warning = vertical_disparity(rig, first_images(pairs, images, most)).warning
-            if warning is None:
+            check = vertical_disparity(rig, first_images(pairs, images, most))
+            if check.warning is None:
                 return ()
     except CalibrationError:
         return ()  # too few points to tell
-    return (f"calibration: {warning} (stereo-seecolor run --refine)",)
+    if check.swapped and exchanging_helps(rig, list(first_images(pairs, images))):
+        raise InputError(
+            f"left and right look swapped: {check.behind_fraction:.0%} of {check.matches} points in {check.pairs} pairs lie behind "
+            "infinity, and in front the other way round: exchange --left and --right (or see whether both sides are numbered alike)"
+        )
+    return (f"calibration: {check.warning} (stereo-seecolor run --refine)",)
+
+
+def exchanging_helps(rig: StereoRig, images: Sequence[tuple[Image, Image]]) -> bool:
+    """Whether points that lie behind infinity lie in front of the cameras with left and right images exchanged."""
+    try:
+        return vertical_disparity(rig, [(right, left) for left, right in images]).in_front
+    except CalibrationError:
+        return False
 
 
 def refined_rig(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions) -> StereoRig:

@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,19 +11,21 @@ import numpy as np
 from calibration import CalibrationError, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.readings import settle_reading
+from calibration.resizing import wrong_size
 from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
-from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration
+from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
-from stereo_seecolor.inputs.pairing import Pairing, pair_folders
+from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_folders
 from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.inputs.video_streams import gray
+from stereo_seecolor.records import Image
 
 SAMPLE_PAIRS = 6
 """Pairs, spread over the dive, that are looked at."""
@@ -81,15 +84,25 @@ def inspect(places: Sequence[Path]) -> Inspection:
             raise InputError(f"{place}: does not exist")
     sides = find_sides([path for path in places if path.is_dir() or is_video(path)])
     if is_video(sides.left):
-        return _of_videos(sides, find_calibration(places, _video_size(sides)))
+        return _of_videos(sides, places)
+    return _of_images(sides, places)
+
+
+def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     pairing = pair_folders(sides.left, sides.right, RunConfig().input)
     left, right = image_facts(pairing.pairs[0].left), image_facts(pairing.pairs[0].right)
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
     config = RunConfig.model_validate({"input": {"bayer": "rggb"}} if left.kind == "mosaic" else {})
-    rig, facts = _tested(found, pairing, config) if found else (None, None)
-    wrong = misfits(rig, pairing, spread(pairing.pairs, SAMPLE_PAIRS), config) if rig else ()
-    fitting = [pair for pair in spread(pairing.pairs, SAMPLE_PAIRS) if pair.name not in {misfit.pair for misfit in wrong}]
+    tested = _Tested()
+    if found:
+        _refuse_wrong_sizes(found[0], left, right)
+        tested = _tested(found[0], pairing, config)
+    problems = (
+        *_problems_of_images(sides, (left, right), pairing),
+        *_missing_calibration(places, found, left.size),
+        *_problems_of_calibration(found, tested.facts, tested.fitting),
+    )
     return Inspection(
         sides=sides,
         left=left,
@@ -99,12 +112,26 @@ def inspect(places: Sequence[Path]) -> Inspection:
         interval_s=_interval_s(pairing),
         exposure_recorded=_exposure_recorded(pairing, config),
         calibrations=tuple(one.path for one in found),
-        calibration=facts,
-        measured=measure(rig, fitting, len(pairing.pairs), config) if rig and fitting else None,
-        misfits=wrong,
-        problems=(*_problems_of_images(sides, (left, right), pairing), *_problems_of_calibration(found, facts)),
-        run_command=command_line(sides, found, left, refine=bool(facts and facts.rows and facts.rows.has_moved)),
+        calibration=tested.facts,
+        measured=tested.measured,
+        misfits=tested.misfits,
+        problems=problems,
+        run_command=command_line(sides, found, left, tested.rows),
     )
+
+
+@dataclass(frozen=True)
+class _Tested:
+    """A calibration held against sample pairs. fitting: at least one of them shows one scene."""
+
+    facts: CalibrationFacts | None = None
+    misfits: tuple[Misfit, ...] = ()
+    measured: Measured | None = None
+    fitting: bool = True
+
+    @property
+    def rows(self) -> RowCheck | None:
+        return self.facts.rows if self.facts else None
 
 
 def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> None:
@@ -115,14 +142,21 @@ def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> Non
         raise InputError(f"{maps}: holds floating-point numbers, no images: if these are range maps in meters, run: {command}")
 
 
-def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFacts | None, refine: bool = False) -> str:
+def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageFacts) -> None:
+    for side, image, camera in (("left", left, found.rig.left), ("right", right, found.rig.right)):
+        if image.size != camera.image_size:
+            raise CalibrationError(wrong_size(side, image.size, camera.image_size, str(found.path)))
+
+
+def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFacts | None, rows: RowCheck | None = None) -> str:
     """The ``run`` command for what was found, quoted for a shell; CALIBRATION stands where none was found.
 
-    refine: rows say that a camera has moved since the calibration.
+    rows: of sample pairs: whether the sides are swapped, and whether a camera has moved since the calibration.
     """
     calib = str(found[0].path) if found else "CALIBRATION"
-    words = ["stereo-seecolor", "run", "--left", str(sides.left), "--right", str(sides.right), "--calib", calib, "--out", "out"]
-    if refine:
+    first, second = (sides.right, sides.left) if rows and rows.swapped else (sides.left, sides.right)
+    words = ["stereo-seecolor", "run", "--left", str(first), "--right", str(second), "--calib", calib, "--out", "out"]
+    if rows and rows.has_moved:
         words.append("--refine")
     if left and left.kind == "mosaic":
         words += ["--set", "input.bayer=rggb"]
@@ -131,24 +165,36 @@ def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFac
     return shlex.join(words)
 
 
-def _tested(found: Sequence[FoundCalibration], pairing: Pairing, config: RunConfig) -> tuple[StereoRig, CalibrationFacts]:
-    first = found[0]
-    reader = FrameReader(config.input)
-    frames = [reader.read(pair) for pair in spread(pairing.pairs, SAMPLE_PAIRS)]
-    images = [(frame.left, frame.right) for frame in frames]
-    try:
-        rig = settle_reading(first.rig, images[:3])
-        rows: RowCheck | None = vertical_disparity(rig, images)
-    except CalibrationError:
-        rig, rows = first.rig, None
-    facts = rig_facts(rig)
-    vertical = abs(rig.T_right_left[1, 3]) > abs(rig.T_right_left[0, 3])
-    return rig, CalibrationFacts(first.path, first.format, facts, bool(vertical), rows, suspicions(rig))
+def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> StereoRig:
+    with suppress(CalibrationError):  # too few points to tell: said of the rows
+        return settle_reading(rig, _images(sample, config))
+    return rig
 
 
-def _of_videos(sides: Sides, found: tuple[FoundCalibration, ...]) -> Inspection:
+def _tested(found: FoundCalibration, pairing: Pairing, config: RunConfig) -> _Tested:
+    sample = spread(pairing.pairs, SAMPLE_PAIRS)
+    rig = _settled_rig(found.rig, sample[:3], config)
+    wrong = misfits(rig, pairing, sample, config)
+    fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
+    rows: RowCheck | None = None
+    with suppress(CalibrationError):
+        rows = vertical_disparity(rig, _images(fitting, config))
+    x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
+    facts = CalibrationFacts(found.path, found.format, rig_facts(rig), bool(abs(y_m) > abs(x_m)), rows, suspicions(rig))
+    useless = not fitting or (rows is not None and rows.swapped)
+    return _Tested(facts, wrong, None if useless else measure(rig, fitting, len(pairing.pairs), config), bool(fitting))
+
+
+def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Image]]:
+    frames = map(FrameReader(config.input).read, sample)
+    return [(frame.left, frame.right) for frame in frames]
+
+
+def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
+    size = _video_size(sides)
+    found = find_calibration(places, size)
     paths, command = tuple(one.path for one in found), command_line(sides, found, None)
-    problems = _problems_of_calibration(found, None)
+    problems = (*_missing_calibration(places, found, size), *_problems_of_calibration(found, None))
     return Inspection(sides, None, None, 0, 0, None, False, paths, None, None, (), problems, command)
 
 
@@ -173,25 +219,33 @@ def _problems_of_images(sides: Sides, images: Sequence[ImageFacts], pairing: Pai
         problems.append("no name says which side is left and which right: they were taken in order")
     if pairing.unpaired:
         problems.append(f"{len(pairing.unpaired)} files have no partner, the first: {pairing.unpaired[0].path.name}")
-    if len({image.size for image in images}) > 1:
-        sizes = " and ".join(f"{width}x{height}" for width, height in (image.size for image in images))
-        problems.append(f"left and right images differ in size: {sizes}")
     if any(image.kind == "mosaic" for image in images):
         problems.append("one channel with a color filter pattern: the camera's manual tells whether it is rggb, bggr, gbrg or grbg")
     return tuple(problems)
 
 
-def _problems_of_calibration(found: Sequence[FoundCalibration], facts: CalibrationFacts | None) -> tuple[str, ...]:
+def _missing_calibration(places: Sequence[Path], found: Sequence[FoundCalibration], size: tuple[int, int]) -> tuple[str, ...]:
+    """What to do where none was found: mend those that were refused, or make one."""
+    if found:
+        return ()
+    refused = refused_calibrations(places, size)
+    return refused or ("no calibration was found: make one with 'stereo-seecolor calibrate' from images of a target",)
+
+
+def _problems_of_calibration(
+    found: Sequence[FoundCalibration], facts: CalibrationFacts | None, fitting: bool = True
+) -> tuple[str, ...]:
     problems = []
-    if not found:
-        problems.append("no calibration was found: make one with 'stereo-seecolor calibrate' from images of a target")
     if len(found) > 1:
         names = ", ".join(one.path.name for one in found[:5])
         problems.append(f"{len(found)} calibrations were found, the first was taken: {names}")
     if facts:
         problems += facts.suspicions
-        if facts.rows is None:
+        if not fitting:
+            problems.append("no sample pair shows one scene: bring left and right images of the same moments together first")
+        elif facts.rows is None:
             problems.append("too few points were found in both images of the sample pairs to test the calibration")
         else:
             problems += facts.rows.advice
+            problems += ["the run line exchanges the sides"] if facts.rows.swapped else []
     return tuple(problems)

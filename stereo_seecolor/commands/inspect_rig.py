@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,11 +28,28 @@ class FoundCalibration:
 
 def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[FoundCalibration, ...]:
     """All calibrations in the places, for images of ``size`` (width, height): those of that size first, then in natural order."""
-    candidates = sorted({path for place in places for path in _candidates(place)}, key=lambda path: natural_key(str(path)))
+    candidates = _all_candidates(places)
     found = [one for path in candidates if (one := _try_load(path, size))]
     folders = sorted({path.parent for path in candidates} - {one.path.parent for one in found})
     found += [one for folder in folders if (one := _try_load(folder, size))]
     return tuple(sorted(found, key=lambda one: one.rig.left.image_size != size))
+
+
+def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple[str, ...]:
+    """Why files that are calibrations by their content cannot be used, a line each."""
+    refused = []
+    for path in _all_candidates(places):
+        with suppress(CalibrationError):
+            kind = format_name(path)
+            try:
+                load_rig(path, size)
+            except CalibrationError as error:
+                refused.append(f"{error} ({kind} format)")
+    return tuple(refused)
+
+
+def _all_candidates(places: Sequence[Path]) -> list[Path]:
+    return sorted({path for place in places for path in _candidates(place)}, key=lambda path: natural_key(str(path)))
 
 
 def _candidates(place: Path) -> Iterator[Path]:

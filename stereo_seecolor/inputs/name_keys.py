@@ -8,9 +8,15 @@ from pathlib import Path
 Keys = dict[str, list[Path]]
 """Key -> the files of one folder that have it; more than one where the key is ambiguous."""
 
+_LEFT = "left|lc|lm|l|cam0|linke?|links|gauche|izquierda|sinistra|esquerda"
+_RIGHT = "right|rc|rm|r|cam1|rechte?|rechts|droite?|derecha|destra|direita"
+"""LC and RM: the left camera in color and the right one in monochrome, as on some rigs."""
+
+_LETTER = r"[^\W\d_]"
+"""Of any alphabet: the r of récif is no word."""
+
 _SIDE_WORDS = {
-    "left": re.compile(r"(?<![a-z])(left|lc|l|cam0)(?![a-z])", re.IGNORECASE),
-    "right": re.compile(r"(?<![a-z])(right|rc|r|cam1)(?![a-z])", re.IGNORECASE),
+    side: re.compile(f"(?<!{_LETTER})({words})(?!{_LETTER})", re.IGNORECASE) for side, words in (("left", _LEFT), ("right", _RIGHT))
 }
 _SEPARATORS = "_-. "
 

@@ -92,7 +92,7 @@ def _best_pair(images: dict[Path, int]) -> Sides:
     """The two folders whose names say their sides and which give the most pairs; where no names do, in natural order."""
     largest = sorted(images, key=lambda path: -images[path])[:MAX_FOLDERS]
     both = list(combinations(sorted(largest, key=lambda path: natural_key(str(path))), 2))
-    named = [(_left_first(*sides), True) for sides in both if {side_of(side.name) for side in sides} == {"left", "right"}]
+    named = [(_left_first(*sides), True) for sides in both if set(_sides_of(*sides)) == {"left", "right"}]
     for choices in (named, [(sides, False) for sides in both]):
         pairs, (sides, known) = max(
             ((_pairs(*choice[0]), choice) for choice in choices), key=itemgetter(0), default=(0, (both[0], False))
@@ -106,7 +106,13 @@ def _best_pair(images: dict[Path, int]) -> Sides:
 
 
 def _left_first(first: Path, second: Path) -> tuple[Path, Path]:
-    return (first, second) if side_of(first.name) == "left" else (second, first)
+    return (first, second) if _sides_of(first, second)[0] == "left" else (second, first)
+
+
+def _sides_of(first: Path, second: Path) -> tuple[str | None, str | None]:
+    """The sides by the parts of the paths that tell them apart: ``cam0/data`` and ``cam1/data`` differ in the folder above."""
+    parts = next((both for both in zip(first.parts, second.parts, strict=False) if both[0] != both[1]), (first.name, second.name))
+    return side_of(parts[0]), side_of(parts[1])
 
 
 def _pairs(left: Path, right: Path) -> int:

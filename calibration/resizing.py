@@ -1,0 +1,59 @@
+"""Calibrations for images that were binned or resized since: the same rays, other pixels."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from calibration.errors import CalibrationError
+from calibration.rig import Camera, StereoRig
+
+Size = tuple[int, int]
+ROUNDING_PX = 1.0
+"""A side of a resized image may be off so far from the exact factor: binning drops the odd last row."""
+
+
+def resize_factor(calibrated: Size, images: Size) -> float | None:
+    """How many times as large the images are as those of the calibration; None if not the same for both sides: a cut-out."""
+    factor = images[0] / calibrated[0]
+    return factor if abs(calibrated[1] * factor - images[1]) < ROUNDING_PX * max(1.0, factor) else None
+
+
+def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") -> str:
+    """What to say of images that are not as large as those of the calibration, which the file ``calib`` holds."""
+    said = f"the {side} image is {_text(images)} px but the calibration is for {_text(calibrated)}"
+    factor = resize_factor(calibrated, images)
+    if factor is None:
+        return f"{said}, a cut-out or another camera: use the calibration made at this resolution"
+    return (
+        f"{said}, {factor:.4g} times the size: if the whole images were binned or resized, run: stereo-seecolor convert-calib "
+        f"{calib} resized.yaml --resize {_text(images)}; if they were cut out, use the calibration made at this resolution"
+    )
+
+
+def resized_rig(rig: StereoRig, size: Size) -> StereoRig:
+    """``rig`` for left images of ``size`` (width, height) that are the whole of what it was calibrated with, resized.
+
+    Raises CalibrationError for a size of another shape.
+    """
+    factor = resize_factor(rig.left.image_size, size)
+    if factor is None:
+        raise CalibrationError(
+            f"images of {_text(rig.left.image_size)} px cannot be resized to {_text(size)}: the sides differ in their factors "
+            f"({size[0] / rig.left.image_size[0]:.4g} and {size[1] / rig.left.image_size[1]:.4g})"
+        )
+    right_size = size
+    if rig.right.image_size != rig.left.image_size:
+        right_size = (round(rig.right.image_size[0] * factor), round(rig.right.image_size[1] * factor))
+    left, right = _resized(rig.left, factor, size), _resized(rig.right, factor, right_size)
+    return replace(rig, left=left, right=right, alternatives=tuple(resized_rig(other, size) for other in rig.alternatives))
+
+
+def _resized(camera: Camera, factor: float, size: Size) -> Camera:
+    K = camera.K.copy()
+    K[:2] *= factor
+    K[:2, 2] += (factor - 1) / 2  # centers of pixels are at whole numbers
+    return Camera(K, np.array(camera.distortion), size, camera.model)
+
+
+def _text(size: Size) -> str:
+    return f"{size[0]}x{size[1]}"
