@@ -38,6 +38,11 @@ class MappingConfig(StageConfig):
     loop_closure: bool = Field(
         default=True, description="Own odometry: recognize places seen before (needs the slam extra, GTSAM)."
     )
+    bundle_adjustment: bool = Field(
+        default=True,
+        description="Poses and all points that frames share, adjusted together: truer poses, with standard errors (needs the slam "
+        "extra, GTSAM).",
+    )
     poses: Literal["given", "prior"] = Field(
         default="prior",
         description="How a trajectory is used. prior: frames are placed by its poses and by the pictures, each weighted by its "

@@ -49,7 +49,9 @@ def placed(survey: Survey, reef: ReefFrames, monkeypatch: pytest.MonkeyPatch) ->
         reef.track = odometry.follow(survey)  # type: ignore[attr-defined]
     known: odometry.Track = reef.track  # type: ignore[attr-defined]
     monkeypatch.setattr(
-        odometry, "follow", lambda _: odometry.Track(survey, list(known.features), list(known.edges), dict(known.reasons))
+        odometry,
+        "follow",
+        lambda _: odometry.Track(survey, list(known.features), list(known.edges), dict(known.reasons), found=dict(known.found)),
     )
 
     def run(change: Callable[[Poses], Poses], config: MappingConfig | None = None, later_s: float = 0.0) -> Placed:

@@ -46,7 +46,7 @@ CORE = (
     Library("isal", "isal", without="nothing, but pictures are written in twice the time"),
 )
 EXTRAS = (
-    Library("gtsam", "gtsam", "slam", "no loop closure, and no poses as a prior (mapping.poses=prior)"),
+    Library("gtsam", "gtsam", "slam", "no loop closure, no bundle adjustment, and no poses as a prior (mapping.poses=prior)"),
     Library("rasterio", "rasterio", "geo", "no GeoTIFF of mosaic and terrain"),
     Library("pyproj", "pyproj", "geo", "no GeoTIFF and LAZ in map coordinates"),
     Library("laspy", "laspy", "geo", "no LAZ point cloud"),

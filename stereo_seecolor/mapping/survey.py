@@ -34,12 +34,15 @@ class Placement:
 
     T_world_camera: (N, 4, 4), NaN for a frame without a place. components: (N,) int, -1 for those; frames of two components have
     no reliable place relative to each other. unplaced: those frames by name. warnings: what a person should know.
+    position_std_m, attitude_std_deg: (N,) standard errors, all axes together, NaN where unknown; None where none was estimated.
     """
 
     T_world_camera: NDArray[np.float64]
     components: NDArray[np.int64]
     unplaced: tuple[Unplaced, ...] = ()
     warnings: tuple[str, ...] = ()
+    position_std_m: NDArray[np.float64] | None = None
+    attitude_std_deg: NDArray[np.float64] | None = None
 
     @property
     def sizes(self) -> tuple[int, ...]:

@@ -208,15 +208,22 @@ def _write_track(path: Path, component: Component) -> Path:
 
 
 def _write_poses(path: Path, component: Component, placed: Placed) -> Path:
-    """Each frame's position, and how far the pose that was given for it is from what the pictures show."""
-    index = component.survey.index
+    """Each frame's position, how far the pose that was given for it is from what the pictures show, and standard errors."""
+    index, placement = component.survey.index, placed.placement
+    unknown = np.full(len(index.names), np.nan)
+    columns = {
+        "position_residual_m": placed.position_residual_m,
+        "attitude_residual_deg": placed.attitude_residual_deg,
+        "position_std_m": unknown if placement.position_std_m is None else placement.position_std_m,
+        "attitude_std_deg": unknown if placement.attitude_std_deg is None else placement.attitude_std_deg,
+    }
     with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["name", "timestamp_s", "x_m", "y_m", "z_m", "position_residual_m", "attitude_residual_deg"])
+        writer.writerow(["name", "timestamp_s", "x_m", "y_m", "z_m", *columns])
         for i in component.frames:
             position = component.T_local_camera[i, :3, 3] + component.offset_m
-            residuals = placed.position_residual_m[i], placed.attitude_residual_deg[i]
-            numbers = [f"{value:.4f}" if np.isfinite(value) else "" for value in (index.timestamps_s[i], *position, *residuals)]
+            values = (index.timestamps_s[i], *position, *(column[i] for column in columns.values()))
+            numbers = [f"{value:.4f}" if np.isfinite(value) else "" for value in values]
             writer.writerow([index.names[i], *numbers])
     return path
 

@@ -70,6 +70,13 @@ class Track:
         self.found |= {ends: relation for (ends, _), relation in zip(known, again, strict=True)}
         self.edges = [self._edge(*ends, relation, loop=False) for (ends, _), relation in zip(known, again, strict=True)]
 
+    def relation(self, edge: Edge) -> tuple[Ends, RelativePose]:
+        """What an edge was made from: the positions of its frames, and the points that both show."""
+        ends = int(self.survey.index.rank[edge.i]), int(self.survey.index.rank[edge.j])
+        relation = self.found[ends]
+        assert relation is not None, "it was measured"
+        return ends, relation
+
     def _edge(self, a: int, b: int, relation: RelativePose, loop: bool) -> Edge:
         order = self.survey.index.order
         return Edge(int(order[a]), int(order[b]), relation.T_a_b, relation.covariance, len(relation.index_a), loop)

@@ -1,5 +1,6 @@
 """Where a survey's frames are: by their pictures, by given poses, or by both."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.navigation import Navigation, Verdict, examine, priors
 from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.mapping.track.refinement import refined
 from stereo_seecolor.mapping.track.spot_check import spot_check
 from stereo_seecolor.mapping.track.upright import upright
 from stereo_seecolor.records import Trajectory
@@ -38,7 +40,7 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     """
     unknown = np.full(len(survey.index.names), np.nan)
     if trajectory is None:
-        own = odometry.solve(odometry.follow(survey), config.loop_closure)
+        own = _own(odometry.follow(survey), config)
         return Placed(upright(own, survey.index, "unknown"), None, unknown, unknown)
     given = place(survey.index, trajectory, config)
     spots = spot_check(survey, given, config.voxel_m)
@@ -76,7 +78,7 @@ def _as_given_or_none(given: Placement, survey: Survey, trajectory: Trajectory) 
 def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig) -> tuple[Placement, Navigation]:
     """By pictures and poses together, or by pictures alone where the poses contradict them or are upside down."""
     navigation, index = verdict.navigation, track.survey.index
-    own = odometry.solve(track, config.loop_closure)
+    own = _own(track, config)
     if navigation.fits:
         try:
             upright(verdict.placement, index, trajectory.up)
@@ -94,4 +96,16 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
         depth_std_m=float(depth),
         attitude_std_deg=float(np.degrees(known[0].attitude_std_rad)),
     )
-    return upright(odometry.fit(track, verdict.placement, known), index, trajectory.up), navigation
+    fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), config, known)
+    return upright(fitted, index, trajectory.up), navigation
+
+
+def _own(track: odometry.Track, config: MappingConfig) -> Placement:
+    """By the pictures alone."""
+    return _adjusted(track, odometry.solve(track, config.loop_closure), config)
+
+
+def _adjusted(
+    track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[pose_graph.Prior] = ()
+) -> Placement:
+    return refined(track, placement, known) if config.bundle_adjustment and pose_graph.available() else placement

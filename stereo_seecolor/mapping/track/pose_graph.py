@@ -31,7 +31,7 @@ class Prior:
 def available() -> bool:
     """True if GTSAM can be imported."""
     try:
-        _gtsam()
+        gtsam_library()
     except DeviceError:
         return False
     return True
@@ -48,12 +48,13 @@ def solve(
 
     Raises DeviceError if GTSAM is missing.
     """
-    gtsam = _gtsam()
+    gtsam = gtsam_library()
     solved = _optimize(gtsam, T_world_camera, frames, edges, priors)
     return solved, [edge for edge in edges if edge.loop and _sigmas(gtsam, solved, edge) > REJECT_SIGMAS]
 
 
-def _gtsam() -> Any:
+def gtsam_library() -> Any:
+    """GTSAM. Raises DeviceError if it is missing."""
     try:
         import gtsam
     except (ImportError, OSError) as error:
@@ -73,19 +74,25 @@ def _optimize(
         gaussian = noise.Gaussian.Covariance(edge.covariance)
         robust = noise.Robust.Create(noise.mEstimator.Cauchy.Create(CAUCHY), gaussian)
         graph.add(gtsam.BetweenFactorPose3(edge.i, edge.j, gtsam.Pose3(edge.T_i_j), robust))
+    add_priors(graph, int(frames[0]), T, priors)
+    result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
+    solved = T.copy()
+    for frame in frames:
+        solved[frame] = result.atPose3(int(frame)).matrix()
+    return solved
+
+
+def add_priors(graph: Any, first: int, T: NDArray[np.float64], priors: Sequence[Prior]) -> None:
+    """What is known of the frames; without any, the first one stays where it is. T: (N, 4, 4) as they are now."""
+    gtsam = gtsam_library()
+    noise = gtsam.noiseModel
     for prior in priors:
         pose = gtsam.Pose3(prior.T_world_camera)
         graph.add(gtsam.GPSFactor(prior.frame, pose.translation(), noise.Diagonal.Sigmas(prior.position_std_m)))
         attitude = np.array([prior.attitude_std_rad] * 3 + [UNKNOWN] * 3)
         graph.add(gtsam.PriorFactorPose3(prior.frame, pose, noise.Diagonal.Sigmas(attitude)))
     if not priors:
-        first = int(frames[0])
         graph.add(gtsam.PriorFactorPose3(first, gtsam.Pose3(T[first]), noise.Isotropic.Sigma(6, 1e-6)))
-    result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
-    solved = T.copy()
-    for frame in frames:
-        solved[frame] = result.atPose3(int(frame)).matrix()
-    return solved
 
 
 def _sigmas(gtsam: Any, T: NDArray[np.float64], edge: Edge) -> float:

@@ -1,0 +1,171 @@
+"""Bundle adjustment: truer poses than the pose graph's, errors as large as they say, what the residuals teach of the ranges."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from mapping_scene import ReefFrames
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.track import odometry
+from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
+from stereo_seecolor.mapping.track.features import Features
+from stereo_seecolor.mapping.track.image_space import Observed
+from stereo_seecolor.mapping.track.pose_graph import Prior, solve
+from stereo_seecolor.mapping.track.refinement import refined
+from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose, fit_pose
+from stereo_seecolor.mapping.track.sightings import Relation, Sightings, sightings
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+Array = NDArray[np.float64]
+MOST = 1_000_000
+STATED = np.array([4e-4, 4e-4, 4e-3])
+
+
+@dataclass(frozen=True)
+class Line:
+    """A straight line of frames over points on a rough bottom: each frame's features, and which points they are."""
+
+    T: Array
+    features: list[Features]
+    points: list[NDArray[np.int64]]
+
+    @property
+    def relations(self) -> list[Relation]:
+        """Of each frame with the next three."""
+        return [self.relation(i, j) for j in range(len(self.T)) for i in range(max(0, j - 3), j)]
+
+    def relation(self, i: int, j: int) -> Relation:
+        """Of two frames, fitted to what both see."""
+        _, index_i, index_j = np.intersect1d(self.points[i], self.points[j], return_indices=True)
+        a, b = (Observed(self.features[k].points[index], self.features[k].std[index]) for k, index in ((i, index_i), (j, index_j)))
+        T, covariance, _ = fit_pose(inverse(self.T[i]) @ self.T[j], a, b)
+        return (i, j), RelativePose(T, covariance, index_i, index_j)
+
+
+def line(true_std: Array, frames: int = 12, seed: int = 1) -> Line:
+    """Features are off by ``true_std``, and state STATED."""
+    rng = np.random.default_rng(seed)
+    places = np.column_stack([rng.uniform(-1.5, 0.4 * frames + 1.5, 900), rng.uniform(-1, 1, 900), rng.uniform(-0.2, 0.2, 900)])
+    down = rotation_from_vector(np.array([np.pi, 0, 0]))
+    T = np.stack([pose(down @ rotation_from_vector(rng.normal(0, 0.05, 3)), [0.4 * i, 0, 1.8]) for i in range(frames)])
+    features, points = [], []
+    for own in T:
+        local = transformed(inverse(own), places)
+        seen = np.column_stack([local[:, :2], np.ones(len(local))]) / local[:, 2:]
+        inside = np.flatnonzero((np.abs(seen[:, 0]) < 0.6) & (np.abs(seen[:, 1]) < 0.5))
+        off = true_std * rng.standard_normal((len(inside), 3))
+        features.append(Features(seen[inside] + off, np.tile(STATED, (len(inside), 1)), np.zeros((len(inside), 128), np.uint8)))
+        points.append(inside)
+    return Line(T, features, points)
+
+
+def by_pose_graph(scene: Line, relations: Sequence[Relation]) -> Array:
+    edges = [Edge(i, j, r.T_a_b, r.covariance, len(r.index_a)) for (i, j), r in relations]
+    start = scene.T.copy()
+    for i in range(1, len(start)):
+        start[i] = start[i - 1] @ next(e.T_i_j for e in edges if (e.i, e.j) == (i - 1, i))
+    return solve(start, range(len(start)), edges)[0]
+
+
+def off_m(T: Array, scene: Line) -> Array:
+    return np.asarray(np.linalg.norm(T[:, :3, 3] - scene.T[:, :3, 3], axis=1))
+
+
+def adjusted(scene: Line) -> tuple[Adjusted, Array]:
+    """By bundle adjustment, and by the pose graph that it starts from."""
+    relations = scene.relations
+    start = by_pose_graph(scene, relations)
+    return adjust(start, sightings(scene.features, relations, MOST)), start
+
+
+def test_exact_sightings_give_exact_poses() -> None:
+    scene = line(np.zeros(3), frames=5)
+    start = scene.T.copy()
+    start[1:, :3, 3] += np.random.default_rng(0).normal(0, 0.02, (4, 3))
+    found = adjust(start, sightings(scene.features, scene.relations, MOST))
+    assert found.T_world_camera == pytest.approx(scene.T, abs=1e-5)
+
+
+@pytest.mark.slow
+def test_a_track_is_truer_than_by_the_pose_graph_and_as_far_off_as_it_says() -> None:
+    ends = []
+    for seed in range(8):
+        scene = line(STATED, seed=seed)
+        found, start = adjusted(scene)
+        ends.append((off_m(start, scene)[-1], off_m(found.T_world_camera, scene)[-1], found.std[-1, 0]))
+    graph, bundle, stated = np.sqrt((np.array(ends) ** 2).mean(axis=0))
+    assert bundle < 0.9 * graph
+    assert bundle == pytest.approx(stated, rel=0.5)
+
+
+def test_residuals_teach_how_far_to_trust_directions_and_ranges() -> None:
+    found, _ = adjusted(line(STATED * [0.5, 0.5, 2.0], frames=8))
+    assert found.scale == pytest.approx((0.5, 2.0), rel=0.15)
+
+
+def test_poor_navigation_is_averaged_out_and_places_the_track() -> None:
+    scene, rng = line(STATED, frames=8), np.random.default_rng(5)
+    priors = []
+    for i, T in enumerate(scene.T):
+        noisy = T @ pose(rotation_from_vector(rng.normal(0, 0.01, 3)), np.zeros(3))
+        noisy[:3, 3] += rng.normal(0, 0.05, 3)
+        priors.append(Prior(i, noisy, np.full(3, 0.05), 0.01))
+    given = np.array([prior.T_world_camera for prior in priors])
+    found = adjust(given, sightings(scene.features, scene.relations, MOST), priors)
+    steps, true_steps = (np.diff(T[:, :3, 3], axis=0) for T in (found.T_world_camera, scene.T))
+    assert np.abs(steps - true_steps).max() < 0.005
+    assert off_m(found.T_world_camera, scene).max() < 0.06
+    assert (found.std[:, 0] > 0.01).all()
+
+
+def test_features_of_one_thing_are_one_point_and_contradictions_are_none() -> None:
+    def relation(a: int, b: int, *pairs: tuple[int, int]) -> Relation:
+        index_a, index_b = np.array(pairs).T
+        return (a, b), RelativePose(np.eye(4), np.eye(6), index_a, index_b)
+
+    features = [
+        Features(np.arange(30.0).reshape(10, 3) + 100 * k, np.ones((10, 3)), np.zeros((10, 128), np.uint8)) for k in range(3)
+    ]
+    found = sightings(features, [relation(0, 1, (0, 5), (1, 6)), relation(1, 2, (5, 7), (6, 8)), relation(0, 2, (2, 8))], MOST)
+    assert found.frame.tolist() == [0, 1, 2]  # 1-6-8-2: frame 0 shows it twice
+    assert found.point.tolist() == [0, 0, 0]
+    assert found.seen.points[:, 0].tolist() == [0, 115, 221]
+
+
+def test_of_too_many_sightings_each_relation_keeps_those_seen_most_often() -> None:
+    scene = line(STATED, frames=8)
+    everything, few = (sightings(scene.features, scene.relations, most) for most in (MOST, 400))
+    assert len(few.frame) <= 400 < len(everything.frame)
+    assert set(few.frame.tolist()) == set(range(8))
+    assert few.views.mean() > everything.views.mean()
+
+
+@pytest.mark.slow
+def test_a_track_over_a_drawn_reef_gets_truer_with_standard_errors() -> None:
+    reef = ReefFrames(SurveySpec(pairs=8, lines=1, image_size=(320, 256), seed=3, pair_spacing_m=0.3), noise_px=0.1)
+    frames = [reef[i] for i in range(len(reef))]
+    track = odometry.follow(Survey(frames, reef.pair, FrameIndex.build(frames, reef.pair)))
+    own = odometry.solve(track, MappingConfig(loop_closure=False).loop_closure)
+    better = refined(track, own)
+    truth = reef.trajectory.T_world_camera
+    off = [
+        np.linalg.norm((inverse(truth[0]) @ truth[-1])[:3, 3] - (inverse(p.T_world_camera[0]) @ p.T_world_camera[-1])[:3, 3])
+        for p in (own, better)
+    ]
+    assert off[1] < 0.005
+    assert better.position_std_m is not None
+    assert (np.diff(better.position_std_m) > 0).all()
+    assert better.position_std_m[-1] < 0.02
+
+
+def test_points_seen_once_do_not_exist() -> None:
+    scene = line(STATED, frames=4)
+    found = sightings(scene.features, scene.relations, MOST)
+    assert isinstance(found, Sightings)
+    assert found.views.min() >= 2
