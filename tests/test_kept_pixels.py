@@ -66,10 +66,36 @@ def test_a_full_disk_keeps_nothing_on_it(kept: KeptPixels, tmp_path: Path, monke
     assert kept.find("0", "key") is None
 
 
-def test_another_process_keeps_nothing(kept: KeptPixels) -> None:
+def test_another_process_of_this_machine_finds_files_and_adds_to_them(kept: KeptPixels, tmp_path: Path) -> None:
+    frames = {name: pixels() for name in "0123"}
     copy = pickle.loads(pickle.dumps(kept))
+    for name in "012":
+        kept.keep(name, "key", frames[name])
+    copy.keep("3", "key", frames["3"])
+    for one, name in ((copy, "2"), (kept, "3")):
+        found = one.find(name, "key")
+        assert found is not None
+        np.testing.assert_array_equal(found.image, frames[name].image)
+    assert copy.find("0", "key") is None  # in the memory of the first
+    copy.drop("2", "key")
+    assert kept.find("2", "key") is None
+    kept.clear()
+    assert not scratch_folder(tmp_path).exists()
+
+
+def test_another_machine_keeps_nothing(kept: KeptPixels, tmp_path: Path) -> None:
+    copy = KeptPixels.on_worker(tmp_path, "another machine")
     copy.keep("0", "key", pixels())
     assert copy.find("0", "key") is None
+    assert not scratch_folder(tmp_path).exists()
+
+
+def test_half_a_file_is_not_kept(kept: KeptPixels, tmp_path: Path) -> None:
+    for name in "012":
+        kept.keep(name, "key", pixels())
+    (file,) = scratch_folder(tmp_path).iterdir()
+    file.write_bytes(file.read_bytes()[:-10])
+    assert kept.find("2", "key") is None
 
 
 def test_a_part_of_a_larger_block_does_not_keep_the_block(kept: KeptPixels) -> None:

@@ -3,6 +3,7 @@ in files of OUT that only this run reads.
 """
 
 import contextlib
+import platform
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -11,7 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from stereo_seecolor.compute.threads import Lock
-from stereo_seecolor.files.atomic import temporary_path
+from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, remove_leftovers, temporary_path
+from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Image, Map, Mask
 from stereo_seecolor.run_folder.layout import scratch_folder
 
@@ -46,41 +48,48 @@ class FramePixels:
 
 
 class KeptPixels:
-    """Each frame's pixels under the hash of what they were made from. A copy for another process keeps nothing."""
+    """Each frame's pixels under the hash of what they were made from.
 
-    def __init__(self, root: Path | None) -> None:
-        self._root = root
+    Files are seen by all processes of the run: a copy for another one of this machine keeps no pixels but in them, as a later pass
+    may come to any process. One of another machine keeps nothing: its file would cross the network twice.
+    """
+
+    def __init__(self, root: Path | None, in_memory: bool = True) -> None:
+        self._root, self._in_memory = root, in_memory
         self._lock = Lock()
         self._memory: dict[tuple[str, str], FramePixels] = {}
-        self._files: dict[tuple[str, str], Path] = {}
         self._bytes = 0
 
-    def __reduce__(self) -> tuple[Callable[[None], "KeptPixels"], tuple[None]]:
-        return KeptPixels, (None,)
+    def __reduce__(self) -> tuple[Callable[[Path | None, str], "KeptPixels"], tuple[Path | None, str]]:
+        return KeptPixels.on_worker, (self._root, platform.node())
+
+    @classmethod
+    def on_worker(cls, root: Path | None, host: str) -> "KeptPixels":
+        """For another process. host: the machine of the one that holds OUT."""
+        return cls(root if host == platform.node() else None, in_memory=False)
 
     def keep(self, name: str, key: str, pixels: FramePixels) -> None:
         """Keep a frame's pixels if there is room; frames that came first stay."""
         if self._root is None:
             return
         with self._lock:
-            if (name, key) in self._memory or (name, key) in self._files:
+            if (name, key) in self._memory:
                 return
-            fits = self._bytes + pixels.size <= LIMITS.memory_bytes
+            fits = self._in_memory and self._bytes + pixels.size <= LIMITS.memory_bytes
             if fits:
                 self._memory[name, key] = pixels.alone()
                 self._bytes += pixels.size
         if not fits:
-            self._write(self._root, (name, key), pixels.image)
+            self._write(self._file(self._root, name, key), pixels.image)
 
     def find(self, name: str, key: str) -> FramePixels | None:
         """A frame's pixels; None where they are not kept."""
         found = self._memory.get((name, key))
-        path = self._files.get((name, key))
-        if found is not None or path is None:
+        if found is not None or self._root is None:
             return found
         try:
-            return FramePixels(np.load(path, allow_pickle=False))
-        except (OSError, ValueError, EOFError):  # somebody removed it
+            return FramePixels(np.load(self._file(self._root, name, key), allow_pickle=False))
+        except (OSError, ValueError, EOFError):  # never kept, or somebody removed it
             return None
 
     def drop(self, name: str, key: str) -> None:
@@ -88,26 +97,36 @@ class KeptPixels:
         with self._lock:
             dropped = self._memory.pop((name, key), None)
             self._bytes -= dropped.size if dropped else 0
-            path = self._files.pop((name, key), None)
-        if path:
+        if dropped is None and self._root is not None:
             with contextlib.suppress(OSError):
-                path.unlink()
+                self._file(self._root, name, key).unlink()
 
     def clear(self) -> None:
-        """Forget everything."""
-        for name, key in [*self._memory, *self._files]:
-            self.drop(name, key)
+        """Forget everything, of all processes."""
+        self._memory.clear()
+        self._bytes = 0
         if self._root is not None:
+            remove_leftovers(scratch_folder(self._root))
             with contextlib.suppress(OSError):
                 scratch_folder(self._root).rmdir()
 
-    def _write(self, root: Path, frame: tuple[str, str], image: Image) -> None:
-        """The image as a temporary file, which the next run removes where this one is killed."""
-        path = temporary_path(scratch_folder(root) / "pixels.npy")
+    @staticmethod
+    def _file(root: Path, name: str, key: str) -> Path:
+        """Named as a temporary file, which the next run removes where this one is killed."""
+        return scratch_folder(root) / f"{TEMPORARY_PREFIX}{content_key(name, key)}.npy"
+
+    @staticmethod
+    def _write(file: Path, image: Image) -> None:
+        temporary = temporary_path(file)
         with contextlib.suppress(OSError):  # a full disk: it is decoded again
-            path.parent.mkdir(exist_ok=True)
-            if shutil.disk_usage(path.parent).free < LIMITS.free_disk_bytes:
+            if file.exists():
                 return
-            np.save(path, image, allow_pickle=False)
-            with self._lock:
-                self._files[frame] = path
+            file.parent.mkdir(exist_ok=True)
+            if shutil.disk_usage(file.parent).free < LIMITS.free_disk_bytes:
+                return
+            try:
+                with temporary.open("wb") as opened:
+                    np.save(opened, image, allow_pickle=False)
+                temporary.replace(file)
+            finally:
+                temporary.unlink(missing_ok=True)
