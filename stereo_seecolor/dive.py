@@ -6,6 +6,7 @@ run finished with the same inputs and settings is kept, in either pass.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from calibration import RectifiedPair
@@ -84,7 +85,7 @@ class Dive:
         stage = "waters" if self._ranged else "ranges"
         failed = {row.name for row in self.table.rows if row.status == "failed"}  # by the search for light; said already
         for row, (ranged, table) in self._pass(stage, [pair for pair in pairs if pair.name not in failed], self._stages.counted):
-            fitter.add(row.name, table, self._stages.reader(ranged))
+            fitter.add(row.name, table, partial(self._stages.read, ranged))
         return fitter.waters(), fitter.notes()
 
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
@@ -140,9 +141,10 @@ class Dive:
         self._begin_ranges()
         self._ranged = True
         good = [ranged for _, (ranged, _) in self._pass("ranges", pairs, self._stages.counted)]  # tables while pixels are at hand
-        frames = [(ranged.pair.name, self._stages.reader(ranged)) for ranged in good]
+        frames = [(ranged.pair.name, ranged) for ranged in good]
         captures = [recorded_capture(ranged.row.facts) for ranged in good]
-        found = LightSearch(frames, captures, geometry, self._config.color.input_encoding).solve(allowed)
+        encoding, read = self._config.color.input_encoding, self._stages.read
+        found = LightSearch(frames, read, captures, geometry, encoding, self._options.compute).solve(allowed)
         light = found.light
         content = light.content() if light and light.light else None
         kept = KeptLight(self._stages.fit_key(pairs) or "", light.note if light else "", content, found.linked)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -15,14 +15,17 @@ from stereo_seecolor.color.photometry.recorded_exposure import explains, log_exp
 from stereo_seecolor.color.photometry.sightings import KeyFrame, View, look
 from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
-from stereo_seecolor.compute.threads import Threads, cores
+from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
 from stereo_seecolor.records import Capture, Image, Map, SurveyFrame
 
 Array = NDArray[np.float64]
-ReadFrame = Callable[[], tuple[Image, Map]]
+ReadFrame = Callable[[Any], tuple[Image, Map]]
+Shown = TypeVar("Shown")
+Differing = tuple[NDArray[np.int64], Iterable[Difference]]
+"""A window's frames, and how they differ."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +65,19 @@ class SampleSettings:
 SAMPLE = SampleSettings()
 
 
+@dataclass(frozen=True)
+class StretchSettings:
+    """Frames that are looked at together, as one piece of work: the cut shows in no result."""
+
+    least: int = 16
+    """A stretch begins with four frames of the one before, which are read twice."""
+    most: int = 64
+    """Some five seconds of work, so that 10,000 frames are enough for a hundred workers."""
+
+
+STRETCH = StretchSettings()
+
+
 @dataclass(frozen=True, eq=False)
 class Found:
     """light: of the dive; None where no two frames show the same. linked: names of frames that show what frames before them show,
@@ -83,35 +99,38 @@ class _Seen:
 
 @dataclass(frozen=True, eq=False)
 class LightSearch:
-    """frames: how each frame of the dive is read, and its name, in order. captures: what the camera recorded of each.
-    geometry: of the rectified images.
+    """frames: the name of each frame of the dive, in order, and by what ``read`` finds its image and its ranges.
+    captures: what the camera recorded of each. geometry: of the rectified images. compute: where frames are looked at.
     """
 
-    frames: Sequence[tuple[str, ReadFrame]]
+    frames: Sequence[tuple[str, Any]]
+    read: ReadFrame
     captures: Sequence[Capture]
     geometry: RectifiedPair
     encoding: InputEncoding
+    compute: Compute
 
     def solve(self, allowed: Use) -> Found:
-        """The light of the dive, with terms that are ``allowed``; on this machine, also where others do the frames.
+        """The light of the dive, with terms that are ``allowed``.
 
         The pattern of a long dive is solved from a part of it, and then all frames are looked at for their gains.
         """
         names = [name for name, _ in self.frames]
         chosen = looked_at(len(names))
-        windows = list(self._windows(chosen, WHOLE))
+        windows = list(self._looked(chosen, _WindowLook(self._frame_look(WHOLE))))
         links = _Links()
         for window in windows:
-            links.add(window)
+            links.add(window.frames)
         size = reduced(self.geometry, WHOLE).image_size
         light = solve_light(windows, names, size, allowed)
         recorded = self._recorded(light, windows) if light and allowed.gains else None
         if recorded is not None:
             light = solve_light(windows, names, size, allowed, recorded)
         if light and len(chosen) < len(names) and allowed.gains:
-            light = self._followed(light, self._windows(range(len(names)), NEIGHBORS), NEIGHBORS, links, recorded)
+            every = self._looked(range(len(names)), _DifferenceLook(self._frame_look(NEIGHBORS), light))
+            light = self._followed(light, every, links, recorded)
         elif light and (light.solved.gains or light.recorded):
-            light = self._followed(light, windows, WHOLE, links, recorded)
+            light = self._followed(light, [(seen.frames, differences(seen, light, size)) for seen in windows], links, recorded)
         return Found(light, tuple(names[k] for k in sorted(links.frames)))
 
     def _recorded(self, light: SurveyLight, windows: Iterable[SeenWindow]) -> Array | None:
@@ -123,39 +142,79 @@ class LightSearch:
         found = [difference for window in windows for difference in differences(window, light, size)]
         return recorded if explains(found, recorded) else None
 
-    def _followed(
-        self, light: SurveyLight, windows: Iterable[SeenWindow], how: Look, links: "_Links", recorded: Array | None
-    ) -> SurveyLight:
+    def _followed(self, light: SurveyLight, windows: Iterable[Differing], links: "_Links", recorded: Array | None) -> SurveyLight:
         """With the gains of all frames; with none where they do not help."""
-        size = reduced(self.geometry, how).image_size
         found: list[Difference] = []
-        for window in windows:
-            links.add(window)
-            found.extend(differences(window, light, size))
+        for frames, differing in windows:
+            links.add(frames)
+            found.extend(differing)
         chosen = light.luminance.use.gains, light.color.use.gains
         solved = solve_chain(found, len(self.frames), chosen) if recorded is None else solve_recorded(found, recorded, chosen)
         measured = np.flatnonzero(solved.measured).tolist() if solved.gains.any() else []
         return light.with_gains({self.frames[k][0]: solved.gains[k] for k in measured}, solved.offsets)
 
-    def _windows(self, numbers: Sequence[int], how: Look) -> Iterator[SeenWindow]:
-        """One for each frame: its spots, where frames before it show them too."""
-        geometry = reduced(self.geometry, how)
-        last: list[_Seen] = []
-        for frame in Threads(cores()).each(partial(self._seen, how), numbers):
-            before = [other for other in last if frame.number - other.number in how.back]
-            views, seen_by = [frame.view], [frame.number]
-            for other in before:
-                pose = relative_pose(frame.features, other.features, geometry)
-                if pose is not None:
-                    views.append(replace(other.view, T_world_camera=pose.T_a_b))
-                    seen_by.append(other.number)
-            if len(views) > 1:
-                yield SeenWindow(np.array(seen_by), look(frame.view.patches_m(how.patches), views))
-            last = [*last, frame][-max(how.back) :]
+    def _frame_look(self, how: Look) -> "_FrameLook":
+        return _FrameLook(self.read, reduced(self.geometry, how), reduction(self.geometry, how), self.encoding, how)
 
-    def _seen(self, how: Look, number: int) -> _Seen:
-        image, range_m = self.frames[number][1]()
-        every, geometry = reduction(self.geometry, how), reduced(self.geometry, how)
+    def _looked(self, numbers: Sequence[int], look_at: "Callable[[_Stretch], list[Shown]]") -> Iterator[Shown]:
+        """What each frame shows that frames before it show too, in order; nothing for a frame without such."""
+        for shown in self.compute.each(look_at, _stretches(numbers, self.frames)):
+            yield from shown
+
+
+@dataclass(frozen=True, eq=False)
+class _Stretch:
+    """frames: numbers in the dive, and by what each is read. before: so many of them belong to the stretch before."""
+
+    before: int
+    frames: tuple[tuple[int, Any], ...]
+
+
+def _stretches(numbers: Sequence[int], frames: Sequence[tuple[str, Any]]) -> Iterator[_Stretch]:
+    """All numbers, each once but for those that a stretch begins with to hold its own against."""
+    length, back = min(max(-(-len(numbers) // 2), STRETCH.least), STRETCH.most), max(WHOLE.back)
+    for start in range(0, len(numbers), length):
+        before = [number for number in numbers[max(start - back, 0) : start] if numbers[start] - number <= back]
+        several = [*before, *numbers[start : start + length]]
+        yield _Stretch(len(before), tuple((number, frames[number][1]) for number in several))
+
+
+@dataclass(frozen=True, eq=False)
+class _FrameLook:
+    """How frames are looked at, as work that can be sent to another process. geometry: of images reduced ``every`` times."""
+
+    read: ReadFrame
+    geometry: RectifiedPair
+    every: int
+    encoding: InputEncoding
+    how: Look
+
+    def windows(self, stretch: _Stretch) -> Iterator[SeenWindow]:
+        """Those of a stretch's own frames."""
+        last: list[_Seen] = []
+        for place, (number, frame) in enumerate(stretch.frames):
+            seen = self._seen(number, frame)
+            before = [other for other in last if number - other.number in self.how.back]
+            window = self._window(seen, before) if place >= stretch.before else None
+            if window:
+                yield window
+            last = [*last, seen][-max(self.how.back) :]
+
+    def _window(self, frame: _Seen, before: Sequence[_Seen]) -> SeenWindow | None:
+        """What a frame shows and frames before it, placed by features, show too; None where none of them does."""
+        views, seen_by = [frame.view], [frame.number]
+        for other in before:
+            pose = relative_pose(frame.features, other.features, self.geometry)
+            if pose is not None:
+                views.append(replace(other.view, T_world_camera=pose.T_a_b))
+                seen_by.append(other.number)
+        if len(views) == 1:
+            return None
+        return SeenWindow(np.array(seen_by), look(frame.view.patches_m(self.how.patches), views))
+
+    def _seen(self, number: int, source: Any) -> _Seen:
+        image, range_m = self.read(source)
+        every, geometry = self.every, self.geometry
         height, width = (side // every for side in range_m.shape)
         small = cv2.resize(image[: height * every, : width * every], (width, height), interpolation=cv2.INTER_AREA)
         ranges = np.ascontiguousarray(range_m[every // 2 :: every, every // 2 :: every][:height, :width])
@@ -166,15 +225,37 @@ class LightSearch:
         return _Seen(number, view, detect(frame, geometry, FEATURES))
 
 
+@dataclass(frozen=True, eq=False)
+class _WindowLook:
+    """Windows with all their sightings, some 200 kB each: for the pattern, of which few frames are asked."""
+
+    frames: _FrameLook
+
+    def __call__(self, stretch: _Stretch) -> list[SeenWindow]:
+        return list(self.frames.windows(stretch))
+
+
+@dataclass(frozen=True, eq=False)
+class _DifferenceLook:
+    """How a window's frames differ once the pattern is taken out: small, for every frame of a long dive."""
+
+    frames: _FrameLook
+    light: SurveyLight
+
+    def __call__(self, stretch: _Stretch) -> list[Differing]:
+        size = self.frames.geometry.image_size
+        return [(seen.frames, list(differences(seen, self.light, size))) for seen in self.frames.windows(stretch)]
+
+
 class _Links:
     """frames: numbers of those that show what a frame before them shows, and of all between."""
 
     def __init__(self) -> None:
         self.frames: set[int] = set()
 
-    def add(self, window: SeenWindow) -> None:
+    def add(self, frames: NDArray[np.int64]) -> None:
         """The frames of one more window."""
-        self.frames.update(range(int(window.frames.min()) + 1, int(window.frames.max()) + 1))
+        self.frames.update(range(int(frames.min()) + 1, int(frames.max()) + 1))
 
 
 def looked_at(frames: int) -> list[int]:

@@ -1,7 +1,7 @@
 """The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -162,15 +162,10 @@ class FrameStages:
                 write_atomic(path, _table_content(table, key))
         return table
 
-    def reader(self, ranged: Ranged) -> Callable[[], tuple[Image, Map]]:
-        """Reads a frame's image and measured ranges again, for fits that need every pixel."""
-        stored = replace(ranged, pixels=None)
-
-        def read() -> tuple[Image, Map]:
-            image, range_map = self.pixels(stored, Clock())
-            return self._evened(ranged.pair.name, image, range_map.measured_m, Clock()), range_map.measured_m
-
-        return read
+    def read(self, ranged: Ranged) -> tuple[Image, Map]:
+        """A frame's image and measured ranges again, for what needs every pixel once more."""
+        image, range_map = self.pixels(ranged, Clock())
+        return self._evened(ranged.pair.name, image, range_map.measured_m, Clock()), range_map.measured_m
 
     def corrected(self, ranged: Ranged, water: Water, clock: Clock) -> FrameRow:
         """The frame in its true colors: an earlier run's, or corrected and written now. Returns its row."""

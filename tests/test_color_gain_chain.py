@@ -1,5 +1,6 @@
 """Gains of all frames of a long dive: what the frames differ by comes back, also outside the part that gives the pattern."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -16,6 +17,7 @@ from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explains, log_exposures, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
 from stereo_seecolor.commands.run import run
+from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.dive_light import LightSearch, SampleSettings
 from stereo_seecolor.files.encode import encode_image
@@ -100,7 +102,7 @@ class DrawnDive:
         """What is found where the camera recorded exposures of the logarithms ``recorded``; ``blank`` frames have no ranges."""
         captures = [Capture(exposure_s=0.01 * np.exp(value), gain=2.0) for value in recorded]
         frames = [(name, partial(self._seen, name, k in blank)) for k, name in enumerate(self.names)]
-        return LightSearch(frames, captures, HALF, "srgb").solve(ALL).light
+        return LightSearch(frames, lambda read: read(), captures, HALF, "srgb", Threads(2)).solve(ALL).light
 
     def _seen(self, name: str, blank: bool) -> tuple[Image, Map]:
         image, range_m = self.read(name)
@@ -219,8 +221,8 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monke
         image = np.round(255 * encode_srgb(light)).astype(np.uint8)
         return image, read_range_map(REEF / "truth" / "range" / f"{name}.tiff")
 
-    frames = [(name, lambda name=name: read(name)) for name in names]
-    found = LightSearch(frames, [Capture()] * len(frames), RECTIFICATION.pair, "srgb").solve(ALL)
+    frames = [(name, name) for name in names]
+    found = LightSearch(frames, read, [Capture()] * len(frames), RECTIFICATION.pair, "srgb", Threads(2)).solve(ALL)
     assert found.light is not None
     assert found.light.light is not None
     assert f"a gain for each of {len(names)} frames" in found.light.note
@@ -228,3 +230,13 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monke
     measured = np.array([found.light.light.gains[name].mean() for name in names])
     assert np.abs(measured - (true - true.mean())).max() < 0.08
     assert found.linked == tuple(names[1:])
+
+
+@pytest.mark.parametrize("numbers", [range(12), range(200), dive_light.looked_at(500)])
+def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(numbers: Sequence[int]) -> None:
+    stretches = list(dive_light._stretches(numbers, [(str(k), k) for k in range(500)]))
+    assert [number for stretch in stretches for number, _ in stretch.frames[stretch.before :]] == list(numbers)
+    for stretch in stretches:
+        inside = [number for number, _ in stretch.frames]
+        for number in inside[stretch.before :]:
+            assert {number - back for back in dive_light.WHOLE.back} & set(numbers) <= set(inside)
