@@ -145,8 +145,14 @@ def test_what_is_written(
         "change.png",
         "color_change.tif",
         "height_change.tif",
+        "index.html",
         "patches.csv",
     ]
+    page = (folder / "index.html").read_text()
+    liters = found.change.growth_l[0]
+    assert "<h1>first to second</h1>" in page and f"growth of {liters:.2f} ±" in page and "paler" in page
+    assert page.count("<tr><td") == len(found.change.patches)
+    assert all(f'href="{name}"' in page for name in ("patches.csv", "height_change.tif"))
     with (folder / "patches.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["kind"] for row in rows] == [patch.kind for patch in found.change.patches]

@@ -12,6 +12,7 @@ from stereo_seecolor.export.posed_run import open_posed_run
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.new_folder import new_folder, refuse_filled
 from stereo_seecolor.mapping.raster.georeference import Georeference
+from stereo_seecolor.report.change_page import write_change_page
 from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.site.mesh import read_mesh
 
@@ -27,7 +28,7 @@ class Comparison:
 def compare(first: Path, second: Path, folder: Path | None = None) -> Comparison:
     """Register the map in ``second`` to that in ``first``, and find what rose, sank or changed its color.
 
-    folder: new or empty, for rasters, table and picture; None writes none. Both runs are left as they are.
+    folder: new or empty, for page, rasters, table and picture; None writes none. Both runs are left as they are.
     Raises InputError for a run without a map; ComparingError, with the evidence, if the maps cannot be compared; OutputError.
     """
     if folder:
@@ -39,7 +40,15 @@ def compare(first: Path, second: Path, folder: Path | None = None) -> Comparison
     with new_folder(folder) as building:
         write_change(building, change, Georeference(a.posed.offset_m, a.posed.origin))
         shutil.rmtree(building / ".scratch", ignore_errors=True)
+        write_change_page(building, change, *_names(first.resolve(), second.resolve()))
     return Comparison(change, tuple(sorted(files_below(folder))))
+
+
+def _names(first: Path, second: Path) -> tuple[str, str]:
+    """With their folders' names where both are called the same."""
+    if first.name != second.name:
+        return first.name, second.name
+    return f"{first.parent.name}/{first.name}", f"{second.parent.name}/{second.name}"
 
 
 def _open(out: Path) -> Surveyed:
