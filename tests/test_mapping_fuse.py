@@ -28,7 +28,7 @@ from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import DISPARITY_STD_PX, estimated_range_std_m, inverse, rotation_from_vector
 from stereo_seecolor.inputs.trajectories.axes import R_ENU_NED
-from stereo_seecolor.mapping import survey_map
+from stereo_seecolor.mapping import kept_frames, survey_map
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
 from stereo_seecolor.mapping.survey import Survey
@@ -168,7 +168,8 @@ class Vanishing(Sequence[SurveyFrame]):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("reads", [0, 1, 2, 6])
-def test_a_frame_may_vanish_at_any_moment(tmp_path: Path, reads: int) -> None:
+def test_a_frame_may_vanish_at_any_moment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reads: int) -> None:
+    monkeypatch.setattr(kept_frames, "SETTINGS", kept_frames.KeepingSettings(most_bytes=0))
     summary = survey_map.build_map(Vanishing([flat_frame(i) for i in range(4)], 1, reads), PAIR, tmp_path, CONFIG, track(4))
     assert [(frame.name, frame.reason) for frame in summary.unplaced] == [("f1", "the disk is gone")]
     assert summary.placed == 3

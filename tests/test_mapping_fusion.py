@@ -17,9 +17,10 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, OutputError
 from stereo_seecolor.evaluation.nearest import nearest_distance_m
 from stereo_seecolor.files.ply import VERTEX
+from stereo_seecolor.mapping import kept_frames
 from stereo_seecolor.mapping.surface import extraction, marching_cubes, open3d_extractor
 from stereo_seecolor.mapping.surface.volume import Volume
-from stereo_seecolor.mapping.survey_map import build_map
+from stereo_seecolor.mapping.survey_map import Workspace, build_map
 from stereo_seecolor.records import SurveyFrame
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -131,44 +132,68 @@ def test_a_reef_comes_out_true(tmp_path: Path) -> None:
     assert np.median(error_m) < 0.01
 
 
-class Stopping(Sequence[SurveyFrame]):
-    """Frames of which one read fails, and which counts all reads."""
+class Counting(Sequence[SurveyFrame]):
+    """Frames that count how often they are read."""
 
-    def __init__(self, frames: list[SurveyFrame], fails_at: int) -> None:
-        self.frames, self.fails_at, self.reads = frames, fails_at, 0
+    def __init__(self, frames: list[SurveyFrame]) -> None:
+        self.frames, self.reads = frames, 0
 
     def __len__(self) -> int:
         return len(self.frames)
 
     def __getitem__(self, i: int) -> SurveyFrame:  # type: ignore[override]
         self.reads += 1
-        if self.reads == self.fails_at:
-            raise KeyboardInterrupt
         return self.frames[i]
+
+
+def stopped_at_tile(number: int, frames: list[SurveyFrame], folder: Path) -> None:
+    """Make a map until so many tiles are fused."""
+
+    def stop(what: str, done: int, total: int) -> None:
+        if what == "fusing tiles" and done == number:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        build_map(frames, PAIR, folder, CONFIG, track(6), Workspace(progress=stop))
 
 
 @pytest.mark.slow
 def test_a_stopped_run_goes_on_where_it_was(tmp_path: Path) -> None:
     frames = [flat_frame(i) for i in range(6)]
     straight, resumed = tmp_path / "straight", tmp_path / "resumed"
-    whole = Stopping(frames, fails_at=-1)
-    build_map(whole, PAIR, straight, CONFIG, track(6))
-    stopped = Stopping(frames, fails_at=2 * whole.reads // 3)
-    with pytest.raises(KeyboardInterrupt):
-        build_map(stopped, PAIR, resumed, CONFIG, track(6))
+    build_map(frames, PAIR, straight, CONFIG, track(6))
+    stopped_at_tile(2, frames, resumed)
     assert not (resumed / "cloud.ply").exists()
-    again = Stopping(frames, fails_at=-1)
-    build_map(again, PAIR, resumed, CONFIG, track(6))
-    assert again.reads < whole.reads
+    fused: list[int] = []
+
+    def progress(what: str, done: int, total: int) -> None:
+        fused.extend([done] if what == "fusing tiles" else [])
+
+    build_map(frames, PAIR, resumed, CONFIG, track(6), Workspace(progress=progress))
+    assert fused[0] == 3
     assert (resumed / "mesh.ply").read_bytes() == (straight / "mesh.ply").read_bytes()
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("disk", ["large", "small", "full"])
+def test_each_frame_is_decoded_once_where_the_disk_has_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, disk: str) -> None:
+    frames = Counting([flat_frame(i, color=(10, 20, 30 + 40 * i)) for i in range(6)])
+    build_map(frames.frames, PAIR, tmp_path / "plain", CONFIG, track(6))
+    if disk == "full":
+        monkeypatch.setattr(kept_frames, "temporary_path", lambda path: path.parent / "missing" / path.name)
+    if disk == "small":
+        monkeypatch.setattr(kept_frames, "SETTINGS", kept_frames.KeepingSettings(most_bytes=0))
+    build_map(frames, PAIR, tmp_path / "kept", CONFIG, track(6))
+    first_look = 1  # whether the voxels suit the scene
+    assert frames.reads == len(frames) + first_look if disk == "large" else frames.reads > 2 * len(frames)
+    for name in ("cloud.ply", "mesh.ply", "orthomosaic.tif", "dem.tif"):
+        assert (tmp_path / "kept" / name).read_bytes() == (tmp_path / "plain" / name).read_bytes()
+    assert not list(tmp_path.rglob("*.raw"))
+
+
+@pytest.mark.slow
 def test_tiles_of_frames_that_were_made_anew_are_not_kept(tmp_path: Path) -> None:
-    whole = Stopping([flat_frame(i) for i in range(6)], fails_at=-1)
-    build_map(whole, PAIR, tmp_path / "whole", CONFIG, track(6))
-    with pytest.raises(KeyboardInterrupt):
-        build_map(Stopping(whole.frames, fails_at=2 * whole.reads // 3), PAIR, tmp_path, CONFIG, track(6))
+    stopped_at_tile(2, [flat_frame(i) for i in range(6)], tmp_path)
     assert list((tmp_path / ".scratch" / "tiles").rglob("*.npz"))
     build_map([flat_frame(i, color=(10, 20, 230)) for i in range(6)], PAIR, tmp_path, CONFIG, track(6))
     np.testing.assert_array_equal(np.unique(read_cloud(tmp_path / "cloud.ply")["color"], axis=0), [[10, 20, 230]])
@@ -256,7 +281,7 @@ def test_where_open3d_is_missing_scikit_image_makes_the_same_map(
 def test_without_any_extractor_it_is_named_before_the_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(extraction, "open3d_available", lambda: False)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    frames = Stopping([flat_frame(0)], fails_at=1)
+    frames = Counting([flat_frame(0)])
     with pytest.raises(DeviceError, match="pip install scikit-image"):
         build_map(frames, PAIR, tmp_path, CONFIG, track(1))
     assert frames.reads == 0

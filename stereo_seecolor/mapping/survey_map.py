@@ -20,12 +20,13 @@ from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
+from stereo_seecolor.mapping.kept_frames import KeptFrames
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import Georeference, local_crs_name
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
-from stereo_seecolor.mapping.recovered_frames import RecoveredFrames, Unplaced
+from stereo_seecolor.mapping.recovered_frames import Frames, RecoveredFrames, Unplaced
 from stereo_seecolor.mapping.surface import extraction, islands
 from stereo_seecolor.mapping.surface.join import write_map
 from stereo_seecolor.mapping.surface.kernels import BLOCK
@@ -110,8 +111,9 @@ def build_map(
     started = time.perf_counter()
     found = RecoveredFrames(frames)
     check_voxel(found, geometry, config.voxel_m)
-    index = _index(found, geometry, config.voxel_m, workspace)
-    survey = Survey(found, geometry, index, workspace.progress, workspace.compute, scratch)
+    kept = KeptFrames(found, scratch / "frames")
+    index = _index(kept, geometry, config.voxel_m, workspace)
+    survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch)
     placed = place_survey(survey, config, trajectory)
     built = _Builder(survey, placed, config, trajectory, scratch, found.lost).build_all(out_dir)
     shutil.rmtree(scratch, ignore_errors=True)
@@ -137,7 +139,7 @@ def _summary(
     )
 
 
-def _index(frames: RecoveredFrames, geometry: RectifiedPair, voxel_m: float, workspace: Workspace) -> FrameIndex:
+def _index(frames: Frames, geometry: RectifiedPair, voxel_m: float, workspace: Workspace) -> FrameIndex:
     """With points half a block apart, so that no block is missed; voxels are made for those that weigh anything in one view."""
     sampling = Sampling(spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT)))
     index = FrameIndex.build(frames, geometry, sampling, workspace.progress, workspace.compute)

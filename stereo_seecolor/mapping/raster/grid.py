@@ -31,12 +31,24 @@ class Grid:
     def pixels(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
         """(N, 2) column and row of points (N, 2 or more); the center of the first cell is (0, 0)."""
         points = np.asarray(points_m, np.float64)
-        columns, rows = (points[:, 0] - self.west_m) / self.cell_m - 0.5, (self.north_m - points[:, 1]) / self.cell_m - 0.5
-        return np.stack([columns, rows], axis=-1)
+        return np.stack([self.columns(points[:, 0]), self.rows(points[:, 1])], axis=-1)
+
+    def columns(self, x_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Column of each x."""
+        return np.asarray((x_m - self.west_m) / self.cell_m - 0.5, np.float64)
+
+    def rows(self, y_m: NDArray[np.floating]) -> NDArray[np.float64]:
+        """Row of each y."""
+        return np.asarray((self.north_m - y_m) / self.cell_m - 0.5, np.float64)
+
+    def axes(self, rows: slice, columns: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """x (w,) and y (h,) of the cells' centers in a window."""
+        x_m = self.west_m + (np.arange(columns.start, columns.stop) + 0.5) * self.cell_m
+        y_m = self.north_m - (np.arange(rows.start, rows.stop) + 0.5) * self.cell_m
+        return x_m, y_m
 
     def centers(self, rows: slice, columns: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """x and y (h, w) of the cells' centers in a window."""
-        x = self.west_m + (np.arange(columns.start, columns.stop) + 0.5) * self.cell_m
-        y = self.north_m - (np.arange(rows.start, rows.stop) + 0.5) * self.cell_m
-        grid_x, grid_y = np.meshgrid(x, y)
+        x_m, y_m = self.axes(rows, columns)
+        grid_x, grid_y = np.meshgrid(x_m, y_m)
         return grid_x, grid_y

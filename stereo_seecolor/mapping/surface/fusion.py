@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.surface.extraction import extract
-from stereo_seecolor.mapping.surface.kernels import colors_at, integrate, packed
+from stereo_seecolor.mapping.surface.kernels import colors_at, integrate, packed, weigh
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import TRUNCATION_VOXELS, Tile, Tiling
 from stereo_seecolor.mapping.surface.volume import Triangles, Volume
@@ -35,8 +35,10 @@ def fuse_tile(tile: Tile, tiling: Tiling, frames: Iterable[PlacedFrame], geometr
 
 
 def _integrate(volume: Volume, frame: SurveyFrame, T_world_camera: NDArray[np.float64], geometry: RectifiedPair) -> None:
-    known = frame.range_m[np.isfinite(frame.range_m)]
-    farthest_m = float(known.max()) if known.size else 0.0
+    depth_m, pixel_weight = np.empty(frame.range_m.shape, np.float32), np.empty(frame.range_m.shape, np.float32)
+    farthest_m = weigh(
+        frame.range_m, frame.range_std_m, frame.confidence, geometry.ray_length, volume.voxel_m, depth_m, pixel_weight
+    )
     integrate(
         volume.blocks,
         volume.tsdf,
@@ -45,9 +47,8 @@ def _integrate(volume: Volume, frame: SurveyFrame, T_world_camera: NDArray[np.fl
         volume.color_weight,
         frame.color,
         frame.color_is_doubtful,
-        frame.range_m,
-        frame.range_std_m,
-        frame.confidence,
+        depth_m,
+        pixel_weight,
         np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px, farthest_m]),
         inverse(T_world_camera),
         volume.voxel_m,

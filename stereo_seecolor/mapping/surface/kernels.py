@@ -19,6 +19,34 @@ BITS = 21
 OFFSET = 1 << (BITS - 1)
 
 
+@compiled
+def weigh(
+    range_m: Any,  # (H, W) float32
+    range_std_m: Any,  # (H, W) float32
+    confidence: Any,  # (H, W) float32
+    ray_length: Any,  # (H, W) float: range over depth
+    voxel_m: float,
+    depth_m: Any,  # (H, W) float32, written
+    weight: Any,  # (H, W) float32, written: 0 where nothing was measured
+) -> float:
+    """Depths and weights of a frame's pixels; the farthest range, 0 where there is none.
+
+    Weight = confidence (voxel / standard error)^2. The error of stereo grows with the square of the range; without regard to
+    that, one near fish would outweigh all that see through it.
+    """
+    farthest = 0.0
+    for row in range(range_m.shape[0]):
+        for column in range(range_m.shape[1]):
+            measured, trust, std = range_m[row, column], confidence[row, column], range_std_m[row, column]
+            weight[row, column] = 0
+            if not (measured > 0 and trust > 0 and measured < np.inf):
+                continue
+            farthest = max(farthest, measured)
+            depth_m[row, column] = measured / ray_length[row, column]
+            weight[row, column] = trust * (voxel_m / std) ** 2 if std > 0 else trust
+    return farthest
+
+
 @compiled(parallel=True)
 def integrate(
     keys: Any,  # (B, 3) int32 block coordinates
@@ -28,53 +56,58 @@ def integrate(
     color_weight: Any,  # (B, 8, 8, 8) float32
     rgb: Any,  # (H, W, 3) uint8
     doubtful: Any,  # (H, W) bool: its color counts next to nothing
-    range_m: Any,  # (H, W) float32
-    range_std_m: Any,  # (H, W) float32
-    confidence: Any,  # (H, W) float32
+    depth_m: Any,  # (H, W) float32, of ``weigh``
+    pixel_weight: Any,  # (H, W) float32, of ``weigh``
     camera: Any,  # (4,) float64: focal_px, cx, cy, farthest range
-    T_camera_world: Any,  # (4, 4) float64
+    T: Any,  # (4, 4) float64, camera from world
     voxel_m: float,
     truncation_m: float,
 ) -> None:
     """Update every voxel that projects onto a measured pixel and does not lie deeper behind it than the truncation.
 
-    Curless and Levoy's (1996) running weighted mean with weight = confidence (voxel / standard error)^2 a pixel. Voxels in
-    front of the surface are updated as well: that carves away what other frames saw only once, such as fish. The error of
-    stereo grows with the square of the range; without regard to that, one near fish would outweigh all that see through it.
+    Curless and Levoy's (1996) running weighted mean. Voxels in front of the surface are updated as well: that carves away what
+    other frames saw only once, such as fish.
     """
-    height, width = range_m.shape
+    height, width = depth_m.shape
     for b in prange(keys.shape[0]):
         corner = np.array([keys[b, 0] * BLOCK * voxel_m, keys[b, 1] * BLOCK * voxel_m, keys[b, 2] * BLOCK * voxel_m])
-        if _out_of_sight(corner, camera, T_camera_world, width, height, voxel_m, truncation_m):
+        if _out_of_sight(corner, camera, T, width, height, voxel_m, truncation_m):
             continue
-        for k, j, i in np.ndindex((BLOCK, BLOCK, BLOCK)):
-            x, y, z = _in_camera(T_camera_world, corner[0] + i * voxel_m, corner[1] + j * voxel_m, corner[2] + k * voxel_m)
-            if z <= NEAREST_M:
-                continue
-            column = int(np.floor(camera[0] * x / z + camera[1] + 0.5))
-            row = int(np.floor(camera[0] * y / z + camera[2] + 0.5))
-            if column < 0 or row < 0 or column >= width or row >= height:
-                continue
-            measured, trust, std = range_m[row, column], confidence[row, column], range_std_m[row, column]
-            if not (measured > 0 and trust > 0):
-                continue
-            distance = np.sqrt(x * x + y * y + z * z)
-            # Compared by depth, which is the same all over a pixel that looks at level ground; range is not.
-            across, down = (column - camera[1]) / camera[0], (row - camera[2]) / camera[0]
-            signed = (measured / np.sqrt(1 + across * across + down * down) - z) * distance / z
-            if signed < -truncation_m:
-                continue
-            w = trust * (voxel_m / std) ** 2 if std > 0 else trust
-            if signed > truncation_m:  # free space: as certain as a measurement at the voxel's own distance
-                w *= (measured / distance) ** 4
-            total = weight[b, k, j, i] + w
-            value = min(1.0, signed / truncation_m)
-            tsdf[b, k, j, i] += (value - tsdf[b, k, j, i]) * w / total
-            weight[b, k, j, i] = total
-            if signed <= truncation_m:
-                vertical = abs(T_camera_world[0, 2] * x + T_camera_world[1, 2] * y + T_camera_world[2, 2] * z) / distance
-                pixel_m = distance / (camera[0] * max(vertical, 0.05))
-                _mix(color[b, k, j, i], color_weight[b, k, j], i, rgb[row, column], doubtful[row, column], pixel_m / voxel_m)
+        for k, j in np.ndindex((BLOCK, BLOCK)):
+            first = _in_camera(T, corner[0], corner[1] + j * voxel_m, corner[2] + k * voxel_m)
+            for i in range(BLOCK):
+                along = i * voxel_m
+                z = first[2] + T[2, 0] * along
+                if z <= NEAREST_M:
+                    continue
+                across, down = (first[0] + T[0, 0] * along) / z, (first[1] + T[1, 0] * along) / z
+                u, v = camera[0] * across + camera[1] + 0.5, camera[0] * down + camera[2] + 0.5
+                w = _at(pixel_weight, v, u)
+                if w == 0:
+                    continue
+                row, column = np.uint64(v), np.uint64(u)
+                # Compared by depth, which is the same all over a pixel that looks at level ground; range is not.
+                measured, stretch = depth_m[row, column], np.sqrt(1 + across * across + down * down)
+                signed = (measured - z) * stretch
+                if signed < -truncation_m:
+                    continue
+                if signed > truncation_m:  # free space: as certain as a measurement at the voxel's own distance
+                    w *= (measured / z) ** 4
+                total = weight[b, k, j, i] + w
+                value = min(1.0, signed / truncation_m)
+                tsdf[b, k, j, i] += (value - tsdf[b, k, j, i]) * w / total
+                weight[b, k, j, i] = total
+                if signed <= truncation_m:
+                    vertical = abs(T[0, 2] * across + T[1, 2] * down + T[2, 2]) / stretch
+                    pixel_m = z * stretch / (camera[0] * max(vertical, 0.05))
+                    _mix(color[b, k, j, i], color_weight[b, k, j], i, rgb[row, column], doubtful[row, column], pixel_m / voxel_m)
+
+
+@compiled
+def _at(image: Any, row: float, column: float) -> Any:
+    """The value of the pixel there; 0 beside the image."""
+    inside = row >= 0 and column >= 0 and row < image.shape[0] and column < image.shape[1]
+    return image[np.uint64(row), np.uint64(column)] if inside else np.float32(0)
 
 
 @compiled

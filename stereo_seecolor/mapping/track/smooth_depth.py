@@ -44,7 +44,8 @@ def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair) -> SmoothDepth:
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = _mean(inverse) / share
         filled = np.where(known, inverse, mean)  # so that the windows' rims do not tilt the planes
-        tilt = sum(cv2.filter2D(filled, -1, kernel) ** 2 for kernel in _tilts())
+        slope, mean_of = _slope()
+        tilt = cv2.sepFilter2D(filled, -1, slope, mean_of) ** 2 + cv2.sepFilter2D(filled, -1, mean_of, slope) ** 2
         variance = _mean(inverse * inverse) / share - mean**2 - tilt * (SETTINGS.window_px**2 - 1) / 12
         std_m = np.where(np.isfinite(frame.range_std_m), frame.range_std_m, SETTINGS.unknown_std * range_m)
         std = std_m * inverse / range_m
@@ -57,9 +58,8 @@ def _mean(values: Map) -> Map:
     return np.asarray(cv2.blur(values, (SETTINGS.window_px, SETTINGS.window_px)), np.float32)
 
 
-def _tilts() -> tuple[Map, Map]:
-    """Kernels of the slope of the plane of least squares, by column and by row."""
+def _slope() -> tuple[Map, Map]:
+    """Kernels along and across an axis whose product is the slope of the plane of least squares along it."""
     width = SETTINGS.window_px
-    offsets = np.tile(np.arange(width, dtype=np.float32) - width // 2, (width, 1))
-    slope = offsets / (offsets**2).sum()
-    return slope, slope.T.copy()
+    offsets = np.arange(width, dtype=np.float32) - width // 2
+    return offsets / np.float32((offsets**2).sum()), np.full(width, 1 / width, np.float32)
