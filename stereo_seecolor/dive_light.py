@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.gain_chain import Difference, differences, solve_chain
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.recorded_exposure import explains, log_exposures, solve_recorded, worth_a_look
+from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.sightings import KeyFrame, View, look
 from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
@@ -123,24 +123,26 @@ class LightSearch:
             links.add(window.frames)
         size = reduced(self.geometry, WHOLE).image_size
         light = solve_light(windows, names, size, allowed)
-        recorded = self._recorded(light, windows) if light and allowed.gains else None
-        if recorded is not None:
-            light = solve_light(windows, names, size, allowed, recorded)
+        recorded = log_exposures(self.captures)
+        looked = light is not None and allowed.gains and worth_a_look(recorded)
+        offsets = self._offsets_about(recorded, light, windows) if light and looked else None
+        confirmed = recorded if offsets and explain(offsets) else None
+        if confirmed is not None:
+            light = solve_light(windows, names, size, allowed, confirmed)
+        elif light:
+            light = replace(light, refused=offsets)
         if light and len(chosen) < len(names) and allowed.gains:
             every = self._looked(range(len(names)), _DifferenceLook(self._frame_look(NEIGHBORS), light))
-            light = self._followed(light, every, links, recorded)
+            light = self._followed(light, every, links, confirmed)
         elif light and (light.solved.gains or light.recorded):
-            light = self._followed(light, [(seen.frames, differences(seen, light, size)) for seen in windows], links, recorded)
+            light = self._followed(light, [(seen.frames, differences(seen, light, size)) for seen in windows], links, confirmed)
         return Found(light, tuple(names[k] for k in sorted(links.frames)))
 
-    def _recorded(self, light: SurveyLight, windows: Iterable[SeenWindow]) -> Array | None:
-        """(F,) logarithms of the recorded exposures; None where they do not explain how frames differ."""
-        recorded = log_exposures(self.captures)
-        if not worth_a_look(recorded):
-            return None
+    def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]) -> tuple[float, float] | None:
+        """How frames differ without and with the (F,) records; None where no two frames show the same."""
         size = reduced(self.geometry, WHOLE).image_size
         found = [difference for window in windows for difference in differences(window, light, size)]
-        return recorded if explains(found, recorded) else None
+        return offsets_about(found, recorded) if found else None
 
     def _followed(self, light: SurveyLight, windows: Iterable[Differing], links: "_Links", recorded: Array | None) -> SurveyLight:
         """With the gains of all frames; with none where they do not help."""

@@ -1,5 +1,6 @@
 """Gains of all frames of a long dive: what the frames differ by comes back, also outside the part that gives the pattern."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +15,7 @@ from calibration.formats import load_rig
 from stereo_seecolor import dive_light
 from stereo_seecolor.color.photometry.gain_chain import Difference, solve_chain
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.recorded_exposure import explains, log_exposures, solve_recorded, worth_a_look
+from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads
@@ -145,6 +146,8 @@ def test_exposures_that_are_recorded_wrongly_change_nothing() -> None:
     assert alone is not None
     assert not found.recorded
     assert found.content() == alone.content()
+    assert re.search(r"the camera recorded are not used: frames of one spot differ by \d+ % with them, \d+ % without$", found.note)
+    assert "recorded" not in alone.note
 
 
 @pytest.mark.slow
@@ -181,9 +184,9 @@ def test_a_run_uses_the_exposures_of_its_table(tmp_path: Path) -> None:
 def test_records_behind_a_strobe_change_nothing() -> None:
     """The flash is shorter than any exposure time: frames are alike whatever is recorded."""
     recorded = varying()
-    assert not explains(chained(np.zeros(FRAMES), 0.02), recorded)
-    assert explains(chained(recorded, 0.02), recorded)
-    assert not explains([], recorded)
+    assert not explain(offsets_about(chained(np.zeros(FRAMES), 0.02), recorded))
+    assert explain(offsets_about(chained(recorded, 0.02), recorded))
+    assert not explain(offsets_about([], recorded))
 
 
 def test_gains_are_solved_about_the_records() -> None:

@@ -46,10 +46,14 @@ def worth_a_look(recorded: Array) -> bool:
     return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
 
 
-def explains(found: Sequence[Difference], recorded: Array) -> bool:
-    """Whether frames differ less in luminance once the records are taken off."""
-    before, after = (offset_between(every) for every in (found, without(found, recorded)))
-    return after < SETTINGS.left * before
+def offsets_about(found: Sequence[Difference], recorded: Array) -> tuple[float, float]:
+    """rms of luminance between frames, as they are and with the (F,) records taken off."""
+    return offset_between(found), offset_between(without(found, recorded))
+
+
+def explain(offsets: tuple[float, float]) -> bool:
+    """Whether frames differ less in luminance once the records are taken off. offsets: of ``offsets_about``."""
+    return offsets[1] < SETTINGS.left * offsets[0]
 
 
 def solve_recorded(found: Sequence[Difference], recorded: Array, chosen: tuple[bool, bool]) -> Chain:

@@ -41,7 +41,8 @@ class SeenWindow:
 class SurveyLight:
     """solved: the light of the survey; terms that do not help are 0. luminance, color: what was chosen of each, and how much it
     helps. offsets: rms of luminance between neighbors, without and with the gains of all frames; None where these were not solved.
-    recorded: the gains are about what the camera recorded.
+    recorded: the gains are about what the camera recorded. refused: as offsets, without and with what the camera recorded, where
+    that was not used since it does not explain how frames differ; None where nothing was refused.
     """
 
     solved: Light
@@ -49,6 +50,7 @@ class SurveyLight:
     color: Choice
     offsets: tuple[float, float] | None = None
     recorded: bool = False
+    refused: tuple[float, float] | None = None
 
     @property
     def light(self) -> Light | None:
@@ -58,8 +60,15 @@ class SurveyLight:
     @property
     def note(self) -> str:
         """What was used and how much it helps, for a person; "" where nothing was."""
-        if self.light is None:
-            return ""
+        used = f"light: {'; '.join(self._used())}; on spots left out of the fit" if self.light else ""
+        if self.refused is None:
+            return used
+        as_taken, about = map(_percent, self.refused)
+        numbers = f"frames of one spot differ by {about} with them, {as_taken} without"
+        refused = f"the exposures that the camera recorded are not used: {numbers}"
+        return f"{used}; {refused}" if used else f"light: {refused}"
+
+    def _used(self) -> list[str]:
         parts = []
         luminance, color = self.luminance, self.color
         if any(luminance.use):
@@ -77,7 +86,7 @@ class SurveyLight:
             parts.append(f"a gain for each of {len(self.solved.gains)} frames: {with_gains} between neighbors (before {without})")
         if self.recorded:
             parts.append("the exposures that the camera recorded are used")
-        return f"light: {'; '.join(parts)}; on spots left out of the fit"
+        return parts
 
     def at(self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
         """(N, 3) logarithm of the light, but for gains, at (N, 2) pixels of a picture of ``size`` and (N,) ranges: the pattern, and
