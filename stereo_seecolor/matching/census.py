@@ -56,7 +56,8 @@ def _census(padded: Gray, pattern: NDArray[np.int64], bits: Census) -> None:
             other = padded[y + _REACH + pattern[i + 1, 0], other_left : other_left + width]
             for x in range(width):
                 row[x] = (row[x] << np.uint32(2)) | np.uint32(one[x] < center[x]) << np.uint32(1) | np.uint32(other[x] < center[x])
-        bits[y] = row
+        for x in range(width):  # as bits[y] = row, which would compile a message about shapes for two seconds
+            bits[y, x] = row[x]
 
 
 @compiled(inline=True)

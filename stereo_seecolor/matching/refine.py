@@ -92,13 +92,15 @@ def _refine(
             for moment in range(MOMENTS):
                 _sum_down(ring, moment, moments[moment])
             i = row - rows[0]
-            found[2][i] = moments[0]
+            for x in range(moments.shape[1]):
+                found[2][i, x] = moments[0, x]
             _solve(base[row % WINDOW], best[row], moments, found[0][i], found[1][i], found[3][i])
 
 
 @compiled
 def _smooth_across(disparity: Any, mean: Any) -> None:
-    mean[:2], mean[-2:] = disparity[:2], disparity[-2:]
+    for x in (0, 1, -2, -1):  # one by one: for whole slices numba would compile a message about shapes, for two seconds
+        mean[x] = disparity[x]
     _mean_near(disparity[2:-2], disparity[:-4], disparity[1:-3], disparity[3:-1], disparity[4:], mean[2:-2])
 
 

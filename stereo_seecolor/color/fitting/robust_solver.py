@@ -1,4 +1,5 @@
-"""Damped Gauss-Newton steps for the robust fit, compiled.
+"""Damped Gauss-Newton steps for the robust fit, compiled. Arrays are copied by loops: in one assignment, numba would compile a message
+about shapes, for seconds.
 
 A parameter vector ``x`` holds logarithms: of the water's 15 parameters, of 3 P reflectances (channel after channel), of G
 brightnesses.
@@ -113,7 +114,9 @@ def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, A
                 damping = min(damping * STEPS.more_damping, STEPS.most_damping)
                 continue
             small = cost - new < STEPS.inner_converged * cost
-            x[:], cost = trial, new
+            for i in range(n):
+                x[i] = trial[i]
+            cost = new
             damping = max(damping * STEPS.less_damping, STEPS.least_damping)
             if small:
                 break
@@ -174,7 +177,8 @@ def _cost(x: Any, data: Any, prior: Any, weights: Any, noise: Any, normal: Any) 
     cost = _prior_cost(x, prior, normal)
     at, d = np.zeros(7, np.int64), np.zeros(7)
     for c in range(channels):
-        at[:5] = np.arange(5) * 3 + c
+        for i in range(5):
+            at[i] = 3 * i + c
         for g in range(groups):
             at[6] = WATER + channels * quantiles + g
             depth, near_part, backscatter, rising = _at(x, c, data.range_m[g])
@@ -208,8 +212,8 @@ def _prior_cost(x: Any, prior: Any, normal: Any) -> Any:
         cost += 0.5 * pull * (x[i] - prior.mean[i])
         if normal.slope.size:
             normal.slope[i] = pull
-    if normal.slope.size:
-        normal.matrix[:] = prior.precision
+            for j in range(x.size):
+                normal.matrix[i, j] = prior.precision[i, j]
     return cost
 
 

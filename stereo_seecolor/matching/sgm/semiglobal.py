@@ -56,8 +56,7 @@ def match_rows(
     p2, P1, P2, ambiguous = penalties
     start, first, end, stop = rows
     tile_row = start // TILE
-    bands, lengths = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1)
-    most, widest = lengths.max(), TILE * count.max()
+    bands, lengths, most, widest = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1)
     row_places = np.zeros(end - first + 1, np.int64)
     for row in range(end - first):
         row_places[row + 1] = row_places[row] + lengths[(first + row) // TILE - tile_row]
@@ -100,9 +99,11 @@ def match_rows(
 
 @compiled
 def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, rows: int) -> Any:
-    """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,) lengths of these rows."""
+    """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,) lengths of these rows; the largest
+    of them, and of the tiles'.
+    """
     tiles = lowest.shape[1]
-    bands, lengths = np.empty((rows, 3, tiles), np.int64), np.empty(rows, np.int64)
+    bands, lengths, most, widest = np.empty((rows, 3, tiles), np.int64), np.empty(rows, np.int64), 0, 0
     for row in range(rows):
         place = 0
         for tile in range(tiles):
@@ -110,8 +111,10 @@ def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, 
             bands[row, COUNT, tile] = count[tile_row + row, tile]
             bands[row, PLACE, tile] = place
             place += TILE * bands[row, COUNT, tile]
+            widest = max(widest, TILE * bands[row, COUNT, tile])
         lengths[row] = place
-    return bands, lengths
+        most = max(most, place)
+    return bands, lengths, most, widest
 
 
 @compiled
