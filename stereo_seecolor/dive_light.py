@@ -32,23 +32,20 @@ Differing = tuple[NDArray[np.int64], Iterable[Difference]]
 class Look:
     """How spots are found that several frames show."""
 
-    width_px: int
-    """Images are reduced to about it: lamps and lenses are smooth, and a fourth of the pixels takes a fourth of the time."""
-    back: tuple[int, ...]
-    """Frames before that each frame is held against."""
+    width_px: int = 480
+    """Images are reduced to about it: lamps and lenses are smooth. With 700 pixels a real dive's pattern is the same to 0.01."""
+    back: tuple[int, ...] = (1, 2, 4)
+    """Frames before that each frame is held against: the farther back, the more of the picture a spot has crossed. Without the
+    fourth before, gains drift (offsets of 0.11 instead of 0.09 on a real dive)."""
     patches: int = 800
     """Spots looked for in each frame, on a grid: some 500 are seen again."""
 
 
-WHOLE = Look(width_px=700, back=(1, 2, 4))
-"""For the pattern: the farther back, the more of the picture a spot has crossed."""
-NEIGHBORS = Look(width_px=480, back=(1, 2, 4))
-"""For the gains of a long dive, of every frame: a third of the time. Without the fourth before gains drift (offsets of 0.11 instead
-of 0.09 on a real dive)."""
+LOOK = Look()
 
-FEATURES = FeatureSettings(max_features=800, max_width_px=360)
+FEATURES = FeatureSettings(max_features=600, max_width_px=240)
 """By which a frame is placed against another. A pose among neighbors needs some 50 matches, a map's track many more: on a real dive
-and on half of it the light, and how much it helps, are the same to noise as with 480 pixels, and as with 2000 features at 960.
+the light (logarithm) is the same to 0.03 as with 800 features at 360 pixels, and how much it helps is the same to noise.
 """
 
 
@@ -117,11 +114,13 @@ class LightSearch:
         """
         names = [name for name, _ in self.frames]
         chosen = looked_at(len(names))
-        windows = list(self._looked(chosen, _WindowLook(self._frame_look(WHOLE))))
+        geometry = reduced(self.geometry)
+        look_at = _FrameLook(self.read, geometry, reduction(self.geometry), self.encoding)
+        windows = list(self._looked(chosen, _WindowLook(look_at)))
         links = _Links()
         for window in windows:
             links.add(window.frames)
-        size = reduced(self.geometry, WHOLE).image_size
+        size = geometry.image_size
         light = solve_light(windows, names, size, allowed)
         recorded = log_exposures(self.captures)
         looked = light is not None and allowed.gains and worth_a_look(recorded)
@@ -132,7 +131,7 @@ class LightSearch:
         elif light:
             light = replace(light, refused=offsets)
         if light and len(chosen) < len(names) and allowed.gains:
-            every = self._looked(range(len(names)), _DifferenceLook(self._frame_look(NEIGHBORS), light))
+            every = self._looked(range(len(names)), _DifferenceLook(look_at, light))
             light = self._followed(light, every, links, confirmed)
         elif light and (light.solved.gains or light.recorded):
             light = self._followed(light, [(seen.frames, differences(seen, light, size)) for seen in windows], links, confirmed)
@@ -140,7 +139,7 @@ class LightSearch:
 
     def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]) -> tuple[float, float] | None:
         """How frames differ without and with the (F,) records; None where no two frames show the same."""
-        size = reduced(self.geometry, WHOLE).image_size
+        size = reduced(self.geometry).image_size
         found = [difference for window in windows for difference in differences(window, light, size)]
         return offsets_about(found, recorded) if found else None
 
@@ -154,9 +153,6 @@ class LightSearch:
         solved = solve_chain(found, len(self.frames), chosen) if recorded is None else solve_recorded(found, recorded, chosen)
         measured = np.flatnonzero(solved.measured).tolist() if solved.gains.any() else []
         return light.with_gains({self.frames[k][0]: solved.gains[k] for k in measured}, solved.offsets)
-
-    def _frame_look(self, how: Look) -> "_FrameLook":
-        return _FrameLook(self.read, reduced(self.geometry, how), reduction(self.geometry, how), self.encoding, how)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[_Stretch], list[Shown]]") -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""
@@ -174,7 +170,7 @@ class _Stretch:
 
 def _stretches(numbers: Sequence[int], frames: Sequence[tuple[str, Any]]) -> Iterator[_Stretch]:
     """All numbers, each once but for those that a stretch begins with to hold its own against."""
-    length, back = min(max(-(-len(numbers) // 2), STRETCH.least), STRETCH.most), max(WHOLE.back)
+    length, back = min(max(-(-len(numbers) // 2), STRETCH.least), STRETCH.most), max(LOOK.back)
     for start in range(0, len(numbers), length):
         before = [number for number in numbers[max(start - back, 0) : start] if numbers[start] - number <= back]
         several = [*before, *numbers[start : start + length]]
@@ -189,18 +185,17 @@ class _FrameLook:
     geometry: RectifiedPair
     every: int
     encoding: InputEncoding
-    how: Look
 
     def windows(self, stretch: _Stretch) -> Iterator[SeenWindow]:
         """Those of a stretch's own frames."""
         last: list[_Seen] = []
         for place, (number, frame) in enumerate(stretch.frames):
             seen = self._seen(number, frame)
-            before = [other for other in last if number - other.number in self.how.back]
+            before = [other for other in last if number - other.number in LOOK.back]
             window = self._window(seen, before) if place >= stretch.before else None
             if window:
                 yield window
-            last = [*last, seen][-max(self.how.back) :]
+            last = [*last, seen][-max(LOOK.back) :]
 
     def _window(self, frame: _Seen, before: Sequence[_Seen]) -> SeenWindow | None:
         """What a frame shows and frames before it, placed by features, show too; None where none of them does."""
@@ -212,7 +207,7 @@ class _FrameLook:
                 seen_by.append(other.number)
         if len(views) == 1:
             return None
-        return SeenWindow(np.array(seen_by), look(frame.view.patches_m(self.how.patches), views))
+        return SeenWindow(np.array(seen_by), look(frame.view.patches_m(LOOK.patches), views))
 
     def _seen(self, number: int, source: Any) -> _Seen:
         image, range_m = self.read(source)
@@ -268,14 +263,14 @@ def looked_at(frames: int) -> list[int]:
     return sorted({int(start) + k for start in starts for k in range(SAMPLE.stretch)})
 
 
-def reduction(geometry: RectifiedPair, how: Look) -> int:
+def reduction(geometry: RectifiedPair) -> int:
     """Pixels of the image a pixel of the reduced one."""
-    return max(1, round(geometry.image_size[0] / how.width_px))
+    return max(1, round(geometry.image_size[0] / LOOK.width_px))
 
 
-def reduced(geometry: RectifiedPair, how: Look) -> RectifiedPair:
-    """The geometry of the reduced images."""
-    every = reduction(geometry, how)
+def reduced(geometry: RectifiedPair, every: int | None = None) -> RectifiedPair:
+    """The geometry of the reduced images; of which a pixel is ``every`` pixels wide, where that is given."""
+    every = every or reduction(geometry)
     cx, cx_right, cy = ((c + 0.5) / every - 0.5 for c in (geometry.cx_left_px, geometry.cx_right_px, geometry.cy_px))
     size = geometry.image_size[0] // every, geometry.image_size[1] // every
     return RectifiedPair(geometry.focal_px / every, cx, cx_right, cy, geometry.baseline_m, size)

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solveh_banded
 
 from stereo_seecolor.color.photometry.light_prior import COLOR
 from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, usable
@@ -149,6 +148,8 @@ def _outputs(every: Sequence[Difference], frames: int, medians: Sequence[Array])
 
 def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Array) -> Array:
     """(F,) gains about 0 whose differences are the values: least squares with Cauchy weights and the prior of a gain, banded."""
+    from scipy.linalg import solveh_banded  # a fifth of a second, which a dive without gains need not wait for
+
     frames, reach = len(deviation), int((i - j).max())
     weight, gains = 1.0 / variance, np.zeros(frames)
     for _ in range(SETTINGS.rounds):
