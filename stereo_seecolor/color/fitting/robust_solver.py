@@ -1,5 +1,6 @@
-"""Damped Gauss-Newton steps for the robust fit, compiled. Arrays are copied by loops: in one assignment, numba would compile a message
-about shapes, for seconds.
+"""Damped Gauss-Newton steps for the robust fit, compiled.
+
+Arrays are copied by loops: in one assignment, numba would compile a message about shapes, for seconds.
 
 A parameter vector ``x`` holds logarithms: of the water's 15 parameters, of 3 P reflectances (channel after channel), of G
 brightnesses.

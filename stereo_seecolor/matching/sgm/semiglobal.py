@@ -99,8 +99,8 @@ def match_rows(
 
 @compiled
 def _layout(lowest: NDArray[np.int32], count: NDArray[np.int32], tile_row: int, rows: int) -> Any:
-    """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,) lengths of these rows; the largest
-    of them, and of the tiles'.
+    """(rows, 3, tiles): each tile's lowest disparity, count, and place in a row of costs; (rows,) lengths of these rows; the
+    largest of them, and of the tiles'.
     """
     tiles = lowest.shape[1]
     bands, lengths, most, widest = np.empty((rows, 3, tiles), np.int64), np.empty(rows, np.int64), 0, 0
