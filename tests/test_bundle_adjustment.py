@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,13 +12,13 @@ from numpy.typing import NDArray
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
-from stereo_seecolor.mapping.survey import Survey
-from stereo_seecolor.mapping.track import odometry
+from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.track import odometry, refinement
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.pose_graph import Prior, solve
-from stereo_seecolor.mapping.track.refinement import refined
+from stereo_seecolor.mapping.track.refinement import RefinementSettings, refined
 from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose, fit_pose
 from stereo_seecolor.mapping.track.sightings import Relation, Sightings, sightings
 from stereo_seecolor.synthetic.survey import SurveySpec
@@ -144,6 +145,28 @@ def test_of_too_many_sightings_each_relation_keeps_those_seen_most_often() -> No
     assert len(few.frame) <= 400 < len(everything.frame)
     assert set(few.frame.tolist()) == set(range(8))
     assert few.views.mean() > everything.views.mean()
+
+
+@pytest.mark.slow
+def test_a_long_track_is_adjusted_by_windows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Truer than by the pose graph alone, and nearly as by one adjustment of all."""
+    ends = []
+    for seed in range(8):
+        scene = line(STATED, frames=16, seed=seed)
+        relations = scene.relations
+        start = by_pose_graph(scene, relations)
+        edges = [Edge(i, j, r.T_a_b, r.covariance, len(r.index_a)) for (i, j), r in relations]
+        index = SimpleNamespace(rank=np.arange(16), order=np.arange(16))
+        survey = SimpleNamespace(index=index, progress=lambda *_: None)
+        track = odometry.Track(survey, scene.features, edges, found=dict(relations))  # type: ignore[arg-type]
+        placement, found = Placement(start, np.zeros(16, np.int64)), []
+        for settings in (RefinementSettings(), RefinementSettings(most_frames=10, window=8, overlap=4)):
+            monkeypatch.setattr(refinement, "SETTINGS", settings)
+            found.append(refined(track, placement).T_world_camera)
+        ends.append([off_m(T, scene)[-1] for T in (start, *found)])
+    graph, whole, windows = np.sqrt((np.array(ends) ** 2).mean(axis=0))
+    assert whole < 0.9 * graph
+    assert windows < 0.97 * graph
 
 
 @pytest.mark.slow

@@ -1,45 +1,87 @@
 """A placement made better by bundle adjustment: what its relative poses saw, taken all at once instead of pair by pair."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.survey import Placement
-from stereo_seecolor.mapping.track.bundle_adjustment import adjust
+from stereo_seecolor.mapping.track import pose_graph
+from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.pose_graph import Prior
+from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.mapping.track.sightings import sightings
 
-MOST_SIGHTINGS = 1_000_000
-"""Of a component: 2.4 GB, a minute. Frames have some 1,000 each; of longer dives than 1,000 frames, the points seen most often."""
-MOST_FRAMES = MOST_SIGHTINGS // 400
-"""With fewer sightings a frame a pose graph, which is made from all of them, is as true."""
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RefinementSettings:
+    """How much is adjusted at once."""
+
+    most_sightings: int = 1_000_000  # 2.4 GB, a minute; frames have some 1,000 each, and with fewer than 400 nothing is won
+    most_frames: int = 2500  # so many have 400 each; longer tracks are adjusted by windows
+    window: int = 1000  # frames, which then keep all of their sightings
+    overlap: int = 50  # frames that two windows share, several times the reach of an edge between neighbors
+
+
+SETTINGS = RefinementSettings()
+
+
+class _Part(NamedTuple):
+    """A component of a track: its frames in the order of time, the edges between them, and what is known of them."""
+
+    track: Track
+    frames: list[int]
+    edges: list[Edge]
+    priors: list[Prior]
 
 
 def refined(track: Track, placement: Placement, priors: Sequence[Prior] = ()) -> Placement:
     """The placement's frames where all sightings and the priors agree best, with standard errors.
 
     track: it holds the relative poses that the placement was made from; loops that turned out false are no longer among them.
-    Components of very many frames stay as they are, and it is said.
+    Very long components are adjusted by windows, and these joined by a pose graph with all loops, without standard errors.
     Raises DeviceError if GTSAM is missing.
     """
-    index, T, warnings = track.survey.index, placement.T_world_camera, []
+    rank, T = track.survey.index.rank, placement.T_world_camera
     std = np.full((len(T), 2), np.nan)
-    for component, size in enumerate(placement.sizes):
-        if size > MOST_FRAMES:
-            warnings.append(
-                f"a track of {size} frames is too long for bundle adjustment (at most {MOST_FRAMES}): its poses are the graph's"
-            )
-            continue
-        chosen = set(placement.frames_of(component).tolist())
-        relations = [track.relation(edge) for edge in track.edges if edge.i in chosen and edge.j in chosen]
-        if not relations:
-            continue
+    for component in range(len(placement.sizes)):
         track.survey.progress("adjusting the track", component, len(placement.sizes))
-        found = sightings(track.features, relations, MOST_SIGHTINGS)
-        found = replace(found, frame=index.order[found.frame])
-        adjusted = adjust(T, found, [prior for prior in priors if prior.frame in chosen])
-        T, std = adjusted.T_world_camera, np.where(np.isfinite(adjusted.std), adjusted.std, std)
-    placement = placement.with_warnings(*warnings)
+        frames = sorted(placement.frames_of(component).tolist(), key=lambda frame: int(rank[frame]))
+        part = _part(track, frames, track.edges, priors)
+        if len(frames) > SETTINGS.most_frames:
+            T = _by_windows(T, part)
+        elif part.edges:
+            adjusted = _adjusted(T, part)
+            T, std = adjusted.T_world_camera, np.where(np.isfinite(adjusted.std), adjusted.std, std)
     return replace(placement, T_world_camera=T, position_std_m=std[:, 0], attitude_std_deg=np.degrees(std[:, 1]))
+
+
+def _part(track: Track, frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior]) -> _Part:
+    chosen = set(frames)
+    inside = [edge for edge in edges if edge.i in chosen and edge.j in chosen]
+    return _Part(track, list(frames), inside, [prior for prior in priors if prior.frame in chosen])
+
+
+def _adjusted(T: Array, part: _Part) -> Adjusted:
+    relations = [part.track.relation(edge) for edge in part.edges]
+    found = sightings(part.track.features, relations, SETTINGS.most_sightings)
+    return adjust(T, replace(found, frame=part.track.survey.index.order[found.frame]), part.priors)
+
+
+def _by_windows(T: Array, part: _Part) -> Array:
+    """Poses (N, 4, 4) by a pose graph whose edges are the adjusted ones, each of the first window that holds both of its frames."""
+    left, edges = part.edges, []
+    for start in range(0, len(part.frames), SETTINGS.window - SETTINGS.overlap):
+        window = _part(part.track, part.frames[start : start + SETTINGS.window], part.edges, ())
+        if not window.edges:
+            continue
+        better, inside = _adjusted(T, window).T_world_camera, {id(edge) for edge in window.edges}
+        edges += [replace(e, T_i_j=inverse(better[e.i]) @ better[e.j]) for e in left if id(e) in inside]
+        left = [edge for edge in left if id(edge) not in inside]
+    return pose_graph.solve(T, part.frames, edges + left, part.priors)[0]
