@@ -94,12 +94,12 @@ def _camera_info(topic: str, content: Any, stamp_ns: int) -> Sent:
 
 
 def dive_messages(root: Path, sides: str = "LR", suffix: str = "/image_raw") -> list[Sent]:
-    """The images of a dive's two folders, which are named by their stamps, as bgr8 or bgr16; the right ones arrive 30 ms late."""
+    """The images of a dive's two folders, which are named by their stamps, in color or gray; the right ones arrive 30 ms late."""
     sent = []
     for side, camera in zip(sides, (LEFT, RIGHT), strict=True):
         for path in sorted((root / side).glob("*.png")):
             pixels = cv2.imread(str(path), cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
-            encoding = "bgr8" if pixels.dtype == np.uint8 else "bgr16"
+            encoding = ("bgr" if pixels.ndim == 3 else "mono") + ("8" if pixels.dtype == np.uint8 else "16")
             late_ns = 30_000_000 * (camera == RIGHT)
             stamp_ns = stamp_of(path)
             sent.append(raw(f"{camera}{suffix}", stamp_ns, pixels, encoding, stamp_ns + late_ns))

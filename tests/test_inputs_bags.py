@@ -2,6 +2,7 @@
 
 import shutil
 import sqlite3
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,7 +20,7 @@ from bag_writers import (
     raw,
     write_bag,
 )
-from conftest import contents
+from conftest import REEF, contents
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode
 
@@ -73,6 +74,52 @@ def test_a_bag_gives_the_outputs_of_the_folders(dive, messages, cli, tmp_path) -
         assert not list(out.rglob("*.tif*.png"))  # no image of the bag was written
         code, printed, _ = cli("run", "--bag", bag, "--out", out)
         assert (code, "kept" in printed) == (0, True)
+
+
+def products_in_order(out: Path) -> list[bytes]:
+    """Whatever the frames are called."""
+    return [content for path, content in sorted(contents(out).items()) if "/" in path]
+
+
+def run_as_folders_and_bags(
+    left: list[Path], right: list[Path], calib: Path, formats: tuple[str, ...], cli, tmp_path: Path
+) -> None:
+    for side, images in (("L", left), ("R", right)):
+        (tmp_path / side).mkdir()
+        for image in images:
+            shutil.copy(image, tmp_path / side)
+    assert cli("run", "--left", tmp_path / "L", "--right", tmp_path / "R", "--calib", calib, "--out", tmp_path / "folders")[0] == 0
+    name_by_stamps(tmp_path)
+    for suffix in formats:
+        bag = write_bag(tmp_path / f"dive{suffix}", dive_messages(tmp_path))
+        code, _, said = cli("run", "--bag", bag, "--calib", calib, "--out", tmp_path / suffix.strip("."))
+        assert code == 0, said
+        assert products_in_order(tmp_path / suffix.strip(".")) == products_in_order(tmp_path / "folders")
+
+
+@pytest.mark.slow
+def test_the_sample_dive_in_a_bag(cli, tmp_path) -> None:
+    left, right = (sorted((REEF / side).glob("*.png")) for side in ("left", "right"))
+    run_as_folders_and_bags(left, right, REEF / "cam.yaml", (".mcap",), cli, tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.real_data
+def test_a_real_dive_in_bags(real_data: Path, cli, tmp_path) -> None:
+    """Color left, gray right."""
+    left, right = (sorted((real_data / "acfr" / side).glob("*.png"))[:2] for side in ("left", "right"))
+    run_as_folders_and_bags(left, right, real_data / "acfr/stereo_calib.mat", FORMATS, cli, tmp_path)
+
+
+@pytest.mark.slow
+def test_shards_of_a_bag_are_merged(dive, messages, cli, tmp_path) -> None:
+    bag = write_bag(tmp_path / "dive.mcap", messages)
+    assert cli("run", "--bag", bag, "--out", tmp_path / "whole")[0] == 0
+    parts = [tmp_path / f"part{number}" for number in (1, 2)]
+    for number, part in enumerate(parts, 1):
+        assert cli("run", "--bag", bag, "--out", part, "--shard", f"{number}/2")[0] == 0
+    assert cli("merge", *parts, "--out", tmp_path / "merged")[0] == 0
+    assert contents(tmp_path / "merged") == contents(tmp_path / "whole")
 
 
 @pytest.mark.parametrize("suffix", FORMATS)

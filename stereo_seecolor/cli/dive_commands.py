@@ -84,8 +84,6 @@ def run(
     check_sources(left, right, calib, bag, topics)
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
-    if (shard or cluster) and bag:
-        raise typer.BadParameter("--shard and --cluster work on folders of images, and a bag is one file: run it here")
     if shard and out_mcap:
         raise typer.BadParameter("--out-mcap records a whole run made here: merge first, then export --to mcap")
     part = _part(shard, fuse)
@@ -134,10 +132,10 @@ def check_sources(left: str | Path | None, right: str | Path | None, calib: str 
 def _run(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> "Callable[..., RunSummary]":
     """The dive that was given, to be run."""
     from stereo_seecolor.commands.bag_inputs import BagInputs
-    from stereo_seecolor.commands.run import run, run_bag
+    from stereo_seecolor.commands.run import run, run_inputs
 
     if bag:
-        return partial(run_bag, BagInputs(bag, calib or "", topics))
+        return partial(run_inputs, BagInputs(bag, calib or "", topics))
     assert left and right and calib
     return partial(run, left, right, calib)
 

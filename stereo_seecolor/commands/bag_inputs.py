@@ -1,11 +1,12 @@
 """A bag as what a command over stereo pairs is given."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import load_rig_for
-from stereo_seecolor.commands.over_pairs import Opened, sample
+from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, sample
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.pairing import Pairing
@@ -44,3 +45,10 @@ class BagInputs:
         rig = load_rig_for(self.calib, dive.pairing.pairs, config.input) if self.calib else dive.rig()
         notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(dive.pairing.with_notes(notes), Pipeline(rig, config))
+
+
+def named_inputs(names: Mapping[str, str]) -> StereoInputs | BagInputs:
+    """What run.json names."""
+    if "bag" in names:
+        return BagInputs(Path(names["bag"]), names["calib"], names["topics"])
+    return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])

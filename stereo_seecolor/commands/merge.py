@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from calibration.formats import load_rig
-from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, claim
+from stereo_seecolor.commands.bag_inputs import named_inputs
+from stereo_seecolor.commands.over_pairs import Opened, claim
 from stereo_seecolor.commands.run import KIND, StereoCommand, color, color_with, stereo_job
 from stereo_seecolor.dive import Dive
 from stereo_seecolor.errors import InputError
@@ -29,8 +30,7 @@ def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *
     """
     options = options or RunOptions()
     opened_parts = [Part.open(part) for part in parts]
-    opened, given = _opened(opened_parts), opened_parts[0].run.inputs
-    inputs = StereoInputs(Path(given["left"]), Path(given["right"]), given["calib"])
+    opened, inputs = _opened(opened_parts), named_inputs(opened_parts[0].run.inputs)
     pairs, waters = opened.pairing.pairs, _waters(opened_parts)
 
     def passes(dive: Dive, folder: RunFolder, pairing: Pairing) -> None:

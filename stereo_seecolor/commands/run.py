@@ -38,19 +38,20 @@ def run(
     of all shards is fitted by ``merge``.
     Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
     """
-    inputs, config, options = StereoInputs(left, right, calib), config or RunConfig(), options or RunOptions()
+    return run_inputs(StereoInputs(left, right, calib), out, config, options)
+
+
+def run_inputs(
+    inputs: StereoInputs | BagInputs, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
+) -> RunSummary:
+    """As ``run``, also of a ROS bag, which needs no ROS: .bag, .db3, .mcap, or a folder with the files of a split one.
+
+    Raises as ``run``, and DeviceError if a library for bags or videos is missing.
+    """
+    config, options = config or RunConfig(), options or RunOptions()
     if options.water or options.shard.whole:
         return StereoCommand(inputs, config, options, "corrected").into(out, _coloring(options))
     return StereoCommand(inputs, config, options, "range").into(out, lambda dive, _, pairing: dive.count(pairing.pairs))
-
-
-def run_bag(inputs: BagInputs, out: Path, config: RunConfig | None = None, options: RunOptions | None = None) -> RunSummary:
-    """As ``run``, of a ROS bag, which needs no ROS: .bag, .db3, .mcap, or a folder with the files of a split one.
-
-    Raises as ``run``, and DeviceError if the library for bags is missing.
-    """
-    options = options or RunOptions()
-    return StereoCommand(inputs, config or RunConfig(), options, "corrected").into(out, _coloring(options))
 
 
 def range_maps(
