@@ -24,7 +24,11 @@ from stereo_seecolor.export.recording import TOPICS
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, north_east_from_degrees
+from stereo_seecolor.inputs.trajectories.axes import (
+    degrees_from_north_east,
+    geodetic_from_geocentric,
+    north_east_from_degrees,
+)
 from stereo_seecolor.metrics.outline_files import read_outlines
 from stereo_seecolor.records import GeoOrigin
 
@@ -174,11 +178,7 @@ def test_ifdo_is_valid(fused: Path, tmp_path: Path) -> None:
 def test_ifdo_of_a_map_on_earth_has_positions(fused: Path, tmp_path: Path) -> None:
     import ifdo
 
-    out = tmp_path / "out"
-    shutil.copytree(fused, out)
-    description = json.loads((out / "map" / "map.json").read_text())
-    description["origin"] = {"latitude_deg": -23.5, "longitude_deg": 152.0}
-    (out / "map" / "map.json").write_text(json.dumps(description))
+    out = on_earth(fused, tmp_path / "out")
     export(out, "ifdo", tmp_path / "to")
     items = ifdo.iFDO.load(tmp_path / "to" / "image-set.ifdo.yaml").image_set_items
     origin = GeoOrigin(-23.5, 152.0)
@@ -186,6 +186,50 @@ def test_ifdo_of_a_map_on_earth_has_positions(fused: Path, tmp_path: Path) -> No
         item = items[f"f{i}.png"]
         north, east = north_east_from_degrees(item.image_latitude, item.image_longitude, origin)
         np.testing.assert_allclose((north, east, item.image_altitude_meters), (0, 0.3 * i, 1.5), atol=1e-6)
+
+
+def on_earth(fused: Path, out: Path) -> Path:
+    """A copy of the run whose map knows its place."""
+    shutil.copytree(fused, out)
+    description = json.loads((out / "map" / "map.json").read_text())
+    description["origin"] = {"latitude_deg": -23.5, "longitude_deg": 152.0}
+    (out / "map" / "map.json").write_text(json.dumps(description))
+    return out
+
+
+@pytest.mark.slow
+def test_tiles_for_globes_lie_where_the_map_lies(fused: Path, tmp_path: Path) -> None:
+    import trimesh
+
+    export(on_earth(fused, tmp_path / "out"), "3d-tiles", tmp_path / "to")
+    root = json.loads((tmp_path / "to" / "tileset.json").read_text())["root"]
+    turned = np.asarray(trimesh.load(tmp_path / "to" / root["content"]["uri"], force="mesh").vertices)
+    points = turned @ np.array([[1, 0, 0], [0, 0, -1], [0, 1, 0]]).T  # y up to z up, as viewers do
+    box = np.array(root["boundingVolume"]["box"])
+    assert (np.abs(points - box[:3]) <= np.diag(box[3:].reshape(3, 3)) + 1e-6).all()
+    T = np.array(root["transform"]).reshape(4, 4).T
+    posed = open_posed_run(tmp_path / "out")
+    for local in (points[0], points[-1]):
+        latitude, longitude, height = geodetic_from_geocentric((T @ [*local, 1])[:3])
+        world = local + posed.offset_m
+        north_east = north_east_from_degrees(latitude, longitude, GeoOrigin(-23.5, 152.0))
+        np.testing.assert_allclose([*north_east, height], [world[1], world[0], world[2]], atol=1e-3)
+
+
+def test_a_map_of_no_known_place_has_tiles_in_its_world(fused: Path, tmp_path: Path) -> None:
+    export(fused, "3d-tiles", tmp_path / "to")
+    root = json.loads((tmp_path / "to" / "tileset.json").read_text())["root"]
+    assert root["transform"][12:15] == pytest.approx(open_posed_run(fused).offset_m.tolist())
+
+
+def test_pystac_reads_the_catalog(fused: Path, tmp_path: Path) -> None:
+    import pystac
+
+    export(on_earth(fused, tmp_path / "out"), "stac", tmp_path / "to")
+    (item,) = pystac.Collection.from_file(str(tmp_path / "to" / "collection.json")).get_items()
+    assert item.id == "out" and item.bbox == pytest.approx([152.0, -23.5, 152.0, -23.5], abs=1e-4)
+    assert all((tmp_path / "to" / asset.href).is_file() for asset in item.assets.values())
+    assert "map/dem.tif" in item.assets and item.common_metadata.start_datetime is not None
 
 
 @pytest.mark.parametrize("latitude_deg", [-60.0, 0.0, 23.0, 75.0])

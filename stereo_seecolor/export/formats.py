@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from stereo_seecolor.export import biigle, colmap, glb, ifdo, mcap_file, metashape, mosaic_tiles, nerfstudio, taglab
+from stereo_seecolor.export import biigle, colmap, glb, ifdo, mcap_file, metashape, mosaic_tiles, nerfstudio, stac, taglab, tiles_3d
 from stereo_seecolor.export.posed_run import PosedRun
 
 
@@ -34,5 +34,9 @@ EXPORT_FORMATS: dict[str, ExportFormat] = {
     "mcap": ExportFormat(
         "corrected images, ranges, points, camera and track as ROS 2 messages in one file", "Foxglove, RViz, ROS 2", mcap_file.write
     ),
+    "3d-tiles": ExportFormat(
+        "the mesh with its colors as 3-D Tiles 1.1, on Earth where the map is", "CesiumJS, QGIS", tiles_3d.write
+    ),
+    "stac": ExportFormat("an item and a collection that name the run's files, STAC 1.0.0", "STAC catalogs, QGIS", stac.write),
     "ifdo": ExportFormat("images and their metadata, iFDO 2.1", "PANGAEA, BIIGLE, FathomNet", ifdo.write),
 }

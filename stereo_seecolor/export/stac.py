@@ -1,5 +1,6 @@
 """A dive as an item of a SpatioTemporal Asset Catalog (STAC 1.0.0), and dives as its collection: what catalogs of geodata read."""
 
+import json
 import os
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -7,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.export.ifdo import YEAR_2000
+from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -24,6 +26,14 @@ ASSETS: dict[str, tuple[str, str]] = {
     f"{MAP}/{MESH}": ("application/octet-stream", "mesh, PLY"),
 }
 """File in OUT -> media type, what it is."""
+
+
+def write(posed: PosedRun, folder: Path) -> None:
+    """NAME.json, the item of the run, whose files it names where they are, and collection.json, its catalog."""
+    root = posed.run.root.resolve()
+    one = item(root, root.name, folder.resolve())
+    for name, content in ((f"{root.name}.json", one), ("collection.json", collection([one], root.name))):
+        (folder / name).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
 
 
 def item(out: Path, name: str, folder: Path) -> dict[str, Any]:

@@ -112,6 +112,15 @@ def geodetic_from_geocentric(position_m: NDArray[np.float64]) -> tuple[float, fl
     return float(np.degrees(latitude)), float(np.degrees(np.arctan2(y, x))), float(height_m)
 
 
+def geocentric_from_geodetic(latitude_deg: float, longitude_deg: float, height_m: float) -> NDArray[np.float64]:
+    """(3,) meters of latitude and longitude in degrees and height in meters (WGS84): the inverse of the above."""
+    latitude, longitude = np.radians(np.float64(latitude_deg)), np.radians(longitude_deg)
+    prime_vertical_m = _SEMI_MAJOR_M / np.sqrt(_flattened(latitude))
+    from_axis_m = (prime_vertical_m + height_m) * np.cos(latitude)
+    z = (prime_vertical_m * (1 - _ECCENTRICITY_SQUARED) + height_m) * np.sin(latitude)
+    return np.array([from_axis_m * np.cos(longitude), from_axis_m * np.sin(longitude), z])
+
+
 def east_north_up_axes(latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
     """(3, 3): rows are east, north and up in geocentric axes."""
     from scipy.spatial.transform import Rotation  # see geometry.py
