@@ -1,6 +1,7 @@
 """Video: one file a side, or both side by side in one; frames read where they lie."""
 
 import os
+import re
 import subprocess
 import sys
 from datetime import UTC, datetime
@@ -143,14 +144,28 @@ def test_a_picture_is_turned_as_its_flag_says(tmp_path: Path, turns: int) -> Non
     assert near(frame_path(path, 0), np.rot90(frame, -turns))  # the matrix turns clockwise, since y points down
 
 
+def test_videos_that_are_interlaced_cut_or_of_other_rates_are_named(tmp_path: Path) -> None:
+    flags = {"x264-params": "tff=1", "crf": "10"}
+    left = write_video(tmp_path / "l.mkv", smooth_frames(4), "libx264", "yuv420p", options=flags)
+    right = write_video(tmp_path / "r.mkv", smooth_frames(8), "libx264", "yuv420p", np.arange(8) / 20)
+    assert paired(left, left).notes == (f"{left}: is interlaced: its rows are of two moments; deinterlace it first",)
+    with pytest.raises(InputError, match="nothing tells how their clocks run"):
+        paired(left, right)
+    cut = write_video(tmp_path / "cut.mkv", smooth_frames(30), "libx264rgb", "rgb24")
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    assert re.fullmatch(rf"{cut}: ends after 1\.\d of 3\.0 s: it was cut", paired(cut, cut).notes[0])
+
+
 def test_what_is_no_video(tmp_path: Path) -> None:
     (tmp_path / "a.mp4").write_bytes(b"no video")
     assert is_video(tmp_path / "a.mp4")
     assert not is_video(tmp_path)
     with pytest.raises(InputError, match=r"a\.mp4: is no video that FFmpeg can read"):
         paired(tmp_path / "a.mp4", tmp_path / "a.mp4")
-    with pytest.raises(InputError, match=r"b\.mp4: the video cannot be read: No such file"):
-        paired(tmp_path / "b.mp4", tmp_path / "b.mp4")
+    missing = tmp_path / "b.mp4"
+    for read in (lambda: paired(missing, missing), lambda: run(missing, missing, tmp_path / "cam.yaml", tmp_path / "out")):
+        with pytest.raises(InputError, match=r"b\.mp4: the video cannot be read: No such file"):
+            read()
     path = write_video(tmp_path / "c.mp4", smooth_frames(2))
     for inner in ("000002.tif", "up/000000.tif", "notes.txt"):
         with pytest.raises(InputError, match=r"c\.mp4: holds no "):

@@ -16,7 +16,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files.reading import read_bytes, special_kind
 from stereo_seecolor.frame_source import Source
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.neighbors import misfit_notes
@@ -205,8 +205,13 @@ def with_rig(description: RunDescription, rectification: Rectification) -> RunDe
 
 
 def sample(path: Path) -> str:
-    """Hash by which a dive is recognized that was moved: of its first image, or of its video's begin."""
-    if is_video(path):
+    """Hash by which a dive is recognized that was moved: of its first image, or of its video's begin. Raises InputError."""
+    if not is_video(path):
+        return content_key(read_bytes(path))
+    try:
+        if kind := special_kind(path):
+            raise InputError(f"{path}: is {kind}, not a video")
         with path.open("rb") as file:
             return content_key(file.read(SAMPLE_BYTES), path.stat().st_size)
-    return content_key(read_bytes(path))
+    except OSError as error:
+        raise InputError(f"{path}: the video cannot be read: {error.strerror}") from error

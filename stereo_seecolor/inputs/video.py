@@ -45,8 +45,7 @@ class Videos:
         ]
         if not pairs:
             raise InputError(f"{self.left} and {self.right}: no frames of them are pairs")
-        interlaced = [path for path in dict.fromkeys((self.left, self.right)) if video_file(path).is_interlaced]
-        notes = (f"{path}: is interlaced: its rows are of two moments; deinterlace it first" for path in interlaced)
+        notes = (note for path in dict.fromkeys((self.left, self.right)) for note in video_file(path).notes)
         return Pairing(tuple(pairs), (), (*choice.notes, *notes))
 
 

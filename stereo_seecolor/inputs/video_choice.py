@@ -20,6 +20,9 @@ BLURRED = 0.7
 AROUND_S = 1.0
 """The frames that are around: the scene changes little in that time."""
 
+SAME_RATE = 0.005
+"""Rates that differ by more, such as 29.97 and 30.5, are of two kinds; 29.97 and 30 differ by 0.1 %."""
+
 
 @dataclass(frozen=True)
 class FrameChoice:
@@ -33,7 +36,8 @@ class FrameChoice:
 def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig | None = None) -> FrameChoice:
     """Of two videos the frames that were taken at nearly the same time; of these every nth, or by their overlap.
 
-    Where nothing tells how the two clocks run, frames of the same number are paired, as of cameras that are wired together.
+    Where nothing tells how the two clocks run, frames of the same number are paired, as of cameras that are wired together; not
+    where the rates differ.
     rig: if known, rows of rectified pairs tell it most precisely.
     Raises InputError where the evidence disagrees, or an offset was given by which the videos do not overlap; DeviceError.
     """
@@ -43,6 +47,8 @@ def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig |
         try:
             found = _synchronized(left, right, config.video_offset_s, rig)
         except NoEvidence as error:
+            if abs(files[0].index.frame_s / files[1].index.frame_s - 1) > SAME_RATE:
+                raise
             notes = (f"frames of the same number are taken for pairs: {error}",)
         else:
             return _chosen(found.pairs, found.signals, files, config, (f"{left.name} and {right.name}: {found.text}",))

@@ -3,6 +3,7 @@
 from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import islice
@@ -25,6 +26,9 @@ NEAR_FRAMES = 8
 BACK_S = (0.0, 1.0, 10.0)
 """How far before a frame decoding begins: pictures after the keyframe of an open group cannot be decoded from it alone."""
 
+LOST_S = 1.0
+"""Sound may be longer than the pictures by less."""
+
 OPEN_VIDEOS = 4
 
 ORDER_FRAMES = 12
@@ -35,16 +39,24 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class FrameIndex:
-    """pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of keyframes."""
+    """pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of keyframes. stated_s: how long it says
+    that it is, 0 where it does not.
+    """
 
     pts: Times
     keys: Times
     unit_s: float
+    stated_s: float = 0.0
 
     @property
     def times_s(self) -> NDArray[np.float64]:
         """(n,) on the file's own clock."""
         return np.asarray(self.pts * self.unit_s, np.float64)
+
+    @property
+    def frame_s(self) -> float:
+        """Median time from frame to frame; infinite for one."""
+        return float(np.median(np.diff(self.times_s))) if len(self.pts) > 1 else np.inf
 
     def numbers_at(self, times_s: NDArray[np.float64]) -> Times:
         """(m,) numbers of the frames that are nearest to these times."""
@@ -75,9 +87,16 @@ class VideoFile:
         raise InputError(f"{self.path}: frame {number}, at {pts * self.index.unit_s:.3f} s, cannot be decoded")
 
     @property
-    def is_interlaced(self) -> bool:
-        """True if the first frame says that its even and odd rows are of two moments."""
-        return bool(self.frame(0).interlaced_frame)
+    def notes(self) -> tuple[str, ...]:
+        """What a person should know of it."""
+        notes = []
+        length_s = float(self.index.times_s[-1] - self.index.times_s[0])
+        if self.index.stated_s - length_s > LOST_S:
+            notes.append(f"{self.path}: ends after {length_s:.1f} of {self.index.stated_s:.1f} s: it was cut")
+        with suppress(InputError):  # its pair says so
+            if self.frame(0).interlaced_frame:
+                notes.append(f"{self.path}: is interlaced: its rows are of two moments; deinterlace it first")
+        return tuple(notes)
 
     def _found(self, pts: int, back_s: float) -> bool:
         """Decode on, or from ``back_s`` before the frame, until it is kept; False where the video goes past it."""
@@ -147,4 +166,5 @@ def _frame_index(path: Path) -> FrameIndex:
                 keys += [packet.pts] if packet.is_keyframe else []
         if not pts:
             raise InputError(f"{path}: holds no frame with a time")
-        return FrameIndex(np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base))
+        stated_s = float(stream.duration * stream.time_base) if stream.duration else (container.duration or 0) / 1e6  # AV_TIME_BASE
+        return FrameIndex(np.unique(pts), np.unique(np.array(keys, np.int64)), float(stream.time_base), stated_s)

@@ -35,10 +35,10 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def video_stream(container: Any, path: Path) -> Any:
-    """The first stream of pictures. Raises InputError if there is none, it cannot be decoded, or claims to be too large."""
-    if not container.streams.video:
+    """The stream of pictures. Raises InputError if there is none, it cannot be decoded, or claims to be too large."""
+    stream = container.streams.best("video")  # not a cover picture
+    if stream is None:
         raise InputError(f"{path}: holds no pictures")
-    stream = container.streams.video[0]
     if stream.codec_context is None:
         raise InputError(f"{path}: its pictures are coded in a way that FFmpeg does not know")
     if stream.width * stream.height > MAX_PIXELS:
