@@ -33,6 +33,7 @@ const COARSEST_PX = 12;
 const SLOW_MS = 70;
 const QUICK_MS = 30;
 const STILL_MS = 400;
+const MOST_COARSER = 2; // at once: one slow picture may have had another cause
 
 /** A spot of the mesh under the pointer. cell_m: how fine the mesh is there. pixel_m: how large a pixel of the screen. */
 export interface Hit {
@@ -61,6 +62,7 @@ export class Scene {
   private moving_px = FINEST_PX;
   private drawn_ms = 0;
   private still = 0;
+  private moving = false;
   private placed = false;
 
   constructor(
@@ -202,24 +204,30 @@ export class Scene {
   /** Draw while the view moves: coarser where that is slow, and as fine as may be once it stands still. */
   private move(): void {
     clearTimeout(this.still);
-    this.still = window.setTimeout(() => {
-      this.still = 0;
-      this.drawn_ms = 0;
-      this.draw();
-    }, STILL_MS);
+    this.moving = true;
     this.draw();
   }
 
-  private get coarsest_px(): number {
-    return this.still ? this.moving_px : Math.max(FINEST_PX, this.moving_px / 2);
+  /** After a picture of a moving view: unless another movement follows, it stands still. */
+  private rest(): void {
+    clearTimeout(this.still);
+    this.still = window.setTimeout(() => {
+      this.moving = false;
+      this.drawn_ms = 0;
+      this.draw();
+    }, STILL_MS);
   }
 
-  /** From frame to frame of a moving view: how long drawing takes tells how fine it can be. */
+  private get coarsest_px(): number {
+    return this.moving ? this.moving_px : Math.max(FINEST_PX, this.moving_px / 2);
+  }
+
+  /** From picture to picture of a moving view: how long drawing takes tells how fine it can be; triangles go by its square. */
   private keepPace(): void {
     const now_ms = performance.now();
     const took_ms = now_ms - this.drawn_ms;
-    if (this.still && this.drawn_ms && took_ms < 2000) {
-      if (took_ms > SLOW_MS) this.moving_px = Math.min(this.moving_px * 1.25, COARSEST_PX);
+    if (this.moving && this.drawn_ms) {
+      if (took_ms > SLOW_MS) this.moving_px = Math.min(this.moving_px * Math.min(Math.sqrt(took_ms / SLOW_MS), MOST_COARSER), COARSEST_PX);
       else if (took_ms < QUICK_MS) this.moving_px = Math.max(this.moving_px * 0.95, FINEST_PX);
     }
     this.drawn_ms = now_ms;
@@ -235,6 +243,7 @@ export class Scene {
       this.detail.update(this.camera, this.pixels * Math.min(devicePixelRatio, 2), this.coarsest_px);
       this.renderer.render(this.scene, this.camera);
       this.root.dataset.triangles = String(this.detail.triangles);
+      if (this.moving) this.rest();
       this.drawn();
     });
   }
