@@ -120,6 +120,13 @@ def test_a_refined_rig_says_what_its_yaw_makes_of_ranges(out: Path) -> None:
     assert data(out)["calibration_std"] == pytest.approx(np.hypot(0.005, float(said[1]) / 100), rel=0.05)
 
 
+def test_every_plot_has_a_title(out: Path) -> None:
+    report(out)
+    found = data(out)
+    written = {"light_gain", "exposure", "camera_exposure_s", "camera_gain", "camera_aperture", "clipped_fraction"}
+    assert not {f"plots.{plot}" for plot in found["plots"].keys() | written} - found["texts"].keys()
+
+
 def test_a_dive_without_faults_is_called_good(out: Path) -> None:
     report(out)
     page = (out / "index.html").read_text("utf-8")

@@ -211,8 +211,11 @@ def test_measures_are_undone_labelled_kept_and_exported(opened: Callable[[str], 
     expect(page.locator(".measures tbody tr")).to_have_count(1)
 
 
-def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page]) -> None:
+def test_plots_are_drawn_and_lead_to_their_frames(opened: Callable[[str], Page], out: Path) -> None:
     page = opened("plots")
+    curves = json.loads((out / "page/dive.js").read_text().partition("(")[2].rpartition(")")[0])["plots"]["seconds"]
+    labels = [each for each in page.locator(".plot").last.locator(".u-legend .u-label").all() if each.is_visible()]
+    assert [each.inner_text() for each in labels] == list(curves)
     plot = page.locator(".plot .u-over").first
     box = plot.bounding_box()
     assert box

@@ -57,13 +57,17 @@ def _rounded(column: Iterable[float | None]) -> Column:
 
 
 def _water(facts: DiveFacts) -> dict[str, dict[str, Column]]:
-    """Each frame's own water at 1 m; nothing where all share one."""
+    """Each frame's own water at 1 m, and the standard error of its attenuation; nothing where all share one."""
     if facts.water is not None or not facts.waters:
         return {}
     near = np.array(1.0)
-    of_frame = {name: (-np.log(water.attenuation(near)), water.backscatter(near)) for name, water in facts.waters.items()}
+    unknown = np.full(3, np.nan)
+    of_frame = {
+        name: (-np.log(water.attenuation(near)), water.backscatter(near), water.standard_errors.get("y", unknown))
+        for name, water in facts.waters.items()
+    }
     made: dict[str, dict[str, Column]] = {}
-    for kind, plot in enumerate(("water_attenuation", "water_backscatter")):
+    for kind, plot in enumerate(("water_attenuation", "water_backscatter", "water_attenuation_std")):
         made[plot] = {
             channel: [float(of_frame[row.name][kind][c]) if row.name in of_frame else None for row in facts.rows]
             for c, channel in enumerate(("red", "green", "blue"))

@@ -6,6 +6,7 @@ import { piece, rawColors } from "./pieces";
 
 const FILL_CELLS = 1.5;
 const MOST_TRIANGLES = 3_000_000; // in memory: 40 bytes each
+const SAMPLE = 500; // vertices of a piece: its outline to a few percent
 const AT_ONCE = 3; // pieces that are fetched at a time
 
 export class Detail {
@@ -37,6 +38,17 @@ export class Detail {
 
   get triangles(): number {
     return this.shown.reduce((sum, mesh) => sum + (mesh.geometry.index?.count ?? 0) / 3, 0);
+  }
+
+  /** Some vertices of all that is loaded. */
+  sample(): Vector3[] {
+    const found: Vector3[] = [];
+    for (const mesh of this.meshes.values()) {
+      const position = mesh.geometry.getAttribute("position");
+      const step = Math.max(1, Math.floor(position.count / SAMPLE));
+      for (let i = 0; i < position.count; i += step) found.push(new Vector3().fromBufferAttribute(position, i));
+    }
+    return found;
   }
 
   /** How fine the piece of a drawn mesh is. */

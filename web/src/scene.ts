@@ -43,6 +43,7 @@ export interface Hit {
 }
 
 const SLANT = new Vector3(-0.25, -0.75, 0.85);
+const CENTERINGS = 4;
 const FULL = 0.98; // so much of the drawing's half width and height the whole map takes
 
 export class Scene {
@@ -64,6 +65,8 @@ export class Scene {
   private still = 0;
   private moving = false;
   private placed = false;
+  private fitted = false;
+  private atHome = true;
 
   constructor(
     private readonly about: About,
@@ -92,7 +95,7 @@ export class Scene {
     this.scene.add(this.spot);
     this.addTrack(dive);
     this.listen();
-    this.detail = new Detail(about, this.scene, this.plain, this.plainBehind, () => this.draw());
+    this.detail = new Detail(about, this.scene, this.plain, this.plainBehind, () => this.loaded());
   }
 
   /** Fit the drawing to its place. */
@@ -111,22 +114,49 @@ export class Scene {
     for (const each of Object.values(this.about.pieces)) box.expandByPoint(vector(each.low_m)).expandByPoint(vector(each.high_m));
     const center = box.getCenter(new Vector3());
     const size = Math.max(box.getSize(new Vector3()).length(), 0.1);
-    const all = Object.values(this.about.pieces);
-    const finest_m = Math.min(...all.map((each) => each.cell_m));
-    const corners = all.filter((each) => each.cell_m === finest_m).flatMap(({ low_m, high_m }) => cornersOf(low_m, high_m));
-    this.controls.target.copy(center);
     this.camera.near = size / 2000;
     this.camera.far = size * 20;
+    const corners = this.outline();
+    for (let turn = 0; turn < CENTERINGS; turn++) this.fit(center, size, corners);
+    this.controls.target.copy(center);
+    this.controls.update();
+    this.draw();
+  }
+
+  /** Go so far away from a point that all corners are seen, and move the point to their middle on the screen. */
+  private fit(center: Vector3, size: number, corners: Vector3[]): void {
+    const seen = () => corners.map((corner) => corner.clone().project(this.camera));
     this.camera.updateProjectionMatrix();
-    const fits = () => corners.every((corner) => Math.max(...corner.clone().project(this.camera).toArray().slice(0, 2).map(Math.abs)) < FULL);
     for (let away = 0.3; away < 5; away *= 1.06) {
       this.camera.position.copy(center).addScaledVector(SLANT, size * away);
       this.camera.lookAt(center);
       this.camera.updateMatrixWorld();
-      if (fits()) break;
+      if (seen().every(({ x, y }) => Math.max(Math.abs(x), Math.abs(y)) < FULL)) break;
     }
-    this.controls.update();
-    this.draw();
+    const box = new Box3().setFromPoints(seen());
+    const middle = box.getCenter(new Vector3());
+    const half_m = this.camera.position.distanceTo(center) * Math.tan((this.camera.fov * Math.PI) / 360);
+    const [right, up] = [0, 1].map((column) => new Vector3().setFromMatrixColumn(this.camera.matrixWorld, column));
+    const moved = right.multiplyScalar(middle.x * half_m * this.camera.aspect).addScaledVector(up, middle.y * half_m);
+    center.add(moved);
+    this.camera.position.add(moved);
+  }
+
+  /** What the view of the whole map must hold: vertices where some are loaded, else the corners of the finest pieces. */
+  private outline(): Vector3[] {
+    const loaded = this.detail.sample();
+    if (loaded.length) return loaded;
+    const all = Object.values(this.about.pieces);
+    const finest_m = Math.min(...all.map((each) => each.cell_m));
+    return all.filter((each) => each.cell_m === finest_m).flatMap(({ low_m, high_m }) => cornersOf(low_m, high_m));
+  }
+
+  /** The first vertices are there: the view fits them, if nobody has moved it yet. */
+  private loaded(): void {
+    if (!this.fitted && this.atHome && this.detail.sample().length) {
+      this.fitted = true;
+      this.home();
+    } else this.draw();
   }
 
   /** Colors of the reef, or its relief alone. */
@@ -183,6 +213,7 @@ export class Scene {
 
   private listen(): void {
     let down = new Vector2();
+    for (const touched of ["pointerdown", "wheel", "keydown"]) this.root.addEventListener(touched, () => (this.atHome = false));
     this.root.addEventListener("pointerdown", (event) => (down = new Vector2(event.clientX, event.clientY)));
     this.root.addEventListener("click", (event) => {
       if (down.distanceTo(new Vector2(event.clientX, event.clientY)) < STILL_PX) this.pick(event);
