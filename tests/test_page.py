@@ -143,7 +143,7 @@ def test_what_failed_is_counted_and_named(make_dive: Callable[..., Dive], tmp_pa
     page = (tmp_path / "out/index.html").read_text("utf-8")
     assert "Look at this before you use the results:" in page
     assert "1 of 3 pairs failed." in page
-    assert re.search(r'<td>is empty.*?</td>\s*<td class="number">1</td>.*?#frames/0001', page, re.S)
+    assert re.search(r'<td class="what">is empty.*?</td>\s*<td class="number">1</td>.*?#frames/0001', page, re.S)
     assert data(tmp_path / "out")["status"] == ["ok", "failed", "ok"]
 
 
