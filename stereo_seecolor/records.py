@@ -209,6 +209,7 @@ class Trajectory:
     origin: where the world's origin lies on Earth, None for a local map.
     camera: "rectified" where the poses are the rectified left camera's; "raw" where they are those of the camera as it was
     calibrated and mounted, which rectification turns.
+    fixes: True for positions alone, such as a buoy's: heights and attitudes mean nothing.
     """
 
     names: tuple[str, ...]
@@ -217,6 +218,7 @@ class Trajectory:
     up: Literal["z", "unknown"] = "z"
     origin: GeoOrigin | None = None
     camera: Literal["raw", "rectified"] = "rectified"
+    fixes: bool = False
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
         """The same track as the rectified camera's. T_rectified_left: (4, 4), from the raw left camera's axes."""

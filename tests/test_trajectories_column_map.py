@@ -30,6 +30,14 @@ def test_a_table_by_its_columns(tmp_path: Path) -> None:
     assert trajectory_file(path) == path
 
 
+def test_places_alone_are_fixes(tmp_path: Path) -> None:
+    path = write(tmp_path, NAV, "nav.csv")
+    fixes = read_trajectory(spec(path, "time=Stamp,lat=Lat (deg),lon=Lon (deg)"), MountConfig(surge_m=2.0))
+    assert fixes.fixes and fixes.origin is not None
+    np.testing.assert_allclose(fixes.T_world_camera[:, :3, 3], np.zeros((2, 3)), atol=1e-9)
+    assert not read_trajectory(spec(path, MAP)).fixes
+
+
 def test_meters_north_and_east_heights_and_the_mount(tmp_path: Path) -> None:
     path = write(tmp_path, '"north";"east";"height";"psi";"theta";"name"\n2;1;-3;0;10;"a;b.png"\n', "nav.txt")
     columns = "north=north,east=east,up=height,heading=psi,pitch=theta,name=NAME"

@@ -60,6 +60,8 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     frames = SurveyFrames(run)
     index = FrameIndex.build(frames, frames.geometry)
     trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left)
+    if trajectory.fixes:
+        raise InputError(f"{poses}: holds positions alone: fuse with them, and give OUT/map/trajectory.tum here")
     placed = place(index, trajectory, config.mapping)
     scene = _one_water(run, list(index.names))
     key_frames = _KeyFrames(run, frames, placed.T_world_camera)

@@ -3,6 +3,7 @@
 import difflib
 import re
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -28,12 +29,15 @@ ROLES = {
     "pitch": "degrees, bow up; 0 where absent",
     "roll": "degrees, starboard down; 0 where absent",
 }
+_PLACE = "lat and lon (or north and east)"
 _NEEDED = {
-    "lat and lon (or north and east)": ({"lat", "lon"}, {"north", "east"}),
+    _PLACE: ({"lat", "lon"}, {"north", "east"}),
     "depth (or up)": ({"depth"}, {"up"}),
     "heading": ({"heading"},),
     "time (or name)": ({"time"}, {"name"}),
 }
+_FIXES = {"name", "time", "date", "lat", "lon", "north", "east"}
+"""A map of these alone is of positions without depth and attitude: a buoy's fixes."""
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
 _SEPARATORS = (",", ";", "\t")
@@ -58,7 +62,10 @@ def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
 
 
 def read(lines: Lines, columns: Mapping[str, str], mount: MountConfig) -> Trajectory:
-    """The camera's poses from the vehicle's. columns: role (see ROLES) -> column. Raises InputError for what is missing."""
+    """The camera's poses from the vehicle's; places alone are ``fixes``. columns: role (see ROLES) -> column.
+
+    Raises InputError for what is missing.
+    """
     _check_roles(lines, columns)
     table = _table(lines, columns)
     origin: GeoOrigin | None = None
@@ -66,13 +73,17 @@ def read(lines: Lines, columns: Mapping[str, str], mount: MountConfig) -> Trajec
     if "lat" in columns:
         north_east_m, origin = from_degrees(_numbers(table, columns, "lat"), _numbers(table, columns, "lon"))
     depth_m = _numbers(table, columns, "depth") if "depth" in columns else -_numbers(table, columns, "up")
+    mount = MountConfig() if columns.keys() <= _FIXES else mount
     attitude_deg = np.column_stack([_numbers(table, columns, role) for role in ("roll", "pitch", "heading")])
     names = tuple(table.text(columns["name"].lower()) if "name" in columns else [""] * len(table.rows))
-    return VehicleTrack(names, _times(table, columns), north_east_m, depth_m, attitude_deg, origin).camera(mount)
+    track = VehicleTrack(names, _times(table, columns), north_east_m, depth_m, attitude_deg, origin).camera(mount)
+    return replace(track, fixes=columns.keys() <= _FIXES)
 
 
 def _check_roles(lines: Lines, columns: Mapping[str, str]) -> None:
     missing = [what for what, choices in _NEEDED.items() if not any(choice <= columns.keys() for choice in choices)]
+    if columns.keys() <= _FIXES and "time" in columns and _PLACE not in missing:
+        return
     if missing:
         raise InputError(f"{lines.path}: the column map lacks {', '.join(missing)}: write {_EXAMPLE}")
 

@@ -10,6 +10,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
+from stereo_seecolor.mapping.track.fixes import at_fixes
 from stereo_seecolor.mapping.track.navigation import Navigation, Verdict, examine, priors
 from stereo_seecolor.mapping.track.placement import place
 from stereo_seecolor.mapping.track.refinement import refined
@@ -34,7 +35,7 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     Without a trajectory by the pictures alone. With one, its poses are measured against the pictures, at a few places if they
     are exact there; then they are taken as they are (exact, or config.poses "given", or where GTSAM is missing), or the frames
     are placed by pictures and poses together, each weighted by its errors ("prior"), or, where the poses contradict the pictures,
-    by the pictures alone.
+    by the pictures alone. Positions alone move the track by the pictures as a whole.
 
     Raises MappingError if nothing can be placed, or for given poses upside down.
     """
@@ -42,6 +43,9 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     if trajectory is None:
         own = _own(odometry.follow(survey), config)
         return Placed(upright(own, survey.index, "unknown"), None, unknown, unknown)
+    if trajectory.fixes:
+        own = upright(_own(odometry.follow(survey), config), survey.index, "unknown")
+        return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown)
     given = place(survey.index, trajectory, config)
     spots = spot_check(survey, given, config.voxel_m)
     exact = _as_given_or_none(given, survey, trajectory) if spots.exact else None

@@ -1,0 +1,76 @@
+"""Positions alone, of a buoy: they say where a track lies and heads, and no more."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
+from stereo_seecolor.mapping.survey import Placement
+from stereo_seecolor.mapping.track.fixes import at_fixes, fit_to_fixes
+from stereo_seecolor.records import Trajectory
+
+Array = NDArray[np.float64]
+TRUE = pose(rotation_from_vector(np.array([0.0, 0.0, 2.0])), [120.0, -40.0, 0.0])
+
+
+def lawn_mower(count: int, line_m: float) -> Array:
+    """(count, 4, 4) along two lines."""
+    along = np.linspace(0, 2 * line_m, count)
+    places = np.column_stack([np.where(along < line_m, along, 2 * line_m - along), (along >= line_m) * 1.0, np.full(count, 3.0)])
+    return np.stack([pose(np.eye(3), place) for place in places])
+
+
+def fixed(T: Array, scatter_m: float, seed: int = 0) -> Trajectory:
+    """A fix a frame; every tenth is 30 m off."""
+    rng = np.random.default_rng(seed)
+    places = transformed(TRUE, T[:, :3, 3]) + rng.normal(0, scatter_m, (len(T), 3)) * [1, 1, 0]
+    places[::10, :2] += 30
+    places[:, 2] = 0
+    fixes = np.stack([pose(np.eye(3), place) for place in places])
+    return Trajectory(("",) * len(T), np.arange(float(len(T))), fixes, fixes=True)
+
+
+def place(T: Array, fixes: Trajectory, components: Array | None = None) -> Placement:
+    count = len(T)
+    index = SimpleNamespace(names=[f"f{i}" for i in range(count)], timestamps_s=np.arange(float(count)), order=np.arange(count))
+    own = Placement(T, np.zeros(count, np.int64) if components is None else components.astype(np.int64))
+    return at_fixes(own, index, fixes, MappingConfig())  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_track_lies_and_heads_as_its_fixes_say_outliers_apart(seed: int) -> None:
+    T = lawn_mower(80, 20.0)
+    placed = place(T, fixed(T, 2.0, seed))
+    turned = placed.T_world_camera[0, :3, :3] @ TRUE[:3, :3].T
+    assert np.degrees(np.arccos((np.trace(turned) - 1) / 2)) < 8  # 2.4 RMS, as errors of their own leave
+    assert np.linalg.norm((placed.T_world_camera[:, :3, 3] - transformed(TRUE, T[:, :3, 3])).mean(axis=0)[:2]) < 0.7
+    assert placed.T_world_camera[:, 2, 3].mean() == pytest.approx(0)
+    steps = np.linalg.norm(np.diff(placed.T_world_camera[:, :3, 3], axis=0), axis=1)
+    assert steps == pytest.approx(np.linalg.norm(np.diff(T[:, :3, 3], axis=0), axis=1))  # not bent
+    assert "80 fixes, which scatter by" in placed.warnings[0]
+
+
+def test_a_dive_shorter_than_its_fixes_scatter_is_refused() -> None:
+    T = lawn_mower(40, 2.0)
+    with pytest.raises(MappingError, match="40 fixes along its track do not tell its heading: the dive must be longer"):
+        place(T, fixed(T, 2.0))
+
+
+def test_a_component_without_fixes_is_left_out_and_named() -> None:
+    T = lawn_mower(80, 20.0)
+    fixes = fixed(T, 1.0)
+    fixes.T_world_camera[60:] = np.nan
+    placed = place(T, fixes, np.repeat([0, 1], [60, 20]))
+    assert placed.sizes == (60,) and len(placed.unplaced) == 20
+    assert placed.unplaced[0].name == "f60" and "0 fixes along its track" in placed.unplaced[0].reason
+
+
+def test_a_given_standard_error_is_taken() -> None:
+    T = lawn_mower(80, 20.0)
+    fit = fit_to_fixes(T[:, :3, 3], fixed(T, 1.0).T_world_camera[:, :3, 3], 1.5)
+    assert fit is not None and fit.scatter_m == 1.5
+    assert fit_to_fixes(T[:, :3, 3], fixed(T, 1.0).T_world_camera[:, :3, 3], 6.0) is None
