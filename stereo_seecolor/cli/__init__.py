@@ -3,7 +3,7 @@
 import sys
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED, interrupts
-from stereo_seecolor.compute.garbage import collect_seldom, keep_all
+from stereo_seecolor.compute.garbage import collect_seldom
 from stereo_seecolor.compute.library_threads import one_thread_in_libraries
 
 __all__ = ["main"]
@@ -20,5 +20,3 @@ def main() -> None:
             sys.exit(run_command_line())
         except KeyboardInterrupt:
             sys.exit(EXIT_INTERRUPTED)
-        finally:
-            keep_all()

@@ -1,5 +1,6 @@
 """How often Python looks for garbage that refers to itself: set once, by a process that loads many modules and works on images."""
 
+import atexit
 import gc
 
 NEW_OBJECTS, ROUNDS = 50_000, 10
@@ -8,10 +9,7 @@ by their count of references; what waits for a round are small objects, and erro
 
 
 def collect_seldom() -> None:
-    """Look for garbage after many more new objects: while modules are loaded nearly all of them stay."""
+    """Look for garbage after many more new objects, and not at all when the process ends, which would take a third of a second."""
     gc.set_threshold(NEW_OBJECTS, ROUNDS, ROUNDS)
-
-
-def keep_all() -> None:
-    """Before the process ends: what refers to itself goes with the process, and looking for it would take a third of a second."""
-    gc.freeze()
+    atexit.unregister(gc.freeze)
+    atexit.register(gc.freeze)
