@@ -72,7 +72,7 @@ class FrameStages:
         inputs = self._folder.inputs(pair.name, self._source.inputs(pair), self._verify)
         key = content_key({side: file.sha256 for side, file in inputs.items()}, self.range_settings)
         known = self._folder.finished("range", pair.name, key) is not None
-        record = self._folder.frame(pair.name, pair.timestamp_s, inputs)
+        record = self._folder.frame(pair.name, pair.timestamp_s, inputs, pair.place)
         return Ranged(pair, record, key, kept=known and pair.name not in self._folder.written["range"]), known
 
     def ranged(self, pair: Pair, clock: Clock) -> Ranged:
@@ -149,7 +149,7 @@ class FrameStages:
 
     def table(self, ranged: Ranged, clock: Clock) -> MomentTable:
         """The frame's colors counted over range: an earlier run's table, or counted now and kept."""
-        path = self._folder.root / table_file(ranged.pair.name)
+        path = self._folder.root / table_file(ranged.pair.name, ranged.record.shelf)
         key = content_key(ranged.key, self._light_key, self._source.config.color.input_encoding)
         with clock("read"):
             table = _load_table(path, key)

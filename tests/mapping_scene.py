@@ -80,7 +80,7 @@ def save_frame(folder: RunFolder, frame: SurveyFrame) -> None:
     if np.isfinite(frame.range_std_m).any():  # else as with output.range_std=false
         ranges["range_std"] = encode_map(frame.range_std_m)
     colors = {"corrected": encode_image(frame.color, "png"), "mask": encode_mask(mask)}
-    record = folder.frame(name, frame.timestamp_s, {})
+    record = folder.frame(name, frame.timestamp_s, {}, (0, 1))
     for stage, record_of_stage, contents in (
         ("range", StageRecord("key", "range settings"), ranges),
         ("corrected", StageRecord("key", "color settings", "water"), colors),

@@ -44,4 +44,5 @@ def write_records(root: Path, dives: Mapping[str, Path]) -> Path:
 def _image_record(out: Path, folder: Path) -> bytes:
     posed = open_posed_run(out)
     images = [frame.products["corrected"] for frame in posed.frames]
-    return ifdo.document(posed, images, Path(os.path.relpath(images[0].parent, folder)).as_posix())
+    corrected = out / "corrected"
+    return ifdo.document(posed, images, corrected, Path(os.path.relpath(corrected, folder)).as_posix())

@@ -54,6 +54,6 @@ def _rectified(pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock) 
         left, right = (pipeline.rectification.upright(side) for side in (frame.left, frame.right))
         files = rectified_files(pair.name, left, right, pipeline.config.output)
     with clock("write"):
-        record = folder.frame(pair.name, pair.timestamp_s, inputs)
+        record = folder.frame(pair.name, pair.timestamp_s, inputs, pair.place)
         folder.save(record.with_stage("rectified", StageRecord(key, pipeline.settings)), "rectified", files)
     return FrameRow(pair.name)

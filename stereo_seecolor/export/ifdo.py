@@ -26,14 +26,14 @@ def write(posed: PosedRun, folder: Path) -> None:
     """``images/`` and image-set.ifdo.yaml. What the program cannot know (project, licence, creators) is left out: add it."""
     (folder / "images").mkdir()
     images = [folder / "images" / write_image(frame, folder / "images") for frame in posed.frames]
-    (folder / "image-set.ifdo.yaml").write_bytes(document(posed, images, "images"))
+    (folder / "image-set.ifdo.yaml").write_bytes(document(posed, images, folder / "images", "images"))
 
 
-def document(posed: PosedRun, images: Sequence[Path], local_path: str) -> bytes:
-    """The metadata alone. images: of the frames, which lie in one folder. local_path: that folder, as the document names it."""
+def document(posed: PosedRun, images: Sequence[Path], folder: Path, local_path: str) -> bytes:
+    """The metadata alone. images: of the frames, which lie below a folder. local_path: that folder, as the document names it."""
     content: dict[str, Any] = {"image-set-header": _header(posed, local_path), "image-set-items": {}}
     for frame, image, T in zip(posed.frames, images, posed.T_map_camera, strict=True):
-        content["image-set-items"][image.name] = _item(posed, frame, image, T)
+        content["image-set-items"][image.relative_to(folder).as_posix()] = _item(posed, frame, image, T)
     return yaml.safe_dump(content, sort_keys=False, allow_unicode=True).encode()
 
 

@@ -124,6 +124,14 @@ def remove_leftovers(folder: Path) -> None:
         _remove(leftover)
 
 
+def remove_leftovers_below(folder: Path) -> None:
+    """As ``remove_leftovers``, in the folder and in all folders below it."""
+    if folder.is_symlink():
+        return
+    for root, _, _ in os.walk(folder, followlinks=False):
+        remove_leftovers(Path(root))
+
+
 def files_below(folder: Path) -> Iterable[Path]:
     """All files and links below a folder, without following links."""
     for root, folders, names in os.walk(folder, followlinks=False):

@@ -3,7 +3,7 @@
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from stereo_seecolor.config import InputConfig
@@ -22,12 +22,21 @@ DRIFT_S = 1e-3
 
 @dataclass(frozen=True)
 class Pair:
-    """Two files that belong together. name: what the outputs are called. timestamp_s: from the left name, or None."""
+    """Two files that belong together. name: what the outputs are called. timestamp_s: from the left name, or None.
+
+    place: number in the dive, and how many pairs the dive has, by which folders of many outputs are cut.
+    """
 
     name: str
     left: Path
     right: Path
     timestamp_s: float | None = None
+    place: tuple[int, int] = field(default=(0, 1), compare=False)
+
+
+def in_place(pairs: Sequence[Pair]) -> tuple[Pair, ...]:
+    """All pairs of a dive, each with its place in it."""
+    return tuple(replace(pair, place=(number, len(pairs))) for number, pair in enumerate(pairs))
 
 
 @dataclass(frozen=True)
@@ -162,7 +171,7 @@ def _pairing(matching: _Matching, left_reason: str, right_reason: str) -> Pairin
     unpaired += [Unpaired(path, right_reason) for path in matching.rights]
     pairs = in_dive_order(_with_unique_names(matching.pairs))
     in_order = sorted(unpaired, key=lambda file: (str(file.path.parent), natural_key(file.path.name)))
-    return Pairing(tuple(pairs), tuple(in_order), _drift_notes(pairs))
+    return Pairing(in_place(pairs), tuple(in_order), _drift_notes(pairs))
 
 
 def _with_unique_names(pairs: list[Pair]) -> list[Pair]:

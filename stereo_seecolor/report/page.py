@@ -123,6 +123,7 @@ def _data(facts: DiveFacts, shown: Shown, texts: Texts) -> dict[str, Any]:
         "poses": _poses(facts),
         "offset_m": facts.map.offset_m if facts.map else [0.0, 0.0, 0.0],
         "image_suffix": _suffix(run),
+        "shelves": _shelves(run),
         "shown": {name: [product.split("/")[1] for product in products] for name, products in shown.items()},
         **columns(facts),
     }
@@ -134,6 +135,12 @@ def _poses(facts: DiveFacts) -> dict[str, list[float]]:
         return {}
     pairs = zip(facts.posed.frames, facts.posed.T_map_camera, strict=True)
     return {frame.name: [round(float(value), 6) for value in T[:3].ravel()] for frame, T in pairs}
+
+
+def _shelves(run: FinishedRun) -> dict[str, str]:
+    """Frame -> the folder in OUT/corrected that holds it, of a dive that has so many frames that they have one."""
+    folders = {frame.name: frame.products["corrected"].parent.name for frame in run.frames if "corrected" in frame.products}
+    return {name: folder for name, folder in folders.items() if folder != "corrected"}
 
 
 def _suffix(run: FinishedRun) -> str:

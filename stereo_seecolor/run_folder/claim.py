@@ -94,9 +94,9 @@ def refuse_foreign(manifest: Manifest) -> None:
     known = {*manifest.names()}
     for product in (*PRODUCTS, *PAGE_PRODUCTS):
         if not product.startswith(f"{ORIGINAL}/"):
-            for name in _names(manifest.root / product):
-                if not _of_system(name) and Path(name).stem not in known:
-                    raise _foreign(manifest.root / product / name)
+            for path in files_below(manifest.root / product):
+                if not _of_system(path.name) and path.stem not in known:
+                    raise _foreign(path)
     _refuse_foreign_originals(manifest)
     files = manifest.dive().files
     frames_folders = {manifest.root / product for product in PAGE_PRODUCTS}

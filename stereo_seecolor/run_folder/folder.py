@@ -8,17 +8,10 @@ from typing import Any, Self
 
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.atomic import Content, link_temporary, output_errors, remove_leftovers
+from stereo_seecolor.files.atomic import Content, link_temporary, output_errors, remove_leftovers, remove_leftovers_below
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.run_folder.claim import (
-    Owner,
-    check_claim,
-    refuse_foreign,
-    refuse_inputs,
-    refuse_links,
-    refuse_used,
-)
+from stereo_seecolor.run_folder.claim import Owner, check_claim, refuse_foreign, refuse_inputs, refuse_links, refuse_used
 from stereo_seecolor.run_folder.input_files import input_record
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
 from stereo_seecolor.run_folder.layout import (
@@ -29,6 +22,8 @@ from stereo_seecolor.run_folder.layout import (
     PAGE_PRODUCTS,
     PRODUCTS,
     Stage,
+    on_shelf,
+    shelf_of,
     state,
     table_file,
 )
@@ -116,10 +111,10 @@ class RunFolder:
             self._delete_everything()
         earlier = self.manifest.dive() if self.manifest.exists() else DiveRecord()
         self._dive = replace(earlier, identity=self._claim.owner.identity())
-        for name in (*PRODUCTS, *PAGE_PRODUCTS, PAGE, MAP, "."):
+        for name in (*PAGE_PRODUCTS, PAGE, MAP, "."):
             remove_leftovers(self.root / name)
-        for folder in (state(self.root), *(path for path in state(self.root).iterdir() if path.is_dir())):
-            remove_leftovers(folder)
+        for folder in (*(self.root / name for name in PRODUCTS), state(self.root)):
+            remove_leftovers_below(folder)
         self.manifest.save_dive(self._dive)
 
     def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
@@ -149,9 +144,9 @@ class RunFolder:
         shared = set(keys.values())
         self.update(replace(self._dive, waters={"*": shared.pop()} if len(shared) == 1 else dict(keys)))
 
-    def frame(self, name: str, timestamp_s: float | None, inputs: dict[str, InputRecord]) -> FrameRecord:
-        """The record of a frame with the inputs as they are now."""
-        known = self.manifest.frame(name) or FrameRecord(name)
+    def frame(self, name: str, timestamp_s: float | None, inputs: dict[str, InputRecord], place: tuple[int, int]) -> FrameRecord:
+        """The record of a frame with the inputs as they are now. place: a new one's number in the dive, of so many."""
+        known = self.manifest.frame(name) or FrameRecord(name, shelf=shelf_of(place))
         return replace(known, timestamp_s=timestamp_s, inputs=inputs)
 
     def read(self, frame: FrameRecord, product: str) -> NDArray[Any]:
@@ -166,6 +161,8 @@ class RunFolder:
         deleted. Returns the frame's record as it is then. Raises OutputError.
         """
         old = self.manifest.frame(frame.name)
+        if stage != "page":  # the page asks for its pictures by name, and by default shows few frames
+            contents = {product: (on_shelf(path, frame.shelf), content) for product, (path, content) in contents.items()}
         record = replace(frame.stages[stage], outputs={product: path for product, (path, _) in contents.items()})
         frame = frame.with_stage(stage, record)
         live = {path for item in frame.stages.values() for path in item.outputs.values()}
@@ -191,7 +188,7 @@ class RunFolder:
         if known and all(self.finished(stage, frame.name, record.key) for stage, record in frame.stages.items()):
             return
         self.discard(frame.name)
-        table = table_file(frame.name)
+        table = table_file(frame.name, frame.shelf)
         paths = [path for path in (*frame.files, table) if (other / path).is_file()]
         temporaries: dict[str, Path] = {}
         for path in paths:
@@ -222,7 +219,7 @@ class RunFolder:
         if frame is not None:
             self._files.delete(frame.files, frame.files)
         self.manifest.remove_frame(name)
-        (self.root / table_file(name)).unlink(missing_ok=True)
+        (self.root / table_file(name, frame.shelf if frame else "")).unlink(missing_ok=True)
 
     def write(self, name: str, content: Content, made_from: str = "") -> None:
         """Write a file of the whole dive, such as run.json. Raises OutputError.

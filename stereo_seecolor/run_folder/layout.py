@@ -1,5 +1,6 @@
 """Every name inside OUT: what each file is called, what it holds, and which stage of a pair writes it."""
 
+import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -71,6 +72,31 @@ WHAT_IS_WHERE: dict[str, str] = (
 SUFFIX_OF_FORMAT = {"png": ".png", "png16": ".png", "tiff32": ".tiff", "jpg": ".jpg"}
 
 
+@dataclass(frozen=True)
+class Shelves:
+    """How the outputs of a large dive are spread over folders."""
+
+    most_flat: int = 10_000
+    """Frames whose files lie in one folder a product: more make file managers, network disks and backups slow."""
+    each: int = 1000
+    """Frames a folder of a larger dive."""
+
+
+SHELVES = Shelves()
+
+
+def shelf_of(place: tuple[int, int]) -> str:
+    """The folder in each product's folder that holds a frame's files, by its number in a dive of so many; "" in a small dive."""
+    number, of = place
+    return f"{number // SHELVES.each:05d}" if of > SHELVES.most_flat else ""
+
+
+def on_shelf(path: str, shelf: str) -> str:
+    """A path relative to OUT with the shelf as its last folder."""
+    folder, _, name = path.rpartition("/")
+    return f"{folder}/{shelf}/{name}" if shelf else path
+
+
 def product_path(product: str, name: str, image_format: str) -> str:
     """Where a product of a pair lies, relative to OUT."""
     return f"{product}/{name}{PRODUCTS[product].suffix or SUFFIX_OF_FORMAT[image_format]}"
@@ -126,6 +152,11 @@ def scratch_folder(root: Path) -> Path:
     return state(root, "scratch")
 
 
-def table_file(name: str) -> str:
+def table_file(name: str, shelf: str) -> str:
     """Where the moment table of a frame is kept, relative to OUT."""
-    return f"{STATE}/tables/{name}.table"
+    return on_shelf(f"{STATE}/tables/{name}.table", shelf)
+
+
+def record_shelf(name: str) -> str:
+    """Where a large dive keeps the record of a frame, which is looked for by its name alone: one of 256 folders."""
+    return f"{zlib.crc32(name.encode()) % 256:02x}"

@@ -12,10 +12,12 @@ from typing import Any, Literal
 
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.run_folder.layout import Stage, state
+from stereo_seecolor.run_folder.layout import Stage, record_shelf, state
 from stereo_seecolor.run_folder.stamp import Stamp
 
 FORMAT, VERSION = "stereo-seecolor/manifest", 2
+SPREAD = "spread"
+"""Folder of the records of a large dive, which lie in folders in it."""
 DEPENDS_ON: dict[Stage, tuple[Stage, ...]] = {
     "range": (),
     "corrected": ("range",),
@@ -53,7 +55,8 @@ class InputRecord:
 class FrameRecord:
     """All that is known of a frame.
 
-    inputs: by side. files: path relative to OUT -> the stamps that a file of ours there may have.
+    inputs: by side. files: path relative to OUT -> the stamps that a file of ours there may have. shelf: folder of its products in
+    the folders of a large dive, "" in those of a small one.
     """
 
     name: str
@@ -61,6 +64,7 @@ class FrameRecord:
     inputs: dict[str, InputRecord] = field(default_factory=dict)
     stages: dict[Stage, StageRecord] = field(default_factory=dict)
     files: dict[str, tuple[Stamp, ...]] = field(default_factory=dict)
+    shelf: str = ""
 
     def with_stage(self, stage: Stage, record: StageRecord) -> "FrameRecord":
         """This frame after a stage; the stages that depend on it are no longer finished."""
@@ -125,12 +129,13 @@ class Manifest:
 
     def names(self) -> list[str]:
         """The frames that have a record, sorted."""
-        return sorted(path.stem for path in self._frames.glob("*.json")) if self._frames.is_dir() else []
+        found = (self._frames.glob(f"{each}*.json") for each in ("", f"{SPREAD}/*/"))
+        return sorted({path.stem for paths in found for path in paths})
 
     def frame(self, name: str) -> FrameRecord | None:
         """The record of a frame; None where there is none, or it is damaged (its files are then made again)."""
         try:
-            return _frame(json.loads(self._frame_file(name).read_bytes()))
+            return _frame(json.loads(self._known_file(name).read_bytes()))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
@@ -140,14 +145,18 @@ class Manifest:
 
     def save_frame(self, record: FrameRecord) -> None:
         """Write the record of a frame. Raises OutputError."""
-        write_atomic(self._frame_file(record.name), json.dumps(asdict(record)).encode())
+        write_atomic(self._frame_file(record.name, record.shelf), json.dumps(asdict(record)).encode())
 
     def remove_frame(self, name: str) -> None:
         """Forget a frame, whose files are gone."""
-        self._frame_file(name).unlink(missing_ok=True)
+        self._known_file(name).unlink(missing_ok=True)
 
-    def _frame_file(self, name: str) -> Path:
-        return self._frames / f"{name}.json"
+    def _known_file(self, name: str) -> Path:
+        flat = self._frame_file(name, "")
+        return flat if flat.exists() or not (self._frames / SPREAD).is_dir() else self._frame_file(name, SPREAD)
+
+    def _frame_file(self, name: str, shelf: str) -> Path:
+        return self._frames / SPREAD / record_shelf(name) / f"{name}.json" if shelf else self._frames / f"{name}.json"
 
 
 def _stamps(content: Mapping[str, list[dict[str, Any]]]) -> dict[str, tuple[Stamp, ...]]:
@@ -157,4 +166,4 @@ def _stamps(content: Mapping[str, list[dict[str, Any]]]) -> dict[str, tuple[Stam
 def _frame(content: dict[str, Any]) -> FrameRecord:
     inputs = {side: InputRecord(item["path"], Stamp(**item["stamp"]), item["sha256"]) for side, item in content["inputs"].items()}
     stages = {stage: StageRecord(**{**item, "warnings": tuple(item["warnings"])}) for stage, item in content["stages"].items()}
-    return FrameRecord(content["name"], content["timestamp_s"], inputs, stages, _stamps(content["files"]))
+    return FrameRecord(content["name"], content["timestamp_s"], inputs, stages, _stamps(content["files"]), content.get("shelf", ""))

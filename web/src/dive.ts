@@ -21,6 +21,7 @@ export interface Dive {
   calibration_std: number; // of a length, relative
   geometry: Geometry | null;
   image_suffix: string;
+  shelves: Record<string, string>;
   shown: Record<string, string[]>;
   names: string[];
   status: string[];
@@ -48,10 +49,16 @@ export function address(product: string, name: string, suffix = ".jpg"): string 
   return `page/${product}/${encodeURIComponent(name)}${suffix}`;
 }
 
+/** Where a corrected frame lies at its full size: of a large dive on a shelf of its folder. */
+export function fullSize(dive: Dive, name: string): string {
+  const shelf = dive.shelves[name];
+  return `corrected/${shelf ? `${shelf}/` : ""}${encodeURIComponent(name)}${dive.image_suffix}`;
+}
+
 /** The corrected picture of a frame that a browser can show, small or large; "" where there is none. */
 export function picture(dive: Dive, frame: number, product: "thumbnails" | "after"): string {
   const name = dive.names[frame];
   if (has(dive, name, product)) return address(product, name);
   const shown = dive.status[frame] === "ok" && [".png", ".jpg"].includes(dive.image_suffix);
-  return shown ? `corrected/${encodeURIComponent(name)}${dive.image_suffix}` : "";
+  return shown ? fullSize(dive, name) : "";
 }

@@ -1,6 +1,6 @@
 // The frames of the dive: filters, one frame large, and the strip of all.
 
-import { address, has, type Dive, type Text } from "./dive";
+import { address, fullSize, has, type Dive, type Text } from "./dive";
 import { button, element, select } from "./elements";
 import type { MeasureTable } from "./measuretable";
 import { Strip } from "./strip";
@@ -63,8 +63,7 @@ export class Frames {
     if (lines.length) this.about.append(element("ul", { class: "said" }, ...lines));
     if (numbers.length) this.about.append(element("dl", { class: "facts small" }, ...numbers));
     if (this.dive.status[this.current] === "ok") {
-      const full = `corrected/${encodeURIComponent(name)}${this.dive.image_suffix}`;
-      this.about.append(element("a", { href: full }, this.text("frames.open_full")));
+      this.about.append(element("a", { href: fullSize(this.dive, name) }, this.text("frames.open_full")));
     }
   }
 
