@@ -21,13 +21,14 @@ LEFT, RIGHT = "/stereo/left", "/stereo/right"
 
 
 class Sent(NamedTuple):
-    """A message to be written. fields: of its type, without the header. arrival_ns: when it was recorded."""
+    """A message to be written. fields: of its type, without the header. arrival_ns: when it was recorded. frame: of its header."""
 
     topic: str
     type: str
     stamp_ns: int
     fields: dict[str, Any]
     arrival_ns: int = 0
+    frame: str = "camera"
 
 
 def write_bag(path: Path, messages: Iterable[Sent], compression: Sequence[Any] = ()) -> Path:
@@ -52,7 +53,7 @@ def write_bag(path: Path, messages: Iterable[Sent], compression: Sequence[Any] =
 
 def _message(store: Any, sent: Sent, is_ros1: bool) -> Any:
     time = store.types["builtin_interfaces/msg/Time"](*divmod(sent.stamp_ns, 10**9))
-    header = store.types["std_msgs/msg/Header"](**({"seq": 0} if is_ros1 else {}), stamp=time, frame_id="camera")
+    header = store.types["std_msgs/msg/Header"](**({"seq": 0} if is_ros1 else {}), stamp=time, frame_id=sent.frame)
     fields = {**({} if sent.type.endswith("TFMessage") else {"header": header}), **sent.fields}
     if sent.type.endswith("CameraInfo"):
         roi = store.types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)

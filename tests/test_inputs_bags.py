@@ -313,6 +313,13 @@ def test_camera_infos_of_two_single_cameras_are_no_rig(dive, tmp_path) -> None:
         found.rig()
 
 
+def test_a_camera_info_of_another_frame_is_noted(messages, tmp_path) -> None:
+    turned = [sent._replace(frame="wrong") if sent.topic == f"{RIGHT}/camera_info" else sent for sent in messages]
+    found = open_dive(write_bag(tmp_path / "b.mcap", turned), "", InputConfig())
+    assert "camera_info is of the frame wrong, /stereo/right/image_raw of camera: is it of this camera?" in found.pairing.notes[-1]
+    assert found.rig().baseline_m == pytest.approx(0.1)
+
+
 def test_bag_info_says_what_run_would_take(messages, cli, tmp_path) -> None:
     bag = write_bag(tmp_path / "b.bag", messages)
     code, printed, _ = cli("bag-info", bag)

@@ -1,7 +1,8 @@
 """A bag as a dive: its images as files inside it, paired by the stamps of their headers, and its camera_info as the rig."""
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +13,7 @@ from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import Container, open_containers
 from stereo_seecolor.inputs.bags.bag import COMPRESSED, IMAGE, Bag, Entry, Topic, open_bag
-from stereo_seecolor.inputs.bags.messages import image_content, image_suffix, rig_of
+from stereo_seecolor.inputs.bags.messages import decode, image_content, image_suffix, rig_of
 from stereo_seecolor.inputs.bags.topics import SideTopics, info_topic, parse_topics, side_topics
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
 
@@ -65,7 +66,8 @@ def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
     untimed = " (headers hold no time; the times of recording are used)" if sides.left.name in bag.unstamped else ""
     pairing = pair_files(lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}{untimed}")
     infos = info_topic(bag, sides.left), info_topic(bag, sides.right)
-    return BagDive(bag, sides, pairing.with_notes(_notes(bag, sides, pairing)), infos)
+    notes = (*_notes(bag, sides, pairing), *_frame_notes(bag, sides, infos))
+    return BagDive(bag, sides, pairing.with_notes(notes), infos)
 
 
 def bag_images(path: Path) -> Container:
@@ -105,6 +107,15 @@ def _notes(bag: Bag, sides: SideTopics, pairing: Pairing) -> tuple[str, ...]:
         if lost := topic.count - len({entry.stamp_ns for entry in topic.entries}):
             notes.append(f"{bag.path}: {topic.name}: {lost} of {topic.count} messages repeat the stamp of another and are left out")
     return (*notes, *gap_notes(pairing.pairs, bag.path))
+
+
+def _frame_notes(bag: Bag, sides: SideTopics, infos: tuple[Topic | None, Topic | None]) -> Iterator[str]:
+    """A line for a camera_info that says to be of another frame than the images."""
+    for topic, info in zip((sides.left, sides.right), infos, strict=True):
+        with suppress(InputError):  # of a damaged message: its pair says so
+            frames = [decode(found.entries[0]).header.frame_id for found in (topic, info) if found]
+            if len(set(filter(None, frames))) > 1 and info:
+                yield f"{bag.path}: {info.name} is of the frame {frames[1]}, {topic.name} of {frames[0]}: is it of this camera?"
 
 
 def gap_notes(pairs: Sequence[Pair], path: Path) -> tuple[str, ...]:
