@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.track.local_contrast import local_contrast
+from stereo_seecolor.mapping.track.sift import alike, keypoints
 from stereo_seecolor.site.orthophoto import Orthophoto
 from stereo_seecolor.site.terrain import Terrain
 
@@ -19,7 +20,6 @@ class LandmarkSettings:
 
     per_m2: int = 2000  # of the ground that was seen; more are too small to last a year
     most: int = 60_000  # matching them takes a minute
-    contrast: float = 0.01  # SIFT's threshold, a quarter of Lowe's 0.04: hazy dives have little contrast
     lowe_ratio: float = 0.85  # looser than Lowe's 0.8: a rigid motion is searched in what is left, and few wrong ones fit it
     margin_px: int = 5  # from holes and the edge, where the picture is none of the bottom
 
@@ -41,11 +41,8 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
     contrast = local_contrast(photo.gray, 1.0)
     mask = cv2.erode(known.astype(np.uint8), np.ones((2 * SETTINGS.margin_px + 1,) * 2, np.uint8), borderValue=0)
     count = min(SETTINGS.most, round(SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2))
-    sift = cv2.SIFT.create(max(count, 100), contrastThreshold=SETTINGS.contrast, enable_precise_upscale=True)
-    keypoints, descriptors = sift.detectAndCompute(contrast, mask)
-    if not keypoints:
-        return Landmarks(np.zeros((0, 3)), np.zeros((0, 128), np.float32))
-    places = _places(photo, terrain, np.array([keypoint.pt for keypoint in keypoints], np.float64))
+    pixels, descriptors = keypoints(contrast, mask, max(count, 100))
+    places = _places(photo, terrain, pixels)
     root = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
     high = np.isfinite(places[:, 2])
     return Landmarks(places[high], root[high])
@@ -63,15 +60,5 @@ def _places(photo: Orthophoto, terrain: Terrain, pixels: Array) -> Array:
 
 def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
     """(n, 3) places of a, and of b, of what looks alike: each the other's best, and better than the next best by Lowe's ratio."""
-    if min(len(a.points_m), len(b.points_m)) < 2:
-        return np.zeros((0, 3)), np.zeros((0, 3))
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    forward = matcher.knnMatch(a.descriptors, b.descriptors, 2)
-    back = {match.queryIdx: match.trainIdx for match in matcher.match(b.descriptors, a.descriptors)}
-    good = [
-        (best.queryIdx, best.trainIdx)
-        for best, second in forward
-        if best.distance < SETTINGS.lowe_ratio * second.distance and back[best.trainIdx] == best.queryIdx
-    ]
-    pairs = np.array(good, np.int64).reshape(-1, 2)
-    return a.points_m[pairs[:, 0]], b.points_m[pairs[:, 1]]
+    index_a, index_b = alike(a.descriptors, b.descriptors, SETTINGS.lowe_ratio)
+    return a.points_m[index_a], b.points_m[index_b]

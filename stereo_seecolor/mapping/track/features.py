@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.mapping.track.local_contrast import local_contrast
+from stereo_seecolor.mapping.track.sift import keypoints
 from stereo_seecolor.mapping.track.smooth_depth import smooth_depth
 from stereo_seecolor.records import SurveyFrame
 
@@ -20,7 +21,6 @@ class FeatureSettings:
 
     max_features: int = 2000  # a frame: some 300 matches remain at 60 % overlap; more only cost time
     max_width_px: int = 640  # images are reduced to it: a track is as exact as at 960, at a third of the cost (docs/mapping.md)
-    contrast: float = 0.01  # SIFT's threshold, a quarter of Lowe's 0.04: hazy frames have little contrast
     lateral_std_px: float = 0.3  # how well SIFT finds a point again (measured on the synthetic reef)
 
 
@@ -56,11 +56,8 @@ def detect(frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSetting
     contrast = local_contrast(gray, scale)
     depth = smooth_depth(frame, geometry)
     mask = cv2.resize(depth.usable.astype(np.uint8), contrast.shape[::-1], interpolation=cv2.INTER_NEAREST)
-    sift = cv2.SIFT.create(settings.max_features, contrastThreshold=settings.contrast, enable_precise_upscale=True)
-    keypoints, descriptors = sift.detectAndCompute(contrast, mask)
-    if not keypoints:
-        return Features.none()
-    pixels = (np.array([k.pt for k in keypoints], dtype=np.float64) + 0.5) / scale - 0.5
+    found, descriptors = keypoints(contrast, mask, settings.max_features)
+    pixels = (found + 0.5) / scale - 0.5
     columns, rows = np.clip(np.rint(pixels).astype(int), 0, np.array(gray.shape[::-1]) - 1).T
     good = depth.usable[rows, columns]
     pixels, rows, columns = pixels[good], rows[good], columns[good]

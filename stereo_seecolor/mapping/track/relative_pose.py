@@ -10,6 +10,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Moved, Observed, move
+from stereo_seecolor.mapping.track.sift import alike
 
 Array = NDArray[np.float64]
 
@@ -67,7 +68,7 @@ def relative_pose(a: Features, b: Features, geometry: RectifiedPair) -> Relative
     errors of both its measurements; a Cauchy kernel tames what is left of outliers. RANSAC believes the ranges of a: its inliers
     are those whose errors suit its pose, so those of the fit are chosen anew from all matches.
     """
-    index_a, index_b = _matches(a, b)
+    index_a, index_b = alike(a.descriptors.astype(np.float32), b.descriptors.astype(np.float32), SETTINGS.ratio)
     start = _ransac(a, b, index_a, index_b, geometry)
     if start is None:
         return None
@@ -137,24 +138,6 @@ def _ransac(
     if not found or inliers is None or len(inliers) < needed:
         return None
     return inverse(pose(rotation_from_vector(turn.ravel()), shift.ravel())), inliers.ravel().astype(np.int64)
-
-
-def _matches(a: Features, b: Features) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Indices of mutual nearest neighbors that are clearly nearer than the second."""
-    if len(a.descriptors) < 2 or len(b.descriptors) < 2:
-        return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    x, y = a.descriptors.astype(np.float32), b.descriptors.astype(np.float32)
-    squared = x @ (-2 * y).T
-    squared += (x * x).sum(1)[:, None]
-    squared += (y * y).sum(1)
-    rows, nearest = np.arange(len(x)), squared.argmin(axis=1)
-    least = squared[rows, nearest]
-    squared[rows, nearest] = np.inf
-    clear = np.flatnonzero(least < SETTINGS.ratio**2 * squared.min(axis=1))
-    squared[rows, nearest] = least
-    mutual = squared[:, nearest[clear]].argmin(axis=0) == clear  # down columns is slow: only where it is asked for
-    chosen = clear[mutual]
-    return chosen, nearest[chosen]
 
 
 def _spread_out(points: Array, geometry: RectifiedPair) -> bool:

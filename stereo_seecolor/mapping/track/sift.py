@@ -1,0 +1,50 @@
+"""Points that an image can be recognized by, and which of two images' look alike: in the frames of a track, and in whole maps."""
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+CONTRAST = 0.01
+"""SIFT's threshold, a quarter of Lowe's 0.04: hazy frames have little contrast."""
+MOST_DISTANCES = 32_000_000
+"""Held at a time, 128 MB: between two frames all of them."""
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+def keypoints(contrast: NDArray[np.uint8], mask: NDArray[np.uint8], most: int) -> tuple[Array, NDArray[np.float32]]:
+    """(n, 2) pixels, (0, 0) the middle of the first, and (n, 128) descriptors of the ``most`` strongest (Lowe 2004).
+
+    contrast: (H, W) as ``local_contrast`` gives it. mask: (H, W), 0 where none is looked for.
+    """
+    sift = cv2.SIFT.create(most, contrastThreshold=CONTRAST, enable_precise_upscale=True)
+    found, descriptors = sift.detectAndCompute(contrast, mask)
+    if not found:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    return np.array([k.pt for k in found], np.float64), np.asarray(descriptors, np.float32)
+
+
+def alike(a: NDArray[np.float32], b: NDArray[np.float32], ratio: float) -> tuple[Integers, Integers]:
+    """Indices into descriptors a (n, 128) and b (m, 128): each the other's nearest, and clearly nearer than the second nearest.
+
+    ratio: Lowe's, of the two distances.
+    """
+    if min(len(a), len(b)) < 2:
+        return np.zeros(0, np.int64), np.zeros(0, np.int64)
+    doubled, norms = (-2 * b).T, (b * b).sum(1)
+    nearest, least, second = np.zeros(len(a), np.int64), *np.zeros((2, len(a)), np.float32)
+    least_of_b = np.full(len(b), np.inf, np.float32)
+    step = max(1, MOST_DISTANCES // len(b))
+    for start in range(0, len(a), step):
+        part = slice(start, start + step)
+        squared = a[part] @ doubled
+        squared += (a[part] * a[part]).sum(1)[:, None]
+        squared += norms
+        np.minimum(least_of_b, squared.min(axis=0), out=least_of_b)
+        rows, best = np.arange(len(squared)), squared.argmin(axis=1)
+        nearest[part], least[part] = best, squared[rows, best]
+        squared[rows, best] = np.inf
+        second[part] = squared.min(axis=1)
+    chosen = np.flatnonzero((least < ratio**2 * second) & (least == least_of_b[nearest]))
+    return chosen, nearest[chosen]

@@ -1,0 +1,36 @@
+"""Which descriptors look alike: mutual nearest ones that pass Lowe's ratio test, however many are compared at a time."""
+
+import numpy as np
+import pytest
+
+from stereo_seecolor.mapping.track import sift
+
+
+def test_each_is_the_others_nearest_and_clearly_so() -> None:
+    a = np.zeros((4, 128), np.float32)
+    a[:, 0] = [0, 10, 20, 21]
+    b = np.zeros((4, 128), np.float32)
+    b[:, 0] = [21, 1, 10, 11.5]
+    index_a, index_b = sift.alike(a, b, 0.8)
+    # 20 and 21 both are nearest to 21, whose nearest is 21
+    assert list(zip(index_a.tolist(), index_b.tolist(), strict=True)) == [(0, 1), (1, 2), (3, 0)]
+    assert sift.alike(a, b[[2, 3]] - [[0] * 128, [1] * 128], 0.01)[0].tolist() == [1]
+    assert not len(sift.alike(a[:1], b, 0.8)[0])
+
+
+def test_parts_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    a = rng.integers(0, 255, (300, 128)).astype(np.float32)
+    b = np.concatenate([a[rng.permutation(300)[:200]] + rng.normal(0, 40, (200, 128)), rng.integers(0, 255, (90, 128))]).astype(
+        np.float32
+    )
+    whole = sift.alike(a, b, 0.9)
+    monkeypatch.setattr(sift, "MOST_DISTANCES", 2000)
+    parts = sift.alike(a, b, 0.9)
+    assert 150 < len(whole[0]) < 250
+    assert [index.tolist() for index in parts] == [index.tolist() for index in whole]
+
+
+def test_a_flat_image_has_no_keypoints() -> None:
+    pixels, descriptors = sift.keypoints(np.full((64, 64), 128, np.uint8), np.ones((64, 64), np.uint8), 100)
+    assert pixels.shape == (0, 2) and descriptors.shape == (0, 128)
