@@ -29,7 +29,9 @@ def twice(value):
 """
 CALL = """
 from stereo_seecolor.kernel import scaled
+missing = scaled.missing
 print(scaled(3), sum(scaled.dispatcher.stats.cache_hits.values()))
+assert not (missing and scaled.dispatcher.stats.cache_hits.total())
 """
 
 

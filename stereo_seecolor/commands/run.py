@@ -7,6 +7,7 @@ from pathlib import Path
 
 from calibration.formats import native
 from stereo_seecolor.commands.bag_inputs import BagInputs
+from stereo_seecolor.commands.first_run import compile_for
 from stereo_seecolor.commands.over_pairs import Job, Opened, StereoInputs, claim, describe, with_rig
 from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
@@ -85,6 +86,7 @@ class StereoCommand:
                 opened = inputs.open_videos(folder, self.config)
             assert opened
             with self.options.compute.sharing(state(folder.root), inputs.paths):
+                compile_for(self.config, self.options)
                 job = stereo_job(opened.for_dive(folder, self.options).part(shard), self, passes)
                 return job.conduct(folder, self.options)
 

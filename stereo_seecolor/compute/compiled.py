@@ -46,6 +46,13 @@ class Compiled(Generic[P, R]):
         return self._dispatcher
 
     @property
+    def missing(self) -> bool:
+        """True if machine code of this function can be kept on disk, and none is for this machine and these sources."""
+        from stereo_seecolor.compute.kernel_cache import is_missing
+
+        return is_missing(self.dispatcher)
+
+    @property
     def _numba_type_(self) -> Any:
         """How numba sees this object where another compiled function names it."""
         from numba import types

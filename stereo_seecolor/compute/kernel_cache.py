@@ -57,6 +57,15 @@ def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     return found
 
 
+def is_missing(found: Any) -> bool:
+    """True if the code that ``dispatcher`` gave can be kept on disk, and is not yet."""
+    try:
+        file = found._cache._cache_file
+        return not file._load_index() and os.access(file._cache_path, os.W_OK)
+    except Exception:  # no place for it, or a damaged file: unpickling it can raise anything
+        return False
+
+
 class _Locator:
     """Where a function's machine code is kept, in the form that numba's cache asks for."""
 

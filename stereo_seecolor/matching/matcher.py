@@ -69,7 +69,7 @@ class Matcher:
         if reason:
             return self._unknown(f"{reason}: no range is known")
         if self._config.engine == "onnx":
-            return self._range_map(self._engine.find(frame, pair), pair)
+            return self.range_map(self._engine.find(frame, pair), pair)
         repeating = core_pool().submit(diagnostics.repeated, pair.small_left, (self._highest - self._lowest) // self._scale)
         found = self._engine.find(frame, pair)
         vertical_px = diagnostics.vertical_disparity_px(pair.left, pair.right, found.disparity)
@@ -77,7 +77,7 @@ class Matcher:
         if repeated.any():
             height, width = found.disparity.shape
             found.forget(repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width])
-        range_map = self._range_map(found, pair)
+        range_map = self.range_map(found, pair)
         return replace(range_map, warnings=self._warnings(pair, range_map, repeated, vertical_px))
 
     def _warnings(self, pair: GrayPair, range_map: RangeMap, repeated: Mask, vertical_px: float) -> tuple[str, ...]:
@@ -90,7 +90,7 @@ class Matcher:
         )
         return tuple(warning for warning in warnings if warning)
 
-    def _range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
+    def range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
         """Check, refine, judge, and turn into meters, in strips on all cores."""
         remove_speckles(found.disparity, CONSTANTS.speckle_px)
         if self.seen_left is not None:

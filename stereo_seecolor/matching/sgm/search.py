@@ -56,6 +56,11 @@ class SemiGlobalMatching:
         return search(pair.left, pair.right, Band.around(coarse, pair.scale, pair.left.shape, self._lowest, self._highest))
 
 
+def is_first_run() -> bool:
+    """True if the search, which takes longest to compile, is not on disk and can be kept there."""
+    return match_rows.missing
+
+
 def search(left: Gray, right: Gray, band: Band) -> MatchedDisparity:
     """Match two smoothed images over a band, in strips on all cores.
 

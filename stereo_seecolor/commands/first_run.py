@@ -1,0 +1,58 @@
+"""What ``run`` needs compiled, before a first run on a machine: by several processes, while a line says so."""
+
+import numpy as np
+
+from calibration import RectifiedPair
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.compute.first_run import call_in_processes
+from stereo_seecolor.compute.threads import Threads, cores
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.files.ply import encode_cloud
+from stereo_seecolor.matching.sgm.search import is_first_run
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import FrameRow, Water
+
+STAGE = "compiling for this machine, once"
+WORKS = (
+    "stereo_seecolor.matching.first_run:search_noise",
+    "stereo_seecolor.matching.first_run:judge_noise",
+    "stereo_seecolor.commands.first_run:fit_noise",
+    "stereo_seecolor.commands.first_run:correct_noise",
+)
+"""Dealt to the cores in turn: the first and third take as long as the second and fourth."""
+
+
+def compile_for(config: RunConfig, options: RunOptions) -> None:
+    """Compile for a run of these settings, unless that was done; workers of a cluster compile for themselves."""
+    if config.matching.engine != "sgm" or not isinstance(options.compute, Threads) or cores() < 2 or not is_first_run():
+        return
+    options.listener.begin(STAGE, len(WORKS))
+    for names in call_in_processes(WORKS):
+        for name in names:
+            options.listener.advance(FrameRow(name.partition(":")[2]))
+
+
+def fit_noise() -> None:
+    """Counting and fitting."""
+    from stereo_seecolor.report.range_code import CodedRanges
+
+    image, range_m = _noise()
+    corrector = Corrector()
+    corrector.fit(corrector.measure(image, range_m))
+    CodedRanges.of(range_m)
+
+
+def correct_noise() -> None:
+    """Correcting, and what is written of it."""
+    image, range_m = _noise()
+    some = np.full(3, 0.2)
+    Corrector().apply(image, range_m, Water(some, some, some, some, some, some, some, some), exposure=1.0)
+    height, width = range_m.shape
+    encode_cloud(range_m, RectifiedPair(100, width / 2, width / 2, height / 2, 0.1, (width, height)).rays, image)
+
+
+def _noise() -> tuple[np.ndarray, np.ndarray]:
+    """Darker and bluer with range."""
+    range_m = np.linspace(0.5, 4, 96 * 128, dtype=np.float32).reshape(96, 128)
+    seen = np.exp(-range_m[..., None] * np.array([0.6, 0.2, 0.1])) * np.random.default_rng(0).uniform(60, 220, (96, 128, 3))
+    return (seen + 20 * (1 - np.exp(-range_m[..., None]))).astype(np.uint8), range_m

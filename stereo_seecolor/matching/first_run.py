@@ -1,0 +1,38 @@
+"""The matcher's work on a picture of noise, to have its functions compiled before a first run (``compute/first_run.py``)."""
+
+import numpy as np
+
+from calibration import RectifiedPair
+from stereo_seecolor.config import MatchingConfig
+from stereo_seecolor.matching import diagnostics
+from stereo_seecolor.matching.disparity import MatchedDisparity
+from stereo_seecolor.matching.gray import GrayPair
+from stereo_seecolor.matching.matcher import Matcher, disparity_limits
+from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
+from stereo_seecolor.records import StereoFrame
+
+PAIR = RectifiedPair(focal_px=160, cx_left_px=96, cx_right_px=96, cy_px=64, baseline_m=0.1, image_size=(192, 128))
+SHIFT_PX = 5
+
+
+def search_noise() -> None:
+    """Smoothing, census, search and its diagnostics."""
+    frame, pair = _noise()
+    found = SemiGlobalMatching(*disparity_limits(PAIR, MatchingConfig())).find(frame, pair)
+    diagnostics.vertical_disparity_px(pair.left, pair.right, found.disparity)
+
+
+def judge_noise() -> None:
+    """All that is done with disparities."""
+    _, pair = _noise()
+    disparity = np.full(pair.left.shape, SHIFT_PX, np.float32)
+    found = MatchedDisparity(disparity, disparity.copy(), np.ones_like(disparity))
+    Matcher(PAIR, MatchingConfig()).range_map(found, pair)
+    diagnostics.one_sided_warning(pair.small_left, disparity[::2, ::2].copy(), np.zeros(pair.small_left.shape, np.bool_), 2)
+
+
+def _noise() -> tuple[StereoFrame, GrayPair]:
+    width, height = PAIR.image_size
+    left = np.random.default_rng(0).integers(30, 220, (height, width, 3), np.uint8)
+    frame = StereoFrame("noise", left, np.roll(left, -SHIFT_PX, axis=1))
+    return frame, GrayPair.from_frame(frame, 2)

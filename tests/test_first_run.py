@@ -1,0 +1,66 @@
+"""Compiling before a first run: what a run needs, by several processes, and only once."""
+
+from pathlib import Path
+
+import pytest
+
+from stereo_seecolor.commands import first_run
+from stereo_seecolor.compute.first_run import call_in_processes
+from stereo_seecolor.config import MatchingConfig, RunConfig
+from stereo_seecolor.progress import RunOptions, Silence
+
+CALLED = """
+from pathlib import Path
+def good(): Path("good").touch()
+def bad(): raise ValueError
+"""
+
+
+@pytest.fixture
+def calls(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What is called in other processes, which are not started."""
+    found: list[str] = []
+    monkeypatch.setattr(first_run, "call_in_processes", lambda works: [found.extend(works) or works])
+    return found
+
+
+def cold(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(first_run, "is_first_run", lambda: True)
+    monkeypatch.setattr(first_run, "cores", lambda: 2)
+
+
+def test_each_function_is_called_and_one_that_fails_stops_no_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "called.py").write_text(CALLED)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    names = ["called:good", "called:bad"]
+    monkeypatch.setattr("stereo_seecolor.compute.first_run.cores", lambda: 2)
+    assert sorted(name for share in call_in_processes(names) for name in share) == sorted(names)
+    assert (tmp_path / "good").exists()
+
+
+@pytest.mark.parametrize("work", first_run.WORKS)
+def test_works_run(work: str) -> None:
+    module, _, function = work.partition(":")
+    getattr(__import__(module, fromlist=[function]), function)()
+
+
+def test_a_first_run_says_that_it_compiles(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    cold(monkeypatch)
+    said: list[tuple[str, int]] = []
+
+    class Listener(Silence):
+        def begin(self, stage: str, total: int) -> None:
+            said.append((stage, total))
+
+    first_run.compile_for(RunConfig(), RunOptions(listener=Listener()))
+    assert said == [("compiling for this machine, once", len(first_run.WORKS))]
+    assert tuple(calls) == first_run.WORKS
+
+
+def test_nothing_is_compiled_twice_or_for_another_engine(calls: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    cold(monkeypatch)
+    first_run.compile_for(RunConfig(matching=MatchingConfig(engine="opencv")), RunOptions())
+    monkeypatch.setattr(first_run, "is_first_run", lambda: False)
+    first_run.compile_for(RunConfig(), RunOptions())
+    assert calls == []
