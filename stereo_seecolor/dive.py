@@ -12,6 +12,8 @@ from typing import Any
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
+from stereo_seecolor.color.photometry.survey import ReadPixels
+from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.frame_facts import recorded_capture
 from stereo_seecolor.frame_source import PageMaker, Source
@@ -57,11 +59,14 @@ class Dive:
         self._begin_ranges()
         self.each("ranges", pairs, self._stages.range_row)
 
-    def count(self, pairs: Sequence[Pair]) -> None:
-        """The first pass alone: range maps and tables, for a water that is fitted to all shards of a dive."""
+    def count(self, pairs: Sequence[Pair], take: Callable[[str, MomentTable, ReadPixels], None] = lambda *_: None) -> None:
+        """The first pass alone: range maps and tables, for a water that is fitted to all shards of a dive, or to several dives.
+
+        take: is given each frame's name, table, and what reads its pixels.
+        """
         self._begin_ranges()
-        for _ in self._pass("ranges", pairs, self._stages.counted):
-            pass
+        for row, (ranged, table) in self._pass("ranges", pairs, self._stages.counted):
+            take(row.name, table, partial(self._stages.read, ranged))
 
     def waters(self, pairs: Sequence[Pair]) -> dict[str, Water]:
         """Each frame's water, by name: an earlier run's where it was fitted to the same, or fitted in a first pass."""

@@ -1,12 +1,15 @@
 """Many dives, one of them bad; and what a dive will cost."""
 
 import csv
+import json
 from pathlib import Path
 
 import pytest
 
 from stereo_seecolor.commands.campaign import CampaignFile, campaign
 from stereo_seecolor.commands.plan import plan
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
 
 
@@ -38,6 +41,26 @@ def test_a_bad_dive_costs_no_other_and_only_it_is_run_again(make_dive, tmp_path)
     assert not done.all_done
 
 
+@pytest.mark.slow
+def test_dives_of_a_site_share_the_water_that_one_run_over_all_their_pairs_has(make_dive, tmp_path) -> None:
+    whole = make_dive(4)
+    for number in range(4):
+        for side in "LR":
+            place = tmp_path / "ab"[number // 2] / side / f"{number}.png"
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.symlink_to(whole.root / side / f"{number:04d}.png")
+    entries = [f"{{name: {name}, site: reef, left: {name}/L, right: {name}/R, calib: dive/cam.yaml}}" for name in "ab"]
+    gone = f"{{name: gone, site: reef, {SIDES.replace('dive/L', 'nowhere')}}}"
+    result = campaign(write(tmp_path / "campaign.yaml", *entries, gone))
+    assert [found.state for found in result.dives] == ["done", "done", "failed"]
+    run(whole.root / "L", whole.root / "R", whole.root / "cam.yaml", tmp_path / "whole", load_config(None, ["color.lock=survey"]))
+    expected = json.loads((tmp_path / "whole/water.json").read_bytes())["water"]
+    for name in "ab":
+        assert json.loads((tmp_path / "results" / name / "water.json").read_bytes())["water"] == expected
+    again = campaign(tmp_path / "campaign.yaml", only_failed=True)
+    assert again.dives[:2] == result.dives[:2]
+
+
 def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -> None:
     from stereo_seecolor.commands import campaign as module
 
@@ -60,6 +83,7 @@ def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -
         ("out: x", "dives: Field required"),
         (f"{{out: x, dives: [{{name: ../a, {SIDES}}}]}}", "dives.0.name"),
         (f"{{out: x, dives: [{{name: a, speed: 3, {SIDES}}}]}}", "dives.0.speed"),
+        (f"{{out: x, dives: [{{name: a, water: w.json, site: s, {SIDES}}}]}}", "give one of both"),
         (f"{{out: x, dives: [{{name: a, {SIDES}}}, {{name: a, {SIDES}}}]}}", "two dives are called 'a'"),
     ],
 )

@@ -5,18 +5,20 @@ import io
 import json
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration import CalibrationError
 from stereo_seecolor.commands.campaign_records import write_records
 from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.over_pairs import StereoInputs
 from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.site_water import SiteDive, fit_site
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError, SeeColorError
@@ -24,14 +26,17 @@ from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.progress import RunOptions
 
-TABLE, STATES = "campaign.csv", "campaign.json"
+TABLE, STATES, WATERS = "campaign.csv", "campaign.json", "waters"
 State = Literal["done", "some pairs failed", "failed", "stopped"]
 
 log = logging.getLogger(__name__)
 
 
 class DiveEntry(BaseModel):
-    """A dive of a campaign, in the words of ``run``. Paths start from the campaign's file. poses, fuse: a map is made, too."""
+    """A dive of a campaign, in the words of ``run``. Paths start from the campaign's file. poses, fuse: a map is made, too.
+
+    site: dives of one site share one water.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -42,7 +47,14 @@ class DiveEntry(BaseModel):
     poses: Path | None = None
     fuse: bool = False
     water: Path | None = None
+    site: str = ""
     settings: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _one_water(self) -> Self:
+        if self.water and self.site:
+            raise ValueError(f"dive {self.name!r} has a water, and shares that of site {self.site!r}: give one of both")
+        return self
 
 
 class CampaignFile(BaseModel):
@@ -108,7 +120,7 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
     root = file.parent / content.out
     earlier = _load(root)
     states: dict[str, DiveState] = {}
-    for dive in content.dives:
+    for dive in _with_site_waters(file, content, options, keep=only_failed):
         known = earlier.get(dive.name)
         states[dive.name] = known if only_failed and known and known.state == "done" else _dive(file, content, dive, options)
         _save(root, {**earlier, **states})
@@ -116,6 +128,42 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
             break
     write_records(root, {name: Path(state.out) for name, state in states.items() if state.ok})
     return CampaignResult(tuple(states.values()), root / TABLE)
+
+
+def _with_site_waters(file: Path, content: CampaignFile, options: RunOptions, keep: bool) -> Iterator[DiveEntry]:
+    """All dives, those of a site with the file of its water, which is fitted before the first of them. keep: one that is there.
+
+    Where it cannot be fitted, the dives are run to say why.
+    """
+    waters = content.out / WATERS
+    fitted: set[str] = set()
+    for dive in content.dives:
+        if dive.site and dive.site not in fitted:
+            fitted.add(dive.site)
+            others = [other for other in content.dives if other.site == dive.site]
+            if not (keep and all((file.parent / waters / f"{other.name}.json").exists() for other in others)):
+                _fit(file, content, others, options)
+        there = dive.site and (file.parent / waters / f"{dive.name}.json").exists()
+        yield dive.model_copy(update={"water": waters / f"{dive.name}.json"}) if there else dive
+
+
+def _fit(file: Path, content: CampaignFile, dives: Sequence[DiveEntry], options: RunOptions) -> None:
+    root = file.parent / content.out
+
+    def site_dive(dive: DiveEntry) -> SiteDive:
+        config, water = _config(file.parent, content, dive), root / WATERS / f"{dive.name}.json"
+        return SiteDive(_inputs(file.parent, dive), root / dive.name, config, water)
+
+    try:
+        if fit_site([site_dive(dive) for dive in dives], options):
+            raise KeyboardInterrupt
+    except (SeeColorError, CalibrationError) as error:
+        log.error("site %s: %s", dives[0].site, error)
+
+
+def _inputs(folder: Path, dive: DiveEntry) -> StereoInputs:
+    calib = ",".join(str(folder / part) for part in dive.calib.split(","))
+    return StereoInputs(folder / dive.left, folder / dive.right, calib)
 
 
 def _dive(file: Path, content: CampaignFile, dive: DiveEntry, options: RunOptions) -> DiveState:
@@ -135,8 +183,8 @@ def _dive(file: Path, content: CampaignFile, dive: DiveEntry, options: RunOption
 
 def _run(folder: Path, dive: DiveEntry, out: Path, config: RunConfig, options: RunOptions, state: DiveState) -> DiveState:
     water = folder / dive.water if dive.water else None
-    calib = ",".join(str(folder / part) for part in dive.calib.split(","))
-    summary = run(folder / dive.left, folder / dive.right, calib, out, config, replace(options, water=water))
+    inputs = _inputs(folder, dive)
+    summary = run(inputs.left, inputs.right, inputs.calib, out, config, replace(options, water=water))
     done: State = "stopped" if summary.stopped else "done" if summary.all_done else "some pairs failed"
     state = replace(state, state=done, ok=summary.count("ok"), failed=summary.count("failed"))
     if (dive.fuse or dive.poses) and not summary.stopped:

@@ -1,0 +1,74 @@
+"""One water for the dives of a site, fitted to the counts of colors over range of all their frames."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from calibration import CalibrationError
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.photometry.survey import Fitter
+from stereo_seecolor.commands.over_pairs import StereoInputs
+from stereo_seecolor.commands.run import StereoCommand
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive import Dive
+from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.water_file import waters_content
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class SiteDive:
+    """A dive of a site. out: its output folder, where ranges and counts go. water: the file for its water."""
+
+    inputs: StereoInputs
+    out: Path
+    config: RunConfig
+    water: Path
+
+
+def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
+    """Measure all pairs of all dives, and write each dive's water: one, as each frame's exposure shows it. True if it was stopped.
+
+    The fit is by the first dive's color settings. A dive that cannot be measured is named in the log, and takes no part.
+    Raises ColorError where no frame of the site has a known range, OutputError.
+    """
+    fitter = Corrector(dives[0].config.color.model_copy(update={"lock": "survey"})).survey_fitter()
+    names: dict[Path, list[str]] = {}
+    for dive in dives:
+        try:
+            summary = StereoCommand(dive.inputs, dive.config, options, "range").into(dive.out, _adding(fitter, dive))
+        except (SeeColorError, CalibrationError) as error:
+            log.warning("%s: takes no part in its site's water: %s", dive.out.name, error)
+            continue
+        if summary.stopped:
+            return True
+        names[dive.water] = [row.name for row in summary.rows if row.status != "unpaired"]
+    if names:
+        _write(fitter, names)
+    return False
+
+
+def _adding(fitter: Fitter, dive: SiteDive) -> Callable[[Dive, RunFolder, Pairing], None]:
+    def passes(measured: Dive, _: RunFolder, pairing: Pairing) -> None:
+        measured.count(pairing.pairs, lambda name, table, read: fitter.add(_key(dive.water, name), table, read))
+
+    return passes
+
+
+def _write(fitter: Fitter, names: dict[Path, list[str]]) -> None:
+    """A frame that failed gets some frame's water: it is not asked for, unless its images are put right."""
+    waters = fitter.waters()
+    usual = next(iter(waters.values()))
+    for file, frames in names.items():
+        write_atomic(file, waters_content({name: waters.get(_key(file, name), usual) for name in frames}))
+
+
+def _key(file: Path, name: str) -> str:
+    """Dives may have frames of one name."""
+    return f"{file.stem}/{name}"
