@@ -163,7 +163,12 @@ def test_what_is_no_video(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.mp4: is no video that FFmpeg can read"):
         paired(tmp_path / "a.mp4", tmp_path / "a.mp4")
     missing = tmp_path / "b.mp4"
-    for read in (lambda: paired(missing, missing), lambda: run(missing, missing, tmp_path / "cam.yaml", tmp_path / "out")):
+    whole = write_video(tmp_path / "whole.mp4", smooth_frames(2))
+    for read in (
+        lambda: paired(missing, missing),
+        lambda: run(missing, whole, tmp_path / "cam.yaml", tmp_path / "out"),
+        lambda: run(whole, missing, tmp_path / "cam.yaml", tmp_path / "out"),
+    ):
         with pytest.raises(InputError, match=r"b\.mp4: the video cannot be read: No such file"):
             read()
     path = write_video(tmp_path / "c.mp4", smooth_frames(2))
