@@ -1,5 +1,6 @@
 """Which frames are connected by relative-pose edges, and a first guess of their poses."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 
 import numpy as np
@@ -52,11 +53,12 @@ def agreeing(edges: Sequence[Edge], T: Array, components: NDArray[np.int64]) -> 
         return np.asarray(T[edge.i] @ edge.T_i_j @ inverse(T[edge.j]))
 
     def agree(a: Edge, b: Edge) -> bool:
-        if {components[a.i], components[a.j]} != {components[b.i], components[b.j]}:
-            return False
         first, second = joint(a), joint(b) if components[a.i] == components[b.i] else inverse(joint(b))
         at_a, at_b = first @ T[a.j], second @ T[a.j]
         turn = np.linalg.norm(rotation_vector(first[:3, :3].T @ second[:3, :3]))
         return float(np.linalg.norm(at_a[:3, 3] - at_b[:3, 3])) < JOIN_M and float(turn) < JOIN_RAD
 
-    return [edge for edge in edges if sum(agree(edge, other) for other in edges) >= JOIN_EDGES]
+    between = defaultdict(list)
+    for edge in edges:
+        between[frozenset(components[[edge.i, edge.j]].tolist())].append(edge)
+    return [edge for joining in between.values() for edge in joining if sum(agree(edge, other) for other in joining) >= JOIN_EDGES]

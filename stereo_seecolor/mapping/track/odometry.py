@@ -16,6 +16,7 @@ from stereo_seecolor.mapping.track.components import agreeing, chain
 from stereo_seecolor.mapping.track.feature_store import FeatureStore
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_errors import find_image_errors
+from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose
 from stereo_seecolor.mapping.track.track_work import CorrectedFeatures, Detection, Ends, Refitting, Relating, SeenPairs
 
@@ -156,10 +157,12 @@ def _close_loops(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior]
     rank = track.survey.index.rank
     guess = _settle(track, guess, priors)
     for number in range(rounds):
-        loops = _measure_loops(track, guess, number)
+        loops, way_m = _measure_loops(track, guess, number), _way_m(guess.T, track)
         same = [guess.components[e.i] == guess.components[e.j] for e in loops]
         placed = [min(guess.components[e.i], guess.components[e.j]) >= 0 for e in loops]
-        inside = [e for e, s, p in zip(loops, same, placed, strict=True) if s and p and _plausible(e, guess.T, track)]
+        inside = [
+            e for e, s, p in zip(loops, same, placed, strict=True) if s and p and _plausible(e, guess.T, way_m[rank[[e.i, e.j]]])
+        ]
         joins = [e for e, s, p in zip(loops, same, placed, strict=True) if p and not s]
         joins = agreeing(joins, guess.T, guess.components)
         track.edges += inside + joins
@@ -172,7 +175,7 @@ def _close_loops(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior]
 def _measure_loops(track: Track, guess: _Guess, number: int) -> list[Edge]:
     """The edges of all candidates that were not tried yet; by appearance in round 0 only, which poses do not change."""
     index, rank = track.survey.index, track.survey.index.rank
-    candidates = set(loop_closure.by_appearance(track.features)) if number == 0 else set()
+    candidates = set(by_appearance(track.features, track.survey.compute)) if number == 0 else set()
     candidates |= set(loop_closure.between_components(guess.components[index.order]))
     for component in range(guess.components.max() + 1):
         frames = np.flatnonzero(guess.components == component)
@@ -219,12 +222,17 @@ def moved_to(priors: Sequence[pose_graph.Prior], T: Array, frames: Sequence[int]
     return moved
 
 
-def _plausible(edge: Edge, T: Array, track: Track) -> bool:
-    """A loop may contradict the track by what a track can drift on the way, and no more."""
+def _way_m(T: Array, track: Track) -> Array:
+    """(N,) how far the track has gone at each of its positions."""
+    centers = T[track.survey.index.order, :3, 3]
+    placed = np.isfinite(centers).all(axis=1)
+    steps = np.zeros(len(T))
+    steps[np.flatnonzero(placed)[1:]] = np.linalg.norm(np.diff(centers[placed], axis=0), axis=1)
+    return np.cumsum(steps)
+
+
+def _plausible(edge: Edge, T: Array, way_m: Array) -> bool:
+    """A loop may contradict the track by what a track can drift on the way, and no more. way_m: (2,) at both ends."""
     off = inverse(T[edge.i]) @ T[edge.j]
     contradiction_m = float(np.linalg.norm(off[:3, 3] - edge.T_i_j[:3, 3]))
-    index = track.survey.index
-    first, last = sorted((index.rank[edge.i], index.rank[edge.j]))
-    centers = T[index.order[first : last + 1], :3, 3]
-    steps = np.linalg.norm(np.diff(centers[np.isfinite(centers).all(axis=1)], axis=0), axis=1)
-    return contradiction_m < SETTINGS.drift_m + SETTINGS.drift_fraction * float(steps.sum())
+    return contradiction_m < SETTINGS.drift_m + SETTINGS.drift_fraction * abs(float(way_m[1] - way_m[0]))
