@@ -46,9 +46,8 @@ def edges_of(T: NDArray[np.float64], rng: np.random.Generator) -> list[Edge]:
 
 
 def main(counts: list[int]) -> None:
-    print(
-        "| frames | edges | off at the start, m | solved, m (rms) | loops taken for false | s | processor s | GiB |\n|---|---|---|---|---|---|---|---|"
-    )
+    print("| frames | edges | off at the start, m | solved, m (rms) | loops taken for false | s | processor s | GiB |")
+    print("|---|---|---|---|---|---|---|---|")
     for count in counts:
         T = truth(count)
         edges = edges_of(T, np.random.default_rng(0))
