@@ -10,7 +10,7 @@ from calibration_boards import fisheye_rig, pinhole_rig
 from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
-from calibration.checks import judge_matches, rows_agree, suspicions, vertical_disparity
+from calibration.checks import RowCheck, judge_matches, rows_agree, suspicions, vertical_disparity
 from calibration.formats import load_rig
 from calibration.matches import Matches, find_matches
 from calibration.plan import rectified_points
@@ -175,3 +175,12 @@ def test_rectified_real_pair_is_acceptable_and_a_shift_is_measured(name: str, re
     moved = cv2.warpAffine(right, np.array([[1, 0, 0], [0, 1, 1.5]]), (width, height))
     assert vertical_disparity(rig, [(left, moved)]).offset_px == pytest.approx(1.5, abs=0.15)
     assert len(find_matches(Rectification.from_rig(rig), left, right).left) > 200
+
+
+@pytest.mark.parametrize(("row_px", "moved"), [(0.6, True), (58.0, False)])
+def test_only_what_a_camera_can_move_by_is_refined(row_px: float, moved: bool) -> None:
+    """Neighboring frames taken for a pair have rows that an offset explains too, of tens of pixels."""
+    check = RowCheck(3, 500, row_px, row_px, 1.0, 0.0, 0.1 * row_px, 0.0, 1.0, 0.1 * row_px)
+    assert check.has_moved == moved
+    assert ("a camera has moved" in check.advice[0]) == moved
+    assert ("not of one moment" in check.advice[0]) != moved

@@ -77,7 +77,7 @@ def rows_note(rectification: Rectification, rig: StereoRig, pairs: Sequence[Pair
             f"left and right look swapped: {check.behind_fraction:.0%} of {check.matches} points in {check.pairs} pairs lie behind "
             "infinity, and in front the other way round: exchange --left and --right (or see whether both sides are numbered alike)"
         )
-    return (f"calibration: {check.warning} (stereo-seecolor run --refine)",)
+    return (f"calibration: {check.warning}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)
 
 
 def exchanging_helps(rig: StereoRig, images: Sequence[tuple[Image, Image]]) -> bool:
