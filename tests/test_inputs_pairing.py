@@ -133,6 +133,12 @@ def test_missing_or_empty_folder(tmp_path: Path, make: bool, message: str) -> No
         list_images(tmp_path / "L", "left images")
 
 
+def test_images_of_a_kind_that_is_not_read(tmp_path: Path) -> None:
+    (tmp_path / "1.dng").touch()
+    with pytest.raises(InputError, match=r"holds no left images .*; 1 .dng files are of a kind that is not read: convert them"):
+        pair_folders(tmp_path, tmp_path, InputConfig())
+
+
 def test_a_file_instead_of_a_folder(tmp_path: Path) -> None:
     (tmp_path / "x.txt").touch()
     with pytest.raises(InputError, match="is a file"):

@@ -1,6 +1,8 @@
 """The image files of a folder, or those of them that a pattern names."""
 
 import os
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -10,6 +12,10 @@ from stereo_seecolor.files.names import natural_key, product_name
 from stereo_seecolor.files.reading import entry_problem
 
 EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg"})
+UNREAD = frozenset(
+    {".bmp", ".webp", ".pgm", ".ppm", ".jp2", ".dng", ".arw", ".cr2", ".cr3", ".gpr", ".nef", ".orf", ".raf", ".raw", ".heic"}
+)
+"""Images that are not read."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,8 @@ def list_images(source: Path, what: str) -> Listing:
     folder, pattern = folder_of(source), source.name if is_pattern(source) else "*"
     try:
         with os.scandir(folder) as entries:
-            problems = {entry.name: entry_problem(entry) for entry in entries if _is_image(entry.name, pattern)}
+            listed = list(entries)
+        problems = {entry.name: entry_problem(entry) for entry in listed if _is_image(entry.name, pattern)}
     except FileNotFoundError as error:
         raise InputError(f"{folder}: the folder of {what} does not exist") from error
     except NotADirectoryError as error:
@@ -65,8 +72,20 @@ def list_images(source: Path, what: str) -> Listing:
     files = tuple(folder / name for name in names if not problems[name])
     if not files:
         named = f" named {pattern}" if is_pattern(source) else ""
-        raise InputError(f"{folder}: holds no {what}{named} ({', '.join(sorted(EXTENSIONS))})")
+        hint = unread_hint([entry.name for entry in listed])
+        raise InputError(f"{folder}: holds no {what}{named} ({', '.join(sorted(EXTENSIONS))}){hint}")
     return Listing(files, tuple(Unpaired(folder / name, problems[name]) for name in names if problems[name]))
+
+
+def unread_hint(names: Iterable[str]) -> str:
+    """What to do with images of kinds that are not read, to end a message with; "" where there are none."""
+    kinds = Counter(suffix for name in names if (suffix := Path(name).suffix.lower()) in UNREAD)
+    if not kinds:
+        return ""
+    (suffix, count), *_ = kinds.most_common(1)
+    return (
+        f"; {count} {suffix} files are of a kind that is not read: convert them to PNG, or to TIFF if they are deeper than 8 bits"
+    )
 
 
 def _is_image(name: str, pattern: str) -> bool:

@@ -12,7 +12,7 @@ from pathlib import Path
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key
-from stereo_seecolor.inputs.listing import EXTENSIONS, list_images
+from stereo_seecolor.inputs.listing import EXTENSIONS, list_images, unread_hint
 from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.video_images import is_video
@@ -58,7 +58,8 @@ def find_sides(places: Sequence[Path]) -> Sides:
     if images:
         (folder,) = images
         return _in_one_folder(folder)
-    raise InputError(f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos were found")
+    hint = unread_hint(path.name for folder in folders for path in folder.rglob("*"))
+    raise InputError(f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos were found{hint}")
 
 
 def _look_through(root: Path) -> tuple[dict[Path, int], list[Path]]:
@@ -80,6 +81,8 @@ def _in_one_folder(folder: Path) -> Sides:
     """Patterns for the two sides of a folder that holds both: names that differ in more than their numbers."""
     shapes = Counter(_NUMBER.sub(lambda found: found["side"] or "*", path.name) for path in list_images(folder, "images").files)
     patterns = {folder / shape: count for shape, count in shapes.items()}
+    if len(patterns) < 2 and (side := side_of(folder.name)):
+        raise InputError(f"{folder}: holds the {side} images alone: give the other side's folder too, or the one that holds both")
     if len(patterns) < 2:
         raise InputError(
             f"{folder}: holds all images in one folder, and no name says which side it is of: move the left and the right ones "
