@@ -30,22 +30,26 @@ class Costs:
 
     ranges_s: float = 0.19
     """First pass of a pair of 1280x1024: decode, rectify, match, count, write (docs/performance.md, stage by stage)."""
+    light_s: float = 0.07
+    """Search for the dive's light: read again, features, and poses against three frames before (60 pairs of docs/fleets.md)."""
     colors_s: float = 0.14
     """Second pass: decode and rectify again, correct, write."""
     spread: float = 0.1
     """Standard deviation of a pair's time, as a fraction."""
     row_s: float = 0.15e-3
     """Client, each pair and pass: unpickle the row, table of frames, progress."""
-    table_s: float = 0.9e-3
-    """Client, each pair of the first pass: unpickle its moment table and add it."""
+    table_s: float = 0.46e-3
+    """Client, each pair of the first pass: unpickle its moment table (0.31 ms) and add it (0.15 ms)."""
+    difference_s: float = 0.05e-3
+    """Client, each pair of the search for light: how it differs from frames before it."""
     batch_s: float = 8e-3
     """Scheduler and client, each batch."""
     lost_every_s: float = 20 * 3600.0
     """Each worker is lost once in so many seconds, and its batch done again."""
 
 
-LARGE = Costs(ranges_s=4 * Costs.ranges_s, colors_s=4 * Costs.colors_s)
-"""Pairs of 5 megapixels: four times the pixels."""
+LARGE = Costs(ranges_s=4 * Costs.ranges_s, light_s=2 * Costs.light_s, colors_s=4 * Costs.colors_s)
+"""Pairs of 5 megapixels: four times the pixels, of which the search for light reads all and looks at as many as of small ones."""
 
 
 @dataclass
@@ -126,9 +130,10 @@ class Simulated:
 
 
 def simulate(pairs: int, workers: int, costs: Costs = Costs()) -> Simulated:
-    """Both passes of a dive."""
+    """All passes of a dive."""
     clock, worked_s, batches, client_s = Clock(), 0.0, 0, 0.0
-    for pair_s, row_s in ((costs.ranges_s, costs.row_s + costs.table_s), (costs.colors_s, costs.row_s)):
+    passes = ((costs.ranges_s, costs.row_s + costs.table_s), (costs.light_s, costs.difference_s), (costs.colors_s, costs.row_s))
+    for pair_s, row_s in passes:
         found = SimulatedWorkers(clock, workers, pair_s, costs)
         for _ in SimulatedCompute(found, "simulated", lambda: None).each(abs, range(pairs)):
             clock.now_s += row_s
@@ -142,7 +147,10 @@ def simulate(pairs: int, workers: int, costs: Costs = Costs()) -> Simulated:
 
 
 def measure_sums(tables: list[MomentTable], frames: int) -> None:
-    """Processor time of the client for each pair: rows and tables as workers send them, unpickled and added."""
+    """Processor time of the client for each pair: rows and tables as workers send them, unpickled and added.
+
+    The first frames of a dive are kept one by one, and cost more: they are not counted.
+    """
     facts = {"coverage": 0.9, "median_range_m": 1.8, "camera_exposure_s": 0.01}
     hashes, seconds = {"left": "0" * 64, "right": "0" * 64}, {"read": 0.05, "match": 0.06, "write": 0.02, "rectify": 0.01}
     sent = []
@@ -151,8 +159,9 @@ def measure_sums(tables: list[MomentTable], frames: int) -> None:
         left, right = f"/data/dive/left/{name}.png", f"/data/dive/right/{name}.png"
         row = FrameRow(name, "ok", left, right, 1.79e9 + number, hashes=hashes, facts=facts, seconds=seconds)
         sent.append(pickle.dumps([Outcome(row, (name, tables[number % len(tables)]), None, ("range",), ())]))
-    fitter, table, begun_s = Corrector().survey_fitter(), FrameTable(), time.process_time()
-    for one in sent:
+    fitter, table, begun_s = Corrector().survey_fitter(), FrameTable(), 0.0
+    for number, one in enumerate([*sent, *sent]):
+        begun_s = time.process_time() if number == frames else begun_s
         for outcome in Done(one, 0.0).results:
             table.add(outcome.row)
             assert outcome.result

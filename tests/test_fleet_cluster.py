@@ -1,5 +1,6 @@
 """The work on a cluster: the same bytes as on threads, whatever is lost on the way, and one line for what is wrong."""
 
+import asyncio
 import os
 from collections.abc import Iterator
 from dataclasses import replace
@@ -7,6 +8,8 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from distributed.comm.core import CommClosedError
+from distributed.utils import LoopRunner, sync
 
 from stereo_seecolor.compute import kernel_cache
 from stereo_seecolor.compute.cluster import connect, dask_compute, ticket, worker
@@ -118,6 +121,63 @@ def test_a_scheduler_of_another_version_is_said() -> None:
     found = {"scheduler": {"packages": {"distributed": "1.0"}}, "client": {"packages": {"distributed": "2.0"}}}
     with pytest.raises(ClusterError, match=r"tcp://a:1: the scheduler has another version \(distributed 1.0 there, 2.0 here\)"):
         connect._check_scheduler(SimpleNamespace(get_versions=lambda: found), "tcp://a:1")
+
+
+class LostScheduler:
+    """A client of Dask whose scheduler goes: while it is asked for workers, or for a result."""
+
+    def __init__(self, status: str, asked: Exception | None = None, result: Exception | None = None) -> None:
+        self.status, self._asked, self._result = status, asked, result
+
+    def nthreads(self) -> dict[str, int]:
+        if self._asked:
+            raise self._asked
+        return {"tcp://worker": 1}
+
+    def submit(self, *_: object, **__: object) -> "LostScheduler":
+        return self
+
+    def result(self, timeout: float) -> object:
+        assert self._result
+        raise self._result
+
+    def cancel(self, *_: object, **__: object) -> None:
+        raise UnboundLocalError("result")
+
+
+@pytest.mark.parametrize(
+    "client",
+    [
+        LostScheduler("closed", asked=UnboundLocalError("result")),
+        LostScheduler("connecting", asked=OSError("timed out")),
+        LostScheduler("closed", result=UnboundLocalError("result")),
+        LostScheduler("closed", result=CommClosedError("gone")),
+    ],
+)
+def test_a_scheduler_that_goes_while_it_is_asked_is_said(client: LostScheduler) -> None:
+    with pytest.raises(ClusterError, match=r"tcp://a:1: the scheduler is gone .*run the same line again"):
+        list(DaskCompute(client, "tcp://a:1", lambda: None).each(abs, [1]))
+
+
+def test_a_defect_of_the_work_is_not_the_schedulers() -> None:
+    client = LostScheduler("running", result=UnboundLocalError("of the work"))
+    with pytest.raises(UnboundLocalError, match="of the work"):
+        list(DaskCompute(client, "tcp://a:1", lambda: None).each(abs, [1]))
+
+
+def test_dask_returns_what_it_never_had_where_its_question_is_cancelled() -> None:
+    """Why an UnboundLocalError is taken for a lost scheduler: to be dropped when this test fails."""
+    runner = LoopRunner()
+    runner.start()
+    try:
+        with pytest.raises(UnboundLocalError):
+            sync(runner.loop, raising, asyncio.CancelledError())
+    finally:
+        runner.stop()
+
+
+async def raising(error: BaseException) -> None:
+    raise error
 
 
 def test_a_program_of_another_version_on_a_worker_is_said(local: DaskCompute, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -7,7 +7,7 @@ import time
 import uuid
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,11 @@ UNKNOWN_NAME = "Can't get attribute"
 """How pickle begins to say that a module of another version lacks a name."""
 LARGE_BYTES = 1 << 16
 """Work of more is written to a file that all workers read once, instead of travelling with every batch."""
+
+LOST = (OSError, CommClosedError, FutureCancelledError, UnboundLocalError)
+"""What a client raises whose scheduler is gone; the last where Dask cancels its own question, and then returns the answer that it
+never had (``distributed.utils.sync``, which catches no CancelledError).
+"""
 
 Future = Any
 """Of Dask, whose classes carry no types."""
@@ -121,10 +126,7 @@ class DaskCompute:
     def _threads(self) -> dict[str, int]:
         """Of each worker that is connected now, by its address."""
         self._look_after_workers()
-        try:
-            return dict(self._client.nthreads())
-        except (OSError, CommClosedError) as error:
-            raise self._gone(error) from error
+        return self._connected()
 
     def _result(self, future: Future) -> Done:
         while True:
@@ -137,6 +139,10 @@ class DaskCompute:
                     "workers more memory, or fewer threads (docs/fleets.md); what is done is kept"
                 ) from error
             except (FutureCancelledError, CommClosedError) as error:
+                raise self._gone(error) from error
+            except UnboundLocalError as error:
+                if self._client.status == "running":  # of the work itself
+                    raise
                 raise self._gone(error) from error
             except ImportError as error:
                 raise ClusterError(f"{self._name}: a worker lacks {error.name}: install stereo-seecolor there, too") from error
@@ -152,8 +158,15 @@ class DaskCompute:
         if now_s - self._revived_s >= REVIVE_S:
             self._revived_s = now_s
             self._revive()
-            if not self._client.nthreads():
+            if not self._connected():
                 log.warning("%s: no worker is connected: waiting for one", self._name)
+
+    def _connected(self) -> dict[str, int]:
+        """Threads of each worker, by its address."""
+        try:
+            return dict(self._client.nthreads())
+        except LOST as error:
+            raise self._gone(error) from error
 
     def _gone(self, error: Exception) -> ClusterError:
         return ClusterError(f"{self._name}: the scheduler is gone ({error}): run the same line again, what is done is kept")
@@ -161,7 +174,8 @@ class DaskCompute:
     def _cancel(self, futures: Iterable[Future]) -> None:
         left = list(futures)
         if left:
-            self._client.cancel(left, force=True)
+            with suppress(*LOST):  # nobody works on them any more
+                self._client.cancel(left, force=True)
 
 
 @dataclass(frozen=True)
