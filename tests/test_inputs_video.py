@@ -15,7 +15,6 @@ import pytest
 from conftest import contents
 
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.compute.cluster.connect import cluster
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -23,7 +22,6 @@ from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.inputs.video import Videos
 from stereo_seecolor.inputs.video_file import VideoFile, video_file
 from stereo_seecolor.inputs.video_images import frame_path, is_video
-from stereo_seecolor.progress import RunOptions
 
 TICKS = 90_000
 EXACT = {"libx264rgb": {"crf": "0"}, "libx264": {"crf": "0", "g": "6"}, "libx265": {"x265-params": "lossless=1:log-level=none"}}
@@ -221,9 +219,6 @@ def test_a_run_takes_videos(make_dive, tmp_path: Path) -> None:
     assert [row.kept for row in run(*given, tmp_path / "out").rows] == [True] * 3
     assert contents(tmp_path / "out").keys() == before.keys()
     assert not any(path.endswith(".tif") for path in before)
-    with cluster("local:2") as compute:
-        assert run(*given, tmp_path / "cluster", options=RunOptions(cluster=compute)).count("ok") == 3
-    assert contents(tmp_path / "cluster") == before
     script = (
         "import sys; from pathlib import Path; from stereo_seecolor.inputs.images import read_image\n"
         "print(read_image(Path(sys.argv[1])).shape)"
