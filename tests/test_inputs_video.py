@@ -119,7 +119,7 @@ def test_ten_bits_become_sixteen(tmp_path: Path) -> None:
 
 
 def test_colors_are_not_shifted(tmp_path: Path) -> None:
-    """Gray stays gray, white stays white, and colors are read as they were coded (BT.601 for small pictures)."""
+    """Gray stays gray, white stays white, and colors are read as they were coded."""
     for value in (0, 37, 128, 255):
         path = write_video(tmp_path / f"{value}.mp4", [np.full((64, 96, 3), value, np.uint8)], "libx264", "yuv420p")
         assert np.abs(read_image(frame_path(path, 0)).astype(int) - value).max() <= 1

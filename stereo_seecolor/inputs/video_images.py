@@ -15,13 +15,6 @@ from stereo_seecolor.inputs.video_file import video_file
 
 EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"})
 
-HD_ROWS = 720
-"""Of videos that do not say how their colors are coded, those with so many rows are taken for BT.709, smaller ones for BT.601, as
-players do."""
-
-UNSAID = 2
-"""AVCOL_SPC_UNSPECIFIED of FFmpeg."""
-
 FULL_16 = 257 / 256
 """FFmpeg makes white of 8 bits 255 * 256 of 16; the rest of the program has it at 65535."""
 
@@ -61,17 +54,11 @@ class VideoImages(Container):
 
 def pixels(frame: Any) -> NDArray[Any]:
     """(H, W, 3) RGB of a decoded frame (av.VideoFrame), uint8, or uint16 of full scale where it has more than 8 bits; upright."""
-    from av.video.reformatter import Colorspace, Interpolation
+    from av.video.reformatter import Interpolation
 
     exact = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT
-    guessed = Colorspace.ITU709 if frame.height >= HD_ROWS else Colorspace.ITU601
     deep = max(component.bits for component in frame.format.components) > 8
-    rgb = frame.reformat(
-        format="gbrp16le" if deep else "rgb24",
-        src_colorspace=guessed if frame.colorspace == UNSAID else None,
-        interpolation=exact,
-        threads=1,
-    ).to_ndarray()
+    rgb = frame.reformat(format="gbrp16le" if deep else "rgb24", interpolation=exact, threads=1).to_ndarray()
     if deep:
         rgb = np.minimum(np.rint(rgb * np.float32(FULL_16)), 65535).astype(np.uint16)
     return upright(rgb, frame)
