@@ -22,6 +22,8 @@ def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") 
     """What to say of images that are not as large as those of the calibration, which the file ``calib`` holds."""
     said = f"the {side} image is {_text(images)} px but the calibration is for {_text(calibrated)}"
     factor = resize_factor(calibrated, images)
+    if side == "right":
+        return f"{said}, and the left image fits it: give images of the sizes that were calibrated"
     if factor is None:
         return f"{said}, a cut-out or another camera: use the calibration made at this resolution"
     return (

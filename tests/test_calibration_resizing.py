@@ -43,6 +43,10 @@ def test_a_cut_out_is_no_resizing() -> None:
     assert "a cut-out or another camera" in wrong_size("left", (640, 400), (640, 480))
 
 
+def test_a_right_image_alone_of_another_size_is_not_mended_by_the_calibration() -> None:
+    assert "the left image fits it: give images of the sizes" in wrong_size("right", (320, 240), (640, 480))
+
+
 def test_a_right_camera_whose_images_are_turned(scene: Scene) -> None:
     rig, frame = turned_dive(scene, 0)
     pair = scene.pair.turned(1)
