@@ -25,7 +25,12 @@ class MountConfig(StageConfig):
 class MappingConfig(StageConfig):
     """Odometry, fusion and the map products."""
 
-    voxel_m: float = Field(default=0.01, gt=0, allow_inf_nan=False, description="Edge of a fusion voxel, meters.")
+    voxel_m: float | None = Field(
+        default=0.01,
+        gt=0,
+        allow_inf_nan=False,
+        description="Edge of a fusion voxel, meters. auto: what the images resolve at their range.",
+    )
     tile_m: float | None = Field(
         default=None,
         gt=0,
@@ -80,19 +85,24 @@ class MappingConfig(StageConfig):
     )
 
     @property
+    def voxel_edge_m(self) -> float:
+        """voxel_m; auto, before the images are known, as the default."""
+        return self.voxel_m or 0.01
+
+    @property
     def tile_edge_m(self) -> float:
         """tile_m, or what follows from the voxels: 6 m at 1 cm."""
-        return self.tile_m or 600 * self.voxel_m
+        return self.tile_m or 600 * self.voxel_edge_m
 
     @property
     def terrain_cell_m(self) -> float:
         """dem_m, or what follows from the voxels: finer cells only interpolate between them."""
-        return self.dem_m or self.voxel_m
+        return self.dem_m or self.voxel_edge_m
 
     @property
     def mosaic_cell_m(self) -> float:
         """mosaic_m, or what suits a large area; the map of a small one is as fine as its images."""
-        return self.mosaic_m or self.voxel_m / 2
+        return self.mosaic_m or self.voxel_edge_m / 2
 
     @property
     def square_m(self) -> float:
@@ -102,14 +112,14 @@ class MappingConfig(StageConfig):
     @model_validator(mode="before")
     @classmethod
     def _auto_is_not_set(cls, values: Any) -> Any:
-        sizes = ("tile_m", "mosaic_m", "dem_m", "metrics_m")
+        sizes = ("voxel_m", "tile_m", "mosaic_m", "dem_m", "metrics_m")
         if not isinstance(values, dict):
             return values
         return {key: None if key in sizes and value == "auto" else value for key, value in values.items()}
 
     @model_validator(mode="after")
     def _tile_holds_blocks(self) -> Self:
-        if self.tile_m is not None and self.tile_m < 16 * self.voxel_m:
+        if self.tile_m and self.voxel_m and self.tile_m < 16 * self.voxel_m:
             raise ValueError(
                 f"tile_m={self.tile_m:g} is less than 16 voxels: set it to at least {16 * self.voxel_m:g}, or leave it out"
             )

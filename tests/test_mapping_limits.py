@@ -18,12 +18,14 @@ from stereo_seecolor.mapping import limits
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, Sampling
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
+from stereo_seecolor.mapping.recovered_frames import Unplaced
 from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
 from stereo_seecolor.mapping.track import loop_closure
+from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import Trajectory
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -181,6 +183,23 @@ def test_ranges_too_uncertain_for_the_voxels_take_no_memory(tmp_path: Path) -> N
 def test_auto_is_not_set() -> None:
     sizes = ["tile_m", "mosaic_m", "dem_m", "metrics_m"]
     assert load_config(None, [f"mapping.{key}=auto" for key in sizes]).mapping == MappingConfig()
+
+
+@pytest.mark.parametrize(("altitude_m", "voxel_m"), [(0.4, 0.01), (1.0, 0.02), (4.0, 0.1)])
+def test_voxels_follow_from_what_the_images_resolve_at_their_range(altitude_m: float, voxel_m: float) -> None:
+    """Five pixels of 5 mm at a meter, to a round number; the same for a frame more or less, or one that is lost."""
+    auto = load_config(None, ["mapping.voxel_m=auto"]).mapping
+    frames = [flat_frame(i, altitude_m=altitude_m) for i in range(3)]
+    assert with_voxel(auto, frames, PAIR).voxel_m == voxel_m
+    assert with_voxel(auto, [Unplaced("gone", "lost"), *frames], PAIR).voxel_m == voxel_m
+    assert with_voxel(auto, [], PAIR).voxel_edge_m == MappingConfig().voxel_m
+    assert with_voxel(MappingConfig(voxel_m=0.03), frames, PAIR).voxel_m == 0.03
+
+
+def test_the_map_says_which_voxels_it_chose(tmp_path: Path) -> None:
+    config = CONFIG.model_copy(update={"voxel_m": None, "tile_m": None})
+    build_map([flat_frame(0)], PAIR, tmp_path, config, track(1))
+    assert json.loads((tmp_path / "map.json").read_text())["voxel_m"] == 0.05
 
 
 @pytest.mark.parametrize(("voxel_m", "cell_m"), [(0.02, 0.01), (0.1, 0.01), (0.002, 0.01)])

@@ -37,6 +37,7 @@ from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.navigation import Navigation
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
+from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 WITHOUT_GEO = "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install 'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
@@ -110,9 +111,10 @@ def build_map(
     scratch = workspace.scratch or out_dir / ".scratch"
     started = time.perf_counter()
     found = RecoveredFrames(frames)
-    check_voxel(found, geometry, config.voxel_m)
+    config = with_voxel(config, found, geometry)
+    check_voxel(found, geometry, config.voxel_edge_m)
     kept = KeptFrames(found, scratch / "frames")
-    index = _index(kept, geometry, config.voxel_m, workspace)
+    index = _index(kept, geometry, config.voxel_edge_m, workspace)
     survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch)
     placed = place_survey(survey, config, trajectory)
     built = _Builder(survey, placed, config, trajectory, scratch, found.lost).build_all(out_dir)
@@ -167,8 +169,8 @@ class _Builder:
     def build(self, number: int, folder: Path) -> tuple[list[Path], int]:
         """Write the map of a component; its files, and the points of its cloud."""
         component = Component.of(self.survey, self.placed.placement, number)
-        check_extent(component, self.config.voxel_m)
-        tiling = cut(component, self.config.voxel_m, self.config.tile_edge_m)
+        check_extent(component, self.config.voxel_edge_m)
+        tiling = cut(component, self.config.voxel_edge_m, self.config.tile_edge_m)
         config = with_mosaic_cell(self.config, component, tiling)
         check_tiling(tiling, config)
         place = Georeference(component.offset_m, self.trajectory.origin if self.trajectory else None)
@@ -239,7 +241,7 @@ def _write_description(path: Path, place: Georeference, config: MappingConfig) -
         if place.origin
         else None,
         "crs": local_crs_name(place.origin),
-        "voxel_m": config.voxel_m,
+        "voxel_m": config.voxel_edge_m,
         "dem_m": config.terrain_cell_m,
         "mosaic_m": config.mosaic_cell_m,
         "metrics_m": config.square_m,

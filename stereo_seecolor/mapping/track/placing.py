@@ -47,7 +47,7 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
         own = upright(_own(odometry.follow(survey), config), survey.index, "unknown")
         return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown)
     given = place(survey.index, trajectory, config)
-    spots = spot_check(survey, given, config.voxel_m)
+    spots = spot_check(survey, given, config.voxel_edge_m)
     exact = _as_given_or_none(given, survey, trajectory) if spots.exact else None
     if exact is not None:
         verdict = examine(given, survey, spots.edges, trajectory, config)
