@@ -105,6 +105,14 @@ def test_a_track_is_truer_than_by_the_pose_graph_and_as_far_off_as_it_says() -> 
     assert bundle == pytest.approx(stated, rel=0.5)
 
 
+def test_without_sightings_nothing_moves() -> None:
+    nothing = Sightings(np.zeros(0, np.int64), np.zeros(0, np.int64), Observed(np.zeros((0, 3)), np.zeros((0, 3))))
+    T = line(STATED, frames=3).T
+    found = adjust(T, nothing)
+    assert found.T_world_camera == pytest.approx(T)
+    assert np.isnan(found.std).all()
+
+
 def test_residuals_teach_how_far_to_trust_directions_and_ranges() -> None:
     found, _ = adjusted(line(STATED * [0.5, 0.5, 2.0], frames=8))
     assert found.scale == pytest.approx((0.5, 2.0), rel=0.15)

@@ -51,8 +51,10 @@ def adjust(T_world_camera: Array, sightings: Sightings, priors: Sequence[Prior] 
 
     Without priors the first stays where it is, and standard errors are relative to it. Levenberg-Marquardt under a Cauchy kernel.
     How far to trust directions and depths is learned from the residuals: what a matcher states is right within a factor.
-    Raises DeviceError if GTSAM is missing.
+    Without sightings all stay where they are. Raises DeviceError if GTSAM is missing.
     """
+    if not len(sightings.frame):
+        return Adjusted(T_world_camera, np.full((len(T_world_camera), 2), np.nan), (1.0, 1.0))
     T, points, scale = T_world_camera, _first_places(T_world_camera, sightings), (1.0, 1.0)
     for _ in range(SETTINGS.rounds):
         problem = _Problem(T, points, sightings, scale, priors)
