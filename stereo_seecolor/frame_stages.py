@@ -10,6 +10,7 @@ import numpy as np
 from stereo_seecolor.color.photometry.even_light import even_light
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.atomic import write_atomic
@@ -25,6 +26,9 @@ from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 from stereo_seecolor.run_folder.products import Files, correction_files, mask_codes, original_files, range_files
+
+FITTING = tuple(ROOT / "stereo_seecolor" / name for name in ("dive_light.py", "color/corrector.py"))
+"""The modules whose code, with all that they import, finds a dive's light and its waters."""
 
 
 class FrameStages:
@@ -55,7 +59,10 @@ class FrameStages:
         return self.light.fingerprint if self.light else ""
 
     def fit_key(self, pairs: Sequence[Pair]) -> str | None:
-        """Hash of all that the waters of these pairs are fitted to; None unless the ranges of all of them are known."""
+        """Hash of all that the light and the waters of these pairs are fitted to, and of the code that fits them.
+
+        None unless the ranges of all of them are known.
+        """
         keys = []
         for pair in pairs:
             try:
@@ -65,7 +72,7 @@ class FrameStages:
             if not known:
                 return None
             keys.append((pair.name, ranged.key))
-        return content_key(self.color_settings, keys)
+        return content_key(self.color_settings, keys, [sources_digest(file) for file in FITTING])
 
     def _known(self, pair: Pair) -> tuple[Ranged, bool]:
         """What OUT knows of a pair as its files are now, and whether its range is known. Raises InputError for one that is gone."""

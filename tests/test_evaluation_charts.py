@@ -260,14 +260,19 @@ def test_unknown_ranges_are_left_out_by_ours(chart_image: tuple[np.ndarray, np.n
 
 def test_a_patch_that_fades_with_range_is_spread(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
     image, corners = chart_image
-    target = chart("c", corners, SIZE)
-    true = [seen_chart("true", target, image, np.full(SIZE, meters, np.float32)) for meters in (1, 3)]
+    target, none = chart("c", corners, SIZE), np.zeros(SIZE, np.bool_)
+    true = [seen_chart("true", target, image, np.full(SIZE, meters, np.float32), none) for meters in (1, 3)]
     cast = encode_srgb(decode_srgb(image) * [0.5, 1, 1])
-    faded = [seen_chart("faded", target, picture, np.full(SIZE, 2.0, np.float32)) for picture in (image, cast)]
+    faded = [seen_chart("faded", target, picture, np.full(SIZE, 2.0, np.float32), none) for picture in (image, cast)]
     seen = [one for one in (*true, *faded) if one]
     alike, spread = spread_over_charts(seen)
     assert (alike.method, alike.charts, alike.nearest_m, alike.farthest_m) == ("true", 2, 1, 3)
     assert (alike.angle_deg, alike.luminance) == (pytest.approx(0, abs=1e-4), pytest.approx(0, abs=1e-9))
     assert spread.angle_deg > 5
     assert spread_over_charts(seen[:1]) == ()
-    assert seen_chart("n", neutral("w", corners, eight_bit(image), flat_range()), image, flat_range()) is None
+    first = none.copy()
+    first[target.patches[0]] = True
+    clipped = seen_chart("c", target, image, flat_range(), first)
+    assert clipped is not None
+    assert np.isnan(clipped.colors).any(axis=1).tolist() == [True] + [False] * (len(target.patches) - 1)
+    assert seen_chart("n", neutral("w", corners, eight_bit(image), flat_range()), image, flat_range(), none) is None

@@ -223,6 +223,10 @@ def test_a_rerun_fits_no_water_again_unless_something_changed(make_dive, tmp_pat
     run_in_process(dive, out)
     assert len(fits) > first
     assert contents(out) == before
+    first = len(fits)
+    monkeypatch.setattr("stereo_seecolor.frame_stages.sources_digest", lambda file: f"newer {file.name}")
+    run_in_process(dive, out)
+    assert len(fits) > first, "an update of the code that fits"
     image = cv2.imread(str(dive.root / "L" / "0001.png"))
     cv2.imwrite(str(dive.root / "L" / "0001.png"), image // 2)
     second = len(fits)

@@ -7,7 +7,6 @@ version, the processor and the argument types. Stale entries are overwritten. Wh
 
 import hashlib
 import os
-import re
 import shutil
 import sys
 import tempfile
@@ -19,15 +18,10 @@ from typing import Any
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
-ROOT = Path(__file__).resolve().parents[2]
-"""The folder that holds the package."""
-PACKAGES = ("stereo_seecolor", "calibration")
+from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
+
 INSTALLATIONS_KEPT = 8
 """Folders in the user's cache folder, one an installation whose own folder cannot be written: some 10 MB each."""
-
-_IMPORT = re.compile(
-    rf"^\s*(?:from\s+((?:{'|'.join(PACKAGES)})[\w.]*)\s+import\s+(\([^)]*\)|.*)|import\s+((?:{'|'.join(PACKAGES)})[\w.]*))", re.M
-)
 
 
 def keep_on_this_machine() -> None:
@@ -114,37 +108,6 @@ class _KernelCache(FunctionCache):
             super().save_overload(sig, data)  # type: ignore[no-untyped-call]
         except Exception:  # the disk is full, or the damaged file is the index
             self.disable()  # type: ignore[no-untyped-call]
-
-
-@cache
-def sources_digest(file: Path) -> str:
-    """SHA-256 of a source file and of all files of the package that it imports, directly or through others."""
-    found, waiting = {file}, [file]
-    while waiting:
-        more = _imports(waiting.pop()) - found
-        found |= more
-        waiting += more
-    digest = hashlib.sha256()
-    for path in sorted(found):
-        digest.update(f"{path.relative_to(ROOT)}\n".encode() + hashlib.sha256(_text(path).encode()).digest())
-    return digest.hexdigest()
-
-
-@cache
-def _text(file: Path) -> str:
-    return file.read_text(encoding="utf-8")
-
-
-@cache
-def _imports(file: Path) -> set[Path]:
-    """The files of the package that a source file names in its import statements."""
-    found = set()
-    for package, names, module in _IMPORT.findall(_text(file)):
-        modules = [package, *(f"{package}.{name}" for name in re.findall(r"\w+", names))] if package else [module]
-        for dotted in modules:
-            path = ROOT.joinpath(*dotted.split("."))
-            found |= {source for source in (path.with_suffix(".py"), path / "__init__.py") if source.is_file()}
-    return found
 
 
 @cache

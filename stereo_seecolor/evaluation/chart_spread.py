@@ -11,10 +11,13 @@ from stereo_seecolor.evaluation.targets import Target
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Map
 
+MOST_CLIPPED = 0.1
+"""Fraction of a patch's pixels: more, and its mean is not that of the light."""
+
 
 @dataclass(frozen=True, eq=False)
 class SeenChart:
-    """A chart as a method leaves it. colors: (N, 3) linear means of its patches, NaN where the method knows none of a patch."""
+    """A chart as a method leaves it. colors: (N, 3) linear means of its patches, NaN where a patch is unknown or clipped."""
 
     method: str
     type: ChartType
@@ -40,12 +43,19 @@ class SpreadRow:
     luminance: float
 
 
-def seen_chart(method: str, target: Target, result: NDArray[np.float64], range_m: Map) -> SeenChart | None:
-    """What a method leaves of a chart: result (H, W, 3) in [0, 1] as displayed, NaN where unknown. None for what is no chart."""
+def seen_chart(
+    method: str, target: Target, result: NDArray[np.float64], range_m: Map, clipped_by_camera: NDArray[np.bool_]
+) -> SeenChart | None:
+    """What a method leaves of a chart: result (H, W, 3) in [0, 1] as displayed, NaN where unknown. None for what is no chart.
+
+    clipped_by_camera: (H, W). Patches that the camera has clipped have no color that could come out alike.
+    """
     if target.type is None:
         return None
     colors = np.full((len(target.patches), 3), np.nan)
     for number, patch in enumerate(target.patches):
+        if clipped_by_camera[patch].mean() > MOST_CLIPPED:
+            continue
         pixels = result[patch]
         known = pixels[np.isfinite(pixels).all(axis=-1)]
         if len(known):

@@ -114,7 +114,8 @@ def _scored(
         return _ScoredFrame(without=[pair.name])
     corrected = results.corrected(pair.left.stem, image.shape) | correct_by_all(image, range_m, config)
     each = [(target, method, result) for target in usable for method, result in corrected.items()]
-    charts = (seen_chart(method, target, result, range_m) for target, method, result in each)
+    full = clipped(image / float(np.iinfo(image.dtype).max))
+    charts = (seen_chart(method, target, result, range_m, full) for target, method, result in each)
     return _ScoredFrame(
         [score_target(pair.name, target, method, result, range_m) for target, method, result in each],
         [f"{pair.name}: {target.name}" for target in found if not target.mask.any()],

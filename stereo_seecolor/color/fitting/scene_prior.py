@@ -22,16 +22,17 @@ class ScenePrior:
     Numbers without a source of their own were chosen on the drawn scenes and reefs of seeds below 100 (docs/color-quality.md).
     """
 
-    reflectance: tuple[float, ...] = (0.009, 0.012, 0.022, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0)
-    """Mean of a channel, as a fraction of the brightest thousandth's."""
+    reflectance: tuple[float, ...] = (0.003, 0.005, 0.013, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0)
+    """Mean of a channel, as a fraction of the brightest thousandth's. With a darkest of 0.009
+    backscatter came out too low in every kind of water; with one of 0.001, too high over sand."""
     natural: tuple[float, float, float] = (0.2, 0.0, -0.25)
     """Natural scenes are warm: sand, rock, algae and coral reflect more red than blue (logarithm against green). Coral sand is at
     0.16, 0, -0.27; the mean of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25."""
-    natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.8, 0.5, 0.2)
+    natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.9, 0.6, 0.25)
     """How much of that: the brighter, the nearer to gray. What is brightest is white, or a specular reflection."""
-    color: tuple[float, ...] = (0.8, 0.7, 0.5, 0.35, 0.28, 0.25, 0.21, 0.18, 0.17)
+    color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
     """Standard deviation of a channel about that: dark things have any color, bright ones less."""
-    reflectance_all: float = 0.7
+    reflectance_all: float = 1.0
     """Standard deviation of a quantile's reflectance, all channels together."""
     brightness: float = 0.5
     """Standard deviation of a range's brightness (light, shade, content), all channels together."""
