@@ -60,4 +60,4 @@ def test_the_chart_of_the_sample_dive_gives_its_white(sample_run: SampleRun, tmp
     off = np.log(measured.water.white / measured.water.white.prod() ** (1 / 3)) - np.log(white / white.prod() ** (1 / 3))
     error = measured.water.standard_errors["white"] / measured.water.white
     assert (np.abs(off) < 2 * error).all()
-    assert np.abs(off).max() < 0.1
+    assert np.abs(off).max() < 0.15
