@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 
-from stereo_seecolor.compute.kernel_cache import ROOT
+from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import cores
 
 
