@@ -2,6 +2,7 @@
 
 import io
 import json
+import zlib
 from pathlib import Path
 
 import cv2
@@ -18,7 +19,7 @@ from stereo_seecolor.files.deflate import Compression
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask, rounded
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.ply import encode_cloud
-from stereo_seecolor.files.png import encode_png
+from stereo_seecolor.files.png import _file, encode_png
 from stereo_seecolor.files.quick_decode import quickly_decoded
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.frames_table import FrameTable, RunSummary, frames_csv
@@ -237,8 +238,28 @@ def test_own_files_are_read_as_opencv_reads_them(compression: Compression) -> No
         assert again is None or np.array_equal(again, found, equal_nan=found.dtype.kind == "f")
 
 
-def test_files_of_other_programs_are_left_to_opencv() -> None:
-    noise = RNG.integers(0, 255, (37, 51, 3), dtype=np.uint8)
+def test_pngs_of_other_programs_are_read_as_opencv_reads_them() -> None:
+    smooth = cv2.resize(RNG.integers(0, 255, (5, 7, 3), dtype=np.uint8), (51, 37))
+    for pixels in (smooth, smooth[..., 0]):
+        file = io.BytesIO()
+        Image.fromarray(pixels).save(file, "PNG")  # all five filters, row by row
+        for strategy in range(5):
+            content = cv2.imencode(".png", pixels, [cv2.IMWRITE_PNG_STRATEGY, strategy])[1].tobytes()
+            np.testing.assert_array_equal(quickly_decoded(content), pixels[..., ::-1] if pixels.ndim == 3 else pixels)
+        np.testing.assert_array_equal(quickly_decoded(file.getvalue()), pixels)
+
+
+@pytest.mark.parametrize("kind", range(5))
+def test_every_filter_of_png_is_undone(kind: int) -> None:
+    pixels = RNG.integers(0, 255, (9, 11, 3), dtype=np.uint8)
+    rows = np.zeros((9, 34), np.uint8)
+    rows[:, 0], rows[:, 1:] = kind, pixels.reshape(9, 33)
+    content = _file(pixels, zlib.compress(rows.tobytes()), {})
+    np.testing.assert_array_equal(quickly_decoded(content), decoded(content)[..., ::-1])
+
+
+def test_other_files_are_left_to_opencv() -> None:
+    noise = RNG.integers(0, 255, (37, 51, 4), dtype=np.uint8)
     for content in (cv2.imencode(".png", noise)[1], cv2.imencode(".tiff", noise[..., 0].astype(np.float32))[1]):
         assert quickly_decoded(content.tobytes()) is None
-    assert quickly_decoded(encode_image(noise.astype(np.uint16), "png")) is None
+    assert quickly_decoded(encode_image(noise[..., :3].astype(np.uint16), "png")) is None
