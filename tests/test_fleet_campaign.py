@@ -101,6 +101,7 @@ def test_a_plan_grows_with_the_pairs_and_shrinks_with_the_workers(make_dive) -> 
     assert 3600 * found.core_hours == pytest.approx(12 * found.core_seconds_per_pair + found.fit_s)
     assert found.wall_hours[1] - found.wall_hours[2] == pytest.approx(12 * found.core_seconds_per_pair / 2 / 3600)
     assert sum(found.stage_seconds.values()) == pytest.approx(found.core_seconds_per_pair)
+    assert found.stage_seconds["light"] > 0
     assert found.disk_bytes > 12 * dive.range_m.size * 4
     assert found.memory_bytes > 1e8
 

@@ -15,6 +15,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 
@@ -55,15 +56,18 @@ def plan(left: Path, right: Path, calib: str | Path, config: RunConfig | None = 
     opened = inputs.open(config)
     pairs = spread(opened.pairing.pairs, MEASURED_PAIRS)
     with tempfile.TemporaryDirectory(prefix="stereo-seecolor-plan-") as folder:
-        warm = _measure(inputs, _only(opened, pairs[:1]), Path(folder) / "warm")
+        warm = _measure(inputs, _only(opened, pairs[:1]), Path(folder) / "warm", LightClock())
         start_s = time.process_time()
-        summary = _measure(inputs, _only(opened, pairs), Path(folder) / "measured")
+        light = LightClock()
+        summary = _measure(inputs, _only(opened, pairs), Path(folder) / "measured", light)
         core_s, ok = time.process_time() - start_s, summary.count("ok")
         if not ok:
             first = next(row.error for row in (*summary.rows, *warm.rows) if row.error)
             raise InputError(f"none of {len(pairs)} pairs spread over the dive goes through; the first: {first}")
         written = sum(path.stat().st_size for path in files_below(Path(folder) / "measured"))
-    seconds = summary.stage_seconds()  # by the clock, which runs on where the machine is busy with other things
+    seconds = (
+        summary.stage_seconds() | light.stage_seconds
+    )  # by the clock, which runs on where the machine is busy with other things
     once = max(1 - sum(seconds.values()) / summary.wall_seconds, 0.0)
     number, fit_s, per_pair = len(opened.pairing.pairs), core_s * once, core_s * (1 - once) / ok
     stages = {stage: per_pair * value / sum(seconds.values()) for stage, value in seconds.items()}
@@ -75,8 +79,25 @@ def _only(opened: Opened, pairs: Sequence[object]) -> Opened:
     return replace(opened, pairing=Pairing(tuple(pair for pair in opened.pairing.pairs if pair in pairs), ()))
 
 
-def _measure(inputs: StereoInputs, opened: Opened, out: Path) -> RunSummary:
-    options = RunOptions(workers=1)
+class LightClock:
+    """How long the search for the dive's light takes, between two passes: it grows with the pairs, as the passes do."""
+
+    def __init__(self) -> None:
+        self._passed_s = 0.0
+        self.stage_seconds: dict[str, float] = {}
+
+    def begin(self, stage: str, total: int) -> None:
+        """A pass begins."""
+        if stage == "waters":  # the second of a dive whose light was looked for
+            self.stage_seconds = {"light": time.perf_counter() - self._passed_s}
+
+    def advance(self, row: FrameRow) -> None:
+        """A pair is through."""
+        self._passed_s = time.perf_counter()
+
+
+def _measure(inputs: StereoInputs, opened: Opened, out: Path, light: LightClock) -> RunSummary:
+    options = RunOptions(workers=1, listener=light)
     command = StereoCommand(inputs, opened.pipeline.config, options, "corrected")
     with RunFolder(out, claim(inputs.owner(KIND, opened.pairing), options, inputs.paths)) as folder:
         passes = stereo_job(opened, command, lambda dive, held, pairing: color(dive, held, pairing, None))
