@@ -1,7 +1,7 @@
 """``run``: stereo pairs in; range maps, true-color frames, clouds and tables out. ``range`` stops after the range maps."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from stereo_seecolor.dive import Dive
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Water
+from stereo_seecolor.run_folder.disk_need import check_room, need_bytes
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import RIG, WATER, Stage, state
@@ -86,9 +87,17 @@ class StereoCommand:
                 opened = inputs.open_videos(folder, self.config)
             assert opened
             with self.options.compute.sharing(state(folder.root), inputs.paths):
+                opened = self._with_room(opened.for_dive(folder, self.options).part(shard), folder)
                 compile_for(self.config, self.options)
-                job = stereo_job(opened.for_dive(folder, self.options).part(shard), self, passes)
-                return job.conduct(folder, self.options)
+                return stereo_job(opened, self, passes).conduct(folder, self.options)
+
+    def _with_room(self, opened: Opened, folder: RunFolder) -> Opened:
+        """The same, with a note where the disk may be too small for the pairs that OUT does not hold yet."""
+        known = set(folder.manifest.names())
+        new = sum(pair.name not in known for pair in opened.pairing.pairs)
+        width, height = opened.pipeline.rectification.matching_pair.image_size
+        note = check_room(folder.root, new, need_bytes(self.config.output, width * height, self.last == "corrected"))
+        return replace(opened, pairing=opened.pairing.with_notes((note,))) if note else opened
 
 
 def stereo_job(opened: Opened, command: StereoCommand, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:

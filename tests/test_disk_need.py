@@ -1,0 +1,37 @@
+"""Room on the disk: what a run needs is told before it begins, and refused where it cannot end."""
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from stereo_seecolor.config import OutputConfig
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.run_folder import disk_need
+from stereo_seecolor.run_folder.disk_need import check_room, need_bytes
+
+PIXELS = 1280 * 1024
+
+
+def free(monkeypatch: pytest.MonkeyPatch, free_bytes: float) -> None:
+    monkeypatch.setattr(disk_need.shutil, "disk_usage", lambda _: SimpleNamespace(free=free_bytes))
+
+
+@pytest.mark.parametrize(
+    ("output", "corrected", "megabytes"),
+    [(OutputConfig(), True, 31), (OutputConfig(preset="lean"), True, 6.8), (OutputConfig(range_std=False), False, 5.6)],
+)
+def test_the_need_is_that_of_the_table_in_the_documentation(output: OutputConfig, corrected: bool, megabytes: float) -> None:
+    assert need_bytes(output, PIXELS, corrected) == pytest.approx(megabytes * 1e6, rel=0.05)
+
+
+def test_a_disk_that_is_too_small_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    free(monkeypatch, 1e9)
+    with pytest.raises(OutputError, match=r"2000 pairs need about 62 GB, and 1 GB are free: set output\.preset=lean"):
+        check_room(tmp_path, 2000, 31e6)
+
+
+def test_one_that_may_be_too_small_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    free(monkeypatch, 50e9)
+    assert check_room(tmp_path, 2000, 31e6) == "disk: 2000 pairs need about 62 GB, and 50 GB are free"
+    assert check_room(tmp_path, 1000, 31e6) == ""
