@@ -32,6 +32,7 @@ from stereo_seecolor.live.played_bag import PlayedBag
 from stereo_seecolor.live.preview import Preview, served
 from stereo_seecolor.live.processing import LiveProcessor
 from stereo_seecolor.live.session import LiveCounts, LiveSession
+from stereo_seecolor.live.sources import source_of
 from stereo_seecolor.live.watch import FolderWatch
 from stereo_seecolor.matching.reduced import ReducedMatcher, smaller
 from stereo_seecolor.pipeline import Pipeline
@@ -257,6 +258,19 @@ def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_pa
     assert (code, "in a new or an empty folder; nothing was touched" in said) == (1, True)
 
 
+def test_a_source_in_a_word(incoming, cli, tmp_path) -> None:
+    dive, folder, arrive = incoming
+    arrive(0)
+    calib = ("--calib", dive.root / "cam.yaml", "--pairs", 1)
+    assert cli("live", "--source", f"{folder / 'L'},{folder / 'R'}", *calib)[0] == 0
+    for side, name in (("L", "left"), ("R", "right")):
+        (folder / side).rename(folder / name)
+    assert "1 pairs corrected" in cli("live", "--source", folder, *calib)[1]
+    assert source_of("rtsp://10.0.0.2/both") == ("rtsp://10.0.0.2/both", "rtsp://10.0.0.2/both", None)
+    code, _, said = cli("live", "--source", folder, "--left", folder, *calib)
+    assert (code, "--source names both sides: leave --left, --right and --bag out" in said) == (2, True)
+
+
 def test_the_page_shows_the_last_pair_to_this_machine_alone(incoming) -> None:
     dive, folder, arrive = incoming
     arrive(0)
@@ -307,7 +321,8 @@ def test_a_bag_is_played_at_its_own_rate(make_dive, cli, tmp_path) -> None:
             played.take(pair)
     assert taken == [(0, 0.0), (1, 0.01), (3, 0.01)]
     assert (played.dropped, played.ended) == (1, True)
-    code, printed, said = cli("live", "--bag", bag)
+    assert source_of(str(bag)) == ("", "", bag)
+    code, printed, said = cli("live", "--source", bag)
     assert code == 0, said
     done, dropped = (int(re.search(rf"(\d+) {what}", printed)[1]) for what in ("pairs corrected", "passed over"))  # type: ignore[index]
     assert done + dropped == 4

@@ -10,6 +10,14 @@ from stereo_seecolor.cli.options import AsJson, ConfigFile, LogFile, OneCalib, S
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.streams import write_error
 
+OneSource = Annotated[
+    str | None,
+    typer.Option(
+        "--source",
+        metavar="SOURCE",
+        help="Both sides in a word: a bag, a folder with left/ and right/ in it, LEFT,RIGHT, or a camera that shows both.",
+    ),
+]
 LeftSource = Annotated[
     str | None,
     typer.Option(
@@ -54,6 +62,7 @@ Pairs = Annotated[int | None, typer.Option("--pairs", metavar="N", min=1, help="
 
 
 def live(
+    source: OneSource = None,
     left: LeftSource = None,
     right: RightSource = None,
     calib: OneCalib = None,
@@ -79,7 +88,12 @@ def live(
     from stereo_seecolor.commands.live import LiveInputs, LiveOptions
     from stereo_seecolor.commands.live import live as correct_live
     from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.live.sources import source_of
 
+    if source and (left or right or bag):
+        raise typer.BadParameter("--source names both sides: leave --left, --right and --bag out")
+    if source:
+        left, right, bag = source_of(source)
     check_sources(left, right, calib, bag, topics)
     if host != "127.0.0.1" and port is None:
         raise typer.BadParameter("--host says where the page is shown: give --port too")

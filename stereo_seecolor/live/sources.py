@@ -1,15 +1,32 @@
-"""What ``--left`` and ``--right`` of a live dive mean: folders, cameras or topics."""
+"""What the sources of a live dive mean: folders, cameras, topics, or a bag."""
 
 from contextlib import ExitStack
 from pathlib import Path
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.bags.bag import is_bag
 from stereo_seecolor.live.cameras import cameras, is_address
 from stereo_seecolor.live.ros2 import PREFIX, Node, TopicImages
 from stereo_seecolor.live.session import Source
 from stereo_seecolor.live.streams import StreamPairs
 from stereo_seecolor.live.watch import FolderWatch
+
+SIDES = ("left", "right")
+"""Of a folder that holds both sides, the folders that are filled."""
+
+
+def source_of(source: str) -> tuple[str, str, Path | None]:
+    """Left side, right side and bag that are named in a word: ``dive.mcap``; ``INCOMING``, with left/ and right/ in it;
+    ``LEFT,RIGHT``; or one camera that shows both sides.
+    """
+    path = Path(source)
+    if is_bag(path):
+        return "", "", path
+    if path.is_dir():
+        return str(path / SIDES[0]), str(path / SIDES[1]), None
+    left, comma, right = source.partition(",")
+    return left, right if comma else left, None
 
 
 def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) -> Source:
