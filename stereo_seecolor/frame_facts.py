@@ -11,12 +11,16 @@ MEDIAN_STEP_PX = 4
 
 
 def range_facts(range_map: RangeMap) -> dict[str, float]:
-    """coverage: fraction of the frame with a measured range. median_range_m: of those pixels; absent where there is none."""
+    """coverage: fraction of the frame with a measured range. median_range_m: of those pixels. vertical_px: of the rectified rows.
+
+    What is unknown is absent.
+    """
     measured_m = range_map.measured_m
     facts = {"coverage": float(np.isfinite(measured_m).mean())}
     sample_m = measured_m[::MEDIAN_STEP_PX, ::MEDIAN_STEP_PX]
     known_m = sample_m[np.isfinite(sample_m)]
-    return facts | ({"median_range_m": float(np.median(known_m))} if known_m.size else {})
+    facts |= {"median_range_m": float(np.median(known_m))} if known_m.size else {}
+    return facts | ({"vertical_px": range_map.vertical_px} if np.isfinite(range_map.vertical_px) else {})
 
 
 def capture_facts(capture: Capture) -> dict[str, float]:

@@ -80,6 +80,7 @@ class RangeMap:
     disparity: pixels, x_left - x_right. depth_m: Z along the optical axis. range_m: distance along the ray (what water acts on).
     range_std_m: standard error of range_m. confidence: [0, 1], 0 where unknown.
     filled: True where the value was invented from its neighbors, not measured; such pixels have confidence 0.
+    vertical_px: how far right rows lie below left ones, as rectified; NaN where unknown.
     """
 
     disparity: Map
@@ -89,6 +90,7 @@ class RangeMap:
     confidence: Map
     filled: Mask
     warnings: tuple[str, ...] = ()
+    vertical_px: float = math.nan
 
     def __repr__(self) -> str:
         """Size, how much was measured, and the ranges that it spans."""
@@ -101,7 +103,7 @@ class RangeMap:
         """The range map of ``function`` of every map, such as one that turns them."""
         maps = (self.disparity, self.depth_m, self.range_m, self.range_std_m, self.confidence, self.filled)
         disparity, depth_m, range_m, range_std_m, confidence, filled = (function(values) for values in maps)
-        return RangeMap(disparity, depth_m, range_m, range_std_m, confidence, filled, self.warnings)
+        return RangeMap(disparity, depth_m, range_m, range_std_m, confidence, filled, self.warnings, self.vertical_px)
 
     def with_ranges(self, range_m: Map, filled: Mask) -> "RangeMap":
         """The same map with other ranges, of which ``filled`` were not measured."""

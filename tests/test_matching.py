@@ -224,6 +224,18 @@ def test_rows_that_do_not_correspond_are_reported() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("shift_px", [-0.6, -0.3, 0.0, 0.1, 0.5])
+def test_the_vertical_disparity_of_a_frame_is_measured_below_a_pixel(shift_px: float) -> None:
+    right = scene().frame.right
+    size = right.shape[1], right.shape[0]
+    moved = cv2.warpAffine(
+        right, np.array([[1.0, 0, 0], [0, 1, shift_px]]), size, flags=cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT
+    )
+    found = match(swapped(scene(), scene().frame.left, moved))
+    assert found.vertical_px == pytest.approx(shift_px, abs=0.08)
+
+
+@pytest.mark.slow
 def test_unrelated_images_give_next_to_nothing() -> None:
     found = match(swapped(scene(), scene().frame.left, scene(seed=4).frame.right[::-1]))
     assert np.isfinite(found.range_m).mean() < 0.05

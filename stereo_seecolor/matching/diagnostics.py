@@ -26,7 +26,7 @@ class DiagnosticsConstants:
     repeated_similarity: second peak of the autocorrelation over the first, from which on any of them would match.
     repeated, one_sided: fractions of the image above which there is a warning.
     excess_px: how much longer than an occlusion a hole in a row must be to be something that the right image lacks.
-    vertical_gain: rows shifted must agree better than unshifted ones by this fraction to count.
+    vertical_gain: rows shifted must agree better than unshifted ones by this fraction to count; unshifted ones than some others.
     vertical_search_px, vertical_px: shifts of rows that are tried, and the least that is warned of.
     """
 
@@ -125,18 +125,19 @@ def _long_holes(disparity: Map, scale: Any, excess_px: float, hole: NDArray[np.u
 
 def vertical_disparity_warning(vertical_px: float) -> str | None:
     """A warning if the same point lies on different rows of the two images."""
-    if abs(vertical_px) < CONSTANTS.vertical_px:
+    if not abs(vertical_px) >= CONSTANTS.vertical_px:
         return None
     return f"vertical disparity of {vertical_px:+.1f} px between left and right: the calibration no longer fits, ranges are biased"
 
 
 def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
-    """How far right rows lie below the left ones with which their matched pixels agree best; 0 where that cannot be said."""
+    """How far right rows lie below the left ones with which their matched pixels agree best; NaN where that cannot be said."""
     most = CONSTANTS.vertical_search_px
     cost = _row_costs(padded(left), padded(right), PATTERN, disparity, most)
     best = int(np.argmin(cost))
-    if cost[best] >= (1 - CONSTANTS.vertical_gain) * cost[most]:
-        return 0.0
+    compared = cost.max() if best == most else cost[most]
+    if cost[best] >= (1 - CONSTANTS.vertical_gain) * compared:
+        return float("nan")
     if not 0 < best < cost.size - 1:
         return float(best - most)
     below, here, above = cost[best - 1 : best + 2]

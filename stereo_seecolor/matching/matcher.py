@@ -78,7 +78,7 @@ class Matcher:
             height, width = found.disparity.shape
             found.forget(repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width])
         range_map = self.range_map(found, pair)
-        return replace(range_map, warnings=self._warnings(pair, range_map, repeated, vertical_px))
+        return replace(range_map, vertical_px=vertical_px, warnings=self._warnings(pair, range_map, repeated, vertical_px))
 
     def _warnings(self, pair: GrayPair, range_map: RangeMap, repeated: Mask, vertical_px: float) -> tuple[str, ...]:
         every = slice(None, None, self._scale), slice(None, None, self._scale)
