@@ -180,6 +180,30 @@ def test_measures_in_the_browser_are_those_of_the_command_line(opened: Callable[
         assert mine["std"] == pytest.approx(theirs.std, rel=0.03)
 
 
+def test_a_point_that_is_dragged_is_measured_anew(opened: Callable[[str], Page], out: Path, tmp_path: Path) -> None:
+    page = opened("frames/0000")
+    page.get_by_role("button", name="Measure").click()
+    until(page, "document.querySelector('.overlay')?.previousSibling.naturalWidth > 0")
+    page.wait_for_timeout(500)
+    clicked(page, (60, 40), (120, 50))
+    page.get_by_role("button", name="Finish").click()
+    before_m = stored(page)[0]["value"]
+    box = page.locator(".overlay").bounding_box()
+    assert box
+    x, y = (box["x"] + box["width"] * (120 + 0.5) / 176, box["y"] + box["height"] * (50 + 0.5) / 128)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x - box["width"] * 30 / 176, y + box["height"] * 20 / 128, steps=5)
+    page.mouse.up()
+    with page.expect_download() as saved:
+        page.get_by_role("button", name="Save as CSV").click()
+    saved.value.save_as(tmp_path / "points.csv")
+    (dragged,), (theirs,) = stored(page), measure(out, tmp_path / "points.csv")
+    assert dragged["places"] == [pytest.approx([60, 40], abs=0.6), pytest.approx([90, 70], abs=0.6)]
+    assert dragged["value"] == pytest.approx(theirs.value, rel=3e-4)
+    assert abs(dragged["value"] - before_m) > 0.01
+
+
 def test_measures_are_undone_labelled_kept_and_exported(opened: Callable[[str], Page], tmp_path: Path) -> None:
     page = opened("frames/0000")
     page.get_by_role("button", name="Measure").click()
