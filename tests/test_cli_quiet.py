@@ -7,13 +7,16 @@ import sys
 import zlib
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from stereo_seecolor.cli.quiet import quiet_libraries
 
 
-def with_bad_profile(content: bytes) -> bytes:
-    """A PNG whose color profile libpng complains about; its pixels are good."""
+def with_bad_profile(image: np.ndarray) -> bytes:
+    """A PNG with an opacity, which libpng reads, and a color profile that it complains about; its pixels are good."""
+    content = cv2.imencode(".png", np.dstack([image, np.full(image.shape[:2], 255, np.uint8)]))[1].tobytes()
     kind, data = b"iCCP", b"x\x00\x00" + zlib.compress(bytes(200))
     chunk = struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
     return content[:33] + chunk + content[33:]
@@ -25,7 +28,7 @@ def test_libpngs_warnings_are_shown_only_if_asked_for(make_dive, tmp_path: Path,
     dive = make_dive(2)
     for side in "LR":
         path = dive.root / side / "0000.png"
-        path.write_bytes(with_bad_profile(path.read_bytes()))
+        path.write_bytes(with_bad_profile(cv2.imread(str(path))))
     (dive.root / "L" / "0001.png").write_bytes(b"damaged")
     words = dive.command(tmp_path / "out", *(["--verbose"] if verbose else []))
     done = subprocess.run([sys.executable, "-m", "stereo_seecolor", *words], capture_output=True, text=True, check=False)

@@ -42,6 +42,8 @@ def landmarks(photo: Orthophoto, terrain: Terrain) -> Landmarks:
     mask = cv2.erode(known.astype(np.uint8), np.ones((2 * SETTINGS.margin_px + 1,) * 2, np.uint8), borderValue=0)
     count = min(SETTINGS.most, round(SETTINGS.per_m2 * float(known.sum()) * photo.grid.cell_m**2))
     pixels, descriptors = keypoints(contrast, mask, max(count, 100))
+    if not len(pixels):
+        return Landmarks(np.zeros((0, 3)), descriptors)
     places = _places(photo, terrain, pixels)
     root = np.sqrt(descriptors / np.maximum(descriptors.sum(axis=1, keepdims=True), 1e-9)).astype(np.float32)
     high = np.isfinite(places[:, 2])
