@@ -2,6 +2,7 @@
 
 import atexit
 import gc
+import sys
 
 NEW_OBJECTS, ROUNDS = 50_000, 10
 """Containers made before the young ones are looked at, 700 by default; and rounds before older ones are. Images are freed at once
@@ -9,7 +10,12 @@ by their count of references; what waits for a round are small objects, and erro
 
 
 def collect_seldom() -> None:
-    """Look for garbage after many more new objects, and not at all when the process ends, which would take a third of a second."""
+    """Look for garbage after many more new objects, and not when the process ends, which would take a third of a second."""
     gc.set_threshold(NEW_OBJECTS, ROUNDS, ROUNDS)
-    atexit.unregister(gc.freeze)
-    atexit.register(gc.freeze)
+    atexit.unregister(_end)
+    atexit.register(_end)
+
+
+def _end() -> None:
+    if "open3d" not in sys.modules:  # it complains on the terminal of what is left of its own
+        gc.freeze()
