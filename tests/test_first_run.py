@@ -39,6 +39,16 @@ def test_each_function_is_called_and_one_that_fails_stops_no_other(tmp_path: Pat
     assert (tmp_path / "good").exists()
 
 
+def test_a_copy_of_the_package_in_the_present_folder_is_not_what_is_compiled(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "stereo_seecolor").mkdir()
+    (tmp_path / "stereo_seecolor/__init__.py").write_text("from pathlib import Path\nPath('imported').touch()\n")
+    monkeypatch.chdir(tmp_path)
+    assert list(call_in_processes(["stereo_seecolor.compute.garbage:collect_seldom"]))
+    assert not (tmp_path / "imported").exists()
+
+
 @pytest.mark.parametrize("work", first_run.WORKS)
 def test_works_run(work: str) -> None:
     module, _, function = work.partition(":")
