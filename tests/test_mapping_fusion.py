@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, OutputError
 from stereo_seecolor.evaluation.nearest import nearest_distance_m
+from stereo_seecolor.files import raw_arrays
 from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.mapping import kept_frames
 from stereo_seecolor.mapping.surface import extraction, marching_cubes, open3d_extractor
@@ -180,7 +181,7 @@ def test_each_frame_is_decoded_once_where_the_disk_has_room(tmp_path: Path, monk
     frames = Counting([flat_frame(i, color=(10, 20, 30 + 40 * i)) for i in range(6)])
     build_map(frames.frames, PAIR, tmp_path / "plain", CONFIG, track(6))
     if disk == "full":
-        monkeypatch.setattr(kept_frames, "temporary_path", lambda path: path.parent / "missing" / path.name)
+        monkeypatch.setattr(raw_arrays, "temporary_path", lambda path: path.parent / "missing" / path.name)
     if disk == "small":
         monkeypatch.setattr(kept_frames, "SETTINGS", kept_frames.KeepingSettings(most_bytes=0))
     build_map(frames, PAIR, tmp_path / "kept", CONFIG, track(6))

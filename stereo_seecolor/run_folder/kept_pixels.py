@@ -9,11 +9,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from stereo_seecolor.compute.threads import Lock
-from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, remove_leftovers, temporary_path
+from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, remove_leftovers
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.raw_arrays import read_arrays, write_arrays
 from stereo_seecolor.records import Image, Map, Mask
 from stereo_seecolor.run_folder.layout import scratch_folder
 
@@ -87,10 +86,8 @@ class KeptPixels:
         found = self._memory.get((name, key))
         if found is not None or self._root is None:
             return found
-        try:
-            return FramePixels(np.load(self._file(self._root, name, key), allow_pickle=False))
-        except (OSError, ValueError, EOFError):  # never kept, or somebody removed it
-            return None
+        images = read_arrays(self._file(self._root, name, key), 1)
+        return FramePixels(images[0]) if images else None
 
     def drop(self, name: str, key: str) -> None:
         """Forget a frame that no later pass needs."""
@@ -117,16 +114,9 @@ class KeptPixels:
 
     @staticmethod
     def _write(file: Path, image: Image) -> None:
-        temporary = temporary_path(file)
         with contextlib.suppress(OSError):  # a full disk: it is decoded again
             if file.exists():
                 return
             file.parent.mkdir(exist_ok=True)
-            if shutil.disk_usage(file.parent).free < LIMITS.free_disk_bytes:
-                return
-            try:
-                with temporary.open("wb") as opened:
-                    np.save(opened, image, allow_pickle=False)
-                temporary.replace(file)
-            finally:
-                temporary.unlink(missing_ok=True)
+            if shutil.disk_usage(file.parent).free >= LIMITS.free_disk_bytes:
+                write_arrays(file, [image])
