@@ -2,6 +2,7 @@
 
 import io
 import json
+import tracemalloc
 import zlib
 from pathlib import Path
 
@@ -263,3 +264,13 @@ def test_other_files_are_left_to_opencv() -> None:
     for content in (cv2.imencode(".png", noise)[1], cv2.imencode(".tiff", noise[..., 0].astype(np.float32))[1]):
         assert quickly_decoded(content.tobytes()) is None
     assert quickly_decoded(encode_image(noise[..., :3].astype(np.uint16), "png")) is None
+
+
+def test_a_png_that_inflates_to_more_than_its_pixels_is_not_inflated() -> None:
+    content = _file(np.zeros((9, 11, 3), np.uint8), zlib.compress(bytes(50_000_000), 1), {})
+    tracemalloc.start()
+    try:
+        assert quickly_decoded(content) is None
+        assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    finally:
+        tracemalloc.stop()

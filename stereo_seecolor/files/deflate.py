@@ -5,11 +5,11 @@ from typing import Literal
 
 try:
     from isal.isal_zlib import compress as fast_compress
-    from isal.isal_zlib import decompress as fast_inflate
+    from isal.isal_zlib import decompressobj as fast_inflater
     from isal.isal_zlib import error as fast_error
 except ImportError:  # no wheel for this machine: the same content, in more time
     fast_compress = None  # type: ignore[assignment]
-    fast_inflate, fast_error = zlib.decompress, zlib.error  # type: ignore[assignment]
+    fast_inflater, fast_error = zlib.decompressobj, zlib.error  # type: ignore[assignment]
 
 Compression = Literal["fast", "small", "repeats"]
 FAST_LEVEL = 1
@@ -31,9 +31,13 @@ def deflated(content: bytes | memoryview, compression: Compression = "fast") -> 
     return runs.compress(content) + runs.flush()
 
 
-def inflated(content: bytes) -> bytes:
-    """The content of a zlib stream. Raises ValueError if it is cut short or damaged."""
+def inflated(content: bytes, size: int) -> bytes:
+    """The ``size`` bytes of a zlib stream. Raises ValueError if it holds fewer or more, which are not inflated, or is damaged."""
+    inflater = fast_inflater()
     try:
-        return bytes(fast_inflate(content))
+        found = bytes(inflater.decompress(content, size + 1))
     except (zlib.error, fast_error) as error:  # type: ignore[misc]  # a class, whatever its stub says
         raise ValueError(str(error)) from error
+    if len(found) != size or not inflater.eof:
+        raise ValueError(f"does not hold {size} bytes")
+    return found

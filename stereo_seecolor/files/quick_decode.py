@@ -39,7 +39,8 @@ def _png(content: bytes) -> NDArray[np.uint8] | None:
     if bits != 8 or kind not in (GRAY, RGB) or interlaced or b"IEND" not in chunks or b"tRNS" in chunks:
         return None
     channels = 1 if kind == GRAY else 3
-    rows = np.frombuffer(inflated(b"".join(chunks[b"IDAT"])), np.uint8).reshape(height, width * channels + 1)
+    row = width * channels + 1
+    rows = np.frombuffer(inflated(b"".join(chunks[b"IDAT"]), height * row), np.uint8).reshape(height, row)
     if rows[:, 0].max() > PAETH:
         return None
     pixels = np.empty((height, width * channels), np.uint8)
@@ -56,8 +57,9 @@ def _tiff(content: bytes) -> NDArray[np.float32] | None:
     if tags[COMPRESSION] != DEFLATED or tags[PREDICTOR] != FLOATING_POINT or tags[BITS] != 32:
         return None
     strip = content[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
-    rows = np.frombuffer(inflated(strip), np.uint8).reshape(tags[HEIGHT], 4 * tags[WIDTH])
-    values = np.empty((tags[HEIGHT], tags[WIDTH], 4), np.uint8)
+    height, width = tags[HEIGHT], tags[WIDTH]
+    rows = np.frombuffer(inflated(strip, 4 * width * height), np.uint8).reshape(height, 4 * width)
+    values = np.empty((height, width, 4), np.uint8)
     _add_differences(rows, values)
     return values.view("<f4")[..., 0].astype(np.float32, copy=False)
 
