@@ -258,7 +258,7 @@ def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_pa
     assert (code, "in a new or an empty folder; nothing was touched" in said) == (1, True)
 
 
-def test_a_source_in_a_word(incoming, cli, tmp_path) -> None:
+def test_one_source_names_both_sides(incoming, cli, tmp_path) -> None:
     dive, folder, arrive = incoming
     arrive(0)
     calib = ("--calib", dive.root / "cam.yaml", "--pairs", 1)

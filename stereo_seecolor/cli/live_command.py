@@ -15,7 +15,7 @@ OneSource = Annotated[
     typer.Option(
         "--source",
         metavar="SOURCE",
-        help="Both sides in a word: a bag, a folder with left/ and right/ in it, LEFT,RIGHT, or a camera that shows both.",
+        help="Both sides in one option: a bag, a folder with left/ and right/ in it, LEFT,RIGHT, or a camera that shows both.",
     ),
 ]
 LeftSource = Annotated[

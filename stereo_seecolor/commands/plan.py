@@ -65,9 +65,8 @@ def plan(left: Path, right: Path, calib: str | Path, config: RunConfig | None = 
             first = next(row.error for row in (*summary.rows, *warm.rows) if row.error)
             raise InputError(f"none of {len(pairs)} pairs spread over the dive goes through; the first: {first}")
         written = sum(path.stat().st_size for path in files_below(Path(folder) / "measured"))
-    seconds = (
-        summary.stage_seconds() | light.stage_seconds
-    )  # by the clock, which runs on where the machine is busy with other things
+    # By the clock, which runs on where the machine is busy with other things.
+    seconds = summary.stage_seconds() | light.stage_seconds
     once = max(1 - sum(seconds.values()) / summary.wall_seconds, 0.0)
     number, fit_s, per_pair = len(opened.pairing.pairs), core_s * once, core_s * (1 - once) / ok
     stages = {stage: per_pair * value / sum(seconds.values()) for stage, value in seconds.items()}

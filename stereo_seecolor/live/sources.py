@@ -17,7 +17,7 @@ SIDES = ("left", "right")
 
 
 def source_of(source: str) -> tuple[str, str, Path | None]:
-    """Left side, right side and bag that are named in a word: ``dive.mcap``; ``INCOMING``, with left/ and right/ in it;
+    """Left side, right side and bag that one text names: ``dive.mcap``; ``INCOMING``, with left/ and right/ in it;
     ``LEFT,RIGHT``; or one camera that shows both sides.
     """
     path = Path(source)
