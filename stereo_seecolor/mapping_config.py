@@ -37,6 +37,11 @@ class MappingConfig(StageConfig):
         allow_inf_nan=False,
         description="Edge of a tile of the map, meters; memory grows with its square. auto: 600 voxels.",
     )
+    crs: Literal["auto", "utm", "local"] = Field(
+        default="auto",
+        description="Coordinates of all products. auto: meters around the survey's origin on Earth, where the poses say it, by "
+        "transverse Mercator at scale 1. utm: of its UTM zone (needs the geo extra). local: meters without a place on Earth.",
+    )
     mount: MountConfig = MountConfig()
     max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
     max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")

@@ -195,10 +195,15 @@ class SurveyFrame:
 
 @dataclass(frozen=True)
 class GeoOrigin:
-    """Where the map's (0, 0, 0) lies: WGS84 degrees, at the water's surface (z is minus the depth)."""
+    """Where the map's (0, 0, 0) lies: WGS84 degrees, at the water's surface (z is minus the depth).
+
+    utm_epsg: the UTM zone whose eastings and northings the map's x and y are; the degrees are then those of a place in the survey,
+    and not of (0, 0). None: x and y are meters east and north of it.
+    """
 
     latitude_deg: float
     longitude_deg: float
+    utm_epsg: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,11 +24,12 @@ from stereo_seecolor.mapping.track.mount import constant_turn
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.mapping.track.residuals import Motions, depth_difference_m
 from stereo_seecolor.mapping.track.spot_check import spot_check
-from stereo_seecolor.records import SurveyFrame, Trajectory
+from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
 from stereo_seecolor.synthetic.survey import SurveySpec
 
 Poses = NDArray[np.float64]
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
+ORIGIN = GeoOrigin(-23.5, 152.0)
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +58,7 @@ def placed(survey: Survey, reef: ReefFrames, monkeypatch: pytest.MonkeyPatch) ->
     def run(change: Callable[[Poses], Poses], config: MappingConfig | None = None, later_s: float = 0.0) -> Placed:
         true = reef.trajectory
         names = ("",) * len(true.names)
-        given = Trajectory(names, true.timestamps_s + later_s, change(true.T_world_camera.copy()))
+        given = Trajectory(names, true.timestamps_s + later_s, change(true.T_world_camera.copy()), origin=ORIGIN)
         return place_survey(survey, config or MappingConfig(), given)
 
     return run
@@ -201,12 +202,14 @@ def test_poses_of_another_dive_are_not_used(placed: Callable[..., Placed], reef:
     found = placed(lambda T: np.stack([pose(rotation_from_vector(rng.normal(0, 2, 3)), rng.normal(0, 2, 3)) for _ in T]))
     assert found.navigation is not None
     assert "are they of this dive?" in found.navigation.advice
+    assert found.origin is None  # the map lies where its own first camera was
     assert off_m(found, reef) < 0.005
 
 
 @pytest.mark.slow
 def test_given_poses_are_the_maps_but_measured(placed: Callable[..., Placed], reef: ReefFrames) -> None:
     found = placed(noisy, MappingConfig(poses="given"))
+    assert found.origin == ORIGIN
     np.testing.assert_array_equal(found.placement.T_world_camera, noisy(reef.trajectory.T_world_camera.copy()))
     assert found.navigation is not None
     assert found.navigation.position_residual_m > 0.08

@@ -29,9 +29,7 @@ def check_fusion(poses: Path | None, config: RunConfig) -> None:
     """
     from stereo_seecolor.mapping.survey_map import check
 
-    check()
-    if poses:
-        read_trajectory(poses, config.mapping.mount)
+    check(config.mapping, read_trajectory(poses, config.mapping.mount) if poses else None)
 
 
 def fuse(

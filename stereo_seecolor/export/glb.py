@@ -15,7 +15,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.files.srgb import decode_srgb
-from stereo_seecolor.mapping.raster.georeference import local_crs_name
+from stereo_seecolor.mapping.raster.georeference import crs_name
 from stereo_seecolor.run_folder.layout import MESH
 from stereo_seecolor.version import __version__
 
@@ -64,7 +64,7 @@ def _document(posed: PosedRun, arrays: dict[str, NDArray[Any]]) -> dict[str, Any
         offset += array.nbytes
     accessors[0] |= {"min": position.min(axis=0).tolist(), "max": position.max(axis=0).tolist()}
     accessors[2] |= {"normalized": True}
-    extras = {"offset_m": posed.offset_m.tolist(), "crs": local_crs_name(posed.origin)}
+    extras = {"offset_m": posed.offset_m.tolist(), "crs": crs_name(posed.origin)}
     attributes = {"POSITION": 0, "NORMAL": 1, "COLOR_0": 2}
     return {
         "asset": {"version": "2.0", "generator": f"stereo-seecolor {__version__}", "extras": extras},

@@ -5,7 +5,7 @@ import json
 import shutil
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.errors import MappingError
+from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.component import Component
@@ -23,7 +23,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, 
 from stereo_seecolor.mapping.kept_frames import KeptFrames
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
 from stereo_seecolor.mapping.raster import georeference
-from stereo_seecolor.mapping.raster.georeference import Georeference, local_crs_name
+from stereo_seecolor.mapping.raster.georeference import Georeference, crs_name
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import Frames, RecoveredFrames, Unplaced
@@ -81,12 +81,20 @@ class Workspace:
     compute: Compute = field(default_factory=lambda: Threads(1))
 
 
-def check() -> None:
+def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
     """Look at all that a map needs before the first frame; what else is missing (GTSAM, rasterio) is done without, and said.
 
-    Raises DeviceError, with the command that installs it, where a library is missing.
+    Raises DeviceError, with the command that installs it, where a library is missing; MappingError for a map in UTM of a survey
+    whose place on Earth is not known.
     """
     extraction.check_available()
+    if config.crs != "utm":
+        return
+    if trajectory is None or trajectory.origin is None:
+        what = "the poses do not say where the survey lies on Earth" if trajectory else "there are no poses"
+        raise MappingError(f"mapping.crs: utm: {what}: give --poses with latitude and longitude, or leave mapping.crs out")
+    if not georeference.available():
+        raise DeviceError("mapping.crs: utm: needs pyproj, rasterio and laspy: pip install 'stereo-seecolor[geo]'")
 
 
 def build_map(
@@ -106,7 +114,7 @@ def build_map(
     Raises DeviceError before the first frame, see ``check``; MappingError if nothing can be read or placed, or if the settings
     would take more memory or disk than there is; OutputError if the disk is full: finished tiles are kept.
     """
-    check()
+    check(config, trajectory)
     workspace = workspace or Workspace()
     scratch = workspace.scratch or out_dir / ".scratch"
     started = time.perf_counter()
@@ -116,10 +124,20 @@ def build_map(
     kept = KeptFrames(found, scratch / "frames")
     index = _index(kept, geometry, config.voxel_edge_m, workspace)
     survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch)
-    placed = place_survey(survey, config, trajectory)
-    built = _Builder(survey, placed, config, trajectory, scratch, found.lost).build_all(out_dir)
+    placed = _in_crs(place_survey(survey, config, trajectory), config)
+    built = _Builder(survey, placed, config, scratch, found.lost).build_all(out_dir)
     shutil.rmtree(scratch, ignore_errors=True)
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
+
+
+def _in_crs(placed: Placed, config: MappingConfig) -> Placed:
+    """In the coordinates that are asked for, as far as the place on Earth turned out to be known."""
+    if config.crs == "local":
+        return replace(placed, origin=None)
+    if config.crs == "auto" or placed.origin is None:
+        return placed
+    T = georeference.in_utm(placed.placement.T_world_camera, placed.origin)
+    return replace(placed, placement=replace(placed.placement, T_world_camera=T), origin=georeference.utm_of(placed.origin))
 
 
 def _summary(
@@ -157,7 +175,6 @@ class _Builder:
     survey: Survey
     placed: Placed
     config: MappingConfig
-    trajectory: Trajectory | None
     scratch: Path
     lost: dict[int, Unplaced]
 
@@ -173,7 +190,7 @@ class _Builder:
         tiling = cut(component, self.config.voxel_edge_m, self.config.tile_edge_m)
         config = with_mosaic_cell(self.config, component, tiling)
         check_tiling(tiling, config)
-        place = Georeference(component.offset_m, self.trajectory.origin if self.trajectory else None)
+        place = Georeference(component.offset_m, self.placed.origin)
         files = [_write_track(folder / "trajectory.tum", component), _write_poses(folder / "poses.csv", component, self.placed)]
         files += [_write_description(folder / "map.json", place, config)]
         store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component)
@@ -237,10 +254,8 @@ def _write_description(path: Path, place: Georeference, config: MappingConfig) -
     content = {
         "format": "stereo-seecolor/map",
         "offset_m": place.offset_m.tolist(),
-        "origin": {"latitude_deg": place.origin.latitude_deg, "longitude_deg": place.origin.longitude_deg}
-        if place.origin
-        else None,
-        "crs": local_crs_name(place.origin),
+        "origin": asdict(place.origin) if place.origin else None,
+        "crs": crs_name(place.origin),
         "voxel_m": config.voxel_edge_m,
         "dem_m": config.terrain_cell_m,
         "mosaic_m": config.mosaic_cell_m,
@@ -252,7 +267,7 @@ def _write_description(path: Path, place: Georeference, config: MappingConfig) -
 
 def _comment(place: Georeference) -> str:
     """For the headers of the PLY files."""
-    lines = ["stereo-seecolor, meters: x east, y north, z up", f"crs {local_crs_name(place.origin)}"]
+    lines = ["stereo-seecolor, meters: x east, y north, z up", f"crs {crs_name(place.origin)}"]
     if place.offset_m.any():
         lines.append("offset " + " ".join(f"{value:.3f}" for value in place.offset_m) + ": add it to get world coordinates")
     return "\n".join(lines)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.export.posed_run import PosedRun
-from stereo_seecolor.mapping.raster.georeference import local_crs_wkt
+from stereo_seecolor.mapping.raster.georeference import crs_wkt
 from stereo_seecolor.metrics.outlines import Outline, Ring
 from stereo_seecolor.run_folder.layout import MOSAIC
 
@@ -69,7 +69,7 @@ def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
         return lambda ring: ring - posed.offset_m[:2]
     import pyproj
 
-    local = local_crs_wkt(posed.origin)
+    local = crs_wkt(posed.origin)
     place = np.array([posed.origin.longitude_deg, posed.origin.latitude_deg])
 
     def turn(ring: NDArray[np.float64]) -> Ring:

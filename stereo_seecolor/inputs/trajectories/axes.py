@@ -78,7 +78,12 @@ def north_east_from_degrees(latitude_deg: ArrayLike, longitude_deg: ArrayLike, o
 
 
 def degrees_from_north_east(north_m: float, east_m: float, origin: GeoOrigin) -> tuple[float, float]:
-    """Latitude and longitude of a point that lies so far from the origin: the inverse of ``north_east_from_degrees``."""
+    """Latitude and longitude of a point of a map: the inverse of ``north_east_from_degrees``, or of the map's UTM zone."""
+    if origin.utm_epsg:
+        import pyproj  # a map in UTM was made with it
+
+        longitude, latitude = pyproj.Transformer.from_crs(origin.utm_epsg, "OGC:CRS84", always_xy=True).transform(east_m, north_m)
+        return float(latitude), float(longitude)
     latitude_deg, longitude_deg = origin.latitude_deg, origin.longitude_deg
     latitude_0 = np.radians(origin.latitude_deg)
     radius_m = _SEMI_MAJOR_M / np.sqrt(_flattened(latitude_0))

@@ -1,6 +1,6 @@
 """Where the map lies on Earth, in the words of geographic programs; needs the ``geo`` extra."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +8,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.ply import read_vertices
+from stereo_seecolor.geometry import rotation_from_vector
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.records import GeoOrigin
 
+NORTH, SOUTH = 32600, 32700
+"""EPSG numbers of WGS 84's UTM zones, less the zone."""
 CHUNK = 1_000_000
 """Points at a time: 27 MB."""
 
@@ -23,10 +26,12 @@ class Georeference:
     origin: GeoOrigin | None
 
 
-def local_crs_name(origin: GeoOrigin | None) -> str:
-    """The map's own coordinates in words."""
+def crs_name(origin: GeoOrigin | None) -> str:
+    """The map's coordinates in words."""
     if origin is None:
-        return "local meters, place on Earth unknown"
+        return "local meters, no place on Earth"
+    if origin.utm_epsg:
+        return f"EPSG:{origin.utm_epsg} (WGS84, UTM zone {origin.utm_epsg % 100}{'N' if origin.utm_epsg < SOUTH else 'S'})"
     return f"transverse Mercator around latitude {origin.latitude_deg:.9f}, longitude {origin.longitude_deg:.9f} (WGS84), scale 1"
 
 
@@ -41,15 +46,42 @@ def available() -> bool:
     return True
 
 
-def local_crs_wkt(origin: GeoOrigin) -> str:
-    """Transverse Mercator around the map's origin at scale 1: the map's own meters, north up; any GIS projects it on.
+def crs_wkt(origin: GeoOrigin) -> str:
+    """The map's UTM zone, or transverse Mercator around the map's origin at scale 1: its own meters, north up.
 
-    The convention of ACFR's stereo_pose_est.data. UTM would shrink lengths by up to 0.04 % and turn north by up to 3 degrees.
+    The latter is the convention of ACFR's stereo_pose_est.data. UTM shrinks lengths by up to 0.04 % and turns north by up to 3
+    degrees.
     """
     import pyproj
 
+    if origin.utm_epsg:
+        return str(pyproj.CRS.from_epsg(origin.utm_epsg).to_wkt())
     projection = f"+proj=tmerc +lat_0={origin.latitude_deg!r} +lon_0={origin.longitude_deg!r} +k=1 +x_0=0 +y_0=0 +datum=WGS84"
     return str(pyproj.CRS.from_proj4(f"{projection} +units=m +no_defs +type=crs").to_wkt())
+
+
+def utm_of(origin: GeoOrigin) -> GeoOrigin:
+    """The same place in the coordinates of its UTM zone."""
+    zone = int((origin.longitude_deg + 180) % 360 // 6) + 1
+    return replace(origin, utm_epsg=(NORTH if origin.latitude_deg >= 0 else SOUTH) + zone)
+
+
+def in_utm(T_world_camera: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np.float64]:
+    """Poses (N, 4, 4) in meters around the origin as poses in its UTM zone, each turned by the meridians' convergence there.
+
+    What a frame saw keeps its true size: between frames UTM is up to 0.04 % shorter, a millimeter over two meters.
+    """
+    import pyproj
+
+    turn = pyproj.Transformer.from_crs(crs_wkt(origin), utm_of(origin).utm_epsg, always_xy=True).transform
+    known = np.isfinite(T_world_camera[:, 0, 3])
+    position = T_world_camera[known, :3, 3]
+    (east, north), beside = turn(*position[:, :2].T), turn(position[:, 0] + 1, position[:, 1])
+    convergence = np.arctan2(np.asarray(beside[1]) - north, np.asarray(beside[0]) - east)
+    T = T_world_camera.copy()
+    T[known, :3, :3] = rotation_from_vector(convergence[:, None] * [0.0, 0.0, 1.0]) @ T[known, :3, :3]
+    T[known, 0, 3], T[known, 1, 3] = east, north
+    return T
 
 
 def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()) -> None:
@@ -65,7 +97,7 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
     profile = {
         "driver": "GTiff", "dtype": raster.dtype, "count": raster.bands, "height": grid.shape[0], "width": grid.shape[1],
         "tiled": True, "blockxsize": 256, "blockysize": 256, "compress": "deflate", "predictor": 3 if floating else 2,
-        "bigtiff": "if_safer", "sparse_ok": True, "crs": local_crs_wkt(place.origin) if place.origin else None,
+        "bigtiff": "if_safer", "sparse_ok": True, "crs": crs_wkt(place.origin) if place.origin else None,
         "transform": rasterio.Affine(grid.cell_m, 0, west_m, 0, -grid.cell_m, north_m),
         "nodata": np.nan if floating else None,
     }  # fmt: skip
@@ -92,7 +124,7 @@ def write_laz(path: Path, cloud: Path, place: Georeference) -> None:
     header = laspy.LasHeader(point_format=7, version="1.4")
     header.scales = np.full(3, 0.001)
     header.offsets = np.array([*np.floor(place.offset_m[:2]), 0.0])
-    header.add_crs(pyproj.CRS.from_wkt(local_crs_wkt(place.origin)))
+    header.add_crs(pyproj.CRS.from_wkt(crs_wkt(place.origin)))
     vertices = read_vertices(cloud)
     with (
         atomic_path(path) as temporary,

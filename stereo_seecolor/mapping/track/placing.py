@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,17 +17,29 @@ from stereo_seecolor.mapping.track.placement import place
 from stereo_seecolor.mapping.track.refinement import refined
 from stereo_seecolor.mapping.track.spot_check import spot_check
 from stereo_seecolor.mapping.track.upright import upright
-from stereo_seecolor.records import Trajectory
+from stereo_seecolor.records import GeoOrigin, Trajectory
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A survey's placement; what became of given poses, None without any; and each frame's residuals (N,), NaN where unknown."""
+    """A survey's placement; what became of given poses, None without any; and each frame's residuals (N,), NaN where unknown.
+
+    origin: where the placement's world lies on Earth, None where that is not known.
+    """
 
     placement: Placement
     navigation: Navigation | None
     position_residual_m: NDArray[np.float64]
     attitude_residual_deg: NDArray[np.float64]
+    origin: GeoOrigin | None = None
+
+
+class _Used(NamedTuple):
+    """A placement, what became of the poses for it, and whether its world is theirs."""
+
+    placement: Placement
+    navigation: Navigation
+    in_their_world: bool = True
 
 
 def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
@@ -45,26 +58,27 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
         return Placed(upright(own, survey.index, "unknown"), None, unknown, unknown)
     if trajectory.fixes:
         own = upright(_own(odometry.follow(survey), config), survey.index, "unknown")
-        return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown)
+        return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown, trajectory.origin)
     given = place(survey.index, trajectory, config)
     spots = spot_check(survey, given, config.voxel_edge_m)
     exact = _as_given_or_none(given, survey, trajectory) if spots.exact else None
     if exact is not None:
         verdict = examine(given, survey, spots.edges, trajectory, config)
-        return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg)
+        return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg, trajectory.origin)
     track = odometry.follow(survey)
     verdict = examine(given, survey, track.edges, trajectory, config)
     if config.poses == "given" or not verdict.navigation.relative_poses:
-        placed = _as_given(given, survey, trajectory), verdict.navigation
+        used = _Used(_as_given(given, survey, trajectory), verdict.navigation)
     elif not pose_graph.available():
         missing = "the given poses were taken as they are: to fit them to the pictures, pip install 'stereo-seecolor[slam]' (GTSAM)"
-        placed = _as_given(verdict.placement, survey, trajectory).with_warnings(missing), verdict.navigation
+        used = _Used(_as_given(verdict.placement, survey, trajectory).with_warnings(missing), verdict.navigation)
     else:
-        placed = _fitted(track, verdict, trajectory, config)
-    placement, navigation = placed
+        used = _fitted(track, verdict, trajectory, config)
+    placement, navigation, in_their_world = used
     if navigation.advice:
         placement = placement.with_warnings(navigation.advice)
-    return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg)
+    origin = trajectory.origin if in_their_world else None
+    return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg, origin)
 
 
 def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
@@ -79,7 +93,7 @@ def _as_given_or_none(given: Placement, survey: Survey, trajectory: Trajectory) 
         return None
 
 
-def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig) -> tuple[Placement, Navigation]:
+def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig) -> _Used:
     """By pictures and poses together, or by pictures alone where the poses contradict them or are upside down."""
     navigation, index = verdict.navigation, track.survey.index
     own = _own(track, config)
@@ -91,7 +105,7 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
             navigation = replace(navigation, fits=False, advice=down)
     if not navigation.fits:
         alone = "the map was made by the pictures alone"
-        return upright(own, index, "unknown").with_warnings(alone), navigation
+        return _Used(upright(own, index, "unknown").with_warnings(alone), navigation, in_their_world=False)
     known = priors(own, verdict.placement, config)
     position, _, depth = known[0].position_std_m
     navigation = replace(
@@ -101,7 +115,7 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
         attitude_std_deg=float(np.degrees(known[0].attitude_std_rad)),
     )
     fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), config, known)
-    return upright(fitted, index, trajectory.up), navigation
+    return _Used(upright(fitted, index, trajectory.up), navigation)
 
 
 def _own(track: odometry.Track, config: MappingConfig) -> Placement:

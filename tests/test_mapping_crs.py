@@ -1,0 +1,99 @@
+"""Coordinates of a map: meters around its origin, its UTM zone, or meters that lie nowhere."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pyproj
+import pytest
+import rasterio
+from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.markers import open_posed_run
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import MappingError
+from stereo_seecolor.export import tiles_3d
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.geometry import transformed
+from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, geodetic_from_geocentric
+from stereo_seecolor.mapping.raster.georeference import crs_name, crs_wkt, in_utm, utm_of
+from stereo_seecolor.mapping.survey_map import build_map, check
+from stereo_seecolor.records import GeoOrigin
+
+ORIGIN = GeoOrigin(-23.5, 152.0)
+TO_UTM = pyproj.Transformer.from_crs(crs_wkt(ORIGIN), 32756, always_xy=True)
+
+
+def test_poses_in_utm_lie_and_head_where_the_zone_says() -> None:
+    T = track(3, step_m=400.0).T_world_camera
+    moved = in_utm(T, ORIGIN)
+    for at in ([0.0, 0, 0], [1.0, 0, 0], [0.0, 1, 0]):
+        for before, after in zip(T, moved, strict=True):
+            x, y, z = transformed(before, np.array(at))
+            np.testing.assert_allclose(transformed(after, np.array(at)), [*TO_UTM.transform(x, y), z], atol=5e-4)
+    lost = np.concatenate([T, np.full((1, 4, 4), np.nan)])
+    assert np.isnan(in_utm(lost, ORIGIN)[3]).all() and np.isfinite(in_utm(lost, ORIGIN)[:3]).all()
+    x, y = moved[2, :2, 3]
+    expected = degrees_from_north_east(float(T[2, 1, 3]), float(T[2, 0, 3]), ORIGIN)
+    assert degrees_from_north_east(y, x, utm_of(ORIGIN)) == pytest.approx(expected, abs=1e-8)
+
+
+@pytest.mark.parametrize(("place", "zone"), [((-23.5, 152.0), 32756), ((10.0, -179.99), 32601), ((0.0, 180.0), 32601)])
+def test_the_zone_is_that_of_the_place(place: tuple[float, float], zone: int) -> None:
+    assert utm_of(GeoOrigin(*place)).utm_epsg == zone
+    assert crs_name(utm_of(GeoOrigin(*place))).startswith(f"EPSG:{zone} (WGS84, UTM zone {zone % 100}")
+
+
+def test_utm_needs_a_place_on_earth() -> None:
+    config = CONFIG.model_copy(update={"crs": "utm"})
+    with pytest.raises(MappingError, match=r"mapping\.crs: utm: there are no poses: give --poses with latitude"):
+        check(config, None)
+    with pytest.raises(MappingError, match="the poses do not say where the survey lies on Earth"):
+        check(config, track(3))
+    check(config, replace(track(3), origin=ORIGIN))
+
+
+@pytest.mark.slow
+def test_all_products_of_a_map_in_utm_agree_and_its_export_lies_on_the_globe(tmp_path: Path) -> None:
+    import laspy
+
+    plain = replace(track(3), origin=ORIGIN)
+    write_run(tmp_path / "out", [flat_frame(i) for i in range(3)], PAIR)
+    write_tum(tmp_path / "nav.tum", plain)
+    fuse(tmp_path / "out", tmp_path / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})))
+    folder = tmp_path / "out" / "map"
+    for path in folder.iterdir():
+        path.unlink()
+    build_map([flat_frame(i) for i in range(3)], PAIR, folder, CONFIG.model_copy(update={"crs": "utm"}), plain)
+    with rasterio.open(folder / "dem.tif") as dem:
+        assert dem.crs.to_epsg() == 32756
+        west, north = dem.bounds.left, dem.bounds.top
+    np.testing.assert_allclose([west, north], TO_UTM.transform(-0.6, 0.48), atol=0.06)
+    with laspy.open(folder / "cloud.laz") as file:
+        assert file.header.parse_crs().to_epsg() == 32756
+        np.testing.assert_allclose(file.header.mins[0], west, atol=0.05)
+    header = (folder / "cloud.ply").read_bytes()[:600].decode(errors="replace")
+    offset_m = json.loads((folder / "map.json").read_text())["offset_m"]
+    assert "comment crs EPSG:32756" in header and f"comment offset {offset_m[0]:.3f} {offset_m[1]:.3f}" in header
+    posed = open_posed_run(tmp_path / "out")
+    tiles_3d.write(posed, tmp_path)
+    tileset = json.loads((tmp_path / "tileset.json").read_text())
+    assert tileset["asset"]["extras"]["crs"].startswith("EPSG:32756")
+    T = np.array(tileset["root"]["transform"]).reshape(4, 4).T
+    local = posed.T_map_camera[2, :3, 3]
+    latitude, longitude, height = geodetic_from_geocentric(transformed(T, local))
+    expected = degrees_from_north_east(0.0, 0.6, ORIGIN)
+    assert ((latitude, longitude), height) == (pytest.approx(expected, abs=1e-8), pytest.approx(1.5, abs=0.002))
+
+
+@pytest.mark.slow
+def test_a_local_map_names_no_place(tmp_path: Path) -> None:
+    config = CONFIG.model_copy(update={"crs": "local"})
+    summary = build_map([flat_frame(i) for i in range(2)], PAIR, tmp_path, config, replace(track(2), origin=ORIGIN))
+    assert "cloud.laz" not in {path.name for path in summary.files}
+    assert json.loads((tmp_path / "map.json").read_text())["origin"] is None
+    with rasterio.open(tmp_path / "dem.tif") as dem:
+        assert dem.crs is None
+    assert b"comment crs local meters, no place on Earth" in (tmp_path / "mesh.ply").read_bytes()[:400]
