@@ -147,6 +147,7 @@ def test_swapped_folders_stop_the_run(make_dive, cli, tmp_path) -> None:
     assert code == 1
     assert re.search(r"left and right look swapped: \d+% of \d+ points .*: exchange --left and --right", said)
     assert said.count("\n") == 1
+    assert cli(*dive.command(tmp_path / "out"))[0] == 0  # the refused run wrote nothing, and its folder is free
 
 
 def test_a_calibration_of_another_size_stops_the_run(make_dive, cli, tmp_path) -> None:

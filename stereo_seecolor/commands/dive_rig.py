@@ -75,8 +75,8 @@ def rows_note(rectification: Rectification, rig: StereoRig, pairs: Sequence[Pair
     if check.swapped and exchanging_helps(rig, list(first_images(pairs, images))):
         raise InputError(
             f"left and right look swapped: {check.behind_fraction:.0%} of {check.matches} points in {check.pairs} pairs lie behind "
-            "infinity, and in front the other way round: exchange --left and --right (or see whether both sides are numbered alike, "
-            "and whether the images were turned by 180 degrees since the calibration)"
+            "infinity, and in front the other way round: exchange --left and --right (or see whether both sides are numbered "
+            "alike, and whether the images were turned by 180 degrees since the calibration)"
         )
     return (f"calibration: {check.warning}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)
 

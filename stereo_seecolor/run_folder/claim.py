@@ -62,11 +62,16 @@ def check_claim(manifest: Manifest, owner: Owner, overwrite: bool, inputs: Seque
         return
     if overwrite:
         refuse_inputs(root, deleted_by_overwrite(manifest), inputs)
-    elif not owner.owns(manifest.dive().identity):
+    elif _holds_results(manifest) and not owner.owns(manifest.dive().identity):
         raise OutputError(
             f"{root}: holds the results of another dive or command: choose another --out, or delete them with --overwrite"
         )
     refuse_foreign(manifest)
+
+
+def _holds_results(manifest: Manifest) -> bool:
+    """False after a run that was refused before its first pair, such as one with exchanged sides."""
+    return bool(manifest.names() or manifest.dive().files)
 
 
 def refuse_links(root: Path) -> None:
