@@ -16,6 +16,7 @@ from stereo_seecolor.color.photometry.sightings import KeyFrame, View, look
 from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.relative_pose import relative_pose
@@ -64,12 +65,11 @@ SAMPLE = SampleSettings()
 
 @dataclass(frozen=True)
 class StretchSettings:
-    """Frames that are looked at together, as one piece of work: the cut shows in no result."""
+    """Frames that are looked at together, as one piece of work for all cores: the cut shows in no result."""
 
-    least: int = 16
-    """A stretch begins with four frames of the one before, which are read twice."""
-    most: int = 64
-    """Some five seconds of work, so that 10,000 frames are enough for a hundred workers."""
+    frames: int = 64
+    """A stretch begins with four frames of the one before, which are looked at twice. Some five seconds of work for one core, so
+    that 10,000 frames are enough for a hundred workers; the pattern of a dive is solved from one stretch."""
 
 
 STRETCH = StretchSettings()
@@ -156,7 +156,7 @@ class LightSearch:
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[_Stretch], list[Shown]]") -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""
-        for shown in self.compute.each(look_at, _stretches(numbers, self.frames)):
+        for shown in self.compute.tiles(look_at, _stretches(numbers, self.frames)):
             yield from shown
 
 
@@ -170,7 +170,7 @@ class _Stretch:
 
 def _stretches(numbers: Sequence[int], frames: Sequence[tuple[str, Any]]) -> Iterator[_Stretch]:
     """All numbers, each once but for those that a stretch begins with to hold its own against."""
-    length, back = min(max(-(-len(numbers) // 2), STRETCH.least), STRETCH.most), max(LOOK.back)
+    length, back = STRETCH.frames, max(LOOK.back)
     for start in range(0, len(numbers), length):
         before = [number for number in numbers[max(start - back, 0) : start] if numbers[start] - number <= back]
         several = [*before, *numbers[start : start + length]]
@@ -189,9 +189,8 @@ class _FrameLook:
     def windows(self, stretch: _Stretch) -> Iterator[SeenWindow]:
         """Those of a stretch's own frames."""
         last: list[_Seen] = []
-        for place, (number, frame) in enumerate(stretch.frames):
-            seen = self._seen(number, frame)
-            before = [other for other in last if number - other.number in LOOK.back]
+        for place, seen in enumerate(Threads(cores()).each(self._seen, stretch.frames)):
+            before = [other for other in last if seen.number - other.number in LOOK.back]
             window = self._window(seen, before) if place >= stretch.before else None
             if window:
                 yield window
@@ -209,7 +208,8 @@ class _FrameLook:
             return None
         return SeenWindow(np.array(seen_by), look(frame.view.patches_m(LOOK.patches), views))
 
-    def _seen(self, number: int, source: Any) -> _Seen:
+    def _seen(self, frame: tuple[int, Any]) -> _Seen:
+        number, source = frame
         image, range_m = self.read(source)
         every, geometry = self.every, self.geometry
         height, width = (side // every for side in range_m.shape)
@@ -217,9 +217,9 @@ class _FrameLook:
         ranges = np.ascontiguousarray(range_m[every // 2 :: every, every // 2 :: every][:height, :width])
         shown = small if small.dtype == np.uint8 else (small >> 8).astype(np.uint8)
         known = np.isfinite(ranges).astype(np.float32)
-        frame = SurveyFrame("", None, shown, ranges, estimated_range_std_m(ranges, geometry), known)
+        shown_frame = SurveyFrame("", None, shown, ranges, estimated_range_std_m(ranges, geometry), known)
         view = View.of(KeyFrame(small, ranges, np.eye(4)), geometry, self.encoding)
-        return _Seen(number, view, detect(frame, geometry, FEATURES))
+        return _Seen(number, view, detect(shown_frame, geometry, FEATURES))
 
 
 @dataclass(frozen=True, eq=False)

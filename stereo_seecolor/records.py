@@ -109,7 +109,7 @@ class RangeMap:
         """The same map with other ranges, of which ``filled`` were not measured."""
         return replace(self, range_m=range_m, filled=filled)
 
-    @property
+    @cached_property  # asked for up to four times a map
     def measured_m(self) -> Map:
         """range_m with everything that was filled in taken out again."""
         return np.where(self.filled, np.float32(np.nan), self.range_m)

@@ -227,12 +227,15 @@ def test_own_files_are_read_as_opencv_reads_them(compression: Compression) -> No
         encode_image(np.repeat(noise[..., :1], 3, axis=2), "png", compression=compression),
         encode_mask(codes, compression),
         encode_map(ranges, compression),
+        encode_map(ranges),
     ):
         found, expected = quickly_decoded(content), cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
         assert found is not None
         assert found.dtype == expected.dtype
         np.testing.assert_array_equal(found, expected[..., ::-1] if expected.ndim == 3 else expected)
         assert all(quickly_decoded(content[:size]) is None for size in (0, 10, 60, len(content) // 2, len(content) - 13))
+        if content == encode_map(ranges):
+            continue  # its pixels have no checksum
         wrong = bytearray(content)
         wrong[len(content) // 2] ^= 255
         again = quickly_decoded(bytes(wrong))
@@ -261,7 +264,7 @@ def test_every_filter_of_png_is_undone(kind: int) -> None:
 
 def test_other_files_are_left_to_opencv() -> None:
     noise = RNG.integers(0, 255, (37, 51, 4), dtype=np.uint8)
-    for content in (cv2.imencode(".png", noise)[1], cv2.imencode(".tiff", noise[..., 0].astype(np.float32))[1]):
+    for content in (cv2.imencode(".png", noise)[1], cv2.imencode(".tiff", noise[..., 0])[1]):
         assert quickly_decoded(content.tobytes()) is None
     assert quickly_decoded(encode_image(noise[..., :3].astype(np.uint16), "png")) is None
 

@@ -1,4 +1,4 @@
-"""PNG of 8 bits, and the program's own deflated TIFF (tiff.py), back to arrays in half the time that OpenCV takes."""
+"""PNG of 8 bits, and the program's own TIFF (tiff.py), back to arrays in at most half the time that OpenCV takes."""
 
 import struct
 from typing import Any
@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.files.deflate import inflated
 from stereo_seecolor.files.png import AVERAGE, GRAY, RGB, SIGNATURE
-from stereo_seecolor.files.tiff import DEFLATED, FLOATING_POINT
+from stereo_seecolor.files.tiff import BLACK_IS_ZERO, DEFLATED, FLOAT, FLOATING_POINT, UNCOMPRESSED
 
-COMPRESSION, PREDICTOR, WIDTH, HEIGHT, BITS, STRIP, STRIP_BYTES = 259, 317, 256, 257, 258, 273, 279
+COMPRESSION, PREDICTOR, WIDTH, HEIGHT, STRIP, STRIP_BYTES = 259, 317, 256, 257, 273, 279
+FLOAT_GRAY = {258: 32, 262: BLACK_IS_ZERO, 277: 1, 339: FLOAT}
+"""Tag -> value: bits, what 0 means, values a pixel, and their kind."""
 SHORT = 3
 SUB, UP, PAETH = 1, 2, 4
 """Filters of PNG that other programs use."""
@@ -49,15 +51,19 @@ def _png(content: bytes) -> NDArray[np.uint8] | None:
 
 
 def _tiff(content: bytes) -> NDArray[np.float32] | None:
-    """One deflated strip of float32 with the predictor of floating point."""
+    """One strip of float32, as it is, or deflated with the predictor of floating point."""
     (at,) = struct.unpack_from("<I", content, 4)
     (count,) = struct.unpack_from("<H", content, at)
     entries = (struct.unpack_from("<HHII", content, at + 2 + 12 * i) for i in range(count))
     tags = {tag: value & 0xFFFF if kind == SHORT else value for tag, kind, length, value in entries if length == 1}
-    if tags[COMPRESSION] != DEFLATED or tags[PREDICTOR] != FLOATING_POINT or tags[BITS] != 32:
+    if any(tags[tag] != value for tag, value in FLOAT_GRAY.items()):
         return None
     strip = content[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
     height, width = tags[HEIGHT], tags[WIDTH]
+    if tags[COMPRESSION] == UNCOMPRESSED:
+        return np.frombuffer(strip, "<f4").reshape(height, width).astype(np.float32)
+    if tags[COMPRESSION] != DEFLATED or tags[PREDICTOR] != FLOATING_POINT:
+        return None
     rows = np.frombuffer(inflated(strip, 4 * width * height), np.uint8).reshape(height, 4 * width)
     values = np.empty((height, width, 4), np.uint8)
     _add_differences(rows, values)
