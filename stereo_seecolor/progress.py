@@ -3,6 +3,7 @@
 import logging
 import re
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal, Protocol
@@ -83,7 +84,8 @@ class RunOptions:
     workers: pairs under way at once. overwrite: begin anew in a used folder. strict: stop at the first bad pair.
     verify: read and hash every input again, also those whose size and time are those of an earlier run.
     config_file: where the settings came from, so that it is never deleted. command_line: for run.json.
-    listener: hears how far the job is; by default the log of this module does. shard: which part of the dive's pairs is done.
+    listener: hears how far the job is; by default the log of this module does. notice: is given what a person should know before
+    the work begins, a line each; by default to the log. shard: which part of the dive's pairs is done.
     cluster: where the work runs instead of on this machine's threads.
     water: the water.json of an earlier dive, used instead of a fit.
     page: when OUT/index.html is written: never, at the end, or while the run works as well.
@@ -100,6 +102,7 @@ class RunOptions:
     cluster: Compute | None = None
     water: Path | None = None
     page: PageTime = "end"
+    notice: Callable[[str], None] = log.info
 
     @property
     def compute(self) -> Compute:

@@ -1,14 +1,17 @@
 """Room on the disk: what a run needs is told before it begins, and refused where it cannot end."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from conftest import Cli, Dive
 
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.run_folder import disk_need
-from stereo_seecolor.run_folder.disk_need import check_room, need_bytes
+from stereo_seecolor.run_folder.disk_need import Room, need_bytes
 
 PIXELS = 1280 * 1024
 
@@ -27,11 +30,21 @@ def test_the_need_is_that_of_the_table_in_the_documentation(output: OutputConfig
 
 def test_a_disk_that_is_too_small_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     free(monkeypatch, 1e9)
-    with pytest.raises(OutputError, match=r"2000 pairs need about 62 GB, and 1 GB are free: set output\.preset=lean"):
-        check_room(tmp_path, 2000, 31e6)
+    with pytest.raises(OutputError, match=r"disk: 2000 pairs need about 62 GB, and 1 GB are free: set output\.preset=lean"):
+        Room.checked(tmp_path, 2000, 31e6)
 
 
 def test_one_that_may_be_too_small_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     free(monkeypatch, 50e9)
-    assert check_room(tmp_path, 2000, 31e6) == "disk: 2000 pairs need about 62 GB, and 50 GB are free"
-    assert check_room(tmp_path, 1000, 31e6) == ""
+    room = Room.checked(tmp_path, 2000, 31e6)
+    assert room.is_tight
+    assert room.line == "disk: 2000 pairs need about 62 GB, and 50 GB are free"
+    assert not Room.checked(tmp_path, 1000, 31e6).is_tight
+
+
+def test_the_need_is_printed_before_the_work_begins(make_dive: Callable[..., Dive], cli: Cli, tmp_path: Path) -> None:
+    dive = make_dive(2)
+    _, _, said = cli(*dive.command(tmp_path / "out", command="range"))
+    assert re.match(r"disk: 2 pairs need about [\d.e-]+ GB, and [\d.e+]+ GB are free\nranges: 0 of 2\n", said)
+    _, _, said = cli(*dive.command(tmp_path / "out", command="range"))
+    assert "disk:" not in said  # nothing more is needed

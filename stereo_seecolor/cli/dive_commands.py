@@ -103,7 +103,7 @@ def run(
                 check_fusion(poses, loaded)
             chosen = run_options(workers, overwrite, strict, verify, config, listener)
             when: PageTime = "live" if page else "none" if fuse else "end"
-            options = replace(chosen, shard=part, cluster=compute, water=water, page=when)
+            options = replace(chosen, shard=part, cluster=compute, water=water, page=when, notice=report.notice)
             summary = _run(left, right, calib, bag, topics)(out, loaded, options)
         if summary.stopped:
             _end(report, summary, out)
@@ -192,7 +192,7 @@ def range_(
 
     report = Report("range", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        options = run_options(workers, overwrite, strict, verify, config, listener)
+        options = replace(run_options(workers, overwrite, strict, verify, config, listener), notice=report.notice)
         summary = range_maps(left, right, calib, out, load_config(config, with_refine(settings, refine)), options)
     _end(report, summary, out)
 

@@ -13,7 +13,7 @@ import typer
 from stereo_seecolor.cli.errors import EXIT_DONE, is_known
 from stereo_seecolor.cli.json_output import json_line
 from stereo_seecolor.cli.logs import logging_to
-from stereo_seecolor.cli.streams import write_out
+from stereo_seecolor.cli.streams import write_error, write_out
 
 if TYPE_CHECKING:
     from stereo_seecolor.cli.options import ProgressKind
@@ -70,6 +70,13 @@ class Report:
                 log.error("%s failed: %s", self.command, error, exc_info=self.verbose or not is_known(error))
                 raise
             log.info("%s ended", self.command)
+
+    def notice(self, line: str) -> None:
+        """A line on standard error, in the form of the progress, and in the log."""
+        log.info(line)
+        kind = self._kind()
+        if kind != "none":
+            write_error(json_line({"event": "notice", "text": line}) if kind == "json" else f"{line}\n")
 
     def say(self, text: str) -> None:
         """Print a part of the result at once; JSON is one object, printed at the end."""

@@ -15,7 +15,7 @@ from stereo_seecolor.dive import Dive
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Water
-from stereo_seecolor.run_folder.disk_need import check_room, need_bytes
+from stereo_seecolor.run_folder.disk_need import Room, need_bytes
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import RIG, WATER, Stage, state
@@ -92,12 +92,14 @@ class StereoCommand:
                 return stereo_job(opened, self, passes).conduct(folder, self.options)
 
     def _with_room(self, opened: Opened, folder: RunFolder) -> Opened:
-        """The same, with a note where the disk may be too small for the pairs that OUT does not hold yet."""
+        """The same; says how much of the disk the pairs take that OUT does not hold yet, and notes where that may be too much."""
         known = set(folder.manifest.names())
         new = sum(pair.name not in known for pair in opened.pairing.pairs)
         width, height = opened.pipeline.rectification.matching_pair.image_size
-        note = check_room(folder.root, new, need_bytes(self.config.output, width * height, self.last == "corrected"))
-        return replace(opened, pairing=opened.pairing.with_notes((note,))) if note else opened
+        room = Room.checked(folder.root, new, need_bytes(self.config.output, width * height, self.last == "corrected"))
+        if new:
+            self.options.notice(room.line)
+        return replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_tight else opened
 
 
 def stereo_job(opened: Opened, command: StereoCommand, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:

@@ -1,14 +1,11 @@
 """How much room a run takes on the disk: said before it begins, and refused where it cannot end."""
 
-import logging
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import OutputError
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -37,11 +34,28 @@ def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
     return pixels * total
 
 
-def check_room(root: Path, pairs: int, pair_bytes: float) -> str:
-    """A warning where the disk of OUT may be too small for so many more pairs, else "". Raises OutputError where it is."""
-    need, free = pairs * pair_bytes, shutil.disk_usage(root).free
-    line = f"{pairs} pairs need about {need / 1e9:.2g} GB, and {free / 1e9:.2g} GB are free"
-    log.info("disk: %s", line)
-    if need * BYTES.least > free:
-        raise OutputError(f"{root}: {line}: set output.preset=lean, or choose an --out on another disk")
-    return f"disk: {line}" if need > free else ""
+@dataclass(frozen=True)
+class Room:
+    """What so many more pairs need on the disk of OUT, and what is free there: bytes."""
+
+    pairs: int
+    need: float
+    free: float
+
+    @classmethod
+    def checked(cls, root: Path, pairs: int, pair_bytes: float) -> "Room":
+        """Raises OutputError where the disk is too small."""
+        room = cls(pairs, pairs * pair_bytes, shutil.disk_usage(root).free)
+        if room.need * BYTES.least > room.free:
+            raise OutputError(f"{root}: {room.line}: set output.preset=lean, or choose an --out on another disk")
+        return room
+
+    @property
+    def line(self) -> str:
+        """For a person, before the work begins."""
+        return f"disk: {self.pairs} pairs need about {self.need / 1e9:.2g} GB, and {self.free / 1e9:.2g} GB are free"
+
+    @property
+    def is_tight(self) -> bool:
+        """True if the disk may turn out too small."""
+        return self.need > self.free
