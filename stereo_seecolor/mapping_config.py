@@ -2,7 +2,7 @@
 
 from typing import Any, Literal, Self
 
-from pydantic import Field, model_validator
+from pydantic import Field, FilePath, model_validator
 
 from stereo_seecolor.stage_config import StageConfig
 
@@ -20,6 +20,26 @@ class MountConfig(StageConfig):
     roll_deg: float = Field(default=0.0, description="Turn about the vehicle's x axis, degrees.")
     pitch_deg: float = Field(default=0.0, description="Turn about the vehicle's y axis, degrees.")
     yaw_deg: float = Field(default=90.0, description="Turn about the vehicle's z axis; 90: the top of the image is the bow.")
+
+
+class MarkersConfig(StageConfig):
+    """Square markers on the bottom of which something is known: they hold the map's scale, shape and place (docs/markers.md)."""
+
+    edge_m: float | None = Field(default=None, gt=0, description="Edge of the black border that all of them have, meters.")
+    family: Literal["36h11", "25h9", "16h5", "aruco-4x4", "aruco-5x5", "aruco-6x6", "aruco-original"] = Field(
+        default="36h11", description="What they are of: an AprilTag family, or ArUco."
+    )
+    bars: FilePath | None = Field(
+        default=None, description="Scale bars, a CSV with first, second, length_m: middles of two markers."
+    )
+    points: FilePath | None = Field(
+        default=None, description="Surveyed places of markers, a CSV with marker, x_m, y_m, z_m and, if known, std_m (1 cm)."
+    )
+
+    @property
+    def known(self) -> bool:
+        """Whether anything is known of them."""
+        return bool(self.edge_m or self.bars or self.points)
 
 
 class MappingConfig(StageConfig):
@@ -43,6 +63,7 @@ class MappingConfig(StageConfig):
         "transverse Mercator at scale 1. utm: of its UTM zone (needs the geo extra). local: meters without a place on Earth.",
     )
     mount: MountConfig = MountConfig()
+    markers: MarkersConfig = MarkersConfig()
     max_speed_m_s: float = Field(default=3.0, gt=0, description="A pose that would need more is a jump: the map breaks there.")
     max_gap_s: float = Field(default=5.0, gt=0, description="Poses are interpolated across gaps up to this long, seconds.")
     loop_closure: bool = Field(

@@ -184,6 +184,11 @@ class SurveyFrame:
     confidence: Map
     unrecoverable: Mask | None = None
 
+    def scaled(self, scale: float) -> "SurveyFrame":
+        """With ranges so many times as long: of a rig whose scale is known better than by its calibration."""
+        factor = np.float32(scale)
+        return replace(self, range_m=factor * self.range_m, range_std_m=factor * self.range_std_m)
+
     @cached_property
     def color_is_doubtful(self) -> Mask:
         """True where a channel is clipped, or could not be recovered."""

@@ -71,6 +71,7 @@ MAP = {
     "seconds": NUMBER,
     "warnings": [str],
     "navigation": (dict, None),
+    "markers": (dict, None),
 }
 RANGE_SCORE = {"median_relative_error": UNKNOWN, "bad_1_px": UNKNOWN, "bad_2_px": UNKNOWN, "coverage": UNKNOWN}
 COLOR_SCORE = {

@@ -39,9 +39,11 @@ def map_content(made: "MapSummary") -> Content:
 
 
 def map_exit_code(made: "MapSummary") -> int:
-    """Done; or frames are missing from the map, or poses were given that contradict the pictures or could not be measured."""
+    """Done; or frames are missing from the map, poses were given that contradict the pictures or could not be measured, or lengths
+    of markers that cannot be right."""
     contradicted = made.navigation is not None and not (made.navigation.fits and made.navigation.relative_poses)
-    return EXIT_SOME_FAILED if made.unplaced or contradicted else EXIT_DONE
+    refused = made.markers is not None and made.markers.refused
+    return EXIT_SOME_FAILED if made.unplaced or contradicted or refused else EXIT_DONE
 
 
 def charts_content(report: "ChartReport") -> Content:

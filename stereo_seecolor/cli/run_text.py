@@ -78,7 +78,7 @@ def map_text(made: "MapSummary") -> str:
         [
             *(f"not placed: {frame.name}: {frame.reason}" for frame in made.unplaced),
             *(f"warning: {warning}" for warning in made.warnings),
-            *([str(made.navigation)] if made.navigation else []),
+            *(str(said) for said in (made.navigation, made.markers) if said),
             f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s",
             *(f"  {file}" for file in made.files),
         ]

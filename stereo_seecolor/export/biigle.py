@@ -27,7 +27,8 @@ def write(posed: PosedRun, folder: Path) -> None:
             stamp = frame.timestamp_s
             dated = stamp is not None and stamp > YEAR_2000
             taken = datetime.fromtimestamp(stamp or 0, UTC).strftime("%Y-%m-%d %H:%M:%S") if dated else ""
-            writer.writerow([name, taken, *_place(posed, posed.T_map_camera[number]), *_ground(posed, frame.measured_range_m())])
+            ground = _ground(posed, posed.measured_range_m(frame))
+            writer.writerow([name, taken, *_place(posed, posed.T_map_camera[number]), *ground])
 
 
 def _place(posed: PosedRun, T: np.ndarray) -> list[str]:

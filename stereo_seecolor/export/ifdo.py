@@ -80,7 +80,7 @@ def _item(posed: PosedRun, frame: FinishedFrame, image: Path, T: np.ndarray) -> 
     if posed.origin:
         latitude_deg, longitude_deg = degrees_from_north_east(float(position_m[1]), float(position_m[0]), posed.origin)
         item |= {"image-latitude": latitude_deg, "image-longitude": longitude_deg, "image-altitude-meters": float(position_m[2])}
-    range_m = frame.measured_range_m()
+    range_m = posed.measured_range_m(frame)
     known = np.isfinite(range_m)
     if known.any():
         item["image-meters-above-ground"] = float(np.median(posed.geometry.depth_from_range(range_m)[known]))

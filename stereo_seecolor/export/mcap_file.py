@@ -1,6 +1,7 @@
 """One MCAP file of a run: corrected images, ranges, points and the track, stamped as the inputs were."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +25,8 @@ def write(posed: PosedRun, folder: Path) -> None:
     """``dive.mcap``. Raises DeviceError if a library is missing, InputError if a frame is damaged."""
     with McapRecording(folder / FILE, posed.geometry) as recording:
         for i, frame in enumerate(posed.frames):
-            recording.add(recorded(frame, i, posed.T_map_camera[i]))
+            pair = recorded(frame, i, posed.T_map_camera[i])
+            recording.add(replace(pair, range_m=np.float32(posed.range_scale) * pair.range_m))
 
 
 def recorded(frame: FinishedFrame, number: int, T_map_camera: NDArray[np.float64] | None) -> RecordedPair:

@@ -47,5 +47,5 @@ def write(posed: PosedRun, folder: Path) -> None:
 
 def _write_depth(posed: PosedRun, frame: FinishedFrame, folder: Path) -> str:
     name = f"{frame.name}.png"
-    (folder / name).write_bytes(encode_depth_mm(posed.geometry.depth_from_range(frame.measured_range_m())))
+    (folder / name).write_bytes(encode_depth_mm(posed.geometry.depth_from_range(posed.measured_range_m(frame))))
     return name

@@ -36,7 +36,7 @@ def observe(posed: PosedRun) -> Observations:
     chosen = cloud[:: -(-len(cloud) // MOST_POINTS) or 1]
     position, color = np.asarray(chosen["position"], np.float64), np.asarray(chosen["color"])
     seen = [
-        _seen(transformed(T, position), frame.measured_range_m(), posed.geometry)
+        _seen(transformed(T, position), posed.measured_range_m(frame), posed.geometry)
         for frame, T in zip(posed.frames, posed.T_camera_map, strict=True)
     ]
     times = np.bincount(np.concatenate([numbers for numbers, _ in seen]), minlength=len(position))

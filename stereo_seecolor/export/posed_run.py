@@ -11,7 +11,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.inputs.trajectories.axes import poses, rotation_from_quaternion
-from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.records import GeoOrigin, Map
 from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
 from stereo_seecolor.run_folder.layout import CLOUD, MAP, MESH
@@ -24,7 +24,8 @@ class PosedRun:
     geometry: of the corrected images, pinhole without distortion; pixel (0, 0) is the center of the top left one.
     frames: those that are in the map. T_map_camera: (N, 4, 4), meters, from the rectified left camera (x right, y down, z forward)
     to the map's own coordinates (z up), which are those of cloud.ply and mesh.ply. offset_m: (3,), what to add to them to get
-    world coordinates. origin: where the world's origin lies on Earth, or None.
+    world coordinates. origin: where the world's origin lies on Earth, or None. range_scale: how many times as long the map takes
+    the ranges of the frames' files.
     """
 
     run: FinishedRun
@@ -33,6 +34,11 @@ class PosedRun:
     T_map_camera: NDArray[np.float64]
     offset_m: NDArray[np.float64]
     origin: GeoOrigin | None
+    range_scale: float = 1.0
+
+    def measured_range_m(self, frame: FinishedFrame) -> Map:
+        """(H, W) measured ranges of a frame as the map takes them, NaN where there are none. Raises InputError."""
+        return np.float32(self.range_scale) * frame.measured_range_m()
 
     @property
     def map_folder(self) -> Path:
@@ -68,4 +74,4 @@ def open_posed_run(out: Path) -> PosedRun:
         raise InputError(f"{folder}: trajectory.tum and poses.csv differ: make the map again with stereo-seecolor fuse {out}")
     current = {frame.name: frame for frame in run.frames}
     chosen = [i for i, name in enumerate(names) if name in current]
-    return PosedRun(run, run.geometry, tuple(current[names[i]] for i in chosen), T[chosen], offset_m, made.origin)
+    return PosedRun(run, run.geometry, tuple(current[names[i]] for i in chosen), T[chosen], offset_m, made.origin, made.range_scale)

@@ -19,6 +19,21 @@ class Unplaced:
 Frames = Sequence[SurveyFrame | Unplaced]
 
 
+class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
+    """Frames whose ranges are so many times as long: of a rig whose scale is known better than by its calibration."""
+
+    def __init__(self, frames: Frames, scale: float) -> None:
+        self._frames, self._scale = frames, scale
+
+    def __len__(self) -> int:
+        return len(self._frames)
+
+    def item(self, number: int) -> SurveyFrame | Unplaced:
+        """A frame, or that it is lost."""
+        frame = self._frames[number]
+        return frame if isinstance(frame, Unplaced) else frame.scaled(self._scale)
+
+
 class RecoveredFrames(Lazy[SurveyFrame | Unplaced]):
     """Frames as they are read; one whose files are gone or damaged is Unplaced from then on. lost: those, by number."""
 

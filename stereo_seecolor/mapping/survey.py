@@ -10,7 +10,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, silent
-from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
+from stereo_seecolor.mapping.recovered_frames import Frames, ScaledFrames, Unplaced
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +26,10 @@ class Survey:
     progress: Progress = silent
     compute: Compute = field(default_factory=lambda: Threads(1))
     scratch: Path | None = None
+
+    def scaled(self, scale: float) -> "Survey":
+        """The survey of a rig whose ranges are so many times as long."""
+        return replace(self, frames=ScaledFrames(self.frames, scale), index=self.index.scaled(scale))
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,6 +35,7 @@ from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.track.marks_fit import MarkersFit
 from stereo_seecolor.mapping.track.navigation import Navigation
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.mapping.voxel_size import with_voxel
@@ -49,7 +50,8 @@ class MapSummary:
 
     frames, placed: how many there were, and how many found their place. components: frames in each, the main one first.
     unplaced: the others, each with the reason, and those whose files were lost on the way. files: all that was written.
-    points: of the main cloud. navigation: given poses against the pictures, None where there were none.
+    points: of the main cloud. navigation: given poses against the pictures, None where there were none. markers: what the map was
+    held to, None where mapping.markers says nothing.
     """
 
     frames: int
@@ -61,6 +63,7 @@ class MapSummary:
     seconds: float
     warnings: tuple[str, ...]
     navigation: Navigation | None = None
+    markers: MarkersFit | None = None
 
     def moved(self, old: Path, new: Path) -> "MapSummary":
         """The summary of a map that was built in one folder and moved to another."""
@@ -125,6 +128,8 @@ def build_map(
     index = _index(kept, geometry, config.voxel_edge_m, workspace)
     survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch)
     placed = _in_crs(place_survey(survey, config, trajectory), config)
+    if placed.range_scale != 1:
+        survey = survey.scaled(placed.range_scale)
     built = _Builder(survey, placed, config, scratch, found.lost).build_all(out_dir)
     shutil.rmtree(scratch, ignore_errors=True)
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
@@ -156,6 +161,7 @@ def _summary(
         seconds=seconds,
         warnings=placement.warnings + (() if georeference.available() else (WITHOUT_GEO,)),
         navigation=placed.navigation,
+        markers=placed.markers,
     )
 
 
@@ -192,7 +198,7 @@ class _Builder:
         check_tiling(tiling, config)
         place = Georeference(component.offset_m, self.placed.origin)
         files = [_write_track(folder / "trajectory.tum", component), _write_poses(folder / "poses.csv", component, self.placed)]
-        files += [_write_description(folder / "map.json", place, config)]
+        files += [_write_description(folder / "map.json", place, config, self.placed.range_scale)]
         store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component)
         surfaces = partial(store.surfaces, tiling)
         self._fuse(component, tiling, store)
@@ -249,13 +255,14 @@ def _write_poses(path: Path, component: Component, placed: Placed) -> Path:
     return path
 
 
-def _write_description(path: Path, place: Georeference, config: MappingConfig) -> Path:
-    """Where the map's local coordinates lie, and how large its voxels and cells are."""
+def _write_description(path: Path, place: Georeference, config: MappingConfig, range_scale: float) -> Path:
+    """Where the map's local coordinates lie, how large its voxels and cells are, how many times as long ranges were taken."""
     content = {
         "format": "stereo-seecolor/map",
         "offset_m": place.offset_m.tolist(),
         "origin": asdict(place.origin) if place.origin else None,
         "crs": crs_name(place.origin),
+        "range_scale": range_scale,
         "voxel_m": config.voxel_edge_m,
         "dem_m": config.terrain_cell_m,
         "mosaic_m": config.mosaic_cell_m,

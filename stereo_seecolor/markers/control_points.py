@@ -19,6 +19,10 @@ FEWEST = 3
 """Points that fix a rigid motion; of just three the residuals say little."""
 
 
+USUAL_STD_M = 0.01
+"""Standard error of a surveyed place where the table states none, meters: tape and level by divers."""
+
+
 @dataclass(frozen=True, eq=False)
 class ControlFit:
     """T: (4, 4) from the map's world to that of the control points. residuals_m: by marker. rms_m: of them."""
@@ -31,6 +35,14 @@ class ControlFit:
 def read_control_points(path: Path) -> dict[int, Array]:
     """A CSV with marker, x_m, y_m, z_m: number -> (3,). Raises InputError, naming the line."""
     return {int(row[0]): row[1:] for row in _rows(path, ("marker", "x_m", "y_m", "z_m"))}
+
+
+def read_stds(path: Path) -> dict[int, float]:
+    """Standard errors of the control points, meters, by marker: of the column std_m, or the usual one. Raises InputError."""
+    first = next(iter(read_bytes(path).decode("utf-8-sig", errors="replace").splitlines()), "")
+    if "std_m" not in [name.strip() for name in first.split(",")]:
+        return dict.fromkeys(read_control_points(path), USUAL_STD_M)
+    return {int(row[0]): float(row[1]) for row in _rows(path, ("marker", "std_m"))}
 
 
 def read_bars(path: Path) -> dict[tuple[int, int], float]:

@@ -25,6 +25,9 @@ class PlacingSettings:
     fewest_px: int = 60  # with a range on it
     covered: float = 0.3  # of its pixels: else the plane hangs on an edge
     rounds: int = 4  # of the robust fit
+    corner_px: float = 0.05  # standard error of a corner in the image (drawn: 0.03)
+    alike_px: float = 40.0  # pixels that share one error of the disparity: a window of matching
+    least_px: float = 0.02  # standard error of a disparity that was averaged: what rectification leaves
 
 
 SETTINGS = PlacingSettings()
@@ -32,11 +35,15 @@ SETTINGS = PlacingSettings()
 
 @dataclass(frozen=True, eq=False)
 class PlacedSighting:
-    """corners_m: (4, 3) in the camera's axes. frame: its name."""
+    """corners_m: (4, 3) in the camera's axes. frame: its name. std: (2,) standard errors of a corner's direction (rad) and of its
+
+    inverse depth (1/m).
+    """
 
     number: int
     frame: str
     corners_m: Array
+    std: tuple[float, float] = (0.0, 0.0)
 
     @property
     def edges_m(self) -> Array:
@@ -54,22 +61,29 @@ def place(sighting: Sighting, frame: SurveyFrame, geometry: RectifiedPair) -> Pl
         return None
     rows, columns = rows[known], columns[known]
     disparity = geometry.disparity_from_depth(geometry.depth_from_range(frame.range_m))[rows, columns]
-    plane = _plane(np.stack([columns, rows], axis=-1).astype(np.float64), np.asarray(disparity, np.float64))
+    plane, spread_px = _plane(np.stack([columns, rows], axis=-1).astype(np.float64), np.asarray(disparity, np.float64))
     corners = np.concatenate([sighting.corners_px, np.ones((4, 1))], axis=1)
     depth_m = geometry.focal_px * geometry.baseline_m / (corners @ plane + geometry.cx_right_px - geometry.cx_left_px)
     x = (corners[:, 0] - geometry.cx_left_px) / geometry.focal_px
     y = (corners[:, 1] - geometry.cy_px) / geometry.focal_px
-    return PlacedSighting(sighting.number, frame.name, np.stack([x * depth_m, y * depth_m, depth_m], axis=-1))
+    of_mean_px = max(spread_px * float(np.sqrt(SETTINGS.alike_px / len(rows))), SETTINGS.least_px)
+    at_corner = 2 * of_mean_px / (geometry.focal_px * geometry.baseline_m)  # twice that of the middle: the plane turns
+    std = SETTINGS.corner_px / geometry.focal_px, at_corner
+    return PlacedSighting(sighting.number, frame.name, np.stack([x * depth_m, y * depth_m, depth_m], axis=-1), std)
 
 
-def _plane(pixels: Array, disparity: Array) -> Array:
-    """(3,) of disparity = a column + b row + c: a plane in space is one in disparity, where the errors of stereo are even."""
+def _plane(pixels: Array, disparity: Array) -> tuple[Array, float]:
+    """(3,) of disparity = a column + b row + c: a plane in space is one in disparity, where the errors of stereo are even.
+
+    And by how much disparities scatter about it, pixels.
+    """
     basis = np.concatenate([pixels, np.ones((len(pixels), 1))], axis=1)
     weight = np.ones(len(basis))
-    plane = np.zeros(3)
+    plane, spread_px = np.zeros(3), 0.0
     for _ in range(SETTINGS.rounds):
         scaled = basis * weight[:, None]
         plane = np.asarray(np.linalg.lstsq(scaled.T @ basis, scaled.T @ disparity, rcond=None)[0], np.float64)
         off = basis @ plane - disparity
-        weight = biweight(off / max(TUKEY * deviation_about_zero(off), 1e-6))
-    return plane
+        spread_px = max(deviation_about_zero(off), 1e-6 / TUKEY)
+        weight = biweight(off / (TUKEY * spread_px))
+    return plane, spread_px

@@ -29,7 +29,8 @@ class FinishedMap:
 
     track: its frames in order. site: metrics of the whole site by name. area_m2: planar area that was seen, None where there is no
     terrain model. cell_m: edges of voxels and cells by name. offset_m: (3,), what to add to the map's own
-    coordinates to get those of its world. pieces: number of further components. origin: of x and y on Earth.
+    coordinates to get those of its world. pieces: number of further components. origin: of x and y on Earth. range_scale:
+    how many times as long ranges are in the map than in the frames' files.
     """
 
     folder: Path
@@ -40,6 +41,7 @@ class FinishedMap:
     offset_m: list[float]
     pieces: int
     origin: GeoOrigin | None = None
+    range_scale: float = 1.0
 
 
 def open_map(out: Path) -> FinishedMap | None:
@@ -62,6 +64,7 @@ def open_map(out: Path) -> FinishedMap | None:
             offset_m=[float(value) for value in description["offset_m"]],
             pieces=len(list(folder.glob("piece_*"))),
             origin=GeoOrigin(**description["origin"]) if description["origin"] else None,
+            range_scale=float(description.get("range_scale", 1)),
         )
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error

@@ -58,7 +58,7 @@ def terrain_errors(posed: PosedRun, terrain: Terrain, voxel_m: float, T_terrain_
     Raises InputError if the run cannot be read; a frame whose files are gone is left out.
     """
     T = np.eye(4) if T_terrain_map is None else T_terrain_map
-    frames = SurveyFrames(posed.run)
+    frames = SurveyFrames(posed.run, posed.range_scale)
     number = {frame.name: i for i, frame in enumerate(posed.run.frames)}
     sums = _Sums(terrain, posed.geometry, voxel_m)
     for frame, T_map_camera in zip(posed.frames, posed.T_map_camera, strict=True):

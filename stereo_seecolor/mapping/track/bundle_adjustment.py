@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.geometry import inverse
+from stereo_seecolor.mapping.track.known_points import Known, KnownPlace
 from stereo_seecolor.mapping.track.pose_graph import CAUCHY, Prior, add_priors, gtsam_library
 from stereo_seecolor.mapping.track.sightings import Sightings
 from stereo_seecolor.robust_statistics import deviation_about_zero
@@ -46,10 +47,11 @@ class Adjusted:
     scale: tuple[float, float]
 
 
-def adjust(T_world_camera: Array, sightings: Sightings, priors: Sequence[Prior] = ()) -> Adjusted:
+def adjust(T_world_camera: Array, sightings: Sightings, priors: Sequence[Prior] = (), known: Sequence[Known] = ()) -> Adjusted:
     """Poses (N, 4, 4) adjusted; the sightings' frames, and the priors', are their numbers. All must hang together.
 
-    Without priors the first stays where it is, and standard errors are relative to it. Levenberg-Marquardt under a Cauchy kernel.
+    known: lengths between points, and their places. Without known places and priors the first stays where it is, and standard
+    errors are relative to it. Levenberg-Marquardt under a Cauchy kernel.
     How far to trust directions and depths is learned from the residuals: what a matcher states is right within a factor.
     Without sightings all stay where they are. Raises DeviceError if GTSAM is missing.
     """
@@ -57,7 +59,8 @@ def adjust(T_world_camera: Array, sightings: Sightings, priors: Sequence[Prior] 
         return Adjusted(T_world_camera, np.full((len(T_world_camera), 2), np.nan), (1.0, 1.0))
     T, points, scale = T_world_camera, _first_places(T_world_camera, sightings), (1.0, 1.0)
     for _ in range(SETTINGS.rounds):
-        problem = _Problem(T, points, sightings, scale, priors)
+        problem = _Problem(T, points, sightings, scale)
+        problem.hold(T, priors, known)
         T, points = problem.solve()
         used, scale = scale, _scales(T, points, sightings, scale)
     return Adjusted(T, problem.std(T), used)
@@ -101,17 +104,26 @@ def _leverage(R: Array, predicted: Array, sightings: Sightings, scale: Array) ->
 class _Problem:
     """One nonlinear least-squares problem. Poses have the keys 0 to N - 1, points those after them."""
 
-    def __init__(self, T: Array, points: Array, sightings: Sightings, scale: tuple[float, float], priors: Sequence[Prior]) -> None:
+    def __init__(self, T: Array, points: Array, sightings: Sightings, scale: tuple[float, float]) -> None:
         gtsam = self._gtsam = gtsam_library()
         self._graph, self._values = gtsam.NonlinearFactorGraph(), gtsam.Values()
         self._start, self._first_point, self._points = T, len(T), len(points)
-        self._frames = np.unique([*sightings.frame.tolist(), *(prior.frame for prior in priors)])
+        self._frames = np.unique(sightings.frame)
         for frame in self._frames.tolist():
             self._values.insert(frame, gtsam.Pose3(T[frame]))
         for number, place in enumerate(points, self._first_point):
             self._values.insert(number, place)
         self._add_sightings(sightings, scale)
-        add_priors(self._graph, int(self._frames[0]), T, priors)
+
+    def hold(self, T: Array, priors: Sequence[Prior], known: Sequence[Known]) -> None:
+        """Add what is known of frames and points. T: (N, 4, 4) as they are now."""
+        for frame in np.setdiff1d([prior.frame for prior in priors], self._frames).tolist():
+            self._values.insert(frame, self._gtsam.Pose3(T[frame]))
+        self._frames = np.union1d(self._frames, [prior.frame for prior in priors]).astype(np.int64)
+        for one in known:
+            self._graph.add(one.factor(self._first_point))
+        if priors or not any(isinstance(one, KnownPlace) for one in known):
+            add_priors(self._graph, int(self._frames[0]), T, priors)
 
     def _add_sightings(self, sightings: Sightings, scale: tuple[float, float]) -> None:
         gtsam, seen = self._gtsam, sightings.seen

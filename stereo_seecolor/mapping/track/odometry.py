@@ -1,7 +1,7 @@
 """Own stereo odometry: poses from what the frames show."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -18,7 +18,15 @@ from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_errors import find_image_errors
 from stereo_seecolor.mapping.track.place_recognition import by_appearance
 from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose
-from stereo_seecolor.mapping.track.track_work import CorrectedFeatures, Detection, Ends, Refitting, Relating, SeenPairs
+from stereo_seecolor.mapping.track.track_work import (
+    CorrectedFeatures,
+    Detection,
+    Ends,
+    Refitting,
+    Relating,
+    ScaledFeatures,
+    SeenPairs,
+)
 
 Array = NDArray[np.float64]
 
@@ -70,6 +78,15 @@ class Track:
         again = list(self.survey.compute.each(Refitting(self.features), known))
         self.found |= {ends: relation for (ends, _), relation in zip(known, again, strict=True)}
         self.edges = [self._edge(*ends, relation, loop=False) for (ends, _), relation in zip(known, again, strict=True)]
+
+    def scaled(self, scale: float) -> "Track":
+        """The track by a rig whose ranges are so many times as long."""
+        return replace(
+            self,
+            features=ScaledFeatures(self.features, scale),
+            edges=[edge.scaled(scale) for edge in self.edges],
+            found={ends: relation.scaled(scale) if relation else None for ends, relation in self.found.items()},
+        )
 
     def relation(self, edge: Edge) -> tuple[Ends, RelativePose]:
         """What an edge was made from: the positions of its frames, and the points that both show."""

@@ -12,6 +12,8 @@ from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.fixes import at_fixes
+from stereo_seecolor.mapping.track.marks import Marks
+from stereo_seecolor.mapping.track.marks_fit import MarkersFit, held
 from stereo_seecolor.mapping.track.navigation import Navigation, Verdict, examine, priors
 from stereo_seecolor.mapping.track.placement import place
 from stereo_seecolor.mapping.track.refinement import refined
@@ -19,12 +21,17 @@ from stereo_seecolor.mapping.track.spot_check import spot_check
 from stereo_seecolor.mapping.track.upright import upright
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
+NOT_HELD = (
+    "the map is not held to mapping.markers: that needs GTSAM, mapping.bundle_adjustment, and, where poses are given, "
+    "mapping.poses=prior"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Placed:
     """A survey's placement; what became of given poses, None without any; and each frame's residuals (N,), NaN where unknown.
 
-    origin: where the placement's world lies on Earth, None where that is not known.
+    origin: where the placement's world lies on Earth, None where that is not known. markers: what the placement was held to.
     """
 
     placement: Placement
@@ -32,14 +39,21 @@ class Placed:
     position_residual_m: NDArray[np.float64]
     attitude_residual_deg: NDArray[np.float64]
     origin: GeoOrigin | None = None
+    markers: MarkersFit | None = None
+
+    @property
+    def range_scale(self) -> float:
+        """How many times as long ranges are than the rig says."""
+        return self.markers.scale if self.markers and self.markers.before else 1.0
 
 
 class _Used(NamedTuple):
-    """A placement, what became of the poses for it, and whether its world is theirs."""
+    """A placement, what became of the poses for it, whether its world is theirs, and the markers that it was held to."""
 
     placement: Placement
     navigation: Navigation
     in_their_world: bool = True
+    markers: MarkersFit | None = None
 
 
 def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
@@ -52,16 +66,22 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
 
     Raises MappingError if nothing can be placed, or for given poses upside down.
     """
+    placed = _placed(survey, config, trajectory)
+    said = placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
+    return replace(placed, placement=placed.placement.with_warnings(*said))
+
+
+def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
     unknown = np.full(len(survey.index.names), np.nan)
-    if trajectory is None:
-        own = _own(odometry.follow(survey), config)
-        return Placed(upright(own, survey.index, "unknown"), None, unknown, unknown)
-    if trajectory.fixes:
-        own = upright(_own(odometry.follow(survey), config), survey.index, "unknown")
-        return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown, trajectory.origin)
+    if trajectory is None or trajectory.fixes:
+        track = odometry.follow(survey)
+        own, markers = _upright(track, _own(track, config), config)
+        if trajectory is None or (markers and markers.control):
+            return Placed(own, None, unknown, unknown, markers=markers)
+        return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown, trajectory.origin, markers)
     given = place(survey.index, trajectory, config)
     spots = spot_check(survey, given, config.voxel_edge_m)
-    exact = _as_given_or_none(given, survey, trajectory) if spots.exact else None
+    exact = _as_given_or_none(given, survey, trajectory) if spots.exact and not config.markers.known else None
     if exact is not None:
         verdict = examine(given, survey, spots.edges, trajectory, config)
         return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg, trajectory.origin)
@@ -74,11 +94,11 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
         used = _Used(_as_given(verdict.placement, survey, trajectory).with_warnings(missing), verdict.navigation)
     else:
         used = _fitted(track, verdict, trajectory, config)
-    placement, navigation, in_their_world = used
+    placement, navigation, in_their_world, markers = used
     if navigation.advice:
         placement = placement.with_warnings(navigation.advice)
     origin = trajectory.origin if in_their_world else None
-    return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg, origin)
+    return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg, origin, markers)
 
 
 def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
@@ -104,8 +124,8 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
             down = "the given poses' z axis points down: they would fit as north-east-down, or with z negated"
             navigation = replace(navigation, fits=False, advice=down)
     if not navigation.fits:
-        alone = "the map was made by the pictures alone"
-        return _Used(upright(own, index, "unknown").with_warnings(alone), navigation, in_their_world=False)
+        alone, (own, markers) = "the map was made by the pictures alone", _upright(track, own, config)
+        return _Used(own.with_warnings(alone), navigation, in_their_world=False, markers=markers)
     known = priors(own, verdict.placement, config)
     position, _, depth = known[0].position_std_m
     navigation = replace(
@@ -114,8 +134,8 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
         depth_std_m=float(depth),
         attitude_std_deg=float(np.degrees(known[0].attitude_std_rad)),
     )
-    fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), config, known)
-    return _Used(upright(fitted, index, trajectory.up), navigation)
+    fitted, markers = _held(track, _adjusted(track, odometry.fit(track, verdict.placement, known), config, known), config, known)
+    return _Used(upright(fitted, index, trajectory.up), navigation, markers=markers)
 
 
 def _own(track: odometry.Track, config: MappingConfig) -> Placement:
@@ -123,7 +143,22 @@ def _own(track: odometry.Track, config: MappingConfig) -> Placement:
     return _adjusted(track, odometry.solve(track, config.loop_closure), config)
 
 
+def _upright(track: odometry.Track, own: Placement, config: MappingConfig) -> tuple[Placement, MarkersFit | None]:
+    """A track by the pictures, held to markers; z up by the surveyed places of these, if there are any, else by the bottom."""
+    own, markers = _held(track, own, config)
+    return own if markers and markers.control else upright(own, track.survey.index, "unknown"), markers
+
+
 def _adjusted(
     track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[pose_graph.Prior] = ()
 ) -> Placement:
     return refined(track, placement, known) if config.bundle_adjustment and pose_graph.available() else placement
+
+
+def _held(
+    track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[pose_graph.Prior] = ()
+) -> tuple[Placement, MarkersFit | None]:
+    """Held to what is known of markers."""
+    if not config.markers.known or not config.bundle_adjustment or not pose_graph.available():
+        return placement, None
+    return held(track, placement, Marks.found(track.survey, config.markers), known)

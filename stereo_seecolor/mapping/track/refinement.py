@@ -11,6 +11,8 @@ from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track import pose_graph
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
+from stereo_seecolor.mapping.track.known_points import Known
+from stereo_seecolor.mapping.track.marks import Marks
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.relative_pose import Edge
@@ -39,13 +41,14 @@ class _Part(NamedTuple):
     frames: list[int]
     edges: list[Edge]
     priors: list[Prior]
+    marks: Marks | None = None
 
 
-def refined(track: Track, placement: Placement, priors: Sequence[Prior] = ()) -> Placement:
-    """The placement's frames where all sightings and the priors agree best, with standard errors.
+def refined(track: Track, placement: Placement, priors: Sequence[Prior] = (), marks: Marks | None = None) -> Placement:
+    """The placement's frames where all sightings, the priors and what is known of markers agree best, with standard errors.
 
     track: it holds the relative poses that the placement was made from; loops that turned out false are no longer among them.
-    Very long components are adjusted by windows, and these joined by a pose graph with all loops, without standard errors.
+    Very long components are adjusted by windows, and these joined by a pose graph with all loops, without standard errors or marks.
     Raises DeviceError if GTSAM is missing.
     """
     rank, T = track.survey.index.rank, placement.T_world_camera
@@ -53,7 +56,7 @@ def refined(track: Track, placement: Placement, priors: Sequence[Prior] = ()) ->
     for component in range(len(placement.sizes)):
         track.survey.progress("adjusting the track", component, len(placement.sizes))
         frames = sorted(placement.frames_of(component).tolist(), key=lambda frame: int(rank[frame]))
-        part = _part(track, frames, track.edges, priors)
+        part = _part(track, frames, track.edges, priors)._replace(marks=marks if component == 0 else None)
         if len(frames) > SETTINGS.most_frames:
             T = _by_windows(T, part)
         elif part.edges:
@@ -71,7 +74,11 @@ def _part(track: Track, frames: Sequence[int], edges: Sequence[Edge], priors: Se
 def _adjusted(T: Array, part: _Part) -> Adjusted:
     relations = [part.track.relation(edge) for edge in part.edges]
     found = sightings(part.track.features, relations, SETTINGS.most_sightings)
-    return adjust(T, replace(found, frame=part.track.survey.index.order[found.frame]), part.priors)
+    found = replace(found, frame=part.track.survey.index.order[found.frame])
+    known: list[Known] = []
+    if part.marks:
+        found, known = part.marks.joined(found, set(part.frames))
+    return adjust(T, found, part.priors, known)
 
 
 def _by_windows(T: Array, part: _Part) -> Array:

@@ -1,6 +1,6 @@
 """The pose of one frame relative to another, from what both show."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -50,6 +50,10 @@ class Edge:
     inliers: int
     loop: bool = False
 
+    def scaled(self, scale: float) -> "Edge":
+        """With all lengths so many times as long."""
+        return replace(self, T_i_j=scaled_pose(self.T_i_j, scale), covariance=_scaled_covariance(self.covariance, scale))
+
 
 @dataclass(frozen=True, eq=False)
 class RelativePose:
@@ -59,6 +63,22 @@ class RelativePose:
     covariance: Array
     index_a: NDArray[np.int64]
     index_b: NDArray[np.int64]
+
+    def scaled(self, scale: float) -> "RelativePose":
+        """With all lengths so many times as long."""
+        return replace(self, T_a_b=scaled_pose(self.T_a_b, scale), covariance=_scaled_covariance(self.covariance, scale))
+
+
+def scaled_pose(T: Array, scale: float) -> Array:
+    """Poses (..., 4, 4) with their shifts so many times as long."""
+    result = T.copy()
+    result[..., :3, 3] *= scale
+    return result
+
+
+def _scaled_covariance(covariance: Array, scale: float) -> Array:
+    by = np.array([1, 1, 1, scale, scale, scale])
+    return np.asarray(covariance * by[:, None] * by)
 
 
 def relative_pose(a: Features, b: Features, geometry: RectifiedPair) -> RelativePose | None:

@@ -77,6 +77,20 @@ class CorrectedFeatures(Lazy[Features]):
         return self._errors.corrected(self._features[number])
 
 
+class ScaledFeatures(Lazy[Features]):
+    """Features whose ranges are so many times as long."""
+
+    def __init__(self, features: Sequence[Features], scale: float) -> None:
+        self._features, self._scale = features, scale
+
+    def __len__(self) -> int:
+        return len(self._features)
+
+    def item(self, number: int) -> Features:
+        """Those of the frame at a position."""
+        return self._features[number].scaled(self._scale)
+
+
 class SeenPairs(Lazy[Pair]):
     """What two frames both see, for each pair of a track that was measured."""
 
