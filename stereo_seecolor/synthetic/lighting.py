@@ -1,4 +1,4 @@
-"""Light that arrives at the reef: the sun through the water, the waves' moving caustics, the rig's own lamps."""
+"""Light that arrives at the reef: of the sun through waves and water, of the rig's own lamps; and what lenses let through."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,3 +57,16 @@ def lamp_pattern(contrast: float, away: Points) -> NDArray[np.float32]:
     rings = np.cos(2 * np.pi * np.arctan2(across, away[..., 2]) / LAMP_RING_RAD)
     spokes = np.cos(LAMP_SPOKES * np.arctan2(away[..., 1], away[..., 0]))
     return np.asarray(1 + contrast * rings * (0.5 + 0.5 * spokes), np.float32)
+
+
+def strobe_energy(spec: SurveySpec, index: int) -> float:
+    """Factor on the lamps' light in the pair of that number: strobes that have not recharged, or are set by the camera."""
+    return float(np.exp(spec.strobe_variation * np.random.default_rng([spec.seed, 6, index]).standard_normal()))
+
+
+def vignetting(spec: SurveySpec) -> NDArray[np.float32]:
+    """(H, W) fraction of the light that the lens lets through at each pixel of the raw picture."""
+    width, height = spec.image_size
+    y, x = np.ogrid[:height, :width]
+    squared = ((2 * x + 1 - width) ** 2 + (2 * y + 1 - height) ** 2) / (width**2 + height**2)
+    return np.asarray(1 - spec.vignette * squared, np.float32)

@@ -1,6 +1,6 @@
 """A pair of pictures of the reef through the water, and the truth behind them."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal
 
@@ -14,7 +14,7 @@ from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.records import Image, Mask, RangeMap, StereoFrame, Trajectory
 from stereo_seecolor.synthetic.casting import Rays, cast, in_rows, look_up
 from stereo_seecolor.synthetic.fish import School
-from stereo_seecolor.synthetic.lighting import caustics, lamplight, sunlight
+from stereo_seecolor.synthetic.lighting import caustics, lamplight, strobe_energy, sunlight, vignetting
 from stereo_seecolor.synthetic.reef import Reef, build_reef
 from stereo_seecolor.synthetic.sensor import expose
 from stereo_seecolor.synthetic.survey import SurveySpec, rig, track
@@ -54,11 +54,15 @@ class RenderedPair:
 
 @dataclass(frozen=True, eq=False)
 class _Instant:
-    """When a pair is taken. rig_pose: (4, 4) of the rig in the world, with its lamps. school: the fish as they swim then."""
+    """When a pair is taken. rig_pose: (4, 4) of the rig in the world, with its lamps. school: the fish as they swim then.
+
+    strobe: factor on the lamps' usual energy.
+    """
 
     rig_pose: NDArray[np.float64]
     school: School
     time_s: float
+    strobe: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,20 +87,23 @@ class Scene:
         return cls(spec, build_reef(spec), stereo_rig, Rectification.from_rig(stereo_rig), track(spec), water)
 
     def render(self, index: int) -> RenderedPair:
-        """The pair taken at pose ``index`` of the track."""
+        """The pair taken at pose ``index`` of the track, and what is true of it."""
+        pose = self.trajectory.T_world_camera[index]
+        frame, apply = self.photograph(index), self.rectification
+        rectified = replace(frame, left=apply.apply_left(frame.left), right=apply.apply_right(frame.right))
+        truth = self._truth(pose, School.around(self.spec, pose, index))
+        return RenderedPair(frame, rectified, *truth, T_world_camera=pose)
+
+    def photograph(self, index: int) -> StereoFrame:
+        """The same pair alone, as the cameras give it: in half the time."""
         pose = self.trajectory.T_world_camera[index]
         time_s = float(self.trajectory.timestamps_s[index])
-        instant = _Instant(pose, School.around(self.spec, pose, index), time_s)
+        instant = _Instant(pose, School.around(self.spec, pose, index), time_s, strobe_energy(self.spec, index))
         T_world_left = pose @ _rotation(self.rectification.R_left)
         T_world_right = T_world_left @ np.linalg.inv(self.rig.T_right_left)
-        raw = [
-            self._picture(T_world_left, self._rays_left, self.rig.left, instant, (index, 0)),
-            self._picture(T_world_right, self._rays_right, self.rig.right, instant, (index, 1)),
-        ]
-        frame = StereoFrame(self.trajectory.names[index], raw[0], raw[1], time_s)
-        apply = self.rectification
-        rectified = StereoFrame(frame.name, apply.apply_left(raw[0]), apply.apply_right(raw[1]), time_s)
-        return RenderedPair(frame, rectified, *self._truth(pose, instant.school), T_world_camera=pose)
+        left = self._picture(T_world_left, self._rays_left, self.rig.left, instant, (index, 0))
+        right = self._picture(T_world_right, self._rays_right, self.rig.right, instant, (index, 1))
+        return StereoFrame(self.trajectory.names[index], left, right, time_s)
 
     @cached_property
     def _rays_left(self) -> Rays:
@@ -134,10 +141,12 @@ class Scene:
         if self.spec.caustic_contrast > 0:
             light *= caustics(self.spec, points_m, instant.time_s)[..., None]
         if self.spec.lamp_intensity > 0:
-            light += lamplight(self.spec, self.water, points_m, instant.rig_pose)
+            light += lamplight(self.spec, self.water, points_m, instant.rig_pose) * np.float32(instant.strobe)
         transmission, backscatter = self._water_tables
         seen = np.zeros((*range_m.shape[:2], 3), np.float32)
         in_rows(_through_water, len(rays), color, light, range_m, transmission, backscatter, seen)
+        if self.spec.vignette > 0:
+            seen *= vignetting(self.spec)[..., None]
         rng = np.random.default_rng([self.spec.seed, 4, *noise_seed])
         return expose(seen, self.spec.full_well_e, self.spec.read_noise_e, self.spec.bits, rng)
 

@@ -26,6 +26,8 @@ class SurveySpec:
     caustic_contrast: relative strength of the moving light that waves focus on the bottom, 0 for none.
     lamp_intensity: light of the rig's lamps at 1 m against the sun's at the bottom, 0 for none; 200 makes it night.
     lamp_pattern: contrast of rings and spokes in the lamps' beams, which travel with the rig, 0 for none, at most 1.
+    strobe_variation: standard deviation of the logarithm of the lamps' energy from pair to pair.
+    vignette: fraction of the light that the lenses lose in the corners, growing with the square of the distance from the middle.
     bits: 8 for sRGB-encoded images, 16 for linear ones.
     """
 
@@ -47,6 +49,8 @@ class SurveySpec:
     caustic_contrast: float = 0.0
     lamp_intensity: float = 0.0
     lamp_pattern: float = 0.0
+    strobe_variation: float = 0.0
+    vignette: float = 0.0
     bits: int = 8
 
     @property

@@ -1,0 +1,123 @@
+"""The light of whole dives against truth: one reef by daylight, by two lamps beside it, and at night by the lamps alone."""
+
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from conftest import command
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.table.encoding import decoded_values
+from stereo_seecolor.commands.evaluate import evaluate
+from stereo_seecolor.files.srgb import LUMINANCE
+from stereo_seecolor.inputs.images import read_image
+from stereo_seecolor.synthetic.dive import synthesize
+from stereo_seecolor.synthetic.render import Scene
+from stereo_seecolor.synthetic.survey import SurveySpec
+
+pytestmark = pytest.mark.slow
+
+DAY = SurveySpec(image_size=(256, 208))
+STROBES = replace(DAY, strobe_variation=0.2, vignette=0.45)
+LIT = {
+    "lamps by day": replace(STROBES, lamp_intensity=6.0, caustic_contrast=0.5),
+    "night": replace(STROBES, lamp_intensity=200.0),
+}
+PATTERN_LEFT, ANGLE = 0.05, 1.1
+"""At most: rms of the pattern over the picture, natural logarithm; angle to the true color against that of the dive by day."""
+
+
+@dataclass(frozen=True)
+class LitDive:
+    """dive: as synthesize writes it. out: its run, in linear light without roll-off."""
+
+    dive: Path
+    out: Path
+
+    @property
+    def angle_deg(self) -> float:
+        return evaluate(self.out, self.dive / "truth").color.angle_deg
+
+    @property
+    def used(self) -> bool:
+        """Whether a light was found and taken out."""
+        return "light" in json.loads((self.out / "water.json").read_bytes())
+
+    def pattern(self, corrected: bool) -> float:
+        """rms over 6 x 6 parts of the picture of the logarithm of luminance over truth, the median of each frame taken out."""
+        maps = [_parts(*self._over_truth(path.stem, corrected)) for path in sorted((self.dive / "left").iterdir())]
+        return float(np.nanstd(np.nanmean(maps, axis=0)))
+
+    def _over_truth(self, name: str, corrected: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """(H, W) logarithm of luminance over truth, and where it counts."""
+        truth = _light(self.dive / "truth/color" / f"{name}.png")
+        folder = self.out / "corrected" if corrected else self.dive / "left"
+        shown = _light(next(folder.glob(f"{name}.*")))
+        known = read_image(self.out / "mask" / f"{name}.png")[..., 0] == 0
+        known &= (truth.max(axis=2) > 0.01) & (truth.max(axis=2) < 0.95) & (shown.min(axis=2) > 0)
+        shown, truth = (np.log(np.maximum(light @ LUMINANCE, 1e-6)) for light in (shown, truth))
+        return shown - truth, known
+
+
+def _light(path: Path) -> NDArray[np.float64]:
+    if path.suffix == ".tiff":
+        return np.asarray(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[..., ::-1], np.float64)
+    return decoded_values(8, "srgb")[read_image(path)].astype(np.float64)
+
+
+def _parts(values: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """(6, 6) medians over the parts of a picture, about that of all; NaN where few pixels are known."""
+    rows, columns = (np.arange(size) * 6 // size for size in values.shape)
+    part = 6 * rows[:, None] + columns
+    counted = [values[known & (part == k)] for k in range(36)]
+    medians = [np.median(found) if found.size > 50 else np.nan for found in counted]
+    return np.reshape(medians, (6, 6)) - np.median(values[known])
+
+
+def _run(dive: Path, out: Path) -> LitDive:
+    sides = ("--left", dive / "left", "--right", dive / "right", "--calib", dive / "cam.yaml", "--out", out)
+    settings = ("output.preset=lean", "output.image_format=tiff32", "color.lock=survey")
+    code, said = command("run", *sides, *(word for setting in settings for word in ("--set", setting)))
+    assert code == 0, said
+    return LitDive(dive, out)
+
+
+@pytest.fixture(scope="module")
+def by_day(tmp_path_factory: pytest.TempPathFactory) -> LitDive:
+    root = tmp_path_factory.mktemp("by_day")
+    synthesize(DAY, root / "dive")
+    return _run(root / "dive", root / "out")
+
+
+@pytest.fixture(scope="module")
+def lit(by_day: LitDive, tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], LitDive]:
+    def make(light: str) -> LitDive:
+        """The same reef from the same poses in another light: the truth is the same."""
+        root = tmp_path_factory.mktemp("lit")
+        scene = Scene.from_spec(LIT[light])
+        shutil.copytree(by_day.dive, root / "dive")
+        for index in range(DAY.pairs):
+            frame = scene.photograph(index)
+            for side, image in (("left", frame.left), ("right", frame.right)):
+                cv2.imwrite(str(root / "dive" / side / f"{frame.name}.png"), image[..., ::-1])
+        return _run(root / "dive", root / "out")
+
+    return make
+
+
+def test_daylight_is_left_alone(by_day: LitDive) -> None:
+    assert not by_day.used
+
+
+@pytest.mark.parametrize("light", list(LIT))
+def test_lamps_vignette_strobes_and_caustics_are_taken_out(light: str, by_day: LitDive, lit: Callable[[str], LitDive]) -> None:
+    dive = lit(light)
+    assert dive.used
+    assert dive.pattern(corrected=False) > 4 * PATTERN_LEFT
+    assert dive.pattern(corrected=True) < PATTERN_LEFT
+    assert dive.angle_deg < ANGLE * by_day.angle_deg
