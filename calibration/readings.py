@@ -10,9 +10,14 @@ from calibration.errors import CalibrationError
 from calibration.matches import Images, Matches, raw_matches, rectified_matches
 from calibration.rig import StereoRig
 
+CLEARLY_BETTER = 1.2
+"""Readings whose vertical disparities are nearer than this to each other fit alike: the first, which is the likeliest, is taken.
+On drawn pairs a wrong reading is worse by a factor of two and more, or not told by them at all.
+"""
+
 
 def settle_reading(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
-    """The one of a rig's alternatives whose rows agree best on raw image pairs, and as a doubt how it was chosen.
+    """The one of a rig's readings whose rows agree best on raw image pairs, and as a doubt how it was chosen.
 
     The rig itself where it has no alternatives. Raises CalibrationError if no reading finds enough points in both images.
     """
@@ -31,9 +36,9 @@ def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
         except CalibrationError as error:
             errors_px.append(np.inf)
             failure = error
-    best = int(np.argmin(errors_px))
-    if not np.isfinite(errors_px[best]):
+    if not np.isfinite(min(errors_px)):
         raise failure
+    best = next(i for i, error in enumerate(errors_px) if error <= CLEARLY_BETTER * min(errors_px))
     others = ", ".join(f"{error:.1f}" for i, error in enumerate(errors_px) if i != best)
     doubt = (
         f"{readings[best].reading}: images decide: the vertical disparity is {errors_px[best]:.2f} px, and {others} px otherwise"

@@ -7,6 +7,7 @@ import pytest
 
 from calibration import CalibrationError
 from calibration.formats import format_name, load_rig
+from calibration.formats.kitti import for_channels
 
 P = {
     "0": "7.215377e+02 0 6.095593e+02 0 0 7.215377e+02 1.728540e+02 0 0 0 1 0",
@@ -50,6 +51,15 @@ def test_of_four_cameras_color_is_taken_and_said(tmp_path: Path) -> None:
     assert format_name(file) == "kitti"
     assert rig.baseline_m == pytest.approx(0.5327, abs=1e-4)
     assert "color cameras 2 and 3 (baseline 532.7 mm) and the gray ones 0 and 1 (537.2 mm)" in rig.doubts[0]
+
+
+def test_of_four_cameras_the_images_choose(tmp_path: Path) -> None:
+    rig = load_rig(kitti(tmp_path, "0123"), (1242, 375))
+    assert for_channels(rig, monochrome=False).baseline_m == pytest.approx(0.5327, abs=1e-4)
+    gray = for_channels(rig, monochrome=True)
+    assert gray.baseline_m == pytest.approx(0.5372, abs=1e-4)
+    assert "gray is taken" in gray.doubts[0]
+    assert gray.alternatives == ()
 
 
 def test_points_project_as_the_file_says(tmp_path: Path) -> None:

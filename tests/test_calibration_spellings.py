@@ -64,6 +64,42 @@ def test_zed_custom_calibration(fisheye: bool, tmp_path: Path) -> None:
     np.testing.assert_allclose(found.T_right_left, RIG.T_right_left, atol=1e-9)
 
 
+def test_four_coefficients_are_opencvs_unless_images_say_fisheye(tmp_path: Path) -> None:
+    distortion = RIG.left.distortion[:4]
+    pose = {"R": RIG.R, "T": RIG.T_right_left[:3, 3:]}
+    storage(tmp_path / "stereo.yml", K1=RIG.left.K, K2=RIG.right.K, D1=distortion[:, None], D2=distortion[:, None], **pose)
+    found = load_rig(tmp_path / "stereo.yml", SIZE)
+    assert (found.left.model, found.alternatives[0].left.model) == ("pinhole", "fisheye")
+    np.testing.assert_array_equal(found.left.distortion, distortion)
+    storage(tmp_path / "none.yml", K1=RIG.left.K, K2=RIG.right.K, D1=np.zeros((1, 4)), D2=np.zeros((1, 4)), **pose)
+    assert load_rig(tmp_path / "none.yml", SIZE).alternatives == ()
+
+
+@pytest.mark.parametrize("words", [("rotation_matrix", "translation_vector"), ("rotation", "translation"), ("R", "T")])
+def test_plain_lists_and_a_mapping_a_camera(words: tuple[str, str], tmp_path: Path) -> None:
+    cameras = {
+        side: {"K": camera.K.tolist(), "dist": camera.distortion.tolist()}
+        for side, camera in (("left", RIG.left), ("right", RIG.right))
+    }
+    pose = dict(zip(words, (RIG.R.tolist(), RIG.T_right_left[:3, 3].tolist()), strict=True))
+    (tmp_path / "rig.json").write_text(json.dumps(cameras | pose))
+    assert_same(load_rig(tmp_path / "rig.json", SIZE))
+
+
+def test_rectified_images_need_no_distortion(tmp_path: Path) -> None:
+    K = np.array([[600.0, 0, 320], [0, 600, 240], [0, 0, 1]])
+    P1, P2 = np.c_[K, np.zeros(3)], np.c_[K, [-60.0, 0, 0]]
+    storage(tmp_path / "projections.yml", P1=P1, P2=P2, Q=np.eye(4))
+    storage(tmp_path / "cameras.yml", K1=K, K2=K, R=np.eye(3), T=np.array([[-0.1], [0], [0]]))
+    for name in ("projections.yml", "cameras.yml"):
+        found = load_rig(tmp_path / name, SIZE)
+        assert found.is_rectified
+        assert found.baseline_m == pytest.approx(0.1)
+    storage(tmp_path / "turned.yml", K1=K, K2=K, R=RIG.R, T=np.array([[-0.1], [0], [0]]))
+    with pytest.raises(CalibrationError, match="no 'D1' and 'D2'"):
+        load_rig(tmp_path / "turned.yml", SIZE)
+
+
 def test_millimeters_are_taken_as_such_and_named(tmp_path: Path) -> None:
     matrices = {"M1": RIG.left.K, "M2": RIG.right.K, "D1": RIG.left.distortion[None], "D2": RIG.right.distortion[None]}
     storage(tmp_path / "stereo.yml", **matrices, R=RIG.R, T=RIG.T_right_left[:3, 3:] * 1000)

@@ -129,6 +129,14 @@ def test_poses_without_names_and_times_are_taken_in_order() -> None:
         place(index(), by_time(line(9), nothing[:9]), CONFIG)
 
 
+def test_some_frames_of_a_numbered_sequence_find_their_poses() -> None:
+    nothing = np.full(30, np.nan)
+    names = tuple(f"{i:06d}" for i in range(12, 22))
+    placement = place(index(names=names), by_time(line(30), nothing), CONFIG)
+    np.testing.assert_array_equal(placement.T_world_camera, line(30)[12:22])
+    assert "000012 has the pose of line 13" in placement.warnings[0]
+
+
 def test_a_trajectory_of_another_dive_is_refused() -> None:
     with pytest.raises(MappingError, match="no frame has a pose"):
         place(index(), by_time(line(), np.arange(10) + 1e6), CONFIG)

@@ -29,8 +29,8 @@ from calibration.rig import StereoRig
 __all__ = ["WritableFormat", "format_name", "load_rig", "parse_size", "write_rig"]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
-SIZED = (native, kalibr, oplab, orbslam, middlebury)  # these store the size of the images
-WHOLE_RIG = (*SIZED, kitti, matlab, bouguet, viame)  # these hold a rig in one file
+SIZED = (native, kalibr, oplab, orbslam)  # these store the size of the images
+WHOLE_RIG = (*SIZED, middlebury, kitti, matlab, bouguet, viame)  # these hold a rig in one file
 ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}  # these hold a camera in each of two files
 Size = tuple[int, int]
 

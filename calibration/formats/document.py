@@ -118,8 +118,11 @@ def _parse_yaml(text: str) -> Any:
 
 
 def _repair(text: str) -> str:
-    """Make YAML of what OpenCV and oplab write: `%YAML:1.0`, `data:[1,2]`, `extrinsics:  rotation_matrix:` on one line."""
-    text = re.sub(r"\A\s*%YAML.*\n", "", text)
+    """Make YAML of what OpenCV and oplab write: `%YAML:1.0`, `data:[1,2]`, `extrinsics:  rotation_matrix:` on one line; of the
+    messages that ROS prints, each ended by `---`, take the first.
+    """
+    text = re.sub(r"\A\s*%YAML.*\n(---.*\n)?", "", text)
+    text = re.split(r"^---\s*$", text, maxsplit=1, flags=re.MULTILINE)[0] if re.match(r"header:", text) else text
     text = re.sub(r"^(\s*[\w.]+):\[", r"\1: [", text, flags=re.MULTILINE)
     indent = re.search(r"^( +)translation_vector:", text, re.MULTILINE)
     if indent:

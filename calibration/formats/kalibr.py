@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.kalibr_results import stated_errors
@@ -30,7 +31,7 @@ def parse(document: Section) -> StereoRig:
         raise CalibrationError(f"{document.where}: holds cam0 alone: calibrate both cameras together")
     sections = [document.section("cam0"), document.section("cam1")]
     cameras = [_parse_camera(section) for section in sections]
-    T = sections[1].matrix("T_cn_cnm1", 4, 4)
+    T = _pose(sections)
     topics = [section.text("rostopic") if section.has("rostopic") else "" for section in sections]
     errors = stated_errors(Path(document.where), np.array([camera.K[[0, 1], [0, 1]] for camera in cameras]))
     with naming(sections[1].where + ": T_cn_cnm1"):
@@ -40,6 +41,17 @@ def parse(document: Section) -> StereoRig:
             return StereoRig(cameras[1], cameras[0], inverse_transform(T), errors=errors)
         _check_topics(topics)
         return StereoRig(cameras[0], cameras[1], T, errors=errors)
+
+
+def _pose(sections: list[Section]) -> NDArray[np.float64]:
+    """T_cn_cnm1, (4, 4); of files that hold each camera's pose to an IMU alone (OpenVINS writes T_imu_cam), from these."""
+    if not sections[1].has("T_cn_cnm1"):
+        for key, inverse in (("T_cam_imu", False), ("T_imu_cam", True)):
+            if all(section.has(key) for section in sections):
+                poses = [section.matrix(key, 4, 4) for section in sections]
+                left, right = (inverse_transform(pose) if inverse else pose for pose in poses)
+                return right @ inverse_transform(left)
+    return sections[1].matrix("T_cn_cnm1", 4, 4)
 
 
 def write(rig: StereoRig, path: Path) -> None:

@@ -5,14 +5,13 @@ Geiger et al., Vision meets Robotics: The KITTI Dataset, 2013, section 4: x = P 
 
 from dataclasses import replace
 
-import numpy as np
-
 from calibration.errors import CalibrationError
-from calibration.formats.ros import make_camera, rig_from_projections
+from calibration.formats.ros import make_camera, rectified_rig, rig_from_projections
 from calibration.formats.section import Section, naming
 from calibration.rig import Camera, StereoRig
 
 COLOR, GRAY = ("2", "3"), ("0", "1")
+COLOR_TAKEN, GRAY_TAKEN = "color is taken", "gray is taken, as the images are"
 Size = tuple[int, int]
 
 
@@ -22,7 +21,7 @@ def matches(document: Section) -> bool:
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
-    """The color cameras where the file holds them, else the gray ones; a file that holds both gives a doubt.
+    """The color cameras where the file holds them, else the gray ones; of a file that holds both, the gray ones as an alternative.
 
     image_size: (width, height). calib.txt stores none, and calib_cam_to_cam.txt one before and one after rectification.
     Raises CalibrationError if it is needed and missing.
@@ -34,11 +33,19 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
     if len(rigs) == 1:
         return rigs[0]
     color_mm, gray_mm = (1000 * rig.baseline_m for rig in rigs)
-    doubt = (
-        f"holds the color cameras 2 and 3 (baseline {color_mm:.1f} mm) and the gray ones 0 and 1 ({gray_mm:.1f} mm): color is "
-        f"taken; for gray images delete the lines of cameras 2 and 3"
+    both = f"holds the color cameras 2 and 3 (baseline {color_mm:.1f} mm) and the gray ones 0 and 1 ({gray_mm:.1f} mm)"
+    color, gray = (
+        replace(rig, reading=reading, doubts=(*rig.doubts, f"{both}: {reading}"))
+        for rig, reading in zip(rigs, (COLOR_TAKEN, GRAY_TAKEN), strict=True)
     )
-    return replace(rigs[0], doubts=(*rigs[0].doubts, doubt))
+    return color.with_alternatives([gray])
+
+
+def for_channels(rig: StereoRig, monochrome: bool) -> StereoRig:
+    """Of a file that holds two rigs, the one that took images in color, or in gray; other rigs as they are."""
+    if rig.reading != COLOR_TAKEN or not rig.alternatives:
+        return rig
+    return rig.alternatives[0] if monochrome else replace(rig, alternatives=())
 
 
 def _of_projections(document: Section, pair: tuple[str, str], size: Size | None) -> StereoRig:
@@ -69,6 +76,4 @@ def _camera(document: Section, camera: str, size: Size) -> Camera:
 
 def _rectified(document: Section, keys: list[str], size: Size) -> StereoRig:
     projections = [document.matrix(key, 3, 4) for key in keys]
-    left, right = (make_camera(document.where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections)
-    with naming(document.where):
-        return replace(rig_from_projections(left, right, [np.eye(3), np.eye(3)], projections), medium="air")
+    return replace(rectified_rig(document.where, projections, size), medium="air")

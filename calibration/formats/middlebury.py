@@ -7,15 +7,17 @@ from calibration.formats.ros import make_camera
 from calibration.formats.section import Section, naming
 from calibration.rig import StereoRig
 
+Size = tuple[int, int]
+
 
 def matches(document: Section) -> bool:
     """True for a calib.txt."""
     return document.has("cam0", "baseline") and not isinstance(document.content["cam0"], dict)
 
 
-def parse(document: Section) -> StereoRig:
+def parse(document: Section, image_size: Size | None) -> StereoRig:
     """The rectified rig, meters; the right principal point is the left one plus doffs (Z = f B / (d + doffs))."""
-    size = document.image_size("width", "height")
+    size = document.image_size("width", "height") if document.has("width") or image_size is None else image_size
     K_left = document.matrix("cam0", 3, 3)
     K_right = document.matrix("cam1", 3, 3) if document.has("cam1") else K_left.copy()
     doffs_px = document.number("doffs") if document.has("doffs") else K_right[0, 2] - K_left[0, 2]

@@ -4,6 +4,7 @@ ZED's custom calibration (K_LEFT, D_LEFT, Size, T in mm) and VIAME's .npz (camer
 OpenCV's stereo_calib sample stores no image size; files written here do, and name the camera model.
 """
 
+from dataclasses import replace
 from itertools import product
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import cv2
 import numpy as np
 
 from calibration.errors import CalibrationError
-from calibration.formats.ros import make_camera, rig_from_projections
+from calibration.formats.ros import make_camera, rectified_rig, rig_from_projections
 from calibration.formats.section import Section, naming
 from calibration.formats.units import to_meters
 from calibration.rig import MAX_BASELINE_M, Camera, CameraModel, StereoRig
@@ -24,6 +25,11 @@ D_NAMES = (
 SIDES = (("1", "2"), ("L", "R"), ("LEFT", "RIGHT"), ("Left", "Right"), ("left", "right"), ("l", "r"))
 SPELLINGS = ("{name}{side}", "{name}_{side}", "{side}_{name}", "{side}{name}")
 FISHEYE_NAMES = ("fisheye", "equidistant", "kannala_brandt", "KannalaBrandt8")
+R_NAMES = ("R", "rotation_matrix", "rotation", "R_stereo", "rotationMatrix")
+T_NAMES = ("T", "translation_vector", "translation", "T_stereo", "translationVector")
+ZED_FISHEYE = ("D_LEFT_FE", "D_RIGHT_FE")
+FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
+FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
 LEAST_MM = 20.0
 """A baseline of this number or more cannot be in meters, centimeters or board squares: stereoCalibrate was given millimeters."""
 Size = tuple[int, int]
@@ -45,16 +51,39 @@ def keys_of(document: Section, names: tuple[str, ...]) -> tuple[str, str] | None
 
 def has_extrinsics(document: Section) -> bool:
     """True if the file says where the second camera stands."""
-    return document.has("R", "T") or document.has("R1", "R2", "P1", "P2")
+    return _has_pose(document) or document.has("R1", "R2", "P1", "P2")
+
+
+def is_rectified(document: Section) -> bool:
+    """True for the projections of images that are rectified already, and nothing of the cameras before."""
+    return document.has("P1", "P2") and not document.has("R1") and not has_intrinsics(document)
 
 
 def matches(document: Section) -> bool:
     """True if one file holds the whole rig, or half of it."""
-    return has_intrinsics(document) or has_extrinsics(document)
+    return has_intrinsics(document) or has_extrinsics(document) or is_rectified(document)
+
+
+def sides_apart(document: Section) -> Section:
+    """A file with a mapping a camera (``left: {K: ..., D: ...}``) as one whose keys name their sides; others as they are."""
+    for names in SIDES[1:]:
+        found = [camera for name in names if isinstance(camera := document.content.get(name), dict)]
+        if len(found) == len(names):
+            sided = {f"{key}{number}": value for number, camera in zip("12", found, strict=True) for key, value in camera.items()}
+            return Section(document.where, sided | dict(document.content))
+    return document
+
+
+def _has_pose(document: Section) -> bool:
+    return any(map(document.has, R_NAMES)) and any(map(document.has, T_NAMES))
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
     """The rig of one file, or of intrinsics and extrinsics merged. image_size: for files that store none."""
+    document = sides_apart(document)
+    if is_rectified(document):
+        projections = [document.matrix(key, 3, 4) for key in ("P1", "P2")]
+        return rectified_rig(document.where, projections, _size(document, image_size))
     if not has_intrinsics(document):
         raise CalibrationError(
             f"{document.where}: holds no camera matrices (K1, K2): give the intrinsics file too, with a comma between"
@@ -64,18 +93,19 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
             f"{document.where}: holds no R and T between the cameras: give the extrinsics file too, with a comma between "
             "(two single-camera calibrations hold no stereo geometry)"
         )
-    size = _stored_size(document) or image_size
-    if size is None:
-        raise CalibrationError(
-            f"{document.where}: stores no image size (OpenCV's format has none): give the size of the images, "
-            "or add the keys image_width and image_height"
-        )
-    left, right = _parse_cameras(document, size)
-    if not document.has("R", "T"):
+    size = _size(document, image_size)
+    rigs = [_rig(document, *_parse_cameras(document, size, model)) for model in _models(document)]
+    if len(rigs) == 1:
+        return rigs[0]
+    return replace(rigs[0], reading=FOUR_PINHOLE).with_alternatives([replace(rigs[1], reading=FOUR_FISHEYE)])
+
+
+def _rig(document: Section, left: Camera, right: Camera) -> StereoRig:
+    if not _has_pose(document):
         rotations = [document.matrix(key, 3, 3) for key in ("R1", "R2")]
         return rig_from_projections(left, right, rotations, [document.matrix(key, 3, 4) for key in ("P1", "P2")])
-    R = document.numbers("R", 9, 3)
-    T = document.numbers("T", 3)
+    R = document.numbers(document.first(*R_NAMES), 9, 3)
+    T = document.numbers(document.first(*T_NAMES), 3)
     doubts: tuple[str, ...] = ()
     if not has_numbered_sides(document) or LEAST_MM <= np.linalg.norm(T) <= MAX_BASELINE_M * 1000:
         T, doubts = to_meters(T, "millimeters" if document.has("K_LEFT") else None)
@@ -111,6 +141,16 @@ def write(rig: StereoRig, path: Path) -> None:
     storage.release()
 
 
+def _size(document: Section, image_size: Size | None) -> Size:
+    size = _stored_size(document) or image_size
+    if size is None:
+        raise CalibrationError(
+            f"{document.where}: stores no image size (OpenCV's format has none): give the size of the images, "
+            "or add the keys image_width and image_height"
+        )
+    return size
+
+
 def _stored_size(document: Section) -> Size | None:
     for width, height in (("image_width", "image_height"), ("imageWidth", "imageHeight"), ("width", "height")):
         if document.has(width, height):
@@ -121,32 +161,36 @@ def _stored_size(document: Section) -> Size | None:
     return None
 
 
-def _parse_cameras(document: Section, size: Size) -> tuple[Camera, Camera]:
-    K_keys, D_keys = keys_of(document, K_NAMES), keys_of(document, D_NAMES)
-    fisheye = document.has("D_LEFT_FE", "D_RIGHT_FE")  # ZED's word for it
-    if fisheye:
-        D_keys = ("D_LEFT_FE", "D_RIGHT_FE")
-    if K_keys is None or D_keys is None:
+def _distortion_keys(document: Section) -> tuple[str, str] | None:
+    """None for cameras of images that were rectified: not turned to each other, and without distortion."""
+    keys = ZED_FISHEYE if document.has(*ZED_FISHEYE) else keys_of(document, D_NAMES)
+    turned = not _has_pose(document) or not np.array_equal(document.numbers(document.first(*R_NAMES)), np.eye(3).ravel())
+    if keys is None and turned:
         raise CalibrationError(
             f"{document.where}: no 'D1' and 'D2' (nor distCoeffs1 ...): the file is incomplete or of another kind"
         )
-    left, right = (_parse_camera(document, K_key, D_key, size, fisheye) for K_key, D_key in zip(K_keys, D_keys, strict=True))
-    return left, right
+    return keys
 
 
-def _parse_camera(document: Section, K_key: str, D_key: str, size: Size, fisheye: bool) -> Camera:
-    distortion = document.numbers(D_key)
-    model = "fisheye" if fisheye else _model(document, D_key, distortion.size)
-    return make_camera(f"{document.where}: {D_key}", document.matrix(K_key, 3, 3), distortion, size, model)
-
-
-def _model(document: Section, key: str, coefficients: int) -> CameraModel:
+def _models(document: Section) -> tuple[CameraModel, ...]:
+    """The camera models that the file can mean: four coefficients are k1 k2 p1 p2 or a fisheye's, where no word tells."""
     named = next((name for name in ("camera_model", "distortion_model", "model") if document.has(name)), None)
     if named:
-        return "fisheye" if document.text(named) in FISHEYE_NAMES else "pinhole"
-    if coefficients == 4:
-        raise CalibrationError(
-            f"{document.where}: {key}: 4 coefficients may be k1 k2 p1 p2 or OpenCV's fisheye, and nothing in the file tells: "
-            "add the key camera_model, with pinhole or fisheye"
-        )
-    return "pinhole"
+        return ("fisheye",) if document.text(named) in FISHEYE_NAMES else ("pinhole",)
+    keys = _distortion_keys(document)
+    if keys is None or keys == ZED_FISHEYE:
+        return ("fisheye",) if keys else ("pinhole",)
+    distortion = [document.numbers(key) for key in keys]
+    open_to_both = all(coefficients.size == 4 and coefficients.any() for coefficients in distortion)
+    return ("pinhole", "fisheye") if open_to_both else ("pinhole",)
+
+
+def _parse_cameras(document: Section, size: Size, model: CameraModel) -> tuple[Camera, Camera]:
+    K_keys, D_keys = keys_of(document, K_NAMES), _distortion_keys(document)
+    assert K_keys  # parse has looked
+    distortion = [document.numbers(key) for key in D_keys] if D_keys else [np.zeros(0), np.zeros(0)]
+    left, right = (
+        make_camera(f"{document.where}: {key}", document.matrix(key, 3, 3), own, size, model)
+        for key, own in zip(K_keys, distortion, strict=True)
+    )
+    return left, right

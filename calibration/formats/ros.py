@@ -21,6 +21,8 @@ DISTORTION_MODELS: dict[str, CameraModel] = {
     "rational_polynomial": "pinhole",
     "equidistant": "fisheye",
     "fisheye": "fisheye",
+    "": "pinhole",  # of images that are rectified already, as is the next
+    "none": "pinhole",
 }
 
 
@@ -45,7 +47,7 @@ def parse_camera(section: Section) -> Camera:
     """K, distortion and size of one camera_info (oplab's cameras have the same keys)."""
     name = section.text("distortion_model") if section.has("distortion_model") else "plumb_bob"
     if name not in DISTORTION_MODELS:
-        known = ", ".join(DISTORTION_MODELS)
+        known = ", ".join(filter(None, DISTORTION_MODELS))
         raise CalibrationError(f"{section.where}: distortion_model: {name!r} is not supported: calibrate with one of {known}")
     size = section.image_size(section.first("image_width", "width"), section.first("image_height", "height"))
     K = section.matrix(section.first("camera_matrix", "K", "k"), 3, 3)
@@ -87,6 +89,13 @@ def rig_from_projections(
     T[:3, :3] = rotations[1].T @ rotations[0]
     T[:3, 3] = rotations[1].T @ offset
     return StereoRig(left, right, T)
+
+
+def rectified_rig(where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]) -> StereoRig:
+    """The rig of images that are rectified already, from their projections (3, 4), left first. where: the file, for messages."""
+    left, right = (make_camera(where, P[:, :3].copy(), np.zeros(0), size, "pinhole") for P in projections)
+    with naming(where):
+        return rig_from_projections(left, right, [np.eye(3), np.eye(3)], projections)
 
 
 def write(rig: StereoRig, left_path: Path, right_path: Path) -> None:

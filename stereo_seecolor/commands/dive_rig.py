@@ -9,6 +9,7 @@ import numpy as np
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import rows_agree, vertical_disparity
 from calibration.formats import load_rig
+from calibration.formats.kitti import for_channels
 from calibration.matches import Matches, raw_matches
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
@@ -17,7 +18,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow, Image
+from stereo_seecolor.records import FrameRow, Image, is_monochrome
 
 DECIDING_PAIRS = 3
 """Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
@@ -30,26 +31,31 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
 
     Raises InputError; CalibrationError, also where the first images are all of another size than the calibration's.
     """
-    sizes = _left_sizes(pairs, images)
-    first = next(sizes)
-    rig = load_rig(calib, first)
-    if rig.left.image_size != first and rig.left.image_size not in islice(sizes, DECIDING_PAIRS - 1):
+    lefts = _left_images(pairs, images)
+    image = next(lefts)
+    first = _size(image)
+    rig = for_channels(load_rig(calib, first), is_monochrome(image))
+    if rig.left.image_size != first and rig.left.image_size not in map(_size, islice(lefts, DECIDING_PAIRS - 1)):
         raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)))
     return rig
 
 
-def _left_sizes(pairs: Sequence[Pair], images: InputConfig) -> Iterator[tuple[int, int]]:
-    """(width, height) of the left images that can be read. Raises InputError if none can be."""
+def _left_images(pairs: Sequence[Pair], images: InputConfig) -> Iterator[Image]:
+    """The left images that can be read. Raises InputError if none can be."""
     problems = []
     for pair in pairs:
         try:
-            height, width = read_image(pair.left, images).shape[:2]
+            image = read_image(pair.left, images)
         except InputError as error:
             problems.append(str(error))
         else:
-            yield width, height
+            yield image
     if len(problems) == len(pairs):
         raise InputError(f"none of the {len(problems)} left images can be read; the first: {problems[0]}")
+
+
+def _size(image: Image) -> tuple[int, int]:
+    return image.shape[1], image.shape[0]
 
 
 def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:

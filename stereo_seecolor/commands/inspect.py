@@ -10,6 +10,7 @@ import numpy as np
 
 from calibration import CalibrationError, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
+from calibration.formats.kitti import for_channels
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
 from stereo_seecolor.commands.check import RigFacts, rig_facts
@@ -25,7 +26,7 @@ from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.inputs.video_streams import gray
-from stereo_seecolor.records import Image
+from stereo_seecolor.records import Image, is_monochrome
 
 SAMPLE_PAIRS = 6
 """Pairs, spread over the dive, that are looked at."""
@@ -166,8 +167,10 @@ def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFac
 
 
 def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> StereoRig:
+    images = _images(sample, config)
+    rig = for_channels(rig, is_monochrome(images[0][0]))
     with suppress(CalibrationError):  # too few points to tell: said of the rows
-        return settle_reading(rig, _images(sample, config))
+        return settle_reading(rig, images)
     return rig
 
 

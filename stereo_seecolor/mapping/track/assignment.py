@@ -1,5 +1,7 @@
 """Which pose of a trajectory belongs to which frame."""
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 
@@ -26,7 +28,9 @@ class Assignment:
 
 
 def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
-    """By name, else by time (interpolated), else, where neither says anything, by order. Raises MappingError."""
+    """By name, else by time (interpolated), else, where neither says anything, by order, or by the numbers of frames of which
+    only some are here. Raises MappingError.
+    """
     by_stem: dict[str, list[int]] = {}
     for i, name in enumerate(trajectory.names):
         by_stem.setdefault(_stem(name), []).append(i)
@@ -36,14 +40,28 @@ def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> 
     if np.isfinite(trajectory.timestamps_s).any() and np.isfinite(index.timestamps_s).any():
         return _by_time(index, trajectory, config)
     if not by_stem and len(trajectory.T_world_camera) == len(index.names):
-        T = trajectory.T_world_camera.copy()
-        reasons = {int(i): "its pose is not finite" for i in np.flatnonzero(~_finite(T))}
-        T[list(reasons)] = np.nan
-        return Assignment(T, reasons, ["the trajectory names no frames and holds no common time: poses were taken in order"])
+        return _of_places(trajectory, np.arange(len(index.names)), "in order")
+    if not by_stem and (places := _numbers(index.names, len(trajectory.T_world_camera))) is not None:
+        first = f"{index.names[0]} has the pose of line {places[0] + 1}"
+        return _of_places(trajectory, places, f"by the numbers in the frames' names, from 0 ({first})")
     raise MappingError(
         f"the {len(trajectory.T_world_camera)} poses of the trajectory cannot be matched to the {len(index.names)} frames: no "
         f"common names (for example {trajectory.names[0]!r} and {index.names[0]!r}), no common times, not the same number"
     )
+
+
+def _numbers(names: Sequence[str], poses: int) -> NDArray[np.intp] | None:
+    """The numbers that names end with, as KITTI numbers frames; None if one has none, or not all differ and have a pose."""
+    found = [re.search(r"(\d{1,9})$", name) for name in names]
+    numbers = np.array([int(number[1]) for number in found if number], np.intp)
+    return numbers if len(set(numbers)) == len(names) and numbers.max() < poses else None
+
+
+def _of_places(trajectory: Trajectory, places: NDArray[np.intp], how: str) -> Assignment:
+    T = trajectory.T_world_camera[places]
+    reasons = {int(i): "its pose is not finite" for i in np.flatnonzero(~_finite(T))}
+    T[list(reasons)] = np.nan
+    return Assignment(T, reasons, [f"the trajectory names no frames and holds no common time: poses were taken {how}"])
 
 
 def _by_name(index: FrameIndex, trajectory: Trajectory, by_stem: dict[str, list[int]]) -> Assignment:
