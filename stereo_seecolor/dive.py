@@ -145,7 +145,7 @@ class Dive:
 
         self._begin_ranges()
         self._ranged = True
-        good = [ranged for _, (ranged, _) in self._pass("ranges", pairs, self._stages.counted)]  # tables while pixels are at hand
+        good = [ranged for _, ranged in self._pass("ranges", pairs, self._stages.prepared)]
         frames = [(ranged.pair.name, ranged) for ranged in good]
         captures = [recorded_capture(ranged.row.facts) for ranged in good]
         encoding, read = self._config.color.input_encoding, self._stages.read

@@ -105,6 +105,11 @@ class FrameStages:
             self._keep(ranged, *ranged.pixels)
         return ranged.row, (replace(ranged, pixels=None), self.table(ranged, clock))
 
+    def prepared(self, pair: Pair, clock: Clock) -> tuple[FrameRow, Ranged]:
+        """As ``counted``, for a pass that needs no table yet: it is made while the pixels are at hand."""
+        row, (ranged, _) = self.counted(pair, clock)
+        return row, ranged
+
     def _keep(self, ranged: Ranged, image: Image, range_map: RangeMap) -> None:
         """Keep a frame's pixels for the passes to come."""
         self._kept.keep(ranged.pair.name, ranged.key, FramePixels(image, range_map.range_m, ~range_map.filled))

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import pytest
 
+from stereo_seecolor.commands import campaign as module
 from stereo_seecolor.commands.campaign import CampaignFile, campaign
 from stereo_seecolor.commands.plan import plan
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.progress import RunOptions
 
 
 def write(file: Path, *dives: str, more: str = "") -> Path:
@@ -61,9 +63,52 @@ def test_dives_of_a_site_share_the_water_that_one_run_over_all_their_pairs_has(m
     assert again.dives[:2] == result.dives[:2]
 
 
-def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -> None:
-    from stereo_seecolor.commands import campaign as module
+class Interrupts:
+    """A person who presses Ctrl-C at the first pair of a stage."""
 
+    def __init__(self, stage: str) -> None:
+        self._stage, self._now = stage, ""
+
+    def begin(self, stage: str, total: int) -> None:
+        self._now = stage
+
+    def advance(self, row: object) -> None:
+        if self._now == self._stage:
+            raise KeyboardInterrupt
+
+
+def test_a_campaign_that_is_stopped_says_so_of_its_dive_and_goes_on(make_dive, tmp_path) -> None:
+    make_dive(2)
+    entries = [f"{{name: a, {SIDES}}}", f"{{name: b, site: s, {SIDES}}}", f"{{name: c, site: s, {SIDES}}}"]
+    file = write(tmp_path / "campaign.yaml", *entries)
+    listener = Interrupts("colors")
+    assert [found.state for found in campaign(file, RunOptions(listener=listener)).dives] == ["stopped", "not begun", "not begun"]
+    campaign(write(tmp_path / "one.yaml", entries[0]))
+    stopped = campaign(file, RunOptions(listener=Interrupts("ranges")), only_failed=True)  # in the fit of the site's water
+    assert [found.state for found in stopped.dives] == ["done", "stopped", "not begun"]
+    with stopped.table.open() as table:
+        assert [row["state"] for row in csv.DictReader(table)] == ["done", "stopped", "not begun"]
+    assert campaign(file, only_failed=True).all_done
+
+
+def test_a_dive_whose_map_fails_has_its_frames_and_the_reason(make_dive, tmp_path, monkeypatch) -> None:
+    make_dive(1)
+    (tmp_path / "nav.tum").write_text("no number\n")
+    file = write(tmp_path / "campaign.yaml", f"{{name: a, poses: nav.tum, {SIDES}}}")
+    (found,) = campaign(file).dives
+    assert (found.state, found.ok) == ("failed", 1)
+    assert "nav.tum" in found.error
+    assert (tmp_path / "results/records/a.json").is_file()
+
+    def stopped(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(module, "fuse", stopped)
+    (found,) = campaign(file).dives
+    assert (found.state, found.ok) == ("stopped", 1)
+
+
+def test_a_defect_in_one_dive_costs_no_other(make_dive, tmp_path, monkeypatch) -> None:
     make_dive(1)
 
     def broken(*_: object, **__: object) -> None:

@@ -47,6 +47,7 @@ def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ticket:
     """A ticket that this process may serve, without the limits of a worker."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(ticket, "_one_core", lambda: None)
+    monkeypatch.setattr(ticket, "log_below", lambda _: None)
     (tmp_path / "probe").write_text("a")
     return Ticket.mine((Probe(tmp_path / "probe", "a", (tmp_path,)),))
 

@@ -22,7 +22,7 @@ def workers() -> list[psutil.Process]:
     found = []
     for process in psutil.Process().children(recursive=True):
         with contextlib.suppress(psutil.Error):
-            if "multiprocessing.forkserver" in " ".join(process.cmdline()) and process.ppid() != os.getpid():
+            if process.ppid() != os.getpid():
                 found.append(process)
     return found
 
@@ -56,6 +56,9 @@ def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
         summary = run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute, listener=killer))
         again = run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute))
     assert killer.killed == 2
+    logs = list((tmp_path / "cluster/.state/logs").iterdir())
+    assert len(logs) == 4, "one for each worker, those started anew among them"
+    assert all("worker begins" in log.read_text() for log in logs)
     assert (summary.count("ok"), summary.count("failed"), again.kept) == (5, 1, 5)
     run(*sides, tmp_path / "threads")
     assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
@@ -67,13 +70,16 @@ def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
 def test_the_client_is_killed(make_dive, tmp_path: Path) -> None:
     dive, out = make_dive(5), tmp_path / "cluster"
     words = [sys.executable, "-m", "stereo_seecolor", *dive.command(out, "--cluster", "local:1", "--progress", "none")]
-    client = subprocess.Popen(words)
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    client = subprocess.Popen(words, env={**os.environ, "TMPDIR": str(temporary)})
     wait_for(lambda: client.poll() is not None or len(list((out / "range").glob("*.tiff"))) >= 2)
     assert client.poll() is None, "the client ended before it was killed"
     family = [client.pid, *(child.pid for child in psutil.Process(client.pid).children(recursive=True))]
     client.kill()
     client.wait()
     wait_for(lambda: not any(map(running, family)))
+    assert not list(temporary.glob("stereo-seecolor*"))
     assert subprocess.run(words, stdout=subprocess.DEVNULL).returncode == 0
     run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "threads")
     assert contents(out) == contents(tmp_path / "threads")

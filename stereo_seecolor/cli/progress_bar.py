@@ -21,8 +21,11 @@ def bar() -> Iterator[Listener]:
         TimeRemainingColumn(),
         TextColumn("{task.fields[pair]}", markup=False),
     )
-    with Progress(*columns, console=Console(stderr=True)) as drawn:
+    drawn = Progress(*columns, console=Console(stderr=True))
+    try:
         yield _Bar(drawn)
+    finally:
+        drawn.stop()
 
 
 class _Bar:
@@ -32,6 +35,7 @@ class _Bar:
 
     def begin(self, stage: str, total: int) -> None:
         """A new line for each stage."""
+        self._drawn.start()  # not before: its thread would keep workers from being forked
         self._task = self._drawn.add_task(stage, total=total, rate="", pair="")
 
     def advance(self, row: FrameRow) -> None:

@@ -1,33 +1,31 @@
 """``campaign``: many dives, one after the other; what is wrong with one does not end the others."""
 
-import csv
-import io
 import json
 import logging
 import time
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from calibration import CalibrationError
 from stereo_seecolor.commands.campaign_records import write_records
+from stereo_seecolor.commands.campaign_table import TABLE, DiveState, State, load_states, save_states
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.over_pairs import StereoInputs
+from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.site_water import SiteDive, fit_site
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError, SeeColorError
-from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.progress import RunOptions
 
-TABLE, STATES, WATERS = "campaign.csv", "campaign.json", "waters"
-State = Literal["done", "some pairs failed", "failed", "stopped"]
+WATERS = "waters"
 
 log = logging.getLogger(__name__)
 
@@ -86,19 +84,6 @@ class CampaignFile(BaseModel):
 
 
 @dataclass(frozen=True)
-class DiveState:
-    """What became of a dive. ok, failed: pairs. error: why it failed as a whole."""
-
-    name: str
-    state: State
-    ok: int
-    failed: int
-    seconds: float
-    out: str
-    error: str = ""
-
-
-@dataclass(frozen=True)
 class CampaignResult:
     """Every dive, in the file's order. table: the same as CSV."""
 
@@ -118,47 +103,77 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
     """
     content, options = CampaignFile.read(file), options or RunOptions()
     root = file.parent / content.out
-    earlier = _load(root)
-    states: dict[str, DiveState] = {}
-    for dive in _with_site_waters(file, content, options, keep=only_failed):
-        known = earlier.get(dive.name)
-        states[dive.name] = known if only_failed and known and known.state == "done" else _dive(file, content, dive, options)
-        _save(root, {**earlier, **states})
-        if states[dive.name].state == "stopped":
-            break
-    write_records(root, {name: Path(state.out) for name, state in states.items() if state.ok})
-    return CampaignResult(tuple(states.values()), root / TABLE)
+    earlier = load_states(root)
+    begun = {dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun") for dive in content.dives}
+    states = {**begun, **earlier}
+    save_states(root, states)
+    for state in _states(file, content, options, earlier if only_failed else {}):
+        states[state.name] = state
+        save_states(root, states)
+    found = tuple(states[name] for name in begun)
+    if all(state.state != "stopped" for state in found):
+        write_records(root, {state.name: Path(state.out) for state in found if state.ok})
+    return CampaignResult(found, root / TABLE)
 
 
-def _with_site_waters(file: Path, content: CampaignFile, options: RunOptions, keep: bool) -> Iterator[DiveEntry]:
-    """All dives, those of a site with the file of its water, which is fitted before the first of them. keep: one that is there.
-
-    Where it cannot be fitted, the dives are run to say why.
-    """
-    waters = content.out / WATERS
-    fitted: set[str] = set()
+def _states(file: Path, content: CampaignFile, options: RunOptions, known: Mapping[str, DiveState]) -> Iterator[DiveState]:
+    """Of each dive when it is through, until one is stopped. known: what became of them; those that are done are skipped."""
+    waters = _SiteWaters(file, content, options, keep=bool(known))
     for dive in content.dives:
-        if dive.site and dive.site not in fitted:
-            fitted.add(dive.site)
-            others = [other for other in content.dives if other.site == dive.site]
-            if not (keep and all((file.parent / waters / f"{other.name}.json").exists() for other in others)):
-                _fit(file, content, others, options)
-        there = dive.site and (file.parent / waters / f"{dive.name}.json").exists()
-        yield dive.model_copy(update={"water": waters / f"{dive.name}.json"}) if there else dive
+        if dive.name in known and known[dive.name].state == "done":
+            yield known[dive.name]
+            continue
+        if waters.fit_for(dive):
+            yield DiveState(dive.name, "stopped", out=str(_out(file, content, dive)), error=f"while site {dive.site} was measured")
+            return
+        state = _dive(file, content, waters.given(dive), options)
+        yield state
+        if state.state == "stopped":
+            return
 
 
-def _fit(file: Path, content: CampaignFile, dives: Sequence[DiveEntry], options: RunOptions) -> None:
-    root = file.parent / content.out
+class _SiteWaters:
+    """The waters of the sites, each fitted before the first of its dives. keep: those that are there stay as they are."""
 
-    def site_dive(dive: DiveEntry) -> SiteDive:
-        config, water = _config(file.parent, content, dive), root / WATERS / f"{dive.name}.json"
-        return SiteDive(_inputs(file.parent, dive), root / dive.name, config, water)
+    def __init__(self, file: Path, content: CampaignFile, options: RunOptions, keep: bool) -> None:
+        self._file, self._content, self._options, self._keep = file, content, options, keep
+        self._fitted: set[str] = set()
 
-    try:
-        if fit_site([site_dive(dive) for dive in dives], options):
-            raise KeyboardInterrupt
-    except (SeeColorError, CalibrationError) as error:
-        log.error("site %s: %s", dives[0].site, error)
+    def _water(self, dive: DiveEntry) -> Path:
+        return self._content.out / WATERS / f"{dive.name}.json"
+
+    def _dives(self, site: str) -> list[DiveEntry]:
+        return [dive for dive in self._content.dives if dive.site == site]
+
+    def _stays(self, site: str) -> bool:
+        return self._keep and all((self._file.parent / self._water(dive)).exists() for dive in self._dives(site))
+
+    def given(self, dive: DiveEntry) -> DiveEntry:
+        """The dive with the file of its site's water, where that could be fitted: else its run says why not."""
+        there = dive.site and (self._file.parent / self._water(dive)).exists()
+        return dive.model_copy(update={"water": self._water(dive)}) if there else dive
+
+    def fit_for(self, dive: DiveEntry) -> bool:
+        """Fit the water of the dive's site, unless that was done. True if it was stopped."""
+        if not dive.site or dive.site in self._fitted or self._stays(dive.site):
+            return False
+        self._fitted.add(dive.site)
+        root, folder = self._file.parent / self._content.out, self._file.parent
+
+        def site_dive(one: DiveEntry) -> SiteDive:
+            return SiteDive(_inputs(folder, one), root / one.name, _config(folder, self._content, one), folder / self._water(one))
+
+        try:
+            return fit_site([site_dive(one) for one in self._dives(dive.site)], self._options)
+        except KeyboardInterrupt:  # between two passes
+            return True
+        except (SeeColorError, CalibrationError) as error:
+            log.error("site %s: %s", dive.site, error)
+            return False
+
+
+def _out(file: Path, content: CampaignFile, dive: DiveEntry) -> Path:
+    return file.parent / content.out / dive.name
 
 
 def _inputs(folder: Path, dive: DiveEntry) -> StereoInputs:
@@ -167,29 +182,38 @@ def _inputs(folder: Path, dive: DiveEntry) -> StereoInputs:
 
 
 def _dive(file: Path, content: CampaignFile, dive: DiveEntry, options: RunOptions) -> DiveState:
-    start_s, out = time.monotonic(), file.parent / content.out / dive.name
+    start_s, out = time.monotonic(), _out(file, content, dive)
     log.info("%s: begins", dive.name)
-    state = DiveState(dive.name, "failed", 0, 0, 0.0, str(out))
+    state = DiveState(dive.name, "failed", out=str(out))
     try:
-        state = _run(file.parent, dive, out, _config(file.parent, content, dive), options, state)
+        config = _config(file.parent, content, dive)
+        state = _run(file.parent, dive, config, options, state)
+        if (dive.fuse or dive.poses) and state.state != "stopped":
+            _map(file.parent, dive, config, options, out)
+    except KeyboardInterrupt:  # between two passes, or in the map
+        state = replace(state, state="stopped")
     except (SeeColorError, CalibrationError) as error:
         log.error("%s: %s", dive.name, error)
-        state = replace(state, error=str(error))
+        state = replace(state, state="failed", error=str(error))
     except Exception as error:  # a defect of this program must not cost the dives that follow
         log.exception("%s: failed", dive.name)
-        state = replace(state, error=f"{type(error).__name__}: {error} (a defect of this program: the log holds more)")
+        message = f"{type(error).__name__}: {error} (a defect of this program: the log holds more)"
+        state = replace(state, state="failed", error=message)
     return replace(state, seconds=round(time.monotonic() - start_s, 3))
 
 
-def _run(folder: Path, dive: DiveEntry, out: Path, config: RunConfig, options: RunOptions, state: DiveState) -> DiveState:
+def _run(folder: Path, dive: DiveEntry, config: RunConfig, options: RunOptions, state: DiveState) -> DiveState:
     water = folder / dive.water if dive.water else None
-    inputs = _inputs(folder, dive)
-    summary = run(inputs.left, inputs.right, inputs.calib, out, config, replace(options, water=water))
+    inputs, out = _inputs(folder, dive), Path(state.out)
+    options = replace(options, water=water, page="none" if dive.fuse or dive.poses else options.page)  # the map is on it
+    summary = run(inputs.left, inputs.right, inputs.calib, out, config, options)
     done: State = "stopped" if summary.stopped else "done" if summary.all_done else "some pairs failed"
-    state = replace(state, state=done, ok=summary.count("ok"), failed=summary.count("failed"))
-    if (dive.fuse or dive.poses) and not summary.stopped:
-        fuse(out, folder / dive.poses if dive.poses else None, config, options.listener, options.cluster)
-    return state
+    return replace(state, state=done, ok=summary.count("ok"), failed=summary.count("failed"))
+
+
+def _map(folder: Path, dive: DiveEntry, config: RunConfig, options: RunOptions, out: Path) -> None:
+    fuse(out, folder / dive.poses if dive.poses else None, config, options.listener, options.cluster)
+    report(out, options.listener, brief=True)
 
 
 def _config(folder: Path, content: CampaignFile, dive: DiveEntry) -> RunConfig:
@@ -199,20 +223,3 @@ def _config(folder: Path, content: CampaignFile, dive: DiveEntry) -> RunConfig:
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value)
-
-
-def _load(root: Path) -> dict[str, DiveState]:
-    """What became of the dives so far; none where nothing was kept, or it is damaged."""
-    try:
-        return {name: DiveState(**state) for name, state in json.loads((root / STATES).read_bytes()).items()}
-    except (OSError, ValueError, TypeError, AttributeError):
-        return {}
-
-
-def _save(root: Path, states: Mapping[str, DiveState]) -> None:
-    write_atomic(root / STATES, json.dumps({name: asdict(state) for name, state in states.items()}, indent=1).encode())
-    text = io.StringIO()
-    table = csv.DictWriter(text, [field.name for field in fields(DiveState)], lineterminator="\n")
-    table.writeheader()
-    table.writerows(asdict(state) for state in states.values())
-    write_atomic(root / TABLE, text.getvalue().encode())

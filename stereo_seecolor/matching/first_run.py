@@ -8,7 +8,7 @@ from stereo_seecolor.matching import diagnostics
 from stereo_seecolor.matching.disparity import MatchedDisparity
 from stereo_seecolor.matching.gray import GrayPair
 from stereo_seecolor.matching.matcher import Matcher, disparity_limits
-from stereo_seecolor.matching.sgm.search import SemiGlobalMatching
+from stereo_seecolor.matching.sgm.search import SemiGlobalMatching, is_first_run
 from stereo_seecolor.records import StereoFrame
 
 PAIR = RectifiedPair(focal_px=160, cx_left_px=96, cx_right_px=96, cy_px=64, baseline_m=0.1, image_size=(192, 128))
@@ -20,6 +20,12 @@ def search_noise() -> None:
     frame, pair = _noise()
     found = SemiGlobalMatching(*disparity_limits(PAIR, MatchingConfig())).find(frame, pair)
     diagnostics.vertical_disparity_px(pair.left, pair.right, found.disparity)
+
+
+def load_search() -> None:
+    """The machine code of the search, where it is kept: else each process compiles when it needs it."""
+    if not is_first_run():
+        search_noise()
 
 
 def judge_noise() -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.bins import LOW_BITS, RANGE_BINS, VALUE_BINS, bin_values, range_edges_m
+from stereo_seecolor.files.deflate import deflated
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -33,7 +34,7 @@ class MomentTable:
         return cls(np.zeros((3, RANGE_BINS, VALUE_BINS[bit_depth]), np.int64), np.zeros(RANGE_BINS, np.int64), bit_depth)
 
     def __reduce__(self) -> tuple[Callable[[bytes], "MomentTable"], tuple[bytes]]:
-        return _unzipped, (zlib.compress(self.packed(), 1),)
+        return _inflated, (deflated(self.packed()),)
 
     def __repr__(self) -> str:
         """Pixels, bit depth and the ranges that they span."""
@@ -90,5 +91,5 @@ class MomentTable:
         return MomentTable(self.counts.reshape(3, RANGE_BINS, VALUE_BINS[8], -1).sum(axis=3), self.offset_sum, 8)
 
 
-def _unzipped(content: bytes) -> MomentTable:
+def _inflated(content: bytes) -> MomentTable:
     return MomentTable.unpacked(zlib.decompress(content))

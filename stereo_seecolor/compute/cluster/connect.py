@@ -1,6 +1,5 @@
 """A cluster by its name on the command line: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
 
-import multiprocessing
 import re
 import tempfile
 import time
@@ -11,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from stereo_seecolor.compute.cluster.batch_jobs import BatchJobs
+from stereo_seecolor.compute.cluster.dask_settings import DASK_SETTINGS
+from stereo_seecolor.compute.cluster.local_workers import CAN_FORK, Orders, starter
 from stereo_seecolor.errors import ClusterError
 
 if TYPE_CHECKING:
@@ -28,17 +29,12 @@ JOB_CLASSES = {
 FORMS = f"local:N, tcp://HOST:PORT, or {', '.join(JOB_CLASSES)} with a file, such as slurm:cluster.yaml"
 SCHEDULER_TIMEOUT_S, LOCAL_TIMEOUT_S = 20, 120
 """A scheduler of a cluster answers within a second; a worker process of a busy machine needs up to a minute to import all."""
-LOST_S = 60
-"""Seconds that a lost worker has to come back by itself, before another is started in its place."""
-FAILURES_ALLOWED = 10
-"""Workers that a batch may lose before it is given up: machines are taken away, but a batch that ends every worker ends the run."""
 LOOK_S = 10.0
 """Seconds between two looks at the queue while no worker has come: batch systems are not to be asked every second."""
 ADAPT_S, IDLE_LOOKS = "10s", 6
 """How often it is looked whether more or fewer jobs are wanted, and for how many looks a job has nothing to do before it ends."""
-START_METHOD = "forkserver" if "forkserver" in multiprocessing.get_all_start_methods() else "spawn"
-IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive")
-"""What the process imports from which workers of this machine are forked. The second is named only, since it lies above."""
+MEMORY_SHARE = 0.95
+"""Of the machine's memory, divided by the workers of this machine: what one may take."""
 
 
 @contextmanager
@@ -53,7 +49,7 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
 
     from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
 
-    with dask.config.set(_dask_settings()), opener() as opened:
+    with dask.config.set(DASK_SETTINGS), opener() as opened:
         try:
             client: Any = Client(opened.where, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, TimeoutError, ValueError) as error:
@@ -64,22 +60,6 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
             _check_scheduler(client, name)
             _wait(client, opened, name)
             yield DaskCompute(client, name, opened.revive)
-
-
-def _dask_settings() -> dict[str, Any]:
-    """What Dask does by itself, many times a second on each process, costs a twentieth of a core: here it does so seldom.
-
-    Workers of this machine are forked from one process that has imported all: of two that import by themselves each takes 2 s.
-    """
-    return {
-        "distributed.scheduler.allowed-failures": FAILURES_ALLOWED,
-        "distributed.deploy.lost-worker-timeout": LOST_S,
-        "distributed.worker.multiprocessing-method": START_METHOD,
-        "distributed.worker.profile.enabled": False,
-        "distributed.admin.tick.interval": "500ms",
-        "distributed.admin.system-monitor.interval": "5s",
-        "distributed.worker.memory.monitor-interval": "500ms",
-    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,28 +89,39 @@ def _opener(name: str) -> Callable[[], Any]:
 @contextmanager
 def _local(workers: int) -> Iterator[Opened]:
     """Processes of this machine; they end with this one, however it ends."""
+    with tempfile.TemporaryDirectory(prefix="stereo-seecolor-") as scratch, ExitStack() as ends:
+        if not CAN_FORK:
+            started = ends.enter_context(_scheduler(workers, scratch))
+            yield Opened(started, revive=lambda: started.scale(workers))
+            return
+        start = ends.enter_context(starter())  # before the scheduler, whose threads it must not copy
+        started = _scheduler(0, scratch)
+        ends.callback(started.close)
+        start(Orders(started.scheduler_address, workers, int(MEMORY_SHARE * _memory_bytes() / workers), scratch))
+        yield Opened(started)
+
+
+def _scheduler(workers: int, scratch: str) -> Any:
+    """A scheduler in this process, with so many workers of Dask's own."""
     from distributed import LocalCluster
-    from distributed.utils import get_mp_context
 
-    if START_METHOD == "forkserver":
-        get_mp_context().set_forkserver_preload([*IMPORTED_ONCE])  # type: ignore[no-untyped-call]
+    return LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=workers,
+        threads_per_worker=1,
+        processes=True,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",  # any free port: two runs on one machine must not meet
+        worker_dashboard_address=None,
+        local_directory=scratch,
+        silence_logs=50,
+    )
 
-    with tempfile.TemporaryDirectory(prefix="stereo-seecolor-") as folder, ExitStack() as ends:
-        try:
-            started: Any = LocalCluster(  # type: ignore[no-untyped-call]
-                n_workers=workers,
-                threads_per_worker=1,
-                processes=True,
-                host="127.0.0.1",
-                dashboard_address="127.0.0.1:0",  # any free port: two runs on one machine must not meet
-                worker_dashboard_address=None,
-                local_directory=folder,
-                silence_logs=50,
-            )
-        except (RuntimeError, OSError) as error:
-            raise ClusterError(f"local:{workers}: a worker ended while it started ({error}): run the same line again") from error
-        ends.enter_context(started)
-        yield Opened(started, revive=lambda: started.scale(workers))
+
+def _memory_bytes() -> int:
+    """Of this machine, or of what this process may have of it."""
+    from distributed.system import MEMORY_LIMIT
+
+    return int(MEMORY_LIMIT)
 
 
 @contextmanager

@@ -25,6 +25,8 @@ from stereo_seecolor.errors import ClusterError, OutputError
 
 AHEAD = 2
 """Batches a worker that are under way or wait: it has the next one when it ends one."""
+LOOK_S = 0.5
+"""Seconds between two looks at how many workers there are: each asks the scheduler."""
 REVIVE_S = 15.0
 """Seconds between two looks at whether all workers are there: a worker of a busy machine needs some to start."""
 
@@ -53,6 +55,8 @@ class DaskCompute:
     def __init__(self, client: Any, name: str, revive: Callable[[], object]) -> None:
         self._client, self._name, self._revive = client, name, revive
         self._revived_s = time.monotonic()
+        self._workers: dict[str, int] = {}
+        self._looked_s = -LOOK_S
         self._probes: tuple[Probe, ...] = ()
 
     @contextmanager
@@ -124,9 +128,11 @@ class DaskCompute:
         return send
 
     def _threads(self) -> dict[str, int]:
-        """Of each worker that is connected now, by its address."""
+        """Of each worker that was connected at the last look, by its address."""
         self._look_after_workers()
-        return self._connected()
+        if not self._workers or time.monotonic() - self._looked_s >= LOOK_S:
+            self._workers, self._looked_s = self._connected(), time.monotonic()
+        return self._workers
 
     def _result(self, future: Future) -> Done:
         while True:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.compute.allocator import keep_freed_memory
+from stereo_seecolor.compute.cluster.worker_log import log_below
 from stereo_seecolor.compute.garbage import collect_seldom
 from stereo_seecolor.compute.kernel_cache import keep_on_this_machine
 from stereo_seecolor.compute.threads import limit_cores
@@ -73,6 +74,8 @@ def admit(ticket: Ticket) -> None:
         raise ClusterError(_invisible(here, ticket.folder, error)) from error
     for probe in ticket.probes:
         _look(here, probe)
+    if ticket.probes:
+        log_below(ticket.probes[-1].file.parent)
     if here != ticket.host:
         keep_on_this_machine()
     keep_freed_memory()

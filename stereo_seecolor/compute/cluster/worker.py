@@ -1,5 +1,6 @@
 """What runs on a worker: batches of items, one after the other."""
 
+import logging
 import pickle
 import platform
 import threading
@@ -21,6 +22,8 @@ Parcel = bytes | Path
 """Pickled work, or the file that holds it where it is too large to travel with every batch."""
 
 _whole_worker = threading.Lock()
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -47,8 +50,14 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
     try:
         results = [do(item) for item in pickle.loads(items)]
     except (OutputError, DeviceError) as error:  # of this machine, most likely: a full disk, a library that is missing
+        log.error("batch failed: %s", error)
         raise type(error)(f"worker on {platform.node()}: {error}") from error
-    return Done(pickle.dumps(results), time.perf_counter() - start)
+    except Exception:
+        log.exception("batch failed")
+        raise
+    seconds = time.perf_counter() - start
+    log.info("%s: %d done in %.1f s", type(do).__name__, len(results), seconds)
+    return Done(pickle.dumps(results), seconds)
 
 
 def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:

@@ -1,0 +1,45 @@
+"""What became of the dives of a campaign: campaign.csv for people, campaign.json for the next run."""
+
+import csv
+import io
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Literal
+
+from stereo_seecolor.files.atomic import write_atomic
+
+TABLE, STATES = "campaign.csv", "campaign.json"
+State = Literal["not begun", "done", "some pairs failed", "failed", "stopped"]
+
+
+@dataclass(frozen=True)
+class DiveState:
+    """What became of a dive. ok, failed: pairs. error: why it failed as a whole, or its map."""
+
+    name: str
+    state: State
+    ok: int = 0
+    failed: int = 0
+    seconds: float = 0.0
+    out: str = ""
+    error: str = ""
+
+
+def load_states(root: Path) -> dict[str, DiveState]:
+    """What became of the dives so far; none where nothing was kept, or it is damaged."""
+    try:
+        return {name: DiveState(**state) for name, state in json.loads((root / STATES).read_bytes()).items()}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
+
+
+def save_states(root: Path, states: Mapping[str, DiveState]) -> None:
+    """Write both files. Raises OutputError."""
+    write_atomic(root / STATES, json.dumps({name: asdict(state) for name, state in states.items()}, indent=1).encode())
+    text = io.StringIO()
+    table = csv.DictWriter(text, [field.name for field in fields(DiveState)], lineterminator="\n")
+    table.writeheader()
+    table.writerows(asdict(state) for state in states.values())
+    write_atomic(root / TABLE, text.getvalue().encode())

@@ -1,0 +1,36 @@
+"""The log of a worker: one file for each process, beside what it works on, wherever the process was started."""
+
+import faulthandler
+import logging
+import os
+import platform
+from contextlib import suppress
+from pathlib import Path
+
+FOLDER = "logs"
+FORM = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+
+log = logging.getLogger("stereo_seecolor")
+
+
+def log_below(folder: Path) -> None:
+    """From now on this process writes its log to ``folder``/logs/HOST-PROCESS.log, with where it was if the system ends it.
+
+    Where that cannot be written it keeps none: the work will say why.
+    """
+    for handler in [handler for handler in log.handlers if isinstance(handler, WorkerLog)]:
+        faulthandler.disable()
+        log.removeHandler(handler)
+        handler.close()
+    with suppress(OSError):
+        (folder / FOLDER).mkdir(exist_ok=True)
+        handler = WorkerLog(folder / FOLDER / f"{platform.node()}-{os.getpid()}.log", encoding="utf-8")
+        handler.setFormatter(logging.Formatter(FORM))
+        log.addHandler(handler)
+        log.setLevel(logging.INFO)
+        faulthandler.enable(handler.stream.fileno() if handler.stream else 2)
+        log.info("worker begins: process %d on %s", os.getpid(), platform.node())
+
+
+class WorkerLog(logging.FileHandler):
+    """The one that a worker writes to."""
