@@ -13,6 +13,7 @@ import numpy as np
 from calibration import Rectification, RectifiedPair, StereoRig
 from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.render.carried_colors import less_red
 from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -180,7 +181,16 @@ def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: Ra
     if config.output.image_format == "tiff32":
         linear = corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure)
         correction = correction.with_linear(linear)
+    correction = _carried_as_measured(correction, range_map)
     return correction.one_band() if is_monochrome(image) else correction
+
+
+def _carried_as_measured(correction: Correction, range_map: RangeMap) -> Correction:
+    """No redder where the range was carried over than where it was measured."""
+    measured = ~(range_map.filled | correction.unknown | correction.unrecoverable)
+    image = less_red(correction.image, range_map.filled, measured)
+    linear = None if correction.linear is None else less_red(correction.linear, range_map.filled, measured)
+    return replace(correction, image=image, linear=linear)
 
 
 def ranges_for_color(image: Image, range_map: RangeMap, config: RunConfig, seen: Mask | None = None) -> RangeMap:

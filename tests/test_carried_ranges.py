@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from conftest import SampleRun
 
+from stereo_seecolor.color.render.carried_colors import less_red
 from stereo_seecolor.color.render.carried_ranges import Smoother, carry_ranges
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
@@ -104,3 +105,20 @@ def test_a_few_wrong_matches_far_away_are_not_carried() -> None:
     found_m = carry_ranges(image, known_m)
     assert carry_ranges(image, known_m, smoother=Smoother(strays=0.0))[60:86, 205:215].mean() > 4
     np.testing.assert_allclose(found_m[60:86, 205:215], 2.0, atol=0.1)
+
+
+@pytest.mark.parametrize(("dtype", "full"), [(np.uint8, 255), (np.uint16, 65535), (np.float32, 1.0)])
+def test_what_lies_at_carried_ranges_is_no_redder_than_the_measured_reef(dtype: type, full: float) -> None:
+    colors = np.array([0.5, 0.4, 0.3]) * RNG.uniform(0.9, 1.1, (96, 128, 3))  # within 1.7 and 2.1 times as red
+    carried = np.zeros((96, 128), bool)
+    carried[:, 100:] = True
+    colors[:40, 100:] = (0.6, 0.1, 0.1)  # a rim before open water
+    image = (colors * full).astype(dtype)
+    held = less_red(image, carried, ~carried)
+    np.testing.assert_array_equal(held[~carried], image[~carried])
+    np.testing.assert_array_equal(held[..., 1:], image[..., 1:])
+    assert held[:40, 100:, 0].max() < 0.2 * full
+    assert (held[40:, 100:] == image[40:, 100:]).all(axis=-1).mean() > 0.8  # what is as red as the reef stays
+    np.testing.assert_array_equal(less_red(image, carried, np.zeros_like(carried)), image)  # nothing measured, nothing known
+    no_carried = np.zeros_like(carried)
+    assert less_red(image, no_carried, ~carried) is image
