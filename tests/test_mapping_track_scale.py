@@ -135,7 +135,8 @@ def test_local_contrast_does_not_see_light_that_falls_off() -> None:
     assert abs(float(lit.mean()) - 128) < 3
 
 
-def test_a_tilted_plane_is_smooth_and_keeps_its_depth_and_an_edge_is_not() -> None:
+@pytest.mark.parametrize("every", [1, 3])
+def test_a_tilted_plane_is_smooth_and_keeps_its_depth_and_an_edge_is_not(every: int) -> None:
     y, x = np.mgrid[:256, :320]
     inverse = 0.05 + 0.002 * y + 0.0003 * x
     inverse[:, 160:] *= 1.3
@@ -143,11 +144,12 @@ def test_a_tilted_plane_is_smooth_and_keeps_its_depth_and_an_edge_is_not() -> No
     range_m[100:102, 40:44] = np.nan
     color = np.zeros((256, 320, 3), np.uint8)
     frame = SurveyFrame("a", 0.0, color, range_m, 0.001 * range_m, np.ones_like(range_m))
-    depth = smooth_depth(frame, PAIR)
-    inside = np.zeros((256, 320), bool)
-    inside[8:-8, 8:150] = True
-    inside[95:107, 35:49] = False
-    assert depth.usable[inside].all()
-    assert depth.inverse[inside] == pytest.approx(inverse[inside], rel=1e-4)
-    assert not depth.usable[100, 41]
-    assert not depth.usable[20:-20, 159:161].any()
+    depth = smooth_depth(frame, PAIR, every)
+    rows, columns = (axis.ravel() for axis in np.mgrid[9:248:2.3, 9:149:2.7])
+    far = (np.abs(columns - 41.5) > 9) | (np.abs(rows - 100.5) > 9)  # from the hole
+    found, std, usable = depth.at(np.column_stack([columns, rows])[far])
+    assert usable.all()
+    assert found == pytest.approx((0.05 + 0.002 * rows + 0.0003 * columns)[far], rel=2e-4)
+    assert std == pytest.approx(0.001 * found, rel=0.06)  # of the nearest pixel that was looked at
+    edge = np.column_stack([np.full(200, 159.5), np.arange(20, 220)])
+    assert not depth.at(np.vstack([edge, [[41.0, 100.0]]]))[2].any()

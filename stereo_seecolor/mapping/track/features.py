@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 class FeatureSettings:
     """How features are found."""
 
-    max_features: int = 2000  # a frame: some 300 matches remain at 60 % overlap; more only cost time
+    max_features: int = 1200  # a frame: some 200 matches remain at 60 % overlap; more are no better (docs/mapping.md)
     max_width_px: int = 640  # images are reduced to it: a track is as exact as at 960, at a third of the cost (docs/mapping.md)
     lateral_std_px: float = 0.3  # how well SIFT finds a point again (measured on the synthetic reef)
 
@@ -59,15 +59,15 @@ def detect(frame: SurveyFrame, geometry: RectifiedPair, settings: FeatureSetting
     gray: NDArray[np.uint8] = cv2.cvtColor(frame.color, cv2.COLOR_RGB2GRAY)
     scale = min(1.0, settings.max_width_px / gray.shape[1])
     contrast = local_contrast(gray, scale)
-    depth = smooth_depth(frame, geometry)
+    depth = smooth_depth(frame, geometry, int(1 / scale))
     mask = cv2.resize(depth.usable.astype(np.uint8), contrast.shape[::-1], interpolation=cv2.INTER_NEAREST)
     found, descriptors = keypoints(contrast, mask, settings.max_features)
+    if not len(found):
+        return Features.none()
     pixels = (found + 0.5) / scale - 0.5
-    columns, rows = np.clip(np.rint(pixels).astype(int), 0, np.array(gray.shape[::-1]) - 1).T
-    good = depth.usable[rows, columns]
-    pixels, rows, columns = pixels[good], rows[good], columns[good]
-    directions = (pixels - [geometry.cx_left_px, geometry.cy_px]) / geometry.focal_px
-    lateral = np.full(len(pixels), settings.lateral_std_px / (geometry.focal_px * scale))
-    points = np.column_stack([directions, depth.inverse[rows, columns]])
-    std = np.column_stack([lateral, lateral, depth.std[rows, columns]])
+    inverse, inverse_std, good = depth.at(pixels)
+    directions = (pixels[good] - [geometry.cx_left_px, geometry.cy_px]) / geometry.focal_px
+    lateral = np.full(len(directions), settings.lateral_std_px / (geometry.focal_px * scale))
+    points = np.column_stack([directions, inverse[good]])
+    std = np.column_stack([lateral, lateral, inverse_std[good]])
     return Features(points, std, np.rint(descriptors[good]).astype(np.uint8))
