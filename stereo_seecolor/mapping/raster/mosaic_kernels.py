@@ -33,27 +33,33 @@ def see(
     range may be painted black, and must not bleed into their neighbors.
     """
     height, width = range_m.shape
+    focal_px, cx, cy = camera[0], camera[1], camera[2]
+    hidden_m, hidden_fraction, doubtful_cost = limits[0], limits[1], limits[2]
+    right_x, right_y, right_z, right_0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    down_x, down_y, down_z, down_0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    depth_x, depth_y, depth_z, depth_0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
     seen = 0
     for r in range(len(y_m)):
+        y = y_m[r]
         for c in range(len(x_m)):
             cost[r, c] = np.inf
-            x, y, z = x_m[c], y_m[r], z_m[r, c]
-            depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+            x, z = x_m[c], z_m[r, c]
+            depth = depth_x * x + depth_y * y + depth_z * z + depth_0
             if not depth > NEAREST_M:
                 continue
-            across = T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]
-            down = T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]
-            u, v = camera[0] * across / depth + camera[1], camera[0] * down / depth + camera[2]
+            across = right_x * x + right_y * y + right_z * z + right_0
+            down = down_x * x + down_y * y + down_z * z + down_0
+            u, v = focal_px * across / depth + cx, focal_px * down / depth + cy
             if u < 1 or v < 1 or u > width - 2 or v > height - 2:
                 continue
-            row, column = int(v + 0.5), int(u + 0.5)
+            row, column = np.uint64(v + 0.5), np.uint64(u + 0.5)
             distance = np.sqrt(across * across + down * down + depth * depth)
-            if not np.abs(range_m[row, column] - distance) <= limits[0] + limits[1] * distance:
+            if not np.abs(range_m[row, column] - distance) <= hidden_m + hidden_fraction * distance:
                 continue
             if not _blended(rgb, range_m, u, v, color[r, c]):
                 continue
             east, north, above = x - center_m[0], y - center_m[1], center_m[2] - z
-            cost[r, c] = np.sqrt(east * east + north * north) / max(above, NEAREST_M) + limits[2] * doubtful[row, column]
+            cost[r, c] = np.sqrt(east * east + north * north) / max(above, NEAREST_M) + doubtful_cost * doubtful[row, column]
             seen += 1
     return seen
 
@@ -61,17 +67,18 @@ def see(
 @compiled
 def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any) -> bool:
     """Write the color between four pixels; False where one of them that counts has no range."""
-    column, row = int(u), int(v)
-    right, below = np.float32(u - column), np.float32(v - row)
+    column, row = np.uint64(u), np.uint64(v)
+    right, below = np.float32(u - np.floor(u)), np.float32(v - np.floor(v))
+    next_column, next_row = column + np.uint64(1), row + np.uint64(1)
     left, above = np.float32(1) - right, np.float32(1) - below
     a, b, c, d = left * above, right * above, left * below, right * below
-    known = (a < NEIGHBOR or np.isfinite(range_m[row, column])) and (b < NEIGHBOR or np.isfinite(range_m[row, column + 1]))
-    known = known and (c < NEIGHBOR or np.isfinite(range_m[row + 1, column]))
-    if not (known and (d < NEIGHBOR or np.isfinite(range_m[row + 1, column + 1]))):
+    known = (a < NEIGHBOR or np.isfinite(range_m[row, column])) and (b < NEIGHBOR or np.isfinite(range_m[row, next_column]))
+    known = known and (c < NEIGHBOR or np.isfinite(range_m[next_row, column]))
+    if not (known and (d < NEIGHBOR or np.isfinite(range_m[next_row, next_column]))):
         return False
     for k in range(3):
-        value = a * rgb[row, column, k] + b * rgb[row, column + 1, k]
-        value += c * rgb[row + 1, column, k] + d * rgb[row + 1, column + 1, k]
+        value = a * rgb[row, column, k] + b * rgb[row, next_column, k]
+        value += c * rgb[next_row, column, k] + d * rgb[next_row, next_column, k]
         color[k] = np.uint8(min(value + np.float32(0.5), np.float32(255)))
     return True
 
@@ -80,22 +87,24 @@ def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any) -> bool:
 def disagree(color: Any, cost: Any, cost_a_level: float) -> None:
     """Add to ``cost`` (views, h, w) what the color (views, h, w, 3) of a view is off the median of all views that see the cell."""
     views, height, width = cost.shape
-    values = np.empty(views)
+    values, seeing = np.empty(views), np.empty(views, np.int64)
     for r in range(height):
         for c in range(width):
+            count = 0
+            for view in range(views):
+                if cost[view, r, c] < np.inf:
+                    seeing[count] = view
+                    count += 1
+            if count < 2:
+                continue
             for k in range(3):
-                count = 0
-                for view in range(views):
-                    if cost[view, r, c] < np.inf:
-                        value = float(color[view, r, c, k])
-                        place = count
-                        while place > 0 and values[place - 1] > value:
-                            values[place] = values[place - 1]
-                            place -= 1
-                        values[place] = value
-                        count += 1
-                if count < 2:
-                    break
+                for n in range(count):
+                    value = float(color[seeing[n], r, c, k])
+                    place = n
+                    while place > 0 and values[place - 1] > value:
+                        values[place] = values[place - 1]
+                        place -= 1
+                    values[place] = value
                 median = (values[(count - 1) // 2] + values[count // 2]) / 2
-                for view in range(views):
-                    cost[view, r, c] += cost_a_level * abs(color[view, r, c, k] - median)
+                for n in range(count):
+                    cost[seeing[n], r, c] += cost_a_level * abs(color[seeing[n], r, c, k] - median)
