@@ -202,11 +202,11 @@ class _Builder:
         store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component)
         surfaces = partial(store.surfaces, tiling)
         self._fuse(component, tiling, store)
-        for tile, kept in zip(tiling.tiles, islands.kept_parts(surfaces(), tiling.tile_m), strict=True):
+        for tile, kept in zip(tiling.tiles, islands.kept_parts(surfaces(), tiling), strict=True):
             if not kept.all():
                 surface = store.load(tile)
                 store.save(tile, surface.only(kept[surface.parts]))
-        cloud, mesh, points = write_map(surfaces(), tiling.tile_m, folder, _comment(place))
+        cloud, mesh, points = write_map(surfaces(), tiling, folder, _comment(place))
         files += [cloud, mesh, write_preview(folder, surfaces)]
         scratch = folder / ".rasters"
         rasters = Rasters.render(component, surfaces, config, scratch)

@@ -97,6 +97,7 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
     profile = {
         "driver": "GTiff", "dtype": raster.dtype, "count": raster.bands, "height": grid.shape[0], "width": grid.shape[1],
         "tiled": True, "blockxsize": 256, "blockysize": 256, "compress": "deflate", "predictor": 3 if floating else 2,
+        "zlevel": 1,  # a quarter of the time of the usual 6, files 2 to 4 % larger
         "bigtiff": "if_safer", "sparse_ok": True, "crs": crs_wkt(place.origin) if place.origin else None,
         "transform": rasterio.Affine(grid.cell_m, 0, west_m, 0, -grid.cell_m, north_m),
         "nodata": np.nan if floating else None,

@@ -10,7 +10,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.surface.extraction import extract
 from stereo_seecolor.mapping.surface.kernels import colors_at, integrate, packed, weigh
-from stereo_seecolor.mapping.surface.surface import Surface
+from stereo_seecolor.mapping.surface.surface import Surface, only_used
 from stereo_seecolor.mapping.surface.tiles import TRUNCATION_VOXELS, Tile, Tiling
 from stereo_seecolor.mapping.surface.volume import Triangles, Volume
 from stereo_seecolor.records import SurveyFrame
@@ -58,12 +58,18 @@ def _integrate(volume: Volume, frame: SurveyFrame, T_world_camera: NDArray[np.fl
 
 def _cut_to_tile(found: Triangles, tile: Tile, tiling: Tiling) -> Surface:
     """Keep the triangles whose center lies in the tile: each belongs to one tile, whichever extracted it."""
-    centers = np.sort(found.points_m[found.indices][..., :2].astype(np.float64), axis=1).mean(axis=1)
-    own = (np.floor(centers / tiling.tile_m) == tile.column).all(axis=1)
-    used, renumbered = np.unique(found.indices[own], return_inverse=True)
+    own = _owned(found, tile, tiling)
+    used, triangles = only_used(found.indices[own], len(found.points_m))
     no_colors = np.zeros((len(used), 3), np.uint8)
-    triangles = renumbered.reshape(-1, 3).astype(np.int32)
     return _in_order(Surface(found.points_m[used], found.normals[used], no_colors, triangles))
+
+
+def _owned(found: Triangles, tile: Tile, tiling: Tiling) -> NDArray[np.bool_]:
+    """(T,) which triangles' centers lie in the tile; added up from the least, so that it is the same in whichever order."""
+    a, b, c = np.moveaxis(found.points_m[:, :2].astype(np.float64)[found.indices], 1, 0)
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    centers = (np.minimum(low, c) + np.maximum(low, np.minimum(high, c)) + np.maximum(high, c)) / 3
+    return np.asarray((np.floor(centers / tiling.tile_m) == tile.column).all(axis=1))
 
 
 def _in_order(surface: Surface) -> Surface:
@@ -74,5 +80,6 @@ def _in_order(surface: Surface) -> Surface:
     triangles = numbers[surface.triangles]
     first = triangles.argmin(axis=1)[:, None] if len(triangles) else np.zeros((0, 1), np.int64)
     triangles = np.take_along_axis(triangles, (first + np.arange(3)) % 3, axis=1)
-    triangles = triangles[np.lexsort(triangles.T[::-1])]
+    pairs = triangles[:, 0].astype(np.int64) << 32 | triangles[:, 1]
+    triangles = triangles[np.lexsort((triangles[:, 2], pairs))]
     return Surface(surface.points_m[order], surface.normals[order], surface.colors[order], triangles)

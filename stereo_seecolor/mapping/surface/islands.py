@@ -8,20 +8,21 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from stereo_seecolor.mapping.surface.surface import Surface
+from stereo_seecolor.mapping.surface.tiles import Tiling
 
 MIN_ISLAND_M2 = 0.05
 """Less than a sheet of paper that touches nothing else: not the bottom."""
-BORDER = 0.02
-"""Fraction of a tile from its edge within which a neighboring tile may hold the same point."""
+BORDER_VOXELS = 0.5
+"""Two tiles share points on the plane between them alone, which passes through corners of voxels; float32 moves them by less."""
 
 
-def near_border(points_m: NDArray[np.float32], tile_m: float) -> NDArray[np.bool_]:
+def near_border(points_m: NDArray[np.float32], tiling: Tiling) -> NDArray[np.bool_]:
     """(V,) True for points that a neighboring tile may hold as well."""
-    fraction = np.abs(points_m[:, :2] / tile_m - np.rint(points_m[:, :2] / tile_m))
-    return np.asarray((fraction < BORDER).any(axis=1))
+    tiles = points_m[:, :2] / tiling.tile_m
+    return np.asarray((np.abs(tiles - np.rint(tiles)) * tiling.tile_m < BORDER_VOXELS * tiling.voxel_m).any(axis=1))
 
 
-def kept_parts(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bool_]]:
+def kept_parts(surfaces: Iterable[Surface], tiling: Tiling) -> list[NDArray[np.bool_]]:
     """For each tile's surface, which of its connected parts are, with what they continue into, large enough to keep."""
     areas: list[NDArray[np.float64]] = []
     joined: list[tuple[int, int]] = []
@@ -31,7 +32,7 @@ def kept_parts(surfaces: Iterable[Surface], tile_m: float) -> list[NDArray[np.bo
         part = surface.parts
         count = int(part.max(initial=-1)) + 1
         areas.append(np.bincount(part[surface.triangles[:, 0]], surface.areas_m2, minlength=count).astype(np.float64))
-        for i in np.flatnonzero(near_border(surface.points_m, tile_m)):
+        for i in np.flatnonzero(near_border(surface.points_m, tiling)):
             own = first + int(part[i])
             joined.append((own, border.setdefault(surface.points_m[i].tobytes(), own)))
         first += count

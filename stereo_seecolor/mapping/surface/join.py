@@ -11,11 +11,12 @@ from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.ply import FACE, VERTEX, header
 from stereo_seecolor.mapping.surface.islands import near_border
 from stereo_seecolor.mapping.surface.surface import Surface
+from stereo_seecolor.mapping.surface.tiles import Tiling
 
 CHUNK_BYTES = 1 << 22
 
 
-def write_map(surfaces: Iterable[Surface], tile_m: float, folder: Path, comment: str) -> tuple[Path, Path, int]:
+def write_map(surfaces: Iterable[Surface], tiling: Tiling, folder: Path, comment: str) -> tuple[Path, Path, int]:
     """Write all tiles as folder/cloud.ply and folder/mesh.ply, one tile in memory at a time; both paths, and the points in each.
 
     comment: put into both headers. Raises OutputError.
@@ -25,7 +26,7 @@ def write_map(surfaces: Iterable[Surface], tile_m: float, folder: Path, comment:
         body, faces = cloud_path.with_suffix(".vertices"), mesh_path.with_suffix(".faces")
         try:
             with body.open("wb") as vertex_file, faces.open("wb") as face_file:
-                counts = _write_bodies(surfaces, tile_m, vertex_file, face_file)
+                counts = _write_bodies(surfaces, tiling, vertex_file, face_file)
             _assemble(cloud_path, header(comment, VERTEX, counts[0]), body)
             _assemble(mesh_path, header(comment, VERTEX, *counts), body, faces)
         finally:
@@ -34,12 +35,12 @@ def write_map(surfaces: Iterable[Surface], tile_m: float, folder: Path, comment:
     return cloud, mesh, counts[0]
 
 
-def _write_bodies(surfaces: Iterable[Surface], tile_m: float, vertex_file: BinaryIO, face_file: BinaryIO) -> tuple[int, int]:
+def _write_bodies(surfaces: Iterable[Surface], tiling: Tiling, vertex_file: BinaryIO, face_file: BinaryIO) -> tuple[int, int]:
     border: dict[bytes, int] = {}
     points = triangles = 0
     for surface in surfaces:
         numbers = np.full(len(surface.points_m), -1, np.int64)
-        on_border = np.flatnonzero(near_border(surface.points_m, tile_m))
+        on_border = np.flatnonzero(near_border(surface.points_m, tiling))
         keys = [point.tobytes() for point in surface.points_m[on_border]]
         numbers[on_border] = [border.get(key, -1) for key in keys]
         new = np.flatnonzero(numbers < 0)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.surface.kernels import BLOCK
+from stereo_seecolor.mapping.surface.surface import only_used
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT, Triangles, Volume
 
 CHUNK = 8
@@ -75,8 +76,8 @@ def _chunk_triangles(tsdf: NDArray[np.float32], known: NDArray[np.bool_]) -> tup
     points, triangles, *_ = find(filled, 0.0, gradient_direction="descent", method="lorensen")
     cube = np.floor(points[triangles].mean(axis=1, dtype=np.float64)).astype(np.int64)
     own = cubes[tuple(np.minimum(cube, len(cubes) - 1).T)]
-    used, renumbered = np.unique(triangles[own], return_inverse=True)
-    return (points[used].astype(np.float64), renumbered.reshape(-1, 3)) if len(used) else None
+    used, renumbered = only_used(triangles[own].astype(np.int64), len(points))
+    return (points[used].astype(np.float64), renumbered.astype(np.int64)) if len(used) else None
 
 
 def _normals(points_m: NDArray[np.float32], triangles: NDArray[np.int64]) -> NDArray[np.float32]:
