@@ -191,10 +191,11 @@ def _blend(colors: NDArray[np.uint8], costs: Float) -> NDArray[np.uint8]:
     visible, best = seen.any(axis=0), _cheapest(costs, seen)
     total, blend = np.zeros(best.shape, np.float32), np.zeros((*best.shape, 3), np.float32)
     for k in range(len(colors)):
-        window = _around(best == k)
+        mine = best == k
+        window = _around(mine)
         if window is None:
             continue
-        weight = cv2.GaussianBlur((best[window] == k).astype(np.float32), (0, 0), SETTINGS.feather_px) * seen[k][window]
+        weight = cv2.GaussianBlur(mine[window].astype(np.float32), (0, 0), SETTINGS.feather_px) * seen[k][window]
         total[window] += weight
         blend[window] += weight[..., None] * colors[k][window]
     result = np.zeros((4, *best.shape), np.uint8)
@@ -204,10 +205,10 @@ def _blend(colors: NDArray[np.uint8], costs: Float) -> NDArray[np.uint8]:
     return result
 
 
-def _cheapest(costs: Float, seen: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _cheapest(costs: Float, seen: NDArray[np.bool_]) -> NDArray[np.int16]:
     """(h, w) the view whose cost, averaged over its neighborhood, is least; -1 where none sees the cell."""
     size, least = (SETTINGS.smooth_px,) * 2, np.full(costs.shape[1:], np.inf, np.float32)
-    best = np.full(costs.shape[1:], -1, np.int64)
+    best = np.full(costs.shape[1:], -1, np.int16)
     for k in range(len(costs)):
         fraction = cv2.blur(seen[k].astype(np.float32), size)
         mean = cv2.blur(np.where(seen[k], costs[k], np.float32(0)), size) / np.maximum(fraction, 1e-6)
