@@ -74,4 +74,6 @@ def _read(path: Path) -> SurveyFrame | None:
         return None
     name, time_s, color, range_m, range_std_m, confidence, doubtful = found
     timestamp_s = None if np.isnan(time_s) else float(time_s)
-    return SurveyFrame(str(name[0]), timestamp_s, color, range_m, range_std_m, confidence, doubtful)
+    frame = SurveyFrame(str(name[0]), timestamp_s, color, range_m, range_std_m, confidence, doubtful)
+    vars(frame)["color_is_doubtful"] = doubtful  # clipped ones are among them: they need not be looked for again
+    return frame

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.image_space import Observed, move
+from stereo_seecolor.mapping.track.image_space import Moved, Observed, move
 from stereo_seecolor.mapping.track.relative_pose import SETTINGS as POSE
-from stereo_seecolor.mapping.track.relative_pose import weights
 
 Array = NDArray[np.float64]
 MODELS = (10, 4)
@@ -120,7 +119,7 @@ class _Normal:
 def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) -> _Normal:
     field_a, field_b = fields
     moved = move(T, pair.b.points - field_b @ values)
-    residual, weight = pair.a.points - field_a @ values - moved.points, weights(moved, pair.a, pair.b)
+    residual, weight = pair.a.points - field_a @ values - moved.points, _weights(moved, pair.a, pair.b)
     ratio = np.einsum("ni,nij,nj->n", residual, weight, residual) / POSE.outlier_sigmas**2
     weight = weight / (1 + ratio)[:, None, None]
     by_values = field_a - moved.by_point @ field_b
@@ -133,6 +132,14 @@ def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) ->
         g_values=np.einsum("nki,nk->i", weighted_values, residual),
         cost=float(np.log1p(ratio).sum()),
     )
+
+
+def _weights(moved: Moved, a: Observed, b: Observed) -> Array:
+    """(n, 3, 3) inverse covariances of the differences between points of a and the moved points of b."""
+    spread = moved.by_point * b.std[:, None, :]
+    covariance = spread @ np.swapaxes(spread, 1, 2)
+    covariance[:, [0, 1, 2], [0, 1, 2]] += a.std**2
+    return np.asarray(np.linalg.inv(covariance), np.float64)
 
 
 def _field(points: Array, geometry: RectifiedPair, terms: int) -> Array:

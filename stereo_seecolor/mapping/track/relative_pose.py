@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector
 from stereo_seecolor.mapping.track.features import Features
-from stereo_seecolor.mapping.track.image_space import Moved, Observed, move
+from stereo_seecolor.mapping.track.image_space import Observed
+from stereo_seecolor.mapping.track.pose_kernels import pose_residuals
 from stereo_seecolor.mapping.track.sift import alike
 
 Array = NDArray[np.float64]
@@ -111,13 +112,8 @@ def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[
     which points are within four sigmas. Raises LinAlgError for points that hold no pose.
     """
     for _ in range(SETTINGS.rounds):
-        moved = move(T, b.points)
-        residual, weight = a.points - moved.points, weights(moved, a, b)
-        squared = np.einsum("ni,nij,nj->n", residual, weight, residual)
-        robust = weight / (1 + squared / SETTINGS.outlier_sigmas**2)[:, None, None]
-        weighted = robust @ moved.by_pose
-        H = np.einsum("nki,nkj->ij", moved.by_pose, weighted)
-        step = np.linalg.solve(H, np.einsum("nki,nk->i", weighted, residual))
+        squared, H, g = _residuals(T, a, b)
+        step = np.linalg.solve(H, g)
         T = T @ pose(rotation_from_vector(step[:3]), step[3:])
         if np.abs(step).max() < 1e-7:
             break
@@ -127,20 +123,18 @@ def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[
     return T, np.linalg.inv(H) * scale + systematic, kept
 
 
-def weights(moved: Moved, a: Observed, b: Observed) -> Array:
-    """(n, 3, 3) inverse covariances of the differences between points of a and the moved points of b."""
-    spread = moved.by_point * b.std[:, None, :]
-    covariance = spread @ np.swapaxes(spread, 1, 2)
-    covariance[:, [0, 1, 2], [0, 1, 2]] += a.std**2
-    return np.asarray(np.linalg.inv(covariance), np.float64)
-
-
 def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
     """(n,) how far points are from each other, in standard errors, squared; infinite for points behind the camera."""
-    moved = move(T, b.points)
-    residual = a.points - moved.points
-    squared = np.einsum("ni,nij,nj->n", residual, weights(moved, a, b), residual)
-    return np.where(moved.points[:, 2] > 0, squared, np.inf)
+    scaled_depth = b.points @ T[2, [0, 1, 3]] + T[2, 2]
+    return np.where(scaled_depth * b.points[:, 2] > 0, _residuals(T, a, b)[0], np.inf)
+
+
+def _residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
+    """(n,) residuals in standard errors, squared, and the normal equations (6, 6), (6,) of a step of the pose."""
+    squared, H, g = np.empty(len(a.points)), np.zeros((6, 6)), np.zeros(6)
+    measured = (np.ascontiguousarray(values) for values in (a.points, a.std, b.points, b.std))
+    pose_residuals(np.ascontiguousarray(T), *measured, SETTINGS.outlier_sigmas, squared, H, g)
+    return squared, H, g
 
 
 def _ransac(
