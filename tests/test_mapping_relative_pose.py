@@ -23,5 +23,6 @@ def test_the_normal_equations_are_those_of_the_model() -> None:
     expected = np.einsum("ni,nij,nj->n", residual, weight, residual)
     robust = weight / (1 + expected / sigmas**2)[:, None, None]
     assert squared == pytest.approx(expected)
-    assert H == pytest.approx(np.einsum("nki,nkl,nlj->ij", moved.by_pose, robust, moved.by_pose))
+    model = np.einsum("nki,nkl,nlj->ij", moved.by_pose, robust, moved.by_pose)
+    assert pytest.approx(model) == H
     assert g == pytest.approx(np.einsum("nki,nkl,nl->i", moved.by_pose, robust, residual))
