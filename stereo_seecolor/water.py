@@ -12,13 +12,15 @@ from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.files.reading import read_bytes
-from stereo_seecolor.water_limits import PARAMETERS, problem_of
+from stereo_seecolor.water_limits import MATRICES, PARAMETERS, problem_of
 
 FORMAT = "stereo-seecolor/water"
 VERSION = 1
 
 PerChannel = NDArray[np.float64]
 """(3,) float64 in the order R, G, B."""
+Matrix = NDArray[np.float64]
+"""(3, 3) float64: row i makes channel i."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,6 +40,8 @@ class Water:
     exposure: the brightness that its frames are shown at, None where each frame has its own. highlights: how many times the
     brightest light shown is rolled off to it at that exposure, 1 = none is.
     fall_off: power of the range by which the rig's own light falls off, beside A: 0 for daylight, 2 for lamps at the camera.
+    matrix: (3, 3) the camera's colors to those of sRGB, applied to J in linear light; rows sum to 1, so that gray stays gray.
+    matrix_errors: (3, 3) its standard errors; None where it was not measured.
 
     Raises ColorError for values that no water has.
     """
@@ -57,6 +61,8 @@ class Water:
     exposure: float | None = None
     highlights: float = 1.0
     fall_off: float = 0.0
+    matrix: Matrix = field(default_factory=lambda: np.eye(3))
+    matrix_errors: Matrix | None = None
 
     def __post_init__(self) -> None:
         if problem := problem_of(vars(self)):
@@ -80,8 +86,9 @@ class Water:
         return np.moveaxis(np.exp(-z * (w * np.exp(-v * z) + y * np.exp(-x * z))), 0, -1)
 
     def content(self) -> dict[str, Any]:
-        """As JSON holds it: lists in the order R, G, B; null for what is not known."""
-        return {part.name: plain(getattr(self, part.name)) for part in fields(self)}
+        """As JSON holds it: lists in the order R, G, B; null for what is not known. No color matrix where channels are not mixed."""
+        left_out = MATRICES if (self.matrix == np.eye(3)).all() else ()
+        return {part.name: plain(getattr(self, part.name)) for part in fields(self) if part.name not in left_out}
 
     @classmethod
     def from_content(cls, content: Any) -> Self:
@@ -91,6 +98,8 @@ class Water:
             errors = {str(key): _channels(value) for key, value in values.pop("standard_errors", {}).items()}
             warnings = tuple(str(warning) for warning in values.pop("warnings", ()))
             parameters: dict[str, Any] = {name: _channels(values.pop(name)) for name in PARAMETERS if name in values}
+            matrices = {name: values.pop(name) for name in MATRICES if values.get(name) is not None}
+            parameters |= {name: np.array(matrix, np.float64) for name, matrix in matrices.items()}
             return cls(**parameters, **values, standard_errors=errors, warnings=warnings)
         except (TypeError, ValueError, AttributeError, OverflowError) as error:
             raise ColorError(f"water: is damaged: {error}") from error

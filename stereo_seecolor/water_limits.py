@@ -20,6 +20,10 @@ class Limits:
     """Light lost within 0.1 mm; the most turbid harbors have some 50 per meter."""
     exposure: float = 1e12
     """Gain of all channels: that which makes the least white point full scale."""
+    row_sum: float = 1e-6
+    """By how much a row of the color matrix may miss 1: rounding."""
+    mixing: float = 10.0
+    """Of an entry of the color matrix: no camera that sees three colors comes near."""
     fall_off: float = 4.0
     """Power of the range: light that goes out and comes back from a point falls off by no more."""
 
@@ -41,6 +45,8 @@ BOUNDS = {
 }
 """Parameter -> least and greatest, each channel."""
 PARAMETERS = tuple(BOUNDS)
+MATRICES = ("matrix", "matrix_errors")
+"""What has three rows of three numbers."""
 
 
 def problem_of(water: Mapping[str, Any]) -> str:
@@ -54,6 +60,7 @@ def problem_of(water: Mapping[str, Any]) -> str:
         problems.append(_number_problem("exposure", water["exposure"], 1 / LIMITS.exposure))
     problems.append(_number_problem("highlights", water["highlights"], 1.0))
     problems.append(_number_problem("fall_off", water["fall_off"], 0.0, LIMITS.fall_off))
+    problems.append(_matrix_problem(water["matrix"], water["matrix_errors"]))
     for name, errors in water["standard_errors"].items():
         known = np.nan_to_num(errors, nan=0.0) if isinstance(errors, np.ndarray) and errors.dtype.kind == "f" else errors
         problems.append(_channels_problem(f"the standard error of {name}", known, 0.0, np.finfo(np.float64).max))
@@ -70,6 +77,14 @@ def _channels_problem(name: str, value: Any, low: float, high: float) -> str:
 def _number_problem(name: str, value: Any, low: float, high: float = LIMITS.exposure) -> str:
     good = not isinstance(value, bool) and isinstance(value, Real) and low <= float(value) <= high
     return "" if good else f"{name} must be a number from {low:g} to {high:g} (got {value!r:.80})"
+
+
+def _matrix_problem(matrix: Any, errors: Any) -> str:
+    for name, value in (("matrix", matrix), ("matrix_errors", np.zeros((3, 3)) if errors is None else errors)):
+        if not isinstance(value, np.ndarray) or value.shape != (3, 3) or not (np.abs(value) <= LIMITS.mixing).all():
+            return f"{name} needs three rows of three numbers from {-LIMITS.mixing:g} to {LIMITS.mixing:g} (got {value!r:.80})"
+    balanced = np.abs(matrix.sum(axis=1) - 1) <= LIMITS.row_sum
+    return "" if balanced.all() else f"matrix must have rows that sum to 1 (got {matrix.sum(axis=1).tolist()})"
 
 
 def _light_falls(water: Mapping[str, Any]) -> bool:

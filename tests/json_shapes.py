@@ -277,7 +277,19 @@ SHAPES: dict[str, Shape] = {
         "out": str,
         "path": str,
         "water": dict,
-        "charts": [{"frame": str, "target": str, "range_m": float, "residual_deg": float}],
+        "charts": [
+            {
+                "frame": str,
+                "target": str,
+                "range_m": float,
+                "residual_deg": float,
+                "ciede2000_before": UNKNOWN,
+                "ciede2000": UNKNOWN,
+            }
+        ],
+        "trend": (dict, None),
+        "matrix": (dict, None),
+        "no_matrix": str,
     },
     "evaluate": {**END, **TRUTH},
     "evaluate --spread": {**END, "raw": SPREAD, "corrected": SPREAD, "pairs": int},

@@ -1,4 +1,5 @@
-"""The white point from charts and cards: the true one comes back from any range, and a wrong water shows in what charts are off."""
+"""White point and color matrix from charts and cards: the true ones come back from any range, a wrong water shows in what charts
+are off."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -9,6 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from stereo_seecolor.cli import main
+from stereo_seecolor.evaluation.camera_matrix import CameraMatrix, camera_matrix
 from stereo_seecolor.evaluation.chart_types import CLASSIC
 from stereo_seecolor.evaluation.chart_white import ChartWhite, seen_whites, survey_white
 from stereo_seecolor.evaluation.targets import Target, chart
@@ -27,21 +29,27 @@ def some_water(red_per_m: float = 0.4) -> Water:
     )
 
 
-def pictured(range_m: float, brightness: float = 1.0) -> tuple[Target, NDArray[np.uint16], NDArray[np.float32]]:
-    """A ColorChecker that fills a frame of 16 bits, at one range in ``some_water``."""
+CAMERA = np.array([[1.3, -0.25, -0.05], [-0.1, 1.3, -0.2], [0.02, -0.32, 1.3]])
+"""To sRGB from a camera's colors."""
+
+
+def pictured(
+    range_m: float, brightness: float = 1.0, camera: NDArray[np.float64] | None = None
+) -> tuple[Target, NDArray[np.uint16], NDArray[np.float32]]:
+    """A ColorChecker that fills a frame of 16 bits, at one range in ``some_water``; camera: (3, 3) of its colors to sRGB's."""
     water, corners = some_water(), np.array([[10, 10], [118, 10], [118, 86], [10, 86]], float)
     target, z = chart("chart", corners, SIZE), np.array(range_m)
     color = np.zeros((*SIZE, 3))
     for patch, srgb in zip(target.patches, CLASSIC.srgb, strict=True):
-        color[patch] = decode_srgb(srgb)
+        color[patch] = decode_srgb(srgb) if camera is None else np.linalg.solve(camera, decode_srgb(srgb))
     light = brightness * color * WHITE * water.attenuation(z) + water.backscatter(z)
     return target, np.round(light * 65535).astype(np.uint16), np.full(SIZE, range_m, np.float32)
 
 
-def white_of(ranges_m: Sequence[float], water: Water) -> ChartWhite:
+def white_of(ranges_m: Sequence[float], water: Water, camera: NDArray[np.float64] | None = None) -> ChartWhite:
     seen = []
     for number, range_m in enumerate(ranges_m):
-        target, image, measured_m = pictured(range_m, brightness=0.5 + 0.1 * number)
+        target, image, measured_m = pictured(range_m, 0.5 + 0.1 * number, camera)
         seen += list(seen_whites(f"{number}", [target], image, measured_m, water))
     return survey_white(seen)
 
@@ -61,6 +69,68 @@ def test_a_wrong_attenuation_shows_over_range() -> None:
     assert max(white_of([1.0, 2.0, 3.5], some_water(red_per_m=0.6)).residuals_deg) > 5
     wrong, right = (white_of([1.0, 3.5], some_water(red_per_m=rate)).error[0] for rate in (0.6, 0.4))
     assert wrong > 5 * right
+
+
+def matrix_of(
+    ranges_m: Sequence[float], camera: NDArray[np.float64] | None, patches: slice = slice(None), water: Water | None = None
+) -> CameraMatrix | str:
+    """The matrix of charts of which some patches can be seen."""
+    white = white_of(ranges_m, water or some_water(), camera)
+    charts = white.patches_in(white.set_in(some_water()))
+    hidden = np.ones(24, bool)
+    hidden[patches] = False
+    return camera_matrix([replace(c, error=np.where(hidden, np.nan, c.error)) for c in charts if c])
+
+
+def test_the_camera_comes_back_within_its_stated_errors() -> None:
+    found = matrix_of([1.0, 2.0, 3.5], CAMERA)
+    assert isinstance(found, CameraMatrix)
+    np.testing.assert_allclose(found.matrix.sum(axis=1), 1)
+    assert (np.abs(found.matrix - CAMERA) < 2 * found.errors).all()
+    assert (found.errors < 0.12).all()
+    assert found.after < 0.35 * found.before and found.left_out < 0.5 * found.before
+    np.testing.assert_allclose(found.noise, np.linalg.norm(found.matrix, axis=1))
+
+
+def test_a_camera_without_fault_is_left_alone() -> None:
+    reason = matrix_of([1.0, 2.0], None)
+    assert isinstance(reason, str) and "left out of the fit are not nearer" in reason
+
+
+def test_noise_is_never_more_than_tripled() -> None:
+    strong = np.array([[3.2, -1.7, -0.5], [-0.6, 2.2, -0.6], [0.0, -1.1, 2.1]])
+    found = matrix_of([1.0], strong)
+    assert isinstance(found, CameraMatrix)
+    assert (found.noise <= 3 + 1e-9).all() and found.noise[0] == pytest.approx(3)
+    assert found.after < found.before
+
+
+@pytest.mark.parametrize(
+    ("patches", "message"),
+    [
+        (slice(0, 11), "11 colors of charts can be used, 11 of them not gray"),
+        (slice(13, 24), "11 colors of charts can be used, 5 of them not gray"),
+        (slice(0, 0), "0 colors of charts"),
+    ],
+)
+def test_too_few_patches_give_no_matrix(patches: slice, message: str) -> None:
+    reason = matrix_of([1.0, 2.0], CAMERA, patches)
+    assert isinstance(reason, str) and reason.startswith(message)
+
+
+def test_part_of_a_chart_is_enough() -> None:
+    found = matrix_of([1.0, 2.0], CAMERA, slice(6, 22))
+    assert isinstance(found, CameraMatrix) and found.patches == 16
+    assert (np.abs(found.matrix - CAMERA) < 3 * found.errors).all()
+
+
+def test_charts_at_several_ranges_tell_how_the_water_is_off() -> None:
+    right, wrong = (white_of([1.0, 2.0, 3.5], some_water(rate)).trend() for rate in (0.4, 0.5))
+    assert right and wrong
+    assert (np.abs(right.per_m) < 2 * right.error).all()
+    assert wrong.per_m[0] == pytest.approx(0.1, abs=0.02) and wrong.per_m[0] > 5 * wrong.error[0]
+    assert abs(wrong.per_m[1]) < 2 * wrong.error[1]
+    assert white_of([2.0, 2.1], some_water()).trend() is None
 
 
 def test_clipped_and_unmeasured_patches_do_not_count() -> None:

@@ -66,6 +66,35 @@ def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
     assert (linear[~known] == 0).all()
 
 
+MATRIX = np.array([[1.4, -0.3, -0.1], [-0.2, 1.5, -0.3], [0.05, -0.45, 1.4]])
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_a_color_matrix_mixes_the_corrected_light(depth):
+    image, range_m = random_frame(4, depth)
+    full, water = 2**depth - 1, some_water()
+    corrector = Corrector(ColorConfig(output_noise=1e9, unknown_pixels="black"))
+    plain = corrector.apply_linear(image, range_m, water, exposure=0.7)
+    mixed = corrector.apply_linear(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
+    np.testing.assert_allclose(mixed, plain @ MATRIX.T, rtol=1e-4, atol=1e-5)
+    found = corrector.apply(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
+    unclipped = ~found.unknown & (image < 0.95 * full).all(axis=2)
+    off = np.abs(found.image - full * encode(np.clip(mixed, 0, 1).astype(np.float64), "srgb"))[unclipped]
+    assert off.max() < (0.7 if depth == 8 else 1.5)
+    assert (found.image[found.unknown] == 0).all()
+
+
+def test_a_color_matrix_leaves_gray_and_counts_its_noise():
+    gray = np.full((8, 8, 3), 90, np.uint8)
+    clear, range_m = clear_water("srgb"), np.full((8, 8), 2.0, np.float32)
+    corrector = Corrector(ColorConfig())
+    same, mixed = (corrector.apply(gray, range_m, replace(clear, matrix=m), exposure=1.0).image for m in (np.eye(3), MATRIX))
+    assert np.array_equal(same, mixed)
+    dark = replace(clear, white=np.array([0.05, 1.0, 1.0]))
+    capped = [corrector.apply(gray, range_m, replace(dark, matrix=m), exposure=1.0).unrecoverable for m in (np.eye(3), MATRIX)]
+    assert capped[1].sum() >= capped[0].sum()
+
+
 def test_between_the_levels_the_range_is_off_by_four_thousandths_at_most():
     centers = fine_ranges_m()
     assert (np.diff(centers) / centers[:-1]).max() < 0.008

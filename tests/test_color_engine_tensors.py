@@ -1,5 +1,7 @@
 """The torch path, which CUDA takes, against the compiled loops: equal on whatever device torch has here."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -35,20 +37,24 @@ def test_tables_are_equal(depth):
     assert np.array_equal(offset_sum, table.offset_sum)
 
 
+MATRIX = np.array([[1.4, -0.3, -0.1], [-0.2, 1.5, -0.3], [0.05, -0.45, 1.4]])
+
+
 @pytest.mark.parametrize("depth", [8, 16])
 @pytest.mark.parametrize("encoding", ["srgb", "as-is"])
-@pytest.mark.parametrize("highlights", [1.0, 3.0])
-def test_corrections_are_equal(depth, encoding, highlights):
+@pytest.mark.parametrize(("highlights", "matrix"), [(1.0, None), (3.0, None), (3.0, MATRIX)])
+def test_corrections_are_equal(depth, encoding, highlights, matrix):
     image, range_m = frame(depth)
     corrector = Corrector(ColorConfig(input_encoding=encoding))
     table = corrector.measure(image, range_m)
-    by_range = gains(corrector.fit(table), corrector.config, 1.3)
+    water = corrector.fit(table)
+    by_range = gains(water if matrix is None else replace(water, matrix=matrix), corrector.config, 1.3)
     bits, flat, shown = range_bits(range_m), image.reshape(-1, 3), display(depth, encoding, highlights)
     (on_cores, clipped), (in_torch, also) = (
         kernels.apply(flat, bits, by_range, shown),
         torch_apply.apply(flat, bits, by_range, shown, DEVICE),
     )
-    most = 1 if DEVICE.type == "cuda" else 0  # CUDA may fuse a product and a sum
+    most = 1 if DEVICE.type == "cuda" or matrix is not None else 0  # CUDA and products of matrices may fuse a product and a sum
     assert np.abs(on_cores.image.astype(int) - in_torch.image.astype(int)).max() <= most
     assert np.array_equal(on_cores.unknown, in_torch.unknown)
     assert np.array_equal(on_cores.unrecoverable, in_torch.unrecoverable)

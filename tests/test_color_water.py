@@ -40,6 +40,10 @@ NAN, TINY, HUGE = (np.array([0.1, bad, 0.1]) for bad in (np.nan, -5.0, 1e300))
         ({"exposure": True}, "exposure must be a number"),
         ({"highlights": 0.5}, "highlights must be a number from 1 to"),
         ({"input_encoding": "rgb"}, "input_encoding must be srgb, linear or as-is"),
+        ({"matrix": np.eye(2)}, "matrix needs three rows of three numbers from -10 to 10"),
+        ({"matrix": np.full((3, 3), np.nan)}, "matrix needs three rows"),
+        ({"matrix": 2 * np.eye(3)}, r"matrix must have rows that sum to 1 \(got \[2\.0, 2\.0, 2\.0\]\)"),
+        ({"matrix_errors": np.ones(3)}, "matrix_errors needs three rows"),
         ({"standard_errors": {"y": np.full(3, -1.0)}}, "the standard error of y must be from 0"),
     ],
 )
@@ -64,6 +68,8 @@ def test_attenuation_may_rise_with_range_while_light_falls() -> None:
         ({"beta": [1, 2]}, "beta needs three numbers"),
         ({"exposure": 0}, "exposure must be"),
         ({"standard_errors": 3}, "is damaged"),
+        ({"matrix": [[1, 0], [0, 1]]}, "matrix needs three rows"),
+        ({"matrix": "wide"}, "is damaged"),
         ({"turbidity": 3}, "is damaged: .*turbidity"),
     ],
 )
@@ -81,7 +87,12 @@ def test_a_file_with_what_no_water_has_is_refused(tmp_path: Path, change: dict[s
 
 def test_saved_and_loaded_it_is_the_same(tmp_path: Path) -> None:
     water = some_water(
-        exposure=1.5, highlights=2.0, warnings=("little relief",), standard_errors={"y": np.array([0.1, np.nan, 0.2])}
+        exposure=1.5,
+        highlights=2.0,
+        warnings=("little relief",),
+        standard_errors={"y": np.array([0.1, np.nan, 0.2])},
+        matrix=np.array([[1.2, -0.2, 0], [0, 1, 0], [0, -0.1, 1.1]]),
+        matrix_errors=np.full((3, 3), 0.02),
     )
     water.save(tmp_path / "w.json")
     assert Water.load(tmp_path / "w.json").content() == water.content() == read_waters(tmp_path / "w.json", ["a"])["a"].content()

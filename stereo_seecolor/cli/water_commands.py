@@ -1,5 +1,6 @@
 """The command water: attenuation and backscatter from places that several frames see, or the white point from charts."""
 
+from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -16,7 +17,7 @@ Poses = Annotated[
     Path | None, typer.Option("--poses", metavar="FILE", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")
 ]
 Chart = Annotated[
-    bool, typer.Option("--chart", metavar="", help="The white point from color charts and white cards in the frames.")
+    bool, typer.Option("--chart", metavar="", help="White point and color matrix from color charts and white cards in the frames.")
 ]
 Targets = Annotated[
     Path | None,
@@ -35,7 +36,8 @@ def water(
     verbose: Verbose = False,
     log_file: LogFile = None,
 ) -> None:
-    """Measure the water from places that several frames see (--poses), or its white point (--chart); use it with run --water."""
+    """Measure the water from places that several frames see (--poses), or its white point and the camera's colors (--chart), for
+    run --water."""
     from stereo_seecolor.commands.water import measure_water, measure_white
     from stereo_seecolor.config_file import load_config
     from stereo_seecolor.errors import InputError
@@ -79,6 +81,37 @@ def _white_lines(result: "MeasuredWater") -> list[str]:
     )
     each = [
         f"{chart.frame}: {chart.target} at {chart.range_m:.2f} m: {chart.residual_deg:.1f} degrees from the white of all"
+        + ("" if isnan(chart.ciede2000) else f"; CIEDE2000 {chart.ciede2000_before:.1f}, {chart.ciede2000:.1f} with the matrix")
         for chart in result.charts
     ]
-    return [f"white point against green, from {len(each)} charts: {shown}", *each]
+    return [f"white point against green, from {len(each)} charts: {shown}", *each, *_trend_lines(result), *_matrix_lines(result)]
+
+
+def _trend_lines(result: "MeasuredWater") -> list[str]:
+    if not result.trend:
+        return ["the charts are at one range: they do not check the water"]
+    (red, blue), errors = result.trend.per_m, result.trend.error
+    return [
+        f"left over range, {result.trend.near_m:.1f} to {result.trend.far_m:.1f} m (0 where the water is right): against green, "
+        f"red {red:+.1%} +- {errors[0]:.1%} a meter, blue {blue:+.1%} +- {errors[1]:.1%}"
+    ]
+
+
+def _matrix_lines(result: "MeasuredWater") -> list[str]:
+    found = result.matrix
+    if not found:
+        return [f"no color matrix: {result.no_matrix}"]
+    rows = (
+        f"  {name:5} = "
+        + "  ".join(
+            f"{value:+.3f} +- {error:.3f} {of}" for value, error, of in zip(row, errors, ("red", "green", "blue"), strict=True)
+        )
+        for name, row, errors in zip(("red", "green", "blue"), found.matrix, found.errors, strict=True)
+    )
+    noise = ", ".join(f"{factor:.2f}" for factor in found.noise)
+    return [
+        f"color matrix, from {found.patches} patches (noise of red, green, blue times {noise}):",
+        *rows,
+        f"  mean CIEDE2000 of the patches {found.before:.1f} without it, {found.after:.1f} with it, {found.left_out:.1f} on "
+        "patches left out of the fit",
+    ]

@@ -1,7 +1,7 @@
 """Measure the water of a finished run for another run with ``--water``: from places that several frames see, or from charts."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +16,8 @@ from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.evaluation.chart_white import SeenWhite, seen_whites, survey_white
+from stereo_seecolor.evaluation.camera_matrix import CameraMatrix, SeenPatches, camera_matrix
+from stereo_seecolor.evaluation.chart_white import SeenWhite, WhiteTrend, seen_whites, survey_white
 from stereo_seecolor.evaluation.targets import read_targets, targets_of
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -32,21 +33,33 @@ from stereo_seecolor.water import read_water_document
 
 @dataclass(frozen=True)
 class ChartReading:
-    """A chart or white card in a frame. residual_deg: angle between its white and that of all of them, once the water is out."""
+    """A chart or white card in a frame. residual_deg: angle between its white and that of all of them, once the water is out.
+
+    ciede2000_before, ciede2000: median of a chart's patches without and with the color matrix; NaN for a card.
+    """
 
     frame: str
     target: str
     range_m: float
     residual_deg: float
+    ciede2000_before: float
+    ciede2000: float
 
 
 @dataclass(frozen=True, eq=False)
 class MeasuredWater:
-    """The water, and the file that ``--water`` of another run takes. charts: that its white point stems from, if any."""
+    """The water, and the file that ``--water`` of another run takes.
+
+    charts: that its white point stems from, if any. trend: what their whites say of the water, where they are at several ranges.
+    matrix: the camera's colors, or no_matrix, why charts did not give it.
+    """
 
     path: Path
     water: Water
     charts: tuple[ChartReading, ...] = ()
+    trend: WhiteTrend | None = None
+    matrix: CameraMatrix | None = None
+    no_matrix: str = ""
 
 
 def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> MeasuredWater:
@@ -73,7 +86,8 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
 
 
 def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
-    """Write OUT/water_measured.json: the run's water with the white point of the charts and white cards that its frames show.
+    """Write OUT/water_measured.json: the run's water with the white point of the charts and white cards that its frames show, and
+    with the camera's color matrix where charts show enough patches.
 
     out: a run with one water for all frames. targets: JSON of chart corners and polygons (see ``read_targets``), of which only
     frames that it names count; without it every frame is searched for charts. Raises InputError, also where nothing is found.
@@ -88,10 +102,20 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
         raise InputError(f"{where} shows grays of known range that are neither clipped nor dark: give corners with --targets")
     white = survey_white(seen)
     water = white.set_in(scene)
+    charts = white.patches_in(water)
+    matrix = camera_matrix([chart for chart in charts if chart])
+    if isinstance(matrix, CameraMatrix):
+        water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
     with RunFolder.existing(out, (targets,) if targets else ()) as folder:
         folder.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.digest("range"))
-    pairs = zip(white.seen, white.residuals_deg, strict=True)
-    return MeasuredWater(out / MEASURED_WATER, water, tuple(ChartReading(s.frame, s.target, s.range_m, deg) for s, deg in pairs))
+    readings = tuple(_reading(*of, water) for of in zip(white.seen, white.residuals_deg, charts, strict=True))
+    fitted, reason = (matrix, "") if isinstance(matrix, CameraMatrix) else (None, matrix)
+    return MeasuredWater(out / MEASURED_WATER, water, readings, white.trend(), fitted, reason)
+
+
+def _reading(seen: SeenWhite, residual_deg: float, chart: SeenPatches | None, water: Water) -> ChartReading:
+    before, after = (chart.ciede2000(matrix) if chart else float("nan") for matrix in (np.eye(3), water.matrix))
+    return ChartReading(seen.frame, seen.target, seen.range_m, residual_deg, before, after)
 
 
 @dataclass(frozen=True, eq=False)

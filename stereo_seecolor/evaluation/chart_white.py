@@ -13,6 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import decoded_values
+from stereo_seecolor.evaluation.camera_matrix import SETTINGS as MATRIX
+from stereo_seecolor.evaluation.camera_matrix import SeenPatches
+from stereo_seecolor.evaluation.chart_spread import MOST_CLIPPED
+from stereo_seecolor.evaluation.chart_types import ChartType
 from stereo_seecolor.evaluation.targets import Target
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.records import Image, Map, Water
@@ -32,6 +36,8 @@ class WhiteSettings:
     """Darker grays are mostly haze."""
     least_direct: float = 0.2
     """Fraction of a patch's light that is not backscatter, in each channel: below, errors of the backscatter are multiplied."""
+    least_relief: float = 0.1
+    """Of the mean range, from the nearest target to the farthest: below, they say nothing of a trend with range."""
     least_error: float = 0.02
     """Standard error of the color of one target's white, logarithm: print, tilt, and light from the side."""
 
@@ -40,48 +46,81 @@ SETTINGS = WhiteSettings()
 
 
 @dataclass(frozen=True, eq=False)
+class Patch:
+    """A patch as the camera saw it. light (3,): linear, at no range, NaN where too little of it was seen. haze (3,): what of the
+    light before was backscatter, at no range. range_m: median.
+    """
+
+    light: Array
+    haze: Array
+    range_m: float
+    clipped: bool
+
+    @property
+    def white(self) -> Array:
+        """(3,) logarithm of the light; NaN where too much of it was haze."""
+        clear = (self.light >= SETTINGS.least_direct * (self.light + self.haze)).all()
+        return np.log(self.light) if clear else np.full(3, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
 class SeenWhite:
-    """What a target says. range_m: median. white (3,): the color of its white, as logarithms of mean 0. error: of one of them."""
+    """What a target says. range_m: median. white (3,): the color of its white, as logarithms of mean 0. error: of one of them.
+
+    patches: all of a chart's, in the order of its type; none of a card's. type: of the chart.
+    """
 
     frame: str
     target: str
     range_m: float
     white: Array
     error: float
+    patches: tuple[Patch, ...] = ()
+    type: ChartType | None = None
 
 
 def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Map, water: Water) -> Iterator[SeenWhite]:
     """Of each target in a frame that shows enough: image as the camera saw it, with the survey's light taken out."""
     light = decoded_values(8 * image.dtype.itemsize, water.input_encoding)
     for target in targets:
-        patches = target.patches[target.type.grays] if target.type else target.patches
-        grays = decode_srgb(target.type.srgb[target.type.grays]).mean(axis=1) if target.type else np.ones(len(patches))
-        counted = [patch for patch, gray in zip(patches, grays, strict=True) if gray >= SETTINGS.least_reflectance]
-        found = [_patch(light, image[patch], range_m[patch], water) for patch in counted]
-        seen = [(white, z_m) for white, z_m in found if np.isfinite(white).all()]
+        patches = tuple(_patch(light, image[patch], range_m[patch], water) for patch in target.patches)
+        grays = patches[target.type.grays] if target.type else patches
+        published = decode_srgb(target.type.srgb[target.type.grays]).mean(axis=1) if target.type else np.ones(len(grays))
+        counted = [gray for gray, reflects in zip(grays, published, strict=True) if reflects >= SETTINGS.least_reflectance]
+        seen = [(gray.white, gray.range_m) for gray in counted if np.isfinite(gray.white).all()]
         if seen:
             colors = np.stack([white - white.mean() for white, _ in seen])
             scatter = float(colors.std(axis=0, ddof=1).mean()) / np.sqrt(len(seen)) if len(seen) > 1 else 0.0
             range_of_m = float(np.median([z_m for _, z_m in seen]))
             middle, error = np.median(colors, axis=0), float(np.hypot(scatter, SETTINGS.least_error))
-            yield SeenWhite(frame, target.name, range_of_m, middle - middle.mean(), error)
+            of_chart = patches if target.type else ()
+            yield SeenWhite(frame, target.name, range_of_m, middle - middle.mean(), error, of_chart, target.type)
 
 
-def _patch(decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray[np.floating], water: Water) -> tuple[Array, float]:
-    """Logarithm (3,) of the light at no range, NaN for a patch that does not count; and the patch's range.
-
-    decoded: linear light of each value; pixels: (N, 3) values of the patch's (N,) ranges.
-    """
+def _patch(decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray[np.floating], water: Water) -> Patch:
+    """decoded: linear light of each value; pixels: (N, 3) values of the patch's (N,) ranges."""
     light = np.stack([decoded[pixels[:, c]] for c in range(3)], axis=1)
-    good = np.isfinite(range_m) & (light < SETTINGS.brightest).all(axis=-1)
-    if good.sum() < SETTINGS.least_pixels:
-        return np.full(3, np.nan), np.nan
+    bright = np.asarray((light >= SETTINGS.brightest).any(axis=-1))
+    clipped = bool(bright.sum() > MOST_CLIPPED * bright.size)
+    good = np.isfinite(range_m) & ~bright
+    if clipped or good.sum() < SETTINGS.least_pixels:
+        return Patch(np.full(3, np.nan), np.full(3, np.nan), np.nan, clipped)
     z_m = np.median(range_m[good]).astype(np.float64)
-    mean = light[good].mean(axis=0, dtype=np.float64)
-    direct = mean - water.backscatter(z_m)
-    if (direct < SETTINGS.least_direct * mean).any():
-        return np.full(3, np.nan), np.nan
-    return np.log(direct) - np.log(water.attenuation(z_m)), float(z_m)
+    backscatter, attenuation = water.backscatter(z_m), water.attenuation(z_m)
+    direct = light[good].mean(axis=0, dtype=np.float64) - backscatter
+    return Patch(direct / attenuation, backscatter / attenuation, float(z_m), clipped)
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteTrend:
+    """per_m, error (2,): by how much red and blue of the white change against green with every meter, logarithm; 0 where the
+    water is right. near_m, far_m: of the targets.
+    """
+
+    per_m: Array
+    error: Array
+    near_m: float
+    far_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +130,24 @@ class ChartWhite:
     white: Array
     error: Array
     seen: tuple[SeenWhite, ...]
+
+    def patches_in(self, water: Water) -> tuple[SeenPatches | None, ...]:
+        """Of each target the patches once ``water``, which has this white point, is out; None of a card."""
+        return tuple(_patches(one.patches, one.type, water) if one.type else None for one in self.seen)
+
+    def trend(self) -> WhiteTrend | None:
+        """What the white of targets at several ranges says of the water; None where they are at one."""
+        z_m = np.array([one.range_m for one in self.seen])
+        if len(z_m) < 2 or np.ptp(z_m) < SETTINGS.least_relief * z_m.mean():
+            return None
+        against_green = np.stack([(one.white - one.white[1])[[0, 2]] for one in self.seen])
+        weight = 0.5 / np.array([one.error**2 for one in self.seen])
+        from_middle = z_m - np.average(z_m, weights=weight)
+        spread = float((weight * from_middle**2).sum())
+        per_m = (weight * from_middle) @ against_green / spread
+        left = against_green - np.average(against_green, axis=0, weights=weight) - from_middle[:, None] * per_m
+        worse = np.maximum((weight[:, None] * left**2).sum(axis=0) / max(len(z_m) - 2, 1), 1.0)
+        return WhiteTrend(per_m, np.sqrt(worse / spread), float(z_m.min()), float(z_m.max()))
 
     @property
     def residuals_deg(self) -> tuple[float, ...]:
@@ -108,6 +165,24 @@ class ChartWhite:
         error = np.hypot(self.error, np.median([one.range_m for one in self.seen]) * rate)
         errors = {**water.standard_errors, "white": white * error}
         return replace(water, white=white, standard_errors=errors, exposure=None, highlights=1.0)
+
+
+def _patches(patches: Sequence[Patch], type: ChartType, water: Water) -> SeenPatches | None:
+    """Patches of a chart against its own brightness, which its grays tell; None where they do not."""
+    light = np.stack([patch.light for patch in patches]) / water.white
+    haze = np.stack([patch.haze for patch in patches]) / water.white
+    published = decode_srgb(type.srgb)
+    grays = np.zeros(len(light), bool)
+    grays[type.grays] = True
+    grays &= np.isfinite(light).all(axis=1) & (published.mean(axis=1) >= SETTINGS.least_reflectance)
+    if not grays.any():
+        return None
+    brightness = float((light[grays] * published[grays]).sum() / (published[grays] ** 2).sum())
+    haze /= brightness
+    error = MATRIX.backscatter_error * haze.mean(axis=1)
+    error = np.hypot(error, np.maximum(MATRIX.print_error * published.max(axis=1), MATRIX.least_error))
+    clipped = sum(patch.clipped for patch in patches)
+    return SeenPatches(type, light / brightness, error, np.nanmean(haze, axis=0), clipped)
 
 
 def survey_white(seen: Sequence[SeenWhite]) -> ChartWhite:

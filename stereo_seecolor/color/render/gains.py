@@ -24,12 +24,14 @@ class Gains(NamedTuple):
 
     gain, offset: (3, 1024) float32, of full scale. missing: (3, 1024) float32, the fraction of a channel's light that its cap
     leaves out, against that of the channel least capped. capped: (1025,) bool, the last for unknown range: False.
+    matrix: (3, 3) float32, mixes the channels of J afterwards; of no row where they are not mixed.
     """
 
     gain: NDArray[np.float32]
     offset: NDArray[np.float32]
     missing: NDArray[np.float32]
     capped: NDArray[np.bool_]
+    matrix: NDArray[np.float32]
 
 
 @cache
@@ -43,16 +45,19 @@ def fine_ranges_m() -> NDArray[np.float64]:
 def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     """What takes this water out and shows the scene at this exposure.
 
-    Against the channel least capped, one that is more so counts by the square of its cap, as noise does in Wiener's filter.
+    Against the channel least capped, one that is more so counts by the square of its cap, as noise does in Wiener's filter. A color
+    matrix multiplies a channel's noise by at most the largest entry of its column.
     """
     wanted, subtracted = unexposed(water, fine_ranges_m())
-    most = config.output_noise / exposure / _noise(wanted, subtracted, config, exposure)
+    amplified = np.abs(water.matrix).max(axis=0)[:, None]
+    most = config.output_noise / exposure / amplified / _noise(wanted, subtracted, config, exposure)
     allowed = np.minimum(1.0, most / wanted)
     best = allowed.max(axis=0)
     trust = (allowed / best) ** 2
     shown = best * trust * exposure
     gain, offset, missing = (part.astype(np.float32) for part in (wanted * shown, subtracted * shown, 1 - trust))
-    return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False))
+    matrix = water.matrix.astype(np.float32)[: 0 if (water.matrix == np.eye(3)).all() else 3]
+    return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), matrix)
 
 
 def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -40,7 +40,8 @@ def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Dis
     """The (N, 3) values of an image, at ranges (N,) given as float32 bits, corrected; and the fraction of the pixels of known
     range that has a channel at full scale."""
     out = Shown(np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_))
-    table = code_table(gains, shown) if image.dtype == np.uint8 else np.empty(0, np.uint16)
+    looked_up = image.dtype == np.uint8 and not gains.matrix.size
+    table = code_table(gains, shown) if looked_up else np.empty(0, np.uint16)
     clipped: list[int] = []
 
     def part(a: int, b: int) -> None:
@@ -99,13 +100,13 @@ def _correct(image: Any, bits: Any, gains: Any, shown: Any, table: Any, out: Any
         pixels, bins = image[start:end], fine[: end - start]
         here = Shown(out.image[start:end], out.unknown[start:end], out.unrecoverable[start:end])
         _fine_bins(bits[start:end], bins, here.unknown)
-        if image.itemsize == 1:
+        if table.size:
             _look_up(pixels.reshape(-1), bins, table, codes)
             _display(codes, factors, shown.shoulder, here.image.reshape(-1))
         else:
             here.image[:] = 0
-        if image.itemsize > 1 or any_capped or _highest(pixels.reshape(-1)) >= near:
-            number = _chosen(pixels, bins, gains.capped, near, places)
+        if table.size == 0 or any_capped or _highest(pixels.reshape(-1)) >= near:
+            number = _chosen(pixels, bins, gains.capped, near if table.size else 0, places)
             _compute(pixels, bins, places[:number], gains, shown, here)
         if _highest(here.image.reshape(-1)) == full:
             clipped += _count_full(here.image, full)
@@ -163,11 +164,11 @@ def _count_full(values: Any, full: int) -> Any:
 
 @compiled
 def _chosen(image: Any, fine: Any, capped: Any, near: int, places: Any) -> Any:
-    """Into ``places`` the pixels of known range that no look-up gives, and how many: all of 16 bits; capped or nearly clipped."""
+    """Into ``places`` the pixels of known range that no look-up gives, and how many: capped, or of values from ``near`` on."""
     number = 0
     for i in range(fine.size):
         places[number] = i
-        special = image.itemsize > 1 or capped[fine[i]] or max(image[i, 0], max(image[i, 1], image[i, 2])) >= near
+        special = capped[fine[i]] or max(image[i, 0], max(image[i, 1], image[i, 2])) >= near
         number += special and fine[i] != U(FINE_BINS)
     return number
 
@@ -182,13 +183,13 @@ def _first_below_one(known: Any) -> Any:
 
 @compiled
 def _compute(image: Any, fine: Any, places: Any, gains: Any, shown: Any, out: Any) -> None:
-    """Pixels without a table: those of 16 bits, and of 8 bits where noise has stopped a gain or the camera clipped a channel."""
+    """Pixels without a table: those of 16 bits or of mixed channels, and where noise has stopped a gain or the camera clipped."""
     codes, factors = np.empty((places.size, 3), np.float32), np.empty(places.size, np.float32)
     values = np.empty((places.size, 3), out.image.dtype)
     for k in range(places.size):
         i = places[k]
         pixel = U(image[i, 0]), U(image[i, 1]), U(image[i, 2])
-        codes[k, 0], codes[k, 1], codes[k, 2] = _light(pixel, fine[i], gains, shown)
+        codes[k, 0], codes[k, 1], codes[k, 2] = _mixed(_light(pixel, fine[i], gains, shown), gains.matrix)
         out.unrecoverable[i] = gains.capped[fine[i]] | (shown.known[max(pixel[0], max(pixel[1], pixel[2]))] <= 0)
     for k in range(places.size):
         for c in range(3):
@@ -197,6 +198,19 @@ def _compute(image: Any, fine: Any, places: Any, gains: Any, shown: Any, out: An
     for k in range(places.size):
         for c in range(3):
             out.image[places[k], c] = values[k, c]
+
+
+@compiled
+def _mixed(light: Any, matrix: Any) -> Any:
+    """A pixel's channels after the color matrix, if there is one."""
+    r, g, b = light
+    if matrix.size == 0:
+        return r, g, b
+    return (
+        matrix[0, 0] * r + matrix[0, 1] * g + matrix[0, 2] * b,
+        matrix[1, 0] * r + matrix[1, 1] * g + matrix[1, 2] * b,
+        matrix[2, 0] * r + matrix[2, 1] * g + matrix[2, 2] * b,
+    )
 
 
 @compiled
@@ -251,4 +265,4 @@ def _linear(image: Any, bits: Any, gains: Any, decoded: Any, out: Any) -> None:
         out[i] = 0
         if fine != U(FINE_BINS):
             values = U(image[i, 0]), U(image[i, 1]), U(image[i, 2])
-            out[i, 0], out[i, 1], out[i, 2] = _unclipped(values, fine, gains, decoded)
+            out[i, 0], out[i, 1], out[i, 2] = _mixed(_unclipped(values, fine, gains, decoded), gains.matrix)

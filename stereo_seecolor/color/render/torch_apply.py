@@ -19,8 +19,8 @@ def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Dis
     unknown, top = fine == FINE_BINS, np.iinfo(image.dtype).max
     known = on_device(shown.known, device)[pixels.to(torch.int64)]
     capped = on_device(gains.capped, device)[fine] & ~unknown
-    codes = _codes(_light(pixels, fine, known, gains, shown.decoded), on_device(shown.curve, device))
-    if image.dtype == np.uint8:
+    codes = _codes(_mixed(_light(pixels, fine, known, gains, shown.decoded), gains), on_device(shown.curve, device))
+    if image.dtype == np.uint8 and not gains.matrix.size:
         plain = (~capped & (known == 1).all(dim=1)) | unknown
         codes[plain] = _looked_up(pixels[plain], fine[plain], code_table(gains, shown))
     knee, length, bend, unit, zero = on_device(shown.shoulder, device).unbind()
@@ -40,7 +40,7 @@ def linear(
 ) -> NDArray[np.float32]:
     """``kernels.linear`` on a device."""
     fine = positions(torch.from_numpy(bits).to(device)) >> FINE_SHIFT
-    light = _unclipped(pixels_on(image, device), fine, gains, decoded)
+    light = _mixed(_unclipped(pixels_on(image, device), fine, gains, decoded), gains)
     light[fine == FINE_BINS] = 0
     return np.asarray(light.cpu().numpy())
 
@@ -66,6 +66,11 @@ def _unclipped(pixels: Tensor, fine: Tensor, gains: Gains, decoded: NDArray[np.f
     gain, offset, missing = (on_device(np.ascontiguousarray(part.T), device)[inside] for part in gains[:3])
     light = gain * on_device(decoded, device)[pixels.to(torch.int64)] - offset
     return torch.where(_sum(missing) > 0, light + missing * (_sum(light) / _sum(1 - missing)), light)
+
+
+def _mixed(light: Tensor, gains: Gains) -> Tensor:
+    """``kernels._mixed`` of all pixels."""
+    return light @ on_device(gains.matrix, light.device).T if gains.matrix.size else light
 
 
 def _sum(channels: Tensor) -> Tensor:
