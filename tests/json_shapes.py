@@ -271,7 +271,7 @@ SHAPES: dict[str, Shape] = {
         "control": {"T": [[float]], "residuals_m": dict, "rms_m": float},
         "files": [str],
     },
-    "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int},
+    "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int, "note": str},
     "water": {
         **END,
         "out": str,

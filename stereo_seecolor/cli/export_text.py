@@ -12,11 +12,10 @@ if TYPE_CHECKING:
 
 def export_text(result: "ExportResult") -> str:
     """What was written, and where."""
-    return lines(
-        [f"{result.frames} frames, {result.files} files, {result.bytes / 1e6:.1f} MB", f"  {result.folder}: {result.format}"]
-    )
+    size = f"{result.frames} frames, {result.files} files, {result.bytes / 1e6:.1f} MB"
+    return lines([size, *([result.note] if result.note else []), f"  {result.folder}: {result.format}"])
 
 
 def formats_text(formats: Mapping[str, "ExportFormat"]) -> str:
     """Every format, what it holds and what opens it."""
-    return lines([f"{name:<11} {format.what}: {format.opens}" for name, format in formats.items()])
+    return lines([f"{name:<12} {format.what}: {format.opens}" for name, format in formats.items()])

@@ -12,13 +12,15 @@ from stereo_seecolor.files.new_folder import new_folder
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What was written. folder: where. files, bytes: how much. frames: of the map that it holds."""
+    """What was written. folder: where. files, bytes: how much. frames: of the map that it holds. note: how good it is, where
+    the format tells."""
 
     format: str
     folder: Path
     frames: int
     files: int
     bytes: int
+    note: str = ""
 
 
 def export(out: Path, format: str, folder: Path) -> ExportResult:
@@ -31,6 +33,6 @@ def export(out: Path, format: str, folder: Path) -> ExportResult:
         raise InputError(f"--to {format}: is no format known here: one of {', '.join(EXPORT_FORMATS)}")
     posed = open_posed_run(out)
     with new_folder(folder) as building:
-        EXPORT_FORMATS[format].write(posed, building)
+        note = EXPORT_FORMATS[format].write(posed, building)
     written = list(files_below(folder))
-    return ExportResult(format, folder, len(posed.frames), len(written), sum(path.stat().st_size for path in written))
+    return ExportResult(format, folder, len(posed.frames), len(written), sum(path.stat().st_size for path in written), note or "")

@@ -4,17 +4,31 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from stereo_seecolor.export import biigle, colmap, glb, ifdo, mcap_file, metashape, mosaic_tiles, nerfstudio, stac, taglab, tiles_3d
+from stereo_seecolor.export import (
+    biigle,
+    colmap,
+    glb,
+    ifdo,
+    mcap_file,
+    metashape,
+    mosaic_tiles,
+    nerfstudio,
+    stac,
+    taglab,
+    textured_glb,
+    textured_obj,
+    tiles_3d,
+)
 from stereo_seecolor.export.posed_run import PosedRun
 
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """what: what is written. opens: the programs it is for."""
+    """what: what is written. opens: the programs it is for. write: returns what a user should know of it, or None."""
 
     what: str
     opens: str
-    write: Callable[[PosedRun, Path], None]
+    write: Callable[[PosedRun, Path], str | None]
 
 
 EXPORT_FORMATS: dict[str, ExportFormat] = {
@@ -25,7 +39,15 @@ EXPORT_FORMATS: dict[str, ExportFormat] = {
     ),
     "nerfstudio": ExportFormat("images, transforms.json, depth maps, points.ply", "Nerfstudio, Instant-NGP", nerfstudio.write),
     "metashape": ExportFormat("images and cameras.xml", "Agisoft Metashape", metashape.write),
-    "glb": ExportFormat("the mesh with its colors, glTF 2.0", "Blender, three.js, Windows and phone viewers, Sketchfab", glb.write),
+    "textured-glb": ExportFormat(
+        "the surface with the images on it, glTF 2.0", "Blender, three.js, Unreal and Unity, phones, Sketchfab", textured_glb.write
+    ),
+    "obj": ExportFormat("the same as OBJ, MTL and PNG", "CloudCompare, MeshLab, Metashape, Blender", textured_obj.write),
+    "glb": ExportFormat(
+        "the whole mesh with the colors of its vertices, glTF 2.0",
+        "Blender, three.js, Windows and phone viewers, Sketchfab",
+        glb.write,
+    ),
     "tiles": ExportFormat(
         "the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each", "CoralNet, BIIGLE", mosaic_tiles.write
     ),
@@ -35,7 +57,7 @@ EXPORT_FORMATS: dict[str, ExportFormat] = {
         "corrected images, ranges, points, camera and track as ROS 2 messages in one file", "Foxglove, RViz, ROS 2", mcap_file.write
     ),
     "3d-tiles": ExportFormat(
-        "the mesh with its colors as 3-D Tiles 1.1, on Earth where the map is", "CesiumJS, QGIS", tiles_3d.write
+        "the surface with the images on it as a tree of 3-D Tiles 1.1, on Earth where the map is", "CesiumJS, QGIS", tiles_3d.write
     ),
     "stac": ExportFormat("an item and a collection that name the run's files, STAC 1.0.0", "STAC catalogs, QGIS", stac.write),
     "ifdo": ExportFormat("images and their metadata, iFDO 2.1", "PANGAEA, BIIGLE, FathomNet", ifdo.write),

@@ -16,6 +16,9 @@ from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
 from stereo_seecolor.run_folder.layout import CLOUD, MAP, MESH
 
+SOME = 20
+"""Frames that tell how large a pixel is."""
+
 
 @dataclass(frozen=True, eq=False)
 class PosedRun:
@@ -49,6 +52,14 @@ class PosedRun:
     def principal_point_px(self) -> tuple[float, float]:
         """As most programs count pixels: (0.5, 0.5) is the center of the top left one."""
         return self.geometry.cx_left_px + 0.5, self.geometry.cy_px + 0.5
+
+    @cached_property
+    def pixel_m(self) -> float:
+        """Meters a pixel of the images where they see the bottom, median over some frames; NaN where nothing was measured."""
+        some = self.frames[:: -(-len(self.frames) // SOME) or 1]
+        depths_m = [self.geometry.depth_from_range(self.measured_range_m(frame)) for frame in some]
+        known = [float(np.nanmedian(depth)) for depth in depths_m if np.isfinite(depth).any()]
+        return float(np.median(known)) / self.geometry.focal_px if known else float("nan")
 
     @cached_property
     def T_camera_map(self) -> NDArray[np.float64]:

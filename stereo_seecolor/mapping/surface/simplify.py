@@ -1,0 +1,64 @@
+"""A mesh with fewer triangles, nowhere further from the original than a bound."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.surface.simplify_kernels import collapse_edges
+
+
+@dataclass(frozen=True, eq=False)
+class Simplified:
+    """kept: (V,) numbers of the original's vertices that are left. triangles: (F, 3) int32, into ``kept``.
+
+    largest_m, rms_m: distance of the original's vertices to the new surface.
+    """
+
+    kept: NDArray[np.int64]
+    triangles: NDArray[np.int32]
+    largest_m: float
+    rms_m: float
+
+
+def simplify(
+    position_m: NDArray[np.floating], triangles: NDArray[np.integer], bound_m: float, longest_m: float = np.inf
+) -> Simplified:
+    """Take out as many vertices as leave each vertex of the original within ``bound_m`` of the new surface, and each vertex of its
+    boundary within it of the new boundary. position_m: (V, 3). triangles: (F, 3), a surface of any topology.
+    longest_m: no new edge is longer."""
+    position = np.ascontiguousarray(position_m, np.float64)
+    position = position - (position.mean(axis=0) if len(position) else 0)  # quadrics lose digits far from the origin
+    left = np.array(triangles, np.int32, order="C")
+    head, link = _corners(left, len(position))
+    distance2 = collapse_edges(position, left, boundary_edges(left), head, link, bound_m, longest_m)
+    left = left[left[:, 0] >= 0]
+    kept, indices = np.unique(left, return_inverse=True)
+    used = np.zeros(len(position), np.bool_)
+    used[np.asarray(triangles).ravel()] = True
+    of_surface = distance2[used]
+    return Simplified(
+        kept.astype(np.int64),
+        indices.reshape(-1, 3).astype(np.int32),
+        float(np.sqrt(of_surface.max(initial=0))),
+        float(np.sqrt(of_surface.mean())) if len(of_surface) else 0.0,
+    )
+
+
+def boundary_edges(triangles: NDArray[np.integer]) -> NDArray[np.bool_]:
+    """(F, 3): edges, k from corner k to k + 1, that not exactly two triangles share."""
+    ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64), axis=1)
+    _, inverse, count = np.unique(ends[:, 0] << 32 | ends[:, 1], return_inverse=True, return_counts=True)
+    return np.asarray(count[inverse] != 2).reshape(-1, 3)
+
+
+def _corners(triangles: NDArray[np.int32], vertices: int) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """The corners at each vertex as linked lists: the first (V,), and the next (3 F,)."""
+    head, link = np.full(vertices, -1, np.int32), np.full(triangles.size, -1, np.int32)
+    flat = triangles.ravel()
+    order = np.argsort(flat, kind="stable").astype(np.int32)
+    same = flat[order][1:] == flat[order][:-1]
+    link[order[:-1][same]] = order[1:][same]
+    starts = np.concatenate([[True], ~same]) if len(order) else np.zeros(0, np.bool_)
+    head[flat[order[starts]]] = order[starts]
+    return head, link
