@@ -86,7 +86,7 @@ class Water:
         return np.moveaxis(np.exp(-z * (w * np.exp(-v * z) + y * np.exp(-x * z))), 0, -1)
 
     def content(self) -> dict[str, Any]:
-        """As JSON holds it: lists in the order R, G, B; null for what is not known. No color matrix where channels are not mixed."""
+        """As JSON holds it: lists in the order R, G, B; null for what is not known. A color matrix only where it mixes channels."""
         left_out = MATRICES if (self.matrix == np.eye(3)).all() else ()
         return {part.name: plain(getattr(self, part.name)) for part in fields(self) if part.name not in left_out}
 
