@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.commands.compare import Comparison, compare
 from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.comparing import m3c2
 from stereo_seecolor.comparing.color_change import color_change
-from stereo_seecolor.comparing.difference import Difference, in_spreads, spread_by
+from stereo_seecolor.comparing.difference import Difference, in_spreads, relearned, spread_by
 from stereo_seecolor.comparing.m3c2 import SurfaceDistances, distances
-from stereo_seecolor.comparing.patches import height_patches
+from stereo_seecolor.comparing.patches import height_patches, volume_l
+from stereo_seecolor.comparing.registration import Registration
 from stereo_seecolor.comparing.rigid import rigid_fit
 from stereo_seecolor.comparing.surface_fit import surface_fit
 from stereo_seecolor.config import RunConfig
@@ -96,7 +98,7 @@ def test_the_second_dive_is_placed_within_millimeters(found: Comparison) -> None
     off = transformed(at.T_a_b @ T_SECOND, points) - points
     assert np.sqrt((off**2).sum(axis=1).mean()) < 3e-3
     assert at.agreeing > 500 and at.stable > 0.85
-    np.testing.assert_array_less(np.abs(off[:, 2]), 5 * at.std_m(points) + 2e-4)
+    np.testing.assert_array_less(np.abs(off[:, 2]), 5 * at.std_m(points, np.zeros((2, len(points)))) + 2e-4)
 
 
 @pytest.mark.slow
@@ -249,6 +251,68 @@ def test_a_spread_that_grows_with_the_stated_error_is_learned() -> None:
         own = (std > low) & (std < high)
         assert (np.abs(dz) < 1.96 * factor * std)[own].mean() == pytest.approx(0.95, abs=0.02)
     assert (spread_by(dz, std, np.zeros_like(std, bool)) == 1).all()
+
+
+def hills(rng: np.random.Generator, std_m: float, cells: float) -> Array:
+    """Errors (200, 200) that reach over so many cells."""
+    noise = cv2.GaussianBlur(rng.standard_normal((200, 200)), (0, 0), cells) if cells else rng.standard_normal((200, 200))
+    return std_m * noise / noise.std()
+
+
+@pytest.mark.parametrize("reach", [0.0, 2.0, 6.0])
+def test_the_error_of_a_volume_holds_what_cells_share(reach: float) -> None:
+    """A Gaussian blur of s cells makes 4 pi s^2 cells share one error; over patches the totals spread as they are said to."""
+    rng, std = np.random.default_rng(3), np.full((200, 200), 0.004)
+    off, said = [], []
+    for _ in range(12):
+        dz = hills(rng, 0.004, reach)
+        found = Difference(dz, std, std > 0, 1.0, 0 * std, *in_spreads(dz, std, std > 0))
+        for row, column in ((20, 20), (20, 120), (120, 20), (120, 120)):
+            patch = np.zeros(std.shape, bool)
+            patch[row : row + 21, column : column + 21] = True
+            volume, volume_std = volume_l(found, patch, 0.01)
+            off.append(volume)
+            said.append(volume_std)
+    assert np.std(off) == pytest.approx(np.sqrt(np.mean(np.square(said))), rel=0.35)
+    assert found.alike(441) == pytest.approx(max(1, 4 * np.pi * reach**2), rel=0.6)
+
+
+def test_errors_are_read_off_all_ground_but_what_changed() -> None:
+    """Ground with large errors here and there is left out while patches are looked for, and comes back."""
+    rng, std = np.random.default_rng(4), np.full((200, 200), 0.004)
+    dz = hills(rng, 0.004, 0.0)
+    dz[:, :10] += 0.02 * rng.choice([-1, 1], (200, 10))
+    changed = np.zeros(std.shape, bool)
+    changed[100:140, 100:140] = True
+    dz[changed] += 0.05
+    stable = np.abs(dz) < 0.012
+    found = Difference(dz, std, stable, 1.0, 0 * std, *in_spreads(dz, std, stable))
+    again = relearned(found, changed)
+    still = ~around(changed, 5)
+    assert (np.abs(dz) <= found.lod_m)[still].mean() < 0.94
+    assert (np.abs(dz) <= again.lod_m)[still].mean() == pytest.approx(0.95, abs=0.002)
+    assert again.inflation > found.inflation
+    surface = m3c2.relearned(SurfaceDistances(dz, 0.5 * again.lod_m), again.stable)
+    assert (np.abs(dz) <= surface.lod_m)[still].mean() == pytest.approx(0.95, abs=0.005)
+
+
+def test_a_registration_that_is_unsure_sideways_is_unsure_of_the_height_of_slopes() -> None:
+    covariance = np.diag([0, 0, 0, 0.01**2, 0, 0.002**2])  # 1 cm to the east, 2 mm upward
+    at = Registration(np.eye(4), covariance, np.zeros(3), 0, 0, 0.0, 1.0, 0.0, 0.0)
+    points, slopes = np.zeros((3, 3)), np.array([[0.0, 0.5, 0.0], [0.0, 0.0, 2.0]])
+    assert at.std_m(points, slopes) == pytest.approx([0.002, np.hypot(0.002, 0.005), 0.002])
+    turned = replace(at, covariance=np.diag([0.001**2, 0, 0, 0, 0, 0]))
+    assert turned.std_m(np.array([[0.0, 2.0, 0.0]]), np.zeros((2, 1))) == pytest.approx([0.002])
+
+
+def test_a_faint_change_is_found_by_the_wide_window_and_its_edge_stays_where_it_is() -> None:
+    rng, std = np.random.default_rng(8), np.full((200, 200), 0.015)
+    dz, patch = hills(rng, 0.015, 0.7), np.hypot(*(np.indices((200, 200)) - 100)) < 16
+    dz[patch] += 0.02
+    found = Difference(dz, std, ~around(patch, 3), 1.0, 0 * std, *in_spreads(dz, std, ~around(patch, 3)))
+    ((kind, mask),) = height_patches(found, SurfaceDistances(dz, 0.5 * found.lod_m), 0.01)
+    assert kind == "growth" and mask[patch].mean() > 0.85  # by the narrow window alone 0.6, in two pieces
+    assert (mask & ~around(patch, 2)).sum() < 0.1 * patch.sum()
 
 
 def test_what_heights_show_alone_at_an_edge_is_no_change_and_what_is_gone_is() -> None:

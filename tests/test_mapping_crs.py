@@ -13,11 +13,12 @@ from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.markers import open_posed_run
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.errors import MappingError
+from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.export import tiles_3d
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, geodetic_from_geocentric
+from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.georeference import crs_name, crs_wkt, in_utm, utm_of
 from stereo_seecolor.mapping.survey_map import build_map, check
 from stereo_seecolor.records import GeoOrigin
@@ -46,13 +47,16 @@ def test_the_zone_is_that_of_the_place(place: tuple[float, float], zone: int) ->
     assert crs_name(utm_of(GeoOrigin(*place))).startswith(f"EPSG:{zone} (WGS84, UTM zone {zone % 100}")
 
 
-def test_utm_needs_a_place_on_earth() -> None:
+def test_utm_needs_a_place_on_earth(monkeypatch: pytest.MonkeyPatch) -> None:
     config = CONFIG.model_copy(update={"crs": "utm"})
     with pytest.raises(MappingError, match=r"mapping\.crs: utm: there are no poses: give --poses with latitude"):
         check(config, None)
     with pytest.raises(MappingError, match="the poses do not say where the survey lies on Earth"):
         check(config, track(3))
     check(config, replace(track(3), origin=ORIGIN))
+    monkeypatch.setattr(georeference, "available", lambda: False)
+    with pytest.raises(DeviceError, match=r"needs pyproj, rasterio and laspy: pip install 'stereo-seecolor\[geo\]'"):
+        check(config, replace(track(3), origin=ORIGIN))
 
 
 @pytest.mark.slow

@@ -90,6 +90,8 @@ def test_the_three_numbers_lie_on_their_plane() -> None:
     height_range_m = finest_range_m * (edges[0] / edges[1]) ** (3 - dimension)
     rugosity = np.sqrt(finest_range_m**2 / (2 * edges[1] ** 2) + 1)
     assert plane_dimension(rugosity, height_range_m, *edges) == pytest.approx(dimension, abs=1e-12)
+    # the example of habtools' rdh_theory: R = 4, H = 1, L = 1, L0 = 0.01 give D = 2.36928
+    assert plane_dimension(4, 1, 1, 0.01) == pytest.approx(2.36928, abs=5e-6)
 
 
 def test_height_ranges_leave_out_squares_that_were_hardly_seen() -> None:

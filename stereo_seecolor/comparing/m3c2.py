@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.comparing.difference import NORMAL_95
+from stereo_seecolor.comparing.difference import NORMAL_95, spread_by
 from stereo_seecolor.site.mesh import SiteMesh
 
 Array = NDArray[np.float64]
@@ -51,6 +51,12 @@ def distances(a: SiteMesh, b: SiteMesh, core_m: Array, stds_m: tuple[Array, Arra
     variance = std_a**2 / _independent(count_a) + std_b**2 / _independent(count_b) + shared**2
     distance = np.where(usable, mean_b - mean_a, np.nan)
     return SurfaceDistances(distance, np.where(usable, NORMAL_95 * np.sqrt(variance), np.nan))
+
+
+def relearned(found: SurfaceDistances, stable: NDArray[np.bool_]) -> SurfaceDistances:
+    """Levels of detection (H, W) such that 95 % of stable ground lie within, as a function of what they were."""
+    std_m = found.lod_m / NORMAL_95
+    return SurfaceDistances(found.distance_m, found.lod_m * spread_by(np.abs(found.distance_m) / std_m, std_m, stable))
 
 
 def _along(points: Array, core: Array, normals: Array, cell_m: float) -> tuple[Array, Array]:

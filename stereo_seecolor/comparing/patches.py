@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.comparing.difference import SETTINGS as DIFFERENCE
 from stereo_seecolor.comparing.difference import Difference
 from stereo_seecolor.comparing.m3c2 import SurfaceDistances
 
@@ -20,10 +21,14 @@ class PatchSettings:
     """What is a patch."""
 
     seed_sigmas: float = 5.0  # of a mean over a window: somewhere in a patch it is at least so far off
-    edge_sigmas: float = 2.5  # and everywhere so far
+    edge_sigmas: float = 2.5  # and everywhere so far, or in a mean over a wide window; since that reaches beyond a patch,
+    faint_sigmas: float = 1.0  # then by itself so far, and
+    faint_fraction: float = 0.3  # by so much of the most that is found within the wide window
     fewest_cells: int = 25  # a window: smaller ones are errors of single cells
     fewest_color_cells: int = 98  # two windows of colors
-    sure_sigmas: float = 3.0  # its volume over its standard error
+    sure_sigmas: float = (
+        5.0  # its volume over its standard error: a site has hundreds of places for a patch, and three are met by chance
+    )
     seen: float = 0.1  # of its cells beyond their level of detection have a distance along the normal, and
     on_surface: float = 0.5  # of those also differ along the normal: at an edge, heights differ where nothing moved
 
@@ -58,11 +63,11 @@ def height_patches(found: Difference, surface: SurfaceDistances, cell_m: float) 
         clear = np.abs(found.dz_m) > found.lod_m
     known = clear & np.isfinite(surface.distance_m)
     moved = np.abs(np.nan_to_num(surface.distance_m)) > np.nan_to_num(surface.lod_m)
-    z = found.significance
+    z, wide = found.significance, found.wide_significance
     kept: list[tuple[Kind, Mask]] = []
-    kinds: tuple[tuple[Kind, Array], ...] = (("growth", z), ("loss", -z))
-    for kind, signed in kinds:
-        for mask in _regions(signed, SETTINGS.fewest_cells):
+    kinds: tuple[tuple[Kind, Array, Array], ...] = (("growth", z, wide), ("loss", -z, -wide))
+    for kind, narrow, faint in kinds:
+        for mask in _regions(np.maximum(narrow, faint), _inside(narrow, faint), SETTINGS.fewest_cells):
             volume, std = volume_l(found, mask, cell_m)
             seen = (mask & known).sum()  # where something tall is gone, few cylinders reach both surfaces
             agrees = seen >= SETTINGS.seen * (mask & clear).sum() and moved[mask & known].sum() > SETTINGS.on_surface * seen
@@ -71,16 +76,25 @@ def height_patches(found: Difference, surface: SurfaceDistances, cell_m: float) 
     return kept
 
 
+def _inside(narrow: Array, wide: Array) -> Mask:
+    """(H, W) what may belong to a patch, by the means over both windows."""
+    most = cv2.dilate(narrow, np.ones((DIFFERENCE.wide_cells, DIFFERENCE.wide_cells)))
+    least = np.maximum(SETTINGS.faint_sigmas, SETTINGS.faint_fraction * most)
+    return np.asarray((narrow > SETTINGS.edge_sigmas) | ((wide > SETTINGS.edge_sigmas) & (narrow > least)))
+
+
 def volume_l(found: Difference, mask: Mask, cell_m: float) -> tuple[float, float]:
-    """Liters and their standard error: errors that neighbors share, and the registration's, which all share."""
+    """Liters and their standard error: of errors that the patch's cells share, and of the registration's, which all share."""
     known = mask & np.isfinite(found.dz_m)
-    variance = float((found.alike[known] * found.std_m[known] ** 2).sum()) + float(found.shared_std_m[known].sum()) ** 2
+    alike = found.alike(max(int(known.sum()), 1))
+    variance = alike * float((found.std_m[known] ** 2).sum()) + float(found.shared_std_m[known].sum()) ** 2
     return 1000 * cell_m**2 * float(found.dz_m[known].sum()), 1000 * cell_m**2 * variance**0.5
 
 
 def color_patches(z: Array, change: NDArray[np.float32]) -> list[tuple[Kind, Mask]]:
     """z: (H, W) color change in spreads of stable ground. change: (H, W, 2) of lightness and chroma."""
-    return [(_color_kind(change[mask]), mask) for mask in _regions(z, SETTINGS.fewest_color_cells)]
+    regions = _regions(z, z > SETTINGS.edge_sigmas, SETTINGS.fewest_color_cells)
+    return [(_color_kind(change[mask]), mask) for mask in regions]
 
 
 def _color_kind(change: NDArray[np.float32]) -> Kind:
@@ -90,9 +104,9 @@ def _color_kind(change: NDArray[np.float32]) -> Kind:
     return "paler" if lightness > 0 else "darker"
 
 
-def _regions(z: Array, fewest: int) -> list[Mask]:
-    """Connected cells beyond edge_sigmas that reach seed_sigmas somewhere, and are not too few."""
-    count, labels = cv2.connectedComponents((z > SETTINGS.edge_sigmas).astype(np.uint8))
+def _regions(z: Array, inside: Mask, fewest: int) -> list[Mask]:
+    """Connected cells of those inside whose z (H, W) reaches seed_sigmas somewhere, and that are not too few."""
+    count, labels = cv2.connectedComponents(inside.astype(np.uint8))
     seeds = np.unique(labels[z > SETTINGS.seed_sigmas])
     sizes = np.bincount(labels.ravel(), minlength=count)
     return [labels == number for number in seeds if number and sizes[number] >= fewest]

@@ -50,10 +50,14 @@ class Registration:
     spread_m: float
     apart_m: float
 
-    def std_m(self, points_m: Array) -> Array:
-        """(...,) standard error of the height of points (..., 3) through the registration alone, on level ground."""
-        arm = points_m - self.center_m
-        J = np.stack([arm[..., 1], -arm[..., 0], *np.broadcast_arrays(0.0, 0.0, 0.0, np.ones(arm.shape[:-1]))], axis=-1)
+    def std_m(self, points_m: Array, slopes: Array) -> Array:
+        """(...,) standard error of the height over a place, through the registration alone, of ground through points (..., 3).
+
+        slopes: (2, ...) its rise to the east and to the north: there a shift sideways is one of height.
+        """
+        arm, (east, north) = points_m - self.center_m, slopes
+        normal = np.stack([-east, -north, np.ones_like(east)], axis=-1)
+        J = np.concatenate([np.cross(arm, normal), normal], axis=-1)
         return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", J, self.covariance, J)))
 
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.comparing import m3c2
 from stereo_seecolor.comparing.color_change import ColorChange, color_change
-from stereo_seecolor.comparing.difference import Difference, difference
+from stereo_seecolor.comparing.difference import Difference, difference, relearned
 from stereo_seecolor.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.comparing.patches import Kind, Mask, Patch, color_patches, height_patches, volume_l
 from stereo_seecolor.comparing.registration import Registration, Surveyed, register
@@ -64,7 +65,9 @@ def compare_sites(a: Surveyed, b: Surveyed, cell_m: float) -> SiteChange:
         raise ComparingError("the surveys hardly overlap: errors are learned from ground that both saw, and here is too little")
     color = color_change(before, after)
     surface = _surface(a.mesh, moved, before, (a_errors, b_errors), found)
-    masks = height_patches(found, surface, cell_m) + color_patches(color.z, color.change)
+    masks = height_patches(found, surface, cell_m)
+    found = relearned(found, np.any([mask for _, mask in masks], axis=0) if masks else np.zeros(grid.shape, bool))
+    surface, masks = m3c2.relearned(surface, found.stable), masks + color_patches(color.z, color.change)
     patches = tuple(_patch(number, region, found, color, grid, a.posed.offset_m) for number, region in enumerate(masks, 1))
     return SiteChange(
         registration=registration,
