@@ -4,6 +4,7 @@ import dataclasses
 import json
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import cv2
@@ -33,7 +34,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
-from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.records import FrameRow, SurveyFrame
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -247,6 +248,46 @@ def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
     summary = fuse_small(small_run, poses)
     assert not (small_run / "map" / "piece_1").exists()
     assert sorted(path.name for path in summary.files) == sorted(path.name for path in (small_run / "map").iterdir())
+
+
+@dataclass
+class Onlooker:
+    """Keeps the first look at a map as it is when tiles are fused, and the stages."""
+
+    out: Path
+    picture: NDArray[np.uint8] | None = None
+    stages: list[str] = field(default_factory=list)
+
+    def begin(self, stage: str, total: int) -> None:
+        self.stages.append(stage)
+        if stage == "fusing tiles":
+            self.picture = cv2.imread(str(self.out / "map_preview.png"), cv2.IMREAD_UNCHANGED)
+
+    def advance(self, row: FrameRow) -> None:
+        pass
+
+
+@pytest.mark.slow
+def test_a_first_look_is_there_until_the_map_is(small_run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    onlooker, config = Onlooker(small_run), RunConfig(mapping=CONFIG)
+    poses = small_run.with_name("track.tum")
+    fuse(small_run, poses, config, onlooker)
+    assert any(stage.endswith(f"{small_run / 'map_preview.png'}") for stage in onlooker.stages)
+    assert onlooker.picture is not None
+    height, width = onlooker.picture.shape[:2]  # four frames of 1.2 m by 0.96 m, 0.3 m apart, cells of 2 cm
+    assert abs(width * 0.02 - 2.1) < 0.1 and abs(height * 0.02 - 0.96) < 0.1
+    seen = onlooker.picture[..., 3] == 255
+    assert seen.mean() > 0.95
+    assert (onlooker.picture[seen][:, 2::-1] == (200, 120, 40)).all()
+    assert not (small_run / "map_preview.png").exists()
+
+    def stop(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(survey_map, "write_preview", stop)
+    with pytest.raises(KeyboardInterrupt):
+        fuse(small_run, poses, config)
+    assert not (small_run / "map_preview.png").exists()
 
 
 @pytest.mark.slow

@@ -1,7 +1,9 @@
 """``fuse``: a finished run's frames into one map of the dive."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +16,7 @@ from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import MAP, state
+from stereo_seecolor.run_folder.layout import FIRST_LOOK, MAP, state
 from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
@@ -56,13 +58,29 @@ def fuse(
     with RunFolder.existing(out, (trajectory_file(poses),) if poses else ()) as folder:
         frames = SurveyFrames(open_run(out))
         trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
-        with compute.sharing(state(out), ()), building_map(folder, folder.digest("corrected")) as building:
-            workspace = Workspace(fusion_folder(out), _stages_of(listener or Silence()), compute)
+        progress = _stages_of(listener or Silence())
+        with compute.sharing(state(out), ()), _building(folder) as building:
+            workspace = Workspace(fusion_folder(out), progress, compute, partial(_show, folder, progress))
             summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)
         describe_frames(folder)
     aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.set_aside)
     stopped = () if run.state == "complete" else ("the run was stopped: pairs that it did not come to are not in the map",)
     return replace(summary.moved(building, out / MAP), warnings=(*summary.warnings, *aside, *stopped))
+
+
+@contextmanager
+def _building(folder: RunFolder) -> Iterator[Path]:
+    """As ``building_map``; the first look at the map goes when the map is there, or will not be."""
+    try:
+        with building_map(folder, folder.digest("corrected")) as building:
+            yield building
+    finally:
+        folder.remove(FIRST_LOOK)
+
+
+def _show(folder: RunFolder, progress: Callable[[str, int, int], None], picture: bytes) -> None:
+    folder.write(FIRST_LOOK, picture, folder.digest("corrected"))
+    progress(f"first look at the map: {folder.root / FIRST_LOOK}", 1, 1)
 
 
 def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:

@@ -42,7 +42,8 @@ class FrameIndex:
 
     points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels. lost: the frames that could not
     be read, and why. checksums: (N,) of colors and points, to tell whether a frame was made anew.
-    certain: (n,) for each frame, False for points that are too uncertain to make voxels for; () where all are.
+    certain: (n,) for each frame, False for points that are too uncertain to make voxels for; () where all are. colors: (n, 3) of
+    each frame's points, () where they are not known.
     """
 
     names: tuple[str, ...]
@@ -51,6 +52,7 @@ class FrameIndex:
     lost: dict[int, str] = field(default_factory=dict)
     checksums: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
     certain: tuple[NDArray[np.bool_], ...] = ()
+    colors: tuple[NDArray[np.uint8], ...] = ()
 
     @classmethod
     def build(
@@ -61,7 +63,7 @@ class FrameIndex:
         progress: Progress = silent,
         compute: Compute | None = None,
     ) -> "FrameIndex":
-        """Read every frame once; memory grows by some 50 KB a frame at the default spacing. compute: None for one thread."""
+        """Read every frame once; memory grows by some 60 KB a frame at the default spacing. compute: None for one thread."""
         found: list[_Indexed] = []
         for one in (compute or Threads(1)).each(_Glance(frames, geometry, sampling), range(len(frames))):
             found.append(one)
@@ -69,10 +71,11 @@ class FrameIndex:
         return cls(
             names=tuple(one.name for one in found),
             timestamps_s=np.array([one.timestamp_s for one in found], dtype=np.float64),
-            points_m=tuple(one.points_m for one in found),
+            points_m=tuple(one.coarse.points_m for one in found),
             lost={i: one.lost for i, one in enumerate(found) if one.lost is not None},
             checksums=np.array([one.checksum for one in found], np.int64),
-            certain=tuple(one.certain for one in found),
+            certain=tuple(one.coarse.certain for one in found),
+            colors=tuple(one.coarse.colors for one in found),
         )
 
     def scaled(self, scale: float) -> "FrameIndex":
@@ -97,13 +100,26 @@ class FrameIndex:
 
 
 @dataclass(frozen=True, eq=False)
+class _CoarsePoints:
+    """points_m: (n, 3) in the camera. certain: (n,) which are certain enough to make voxels for. colors: (n, 3) RGB."""
+
+    points_m: NDArray[np.float32]
+    certain: NDArray[np.bool_]
+    colors: NDArray[np.uint8]
+
+    @classmethod
+    def none(cls) -> "_CoarsePoints":
+        """Of a frame that cannot be read."""
+        return cls(np.zeros((0, 3), np.float32), np.zeros(0, np.bool_), np.zeros((0, 3), np.uint8))
+
+
+@dataclass(frozen=True, eq=False)
 class _Indexed:
     """What the index knows of a frame. lost: why it cannot be read; None where it can."""
 
     name: str
     timestamp_s: float
-    points_m: NDArray[np.float32]
-    certain: NDArray[np.bool_]
+    coarse: _CoarsePoints
     checksum: int
     lost: str | None = None
 
@@ -119,16 +135,13 @@ class _Glance:
     def __call__(self, number: int) -> _Indexed:
         frame = self.frames[number]
         if isinstance(frame, Unplaced):
-            return _Indexed(frame.name, np.nan, np.zeros((0, 3), np.float32), np.zeros(0, np.bool_), 0, frame.reason)
-        points, certain = _coarse_points(frame, self.geometry, self.sampling)
-        checksum = crc32(frame.color[:: self.sampling.max_stride_px].tobytes(), crc32(points.tobytes()))
-        return _Indexed(frame.name, np.nan if frame.timestamp_s is None else frame.timestamp_s, points, certain, checksum)
+            return _Indexed(frame.name, np.nan, _CoarsePoints.none(), 0, frame.reason)
+        coarse = _coarse_points(frame, self.geometry, self.sampling)
+        checksum = crc32(frame.color[:: self.sampling.max_stride_px].tobytes(), crc32(coarse.points_m.tobytes()))
+        return _Indexed(frame.name, np.nan if frame.timestamp_s is None else frame.timestamp_s, coarse, checksum)
 
 
-def _coarse_points(
-    frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampling
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """(n, 3) points, and (n,) which are certain enough to make voxels for."""
+def _coarse_points(frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampling) -> _CoarsePoints:
     sample = frame.range_m[:: sampling.max_stride_px, :: sampling.max_stride_px]
     sample = sample[np.isfinite(sample)]
     far_m = float(np.quantile(sample, sampling.far_fraction)) if sample.size else 1.0
@@ -143,4 +156,5 @@ def _coarse_points(
     depth_m = range_m[known] / geometry.ray_length[rows, columns][known]
     x = (columns[known] - geometry.cx_left_px) / geometry.focal_px * depth_m
     y = (rows[known] - geometry.cy_px) / geometry.focal_px * depth_m
-    return np.stack([x, y, depth_m], axis=-1).astype(np.float32), ~(std_m > limit_m)
+    points = np.stack([x, y, depth_m], axis=-1).astype(np.float32)
+    return _CoarsePoints(points, ~(std_m > limit_m), frame.color[rows[known], columns[known]])

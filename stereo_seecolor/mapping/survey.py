@@ -1,5 +1,6 @@
 """What all stages of a map share, and where its frames are placed."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,6 +19,7 @@ class Survey:
     """Frames, the rectified geometry that they share, their index, who is told of the progress, and where the work runs.
 
     scratch: a folder for features, which are used again if they were found in the same frames; None for one that is deleted.
+    look: is told where the frames are, z up, as soon as that is roughly known.
     """
 
     frames: Frames
@@ -26,6 +28,7 @@ class Survey:
     progress: Progress = silent
     compute: Compute = field(default_factory=lambda: Threads(1))
     scratch: Path | None = None
+    look: "Callable[[Placement], None] | None" = None
 
     def scaled(self, scale: float) -> "Survey":
         """The survey of a rig whose ranges are so many times as long."""

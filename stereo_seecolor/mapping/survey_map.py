@@ -4,7 +4,7 @@ import csv
 import json
 import shutil
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -23,9 +23,10 @@ from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, 
 from stereo_seecolor.mapping.kept_frames import KeptFrames
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
 from stereo_seecolor.mapping.raster import georeference
+from stereo_seecolor.mapping.raster.first_look import first_look
 from stereo_seecolor.mapping.raster.georeference import Georeference, crs_name
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
-from stereo_seecolor.mapping.raster.products import Rasters, write_preview, write_rasters
+from stereo_seecolor.mapping.raster.products import Rasters, encoded, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import Frames, RecoveredFrames, Unplaced
 from stereo_seecolor.mapping.surface import extraction, islands
 from stereo_seecolor.mapping.surface.join import write_map
@@ -34,7 +35,7 @@ from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
-from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit
 from stereo_seecolor.mapping.track.navigation import Navigation
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
@@ -76,12 +77,14 @@ class Workspace:
     work runs.
 
     scratch: a folder that outlives the map's, whose features and tiles are used if they were made from the same; None: in the
-    map's folder. It is deleted when the map is done.
+    map's folder. It is deleted when the map is done. look: is given a picture of the map, a PNG, as soon as the frames' places
+    are roughly known.
     """
 
     scratch: Path | None = None
     progress: Progress = silent
     compute: Compute = field(default_factory=lambda: Threads(1))
+    look: Callable[[bytes], None] | None = None
 
 
 def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
@@ -126,13 +129,20 @@ def build_map(
     check_voxel(found, geometry, config.voxel_edge_m)
     kept = KeptFrames(found, scratch / "frames")
     index = _index(kept, geometry, config.voxel_edge_m, workspace)
-    survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch)
+    look = partial(_show, index, workspace.look) if workspace.look else None
+    survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch, look)
     placed = _in_crs(place_survey(survey, config, trajectory), config)
     if placed.range_scale != 1:
         survey = survey.scaled(placed.range_scale)
     built = _Builder(survey, placed, config, scratch, found.lost).build_all(out_dir)
     shutil.rmtree(scratch, ignore_errors=True)
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
+
+
+def _show(index: FrameIndex, look: Callable[[bytes], None], placement: Placement) -> None:
+    picture = first_look(index, placement)
+    if picture is not None:
+        look(encoded(picture))
 
 
 def _in_crs(placed: Placed, config: MappingConfig) -> Placed:

@@ -15,6 +15,7 @@ from stereo_seecolor.run_folder.claim import Owner, check_claim, refuse_foreign,
 from stereo_seecolor.run_folder.input_files import input_record
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
 from stereo_seecolor.run_folder.layout import (
+    FIRST_LOOK,
     INDEX,
     MAP,
     ORIGINAL,
@@ -255,7 +256,8 @@ class RunFolder:
         """Delete files of the whole dive, or all files of a folder such as map, that the program wrote."""
         folders = tuple(f"{name}/" for name in names)
         gone = [path for path in self._dive.files if path in names or path.startswith(folders)]
-        lost = [name for name in names if name != INDEX and not name.startswith(f"{PAGE}/")]  # the page is written again
+        again = (INDEX, FIRST_LOOK)  # these are written again
+        lost = [name for name in names if name not in again and not name.startswith(f"{PAGE}/")]
         self.removed += [f"{self.root / name}: was made from other frames or settings, and was removed" for name in lost]
         self._files.delete(gone, self._dive.files)
         files = {path: stamps for path, stamps in self._dive.files.items() if path not in gone}

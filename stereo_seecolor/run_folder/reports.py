@@ -20,6 +20,7 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary, frames_csv, with_residuals
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
+    FIRST_LOOK,
     FRAMES_TABLE,
     INDEX,
     MAP,
@@ -67,7 +68,7 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
     if complete:
         for name in set(folder.manifest.names()) - {*run.names}:
             folder.discard(name)
-        sources = {name: folder.digest("corrected") for name in (MAP, INDEX)} | {MEASURED_WATER: folder.digest("range")}
+        sources = {name: folder.digest("corrected") for name in (MAP, FIRST_LOOK, INDEX)} | {MEASURED_WATER: folder.digest("range")}
         stale = [name for name, source in sources.items() if folder.dive.made_from.get(name, source) != source]
         folder.remove(*stale)
     folder.update(replace(folder.dive, state="complete" if complete else "stopped"))

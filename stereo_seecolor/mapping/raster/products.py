@@ -91,9 +91,14 @@ def _reduced(mosaic: BlockRaster) -> NDArray[np.uint8]:
     return image
 
 
-def _write_image(path: Path, image: NDArray[np.uint8]) -> Path:
+def encoded(image: NDArray[np.uint8]) -> bytes:
+    """RGB or RGBA (H, W, 3 or 4) as a PNG."""
     code = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
-    write_atomic(path, cv2.imencode(".png", cv2.cvtColor(image, code))[1].tobytes())
+    return cv2.imencode(".png", cv2.cvtColor(image, code))[1].tobytes()
+
+
+def _write_image(path: Path, image: NDArray[np.uint8]) -> Path:
+    write_atomic(path, encoded(image))
     return path
 
 

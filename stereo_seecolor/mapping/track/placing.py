@@ -1,6 +1,7 @@
 """Where a survey's frames are: by their pictures, by given poses, or by both."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
+from stereo_seecolor.mapping.track.components import chain
 from stereo_seecolor.mapping.track.fixes import at_fixes
 from stereo_seecolor.mapping.track.marks import Marks
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit, held
@@ -74,12 +76,13 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
     unknown = np.full(len(survey.index.names), np.nan)
     if trajectory is None or trajectory.fixes:
-        track = odometry.follow(survey)
+        track = _followed(survey)
         own, markers = _upright(track, _own(track, config), config)
         if trajectory is None or (markers and markers.control):
             return Placed(own, None, unknown, unknown, markers=markers)
         return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown, trajectory.origin, markers)
     given = place(survey.index, trajectory, config)
+    _show(survey, given, trajectory.up)
     spots = spot_check(survey, given, config.voxel_edge_m)
     exact = _as_given_or_none(given, survey, trajectory) if spots.exact and not config.markers.known else None
     if exact is not None:
@@ -99,6 +102,21 @@ def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None
         placement = placement.with_warnings(navigation.advice)
     origin = trajectory.origin if in_their_world else None
     return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg, origin, markers)
+
+
+def _followed(survey: Survey) -> odometry.Track:
+    """The track, shown as its relative poses in a row place it."""
+    track = odometry.follow(survey)
+    if track.edges:
+        _show(survey, Placement(*chain(track.edges, survey.index.rank)), "unknown")
+    return track
+
+
+def _show(survey: Survey, placement: Placement, up: str) -> None:
+    if survey.look is None:
+        return
+    with suppress(MappingError):  # poses upside down: there is nothing to show yet
+        survey.look(upright(placement, survey.index, up))
 
 
 def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement:
