@@ -87,7 +87,7 @@ def _by_pose(T: Any, x: float, y: float, inverse: float, moved: Any, depth: floa
 
 
 @compiled
-def _turned(T: Any, row: int, x: float, y: float, axis: int) -> float:
+def _turned(T: Any, row: int, x: float, y: float, axis: int) -> Any:
     """Row of -R [(x, y, 1)] x, at a column."""
     if axis == 0:
         return T[row, 2] * y - T[row, 1]

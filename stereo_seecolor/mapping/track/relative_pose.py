@@ -113,14 +113,14 @@ def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[
     """
     for _ in range(SETTINGS.rounds):
         squared, H, g = _residuals(T, a, b)
-        step = np.linalg.solve(H, g)
+        step = np.asarray(np.linalg.solve(H, g), np.float64)
         T = T @ pose(rotation_from_vector(step[:3]), step[3:])
         if np.abs(step).max() < 1e-7:
             break
     kept = np.flatnonzero(squared < SETTINGS.outlier_sigmas**2)
     scale = max(1.0, float(squared[kept].sum()) / max(3 * len(kept) - 6, 1)) if len(kept) else 1.0
     systematic = np.diag([SETTINGS.systematic_rad**2] * 3 + [SETTINGS.systematic_m**2] * 3)
-    return T, np.linalg.inv(H) * scale + systematic, kept
+    return T, np.asarray(np.linalg.inv(H) * scale + systematic, np.float64), kept
 
 
 def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
@@ -132,8 +132,8 @@ def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
 def _residuals(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, Array]:
     """(n,) residuals in standard errors, squared, and the normal equations (6, 6), (6,) of a step of the pose."""
     squared, H, g = np.empty(len(a.points)), np.zeros((6, 6)), np.zeros(6)
-    measured = (np.ascontiguousarray(values) for values in (a.points, a.std, b.points, b.std))
-    pose_residuals(np.ascontiguousarray(T), *measured, SETTINGS.outlier_sigmas, squared, H, g)
+    at_a, std_a, at_b, std_b = (np.ascontiguousarray(values) for values in (a.points, a.std, b.points, b.std))
+    pose_residuals(np.ascontiguousarray(T), at_a, std_a, at_b, std_b, SETTINGS.outlier_sigmas, squared, H, g)
     return squared, H, g
 
 
