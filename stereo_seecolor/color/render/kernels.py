@@ -105,9 +105,10 @@ def _correct(image: Any, bits: Any, gains: Any, shown: Any, table: Any, out: Any
             _display(codes, factors, shown.shoulder, here.image.reshape(-1))
         else:
             here.image[:] = 0
-        if table.size == 0 or any_capped or _highest(pixels.reshape(-1)) >= near:
-            number = _chosen(pixels, bins, gains.capped, near if table.size else 0, places)
-            _compute(pixels, bins, places[:number], gains, shown, here)
+        highest = _highest(pixels.reshape(-1))
+        if table.size == 0 or any_capped or highest >= near:
+            number = _chosen(pixels, bins, gains.capped, (near if table.size else 0, highest), places)
+            _compute(pixels, bins, places[:number], gains, (shown, near), here)
         if _highest(here.image.reshape(-1)) == full:
             clipped += _count_full(here.image, full)
     return clipped
@@ -163,13 +164,19 @@ def _count_full(values: Any, full: int) -> Any:
 
 
 @compiled
-def _chosen(image: Any, fine: Any, capped: Any, near: int, places: Any) -> Any:
-    """Into ``places`` the pixels of known range that no look-up gives, and how many: capped, or of values from ``near`` on."""
-    number = 0
+def _chosen(image: Any, fine: Any, capped: Any, values: Any, places: Any) -> Any:
+    """Into ``places`` the pixels of known range that no look-up gives, and how many: capped, or of values from the first of
+    ``values`` on, of which the second is the highest that there is."""
+    number, (near, highest) = L(0), values
+    if highest < near:
+        for i in range(fine.size):
+            places[number] = i
+            number += L(capped[L(fine[i])])
+        return number
     for i in range(fine.size):
         places[number] = i
         special = capped[fine[i]] or max(image[i, 0], max(image[i, 1], image[i, 2])) >= near
-        number += special and fine[i] != U(FINE_BINS)
+        number += L(special and fine[i] != U(FINE_BINS))
     return number
 
 
@@ -182,22 +189,33 @@ def _first_below_one(known: Any) -> Any:
 
 
 @compiled
-def _compute(image: Any, fine: Any, places: Any, gains: Any, shown: Any, out: Any) -> None:
-    """Pixels without a table: those of 16 bits or of mixed channels, and where noise has stopped a gain or the camera clipped."""
+def _compute(image: Any, fine: Any, places: Any, gains: Any, display: Any, out: Any) -> None:
+    """Pixels without a table: those of 16 bits or of mixed channels, and where noise has stopped a gain or the camera clipped.
+
+    display: what is shown, and from which value on one is nearly clipped.
+    """
+    shown, near = display
     codes, factors = np.empty((places.size, 3), np.float32), np.empty(places.size, np.float32)
     values = np.empty((places.size, 3), out.image.dtype)
     for k in range(places.size):
-        i = places[k]
-        pixel = U(image[i, 0]), U(image[i, 1]), U(image[i, 2])
-        codes[k, 0], codes[k, 1], codes[k, 2] = _mixed(_light(pixel, fine[i], gains, shown), gains.matrix)
-        out.unrecoverable[i] = gains.capped[fine[i]] | (shown.known[max(pixel[0], max(pixel[1], pixel[2]))] <= 0)
+        i = L(places[k])
+        pixel, at = (L(image[i, 0]), L(image[i, 1]), L(image[i, 2])), L(fine[i])
+        highest = max(pixel[0], max(pixel[1], pixel[2]))
+        if highest < near:
+            light = _unclipped(pixel, at, gains, shown.decoded)
+            out.unrecoverable[i] = gains.capped[at]
+        else:
+            light = _light(pixel, at, gains, shown)
+            out.unrecoverable[i] = gains.capped[at] | (shown.known[highest] <= 0)
+        codes[k, 0], codes[k, 1], codes[k, 2] = _mixed(light, gains.matrix)
     for k in range(places.size):
         for c in range(3):
-            codes[k, c] = _code(codes[k, c], shown.curve)
+            codes[k, c] = _code(codes[k, c], shown.curve) if image.itemsize > 1 else _nearest_code(codes[k, c], shown.curve)
     _display(codes.reshape(-1), factors, shown.shoulder, values.reshape(-1))
     for k in range(places.size):
+        i = L(places[k])
         for c in range(3):
-            out.image[places[k], c] = values[k, c]
+            out.image[i, c] = values[k, c]
 
 
 @compiled
@@ -249,6 +267,13 @@ def _code(light: Any, curve: Any) -> Any:
     place = min(max(light * np.float32(NODES), np.float32(0)), np.float32(curve.size - 2))
     node = U(np.int32(place))
     return curve[node] + (curve[node + U(1)] - curve[node]) * (place - np.float32(node))
+
+
+@compiled
+def _nearest_code(light: Any, curve: Any) -> Any:
+    """The code of the nearest node, as in a table for 8 bits: a tenth of their step at most from ``_code``."""
+    place = min(max(light * np.float32(NODES) + np.float32(0.5), np.float32(0)), np.float32(curve.size - 2))
+    return curve[L(np.int32(place))]
 
 
 @compiled

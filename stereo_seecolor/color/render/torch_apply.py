@@ -19,7 +19,8 @@ def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Dis
     unknown, top = fine == FINE_BINS, np.iinfo(image.dtype).max
     known = on_device(shown.known, device)[pixels.to(torch.int64)]
     capped = on_device(gains.capped, device)[fine] & ~unknown
-    codes = _codes(_mixed(_light(pixels, fine, known, gains, shown.decoded), gains), on_device(shown.curve, device))
+    light = _mixed(_light(pixels, fine, known, gains, shown.decoded), gains)
+    codes = _codes(light, on_device(shown.curve, device), image.dtype == np.uint8)
     if image.dtype == np.uint8 and not gains.matrix.size:
         plain = (~capped & (known == 1).all(dim=1)) | unknown
         codes[plain] = _looked_up(pixels[plain], fine[plain], code_table(gains, shown))
@@ -77,7 +78,8 @@ def _sum(channels: Tensor) -> Tensor:
     return channels[:, :1] + channels[:, 1:2] + channels[:, 2:]
 
 
-def _codes(light: Tensor, curve: Tensor) -> Tensor:
-    place = (light * NODES).clamp(0, curve.numel() - 2)
+def _codes(light: Tensor, curve: Tensor, nearest: bool) -> Tensor:
+    """Of the nearest node, or between two."""
+    place = (light * NODES + 0.5 * nearest).clamp(0, curve.numel() - 2)
     node = place.to(torch.int64)
-    return curve[node] + (curve[node + 1] - curve[node]) * (place - node)
+    return curve[node] if nearest else curve[node] + (curve[node + 1] - curve[node]) * (place - node)
