@@ -27,6 +27,7 @@ class Compiled(Generic[P, R]):
     def __init__(self, function: Callable[P, R], options: dict[str, Any]) -> None:
         self._options = options
         self._dispatcher: Any = None
+        self._callee: Any = None
         self.py_func = function
         functools.update_wrapper(self, function)
 
@@ -37,7 +38,7 @@ class Compiled(Generic[P, R]):
 
     @property
     def dispatcher(self) -> Any:
-        """numba's compiled function."""
+        """numba's compiled function, for calls from Python."""
         with _building:
             if self._dispatcher is None:
                 from stereo_seecolor.compute.kernel_cache import dispatcher
@@ -57,7 +58,12 @@ class Compiled(Generic[P, R]):
         """How numba sees this object where another compiled function names it."""
         from numba import types
 
-        return types.Dispatcher(self.dispatcher)
+        with _building:
+            if self._callee is None:
+                from stereo_seecolor.compute.kernel_cache import callee
+
+                self._callee = callee(self.py_func, self._options)
+        return types.Dispatcher(self._callee)
 
 
 @overload

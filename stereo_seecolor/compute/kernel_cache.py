@@ -20,6 +20,8 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
 from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
+OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+"""Of numba, for all functions. Wrappers that nobody calls take a seventh of the time that all functions of a run compile in."""
 INSTALLATIONS_KEPT = 8
 """Folders in the user's cache folder, one an installation whose own folder cannot be written: some 10 MB each."""
 
@@ -45,10 +47,15 @@ def keep_on_this_machine() -> None:
 
 def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """numba's compiled form of a function; its machine code is kept on disk if it is of this package and there is a place."""
-    found = njit(nogil=True, error_model="numpy", **options)(function)
+    found = njit(**OPTIONS, **options)(function)
     if hasattr(found, "enable_caching") and _Locator.from_function(function, function.__code__.co_filename):
         found._cache = _KernelCache(function)  # type: ignore[no-untyped-call]  # as enable_caching() does, with our locator
     return found
+
+
+def callee(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """The same without what calls from Python take; its machine code becomes part of its callers' and is kept with theirs."""
+    return njit(no_cpython_wrapper=True, **OPTIONS, **options)(function)
 
 
 def is_missing(found: Any) -> bool:
