@@ -1,0 +1,68 @@
+"""Frames a second of the torch path (``color.device``) on the device that is there, beside the compiled one: the same numbers.
+
+    python benchmarks/device.py [--size 1280 1024] [--device cpu]
+
+count: colors over range, into a table. apply: the water taken out. Fitting works on a table, 0.7 ms on the processor wherever the
+pixels are; only `color.method=paper-adam` fits on the device. Pixels go to the device and back for each frame, as in a run.
+"""
+
+import argparse
+import statistics
+import time
+from collections.abc import Callable
+from functools import partial
+
+import color_speed
+import numpy as np
+import torch
+
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.device import find_device
+from stereo_seecolor.color.render import kernels, torch_apply
+from stereo_seecolor.color.render.gains import gains
+from stereo_seecolor.color.render.tone import display
+from stereo_seecolor.color.table import torch_counting
+from stereo_seecolor.color.table.bins import range_bits
+from stereo_seecolor.color.table.measure import VALUE_BINS, measure
+
+ROUNDS = 7
+
+
+def frames_a_second(work: Callable[[], object]) -> float:
+    """The median of some rounds, after one to warm up."""
+    work()
+    seconds = []
+    for _ in range(ROUNDS):
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return 1 / statistics.median(seconds)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--size", type=int, nargs=2, default=(1280, 1024))
+    parser.add_argument("--device", choices=("auto", "cpu", "cuda"), default="auto")
+    options = parser.parse_args()
+    color_speed.SIZE = (options.size[1], options.size[0])
+    image, range_m = color_speed.frame(0)
+    device, corrector = find_device(options.device), Corrector()
+    table = corrector.measure(image, range_m)
+    by_range, shown = gains(corrector.fit(table), corrector.config, 1.3), display(8, "srgb", 2.0)
+    flat, bits, values = image.reshape(-1, 3), range_bits(range_m), VALUE_BINS[8]
+    compiled = partial(measure, image, range_m), partial(kernels.apply, flat, bits, by_range, shown)
+    in_torch = (
+        partial(torch_counting.count, image, range_m, values, device),
+        partial(torch_apply.apply, flat, bits, by_range, shown, device),
+    )
+    most = np.abs(compiled[1]()[0].image.astype(int) - in_torch[1]()[0].image.astype(int)).max()
+    print(
+        f"{device} ({torch.cuda.get_device_name() if device.type == 'cuda' else 'processor'}), {options.size[0]}x{options.size[1]}"
+    )
+    print(f"counts equal: {np.array_equal(in_torch[0]()[0], compiled[0]().counts)}; corrected values differ by at most {most}")
+    for name, ways in zip(("count", "apply"), zip(compiled, in_torch, strict=True), strict=True):
+        print(f"{name}: compiled {frames_a_second(ways[0]):.1f}, torch {frames_a_second(ways[1]):.1f} frames a second")
+
+
+if __name__ == "__main__":
+    main()
