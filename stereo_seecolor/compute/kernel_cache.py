@@ -20,7 +20,7 @@ from numba.core.caching import CompileResultCacheImpl, FunctionCache
 
 from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
-OPTIONS = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
 """Of numba, for all functions. Wrappers that nobody calls take a seventh of the time that all functions of a run compile in."""
 INSTALLATIONS_KEPT = 8
 """Folders in the user's cache folder, one an installation whose own folder cannot be written: some 10 MB each."""
@@ -55,7 +55,7 @@ def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 
 def callee(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """The same without what calls from Python take; its machine code becomes part of its callers' and is kept with theirs."""
-    return njit(no_cpython_wrapper=True, **OPTIONS, **options)(function)
+    return njit(**{**OPTIONS, **options, "no_cpython_wrapper": True})(function)
 
 
 def is_missing(found: Any) -> bool:

@@ -232,7 +232,7 @@ def _mixed(light: Any, matrix: Any) -> Any:
 
 
 @compiled
-def _light(values: Any, fine: int, gains: Any, shown: Any) -> Any:
+def _light(values: Any, fine: Any, gains: Any, shown: Any) -> Any:
     """A pixel's linear light; a channel that the camera clipped is at least as bright as those that it did not, or as the
     brightest if it clipped all."""
     one, zero = np.float32(1), np.float32(0)
@@ -248,7 +248,7 @@ def _light(values: Any, fine: int, gains: Any, shown: Any) -> Any:
 
 
 @compiled
-def _unclipped(values: Any, fine: int, gains: Any, decoded: Any) -> Any:
+def _unclipped(values: Any, fine: Any, gains: Any, decoded: Any) -> Any:
     """A pixel's linear light; what a cap leaves out of a channel comes from those of less noise."""
     one = np.float32(1)
     r = gains.gain[0, fine] * decoded[values[0]] - gains.offset[0, fine]
