@@ -56,8 +56,7 @@ def contents(out: Path) -> dict[str, str]:
 def workers_of(process: psutil.Process) -> list[psutil.Process]:
     """Those that are past their start: a cluster whose workers die while it starts is one that does not start."""
     with contextlib.suppress(psutil.Error):
-        forked = [child for child in process.children(recursive=True) if "multiprocessing.forkserver" in " ".join(child.cmdline())]
-        found = [child for child in forked if child.ppid() != process.pid]
+        found = [child for child in process.children(recursive=True) if child.ppid() != process.pid]
         return [child for child in found if child.cpu_times().user > STARTED_S]
     return []
 

@@ -106,6 +106,9 @@ class SimulatedFuture:
 class SimulatedDone:
     seconds: float
     results: range
+    process: str = ""
+    used_core_seconds: float = 0.0
+    peak_bytes: int = 0
 
 
 class SimulatedCompute(DaskCompute):

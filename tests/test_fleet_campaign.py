@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from stereo_seecolor.cli.run_text import run_text
 from stereo_seecolor.commands import campaign as module
 from stereo_seecolor.commands.campaign import CampaignFile, campaign
 from stereo_seecolor.commands.plan import plan
@@ -149,6 +150,25 @@ def test_a_plan_grows_with_the_pairs_and_shrinks_with_the_workers(make_dive) -> 
     assert found.stage_seconds["light"] > 0
     assert found.disk_bytes > 12 * dive.range_m.size * 4
     assert found.memory_bytes > 1e8
+
+
+@pytest.mark.slow
+def test_a_run_says_what_it_took_against_its_plan(make_dive, tmp_path) -> None:
+    dive, out = make_dive(3), tmp_path / "out"
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    foretold = plan(*sides, out=out)
+    summary = run(*sides, out)
+    assert summary.plan
+    planned, measured = summary.plan.planned, summary.plan.measured
+    assert planned.core_hours == pytest.approx(foretold.core_hours)
+    assert planned.wall_hours <= planned.core_hours
+    assert 0.2 < measured.disk_bytes / planned.disk_bytes < 5
+    assert measured.core_hours > 0
+    assert measured.memory_bytes > 1e8
+    assert "against its plan" in run_text(summary, out)
+    assert summary.totals()["plan"]["measured"]["disk_bytes"] == measured.disk_bytes
+    assert run(*sides, out).plan is None, "nothing was done"
+    assert run(*sides, tmp_path / "other").plan is None
 
 
 def test_a_dive_of_which_no_pair_goes_through_has_no_plan(make_dive) -> None:

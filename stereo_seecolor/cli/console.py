@@ -21,3 +21,11 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     text = io.StringIO()
     Console(file=text, soft_wrap=True, color_system=None).print(drawn)
     return lines(line.rstrip() for line in text.getvalue().splitlines())
+
+
+def duration(seconds: float) -> str:
+    """Seconds, minutes, hours or days, as a person says it."""
+    for unit, length in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
+        if seconds >= 2 * length:
+            return f"{seconds / length:.1f} {unit}"
+    return f"{seconds:.0f} s"

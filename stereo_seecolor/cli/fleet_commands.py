@@ -96,6 +96,10 @@ def plan(
     left: Left,
     right: Right,
     calib: Calib,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", metavar="FOLDER", help="Keep the plan there, so that the run into it says what it took against it."),
+    ] = None,
     config: ConfigFile = None,
     settings: Settings = None,
     as_json: AsJson = False,
@@ -108,5 +112,5 @@ def plan(
 
     report = Report("plan", as_json, "none", verbose, log_file)
     with report.working():
-        found = measure(left, right, calib, load_config(config, settings or []))
+        found = measure(left, right, calib, load_config(config, settings or []), out)
     report.end({**vars(found), "core_hours": found.core_hours}, plan_text(found))

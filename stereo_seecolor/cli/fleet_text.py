@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from stereo_seecolor.cli.console import lines, table
+from stereo_seecolor.cli.console import duration, lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.campaign import CampaignResult
@@ -27,14 +27,6 @@ def _end(run: "RunStatus") -> str:
         return REMEDY[run.state]
     by = f" by {run.writer}" if run.writer else ""
     return f"{duration(run.remaining_s)} left{by}" if run.remaining_s is not None else by.strip()
-
-
-def duration(seconds: float) -> str:
-    """Seconds, minutes, hours or days, as a person says it."""
-    for unit, length in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2 * length:
-            return f"{seconds / length:.1f} {unit}"
-    return f"{seconds:.0f} s"
 
 
 def campaign_text(result: "CampaignResult") -> str:

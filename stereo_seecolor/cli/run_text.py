@@ -6,13 +6,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stereo_seecolor.cli.console import lines, table
+from stereo_seecolor.cli.console import duration, lines, table
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.measure import Measurement
     from stereo_seecolor.commands.report import ReportResult
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary
+    from stereo_seecolor.run_folder.kept_plan import Compared
 
 MOST_NAMED = 20
 """So many failed pairs are named on the terminal; frames.csv names all."""
@@ -31,7 +32,20 @@ def run_text(summary: "RunSummary", out: Path) -> str:
         lines([*named, *notes])
         + (table(("what went wrong", "times", "first in"), problems) if problems else "")
         + lines([_totals(summary), *made])
+        + (_plan_text(summary.plan) if summary.plan else "")
     )
+
+
+def _plan_text(compared: "Compared") -> str:
+    """What was planned, and what it took."""
+    planned, measured = compared.planned, compared.measured
+    rows = [
+        ("core-hours", f"{planned.core_hours:.3g}", f"{measured.core_hours:.3g}"),
+        (f"time on {compared.cores} cores", duration(3600 * planned.wall_hours), duration(3600 * measured.wall_hours)),
+        ("disk, GB", f"{planned.disk_bytes / 1e9:.3g}", f"{measured.disk_bytes / 1e9:.3g}"),
+        ("memory of a process, GB", f"{planned.memory_bytes / 1e9:.2g}", f"{measured.memory_bytes / 1e9:.2g}"),
+    ]
+    return table(("against its plan", "planned", "it took"), rows)
 
 
 def _product_line(product: "ProductSummary") -> str:

@@ -9,6 +9,7 @@ from calibration import Rectification
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
 from stereo_seecolor.commands.pages import drop_live_page, early_frames, end_page, keep_live_page, with_live_page
+from stereo_seecolor.commands.planned import Meter
 from stereo_seecolor.commands.refine_dive import DiveRefinement
 from stereo_seecolor.commands.video_pairs import video_pairing
 from stereo_seecolor.compute.shard import Shard
@@ -127,6 +128,7 @@ class Job:
         """All passes; Ctrl-C ends them early. run.json and frames.csv are written at the end, however it comes."""
         watched = with_live_page(options, folder, self.description)
         start, dive, complete = time.perf_counter(), Dive(self.source, folder, watched), False
+        meter = Meter(options.compute)
         dive.show(early_frames(options, self.description))
         earlier = earlier_config(folder)
         folder.update(replace(folder.dive, state="running"))
@@ -148,6 +150,7 @@ class Job:
             summary = self._summary(folder, dive, time.perf_counter() - start, not complete)
             write_reports(folder, description, summary)
         end_page(options, folder, description, not complete)
+        summary = meter.compared(summary, folder.root, len(self.pairing.pairs), description.config)
         return replace(summary, products=products(folder))
 
     def _summary(self, folder: RunFolder, dive: Dive, seconds: float, stopped: bool) -> RunSummary:

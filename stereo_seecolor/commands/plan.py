@@ -1,6 +1,5 @@
 """``plan``: what a dive will cost, from ten of its pairs: core-hours, wall time, disk and memory."""
 
-import sys
 import tempfile
 import time
 from collections.abc import Sequence
@@ -10,6 +9,7 @@ from pathlib import Path
 from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, claim
 from stereo_seecolor.commands.run import KIND, StereoCommand, color, stereo_job
+from stereo_seecolor.compute.process_usage import peak_bytes
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import files_below
@@ -18,6 +18,7 @@ from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.kept_plan import KeptPlan, settings_key
 
 MEASURED_PAIRS = 10
 """Spread over the dive: the times of its pairs differ by some 10 %."""
@@ -47,9 +48,17 @@ class Plan:
         return (self.pairs * self.core_seconds_per_pair + self.fit_s) / 3600
 
 
-def plan(left: Path, right: Path, calib: str | Path, config: RunConfig | None = None, workers: Sequence[int] = WORKERS) -> Plan:
-    """Measure ten pairs in a folder for temporary files, after one that compiles and is not counted; nothing else is written.
+def plan(
+    left: Path,
+    right: Path,
+    calib: str | Path,
+    config: RunConfig | None = None,
+    out: Path | None = None,
+    workers: Sequence[int] = WORKERS,
+) -> Plan:
+    """Measure ten pairs in a folder for temporary files, after one that compiles and is not counted.
 
+    out: where the plan is kept, so that the run into it says what it took against it; nothing else is written.
     Raises InputError where none of them goes through; SeeColorError, CalibrationError as ``run`` does.
     """
     inputs, config = StereoInputs(left, right, calib), config or RunConfig()
@@ -71,7 +80,11 @@ def plan(left: Path, right: Path, calib: str | Path, config: RunConfig | None = 
     number, fit_s, per_pair = len(opened.pairing.pairs), core_s * once, core_s * (1 - once) / ok
     stages = {stage: per_pair * value / sum(seconds.values()) for stage, value in seconds.items()}
     hours = {count: (number * per_pair / count + fit_s) / 3600 for count in workers}
-    return Plan(number, ok, per_pair, stages, fit_s, written * number // ok, _peak_bytes(), hours)
+    found = Plan(number, ok, per_pair, stages, fit_s, written * number // ok, peak_bytes(), hours)
+    if out:
+        kept = KeptPlan(number, settings_key(config), per_pair, fit_s, found.disk_bytes, found.memory_bytes)
+        kept.save(out)
+    return found
 
 
 def _only(opened: Opened, pairs: Sequence[object]) -> Opened:
@@ -101,13 +114,3 @@ def _measure(inputs: StereoInputs, opened: Opened, out: Path, light: LightClock)
     with RunFolder(out, claim(inputs.owner(KIND, opened.pairing), options, inputs.paths)) as folder:
         passes = stereo_job(opened, command, lambda dive, held, pairing: color(dive, held, pairing, None))
         return passes.conduct(folder, options)
-
-
-def _peak_bytes() -> int:
-    """The most memory that this process has had; 0 where the system does not say."""
-    if sys.platform == "win32":
-        return 0
-    import resource
-
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak if sys.platform == "darwin" else 1024 * peak

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol, TypeVar
 
@@ -9,11 +10,28 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
+@dataclass(frozen=True)
+class Usage:
+    """What the processes that work for this one have used until now.
+
+    cores: that work at once, also where this process works itself. core_seconds: processor time, and memory_bytes: the most that
+    one of them had at once; both 0 where this process works itself.
+    """
+
+    cores: int
+    core_seconds: float = 0.0
+    memory_bytes: int = 0
+
+
 class Compute(Protocol):
     """Where work runs. The results are the same wherever that is, whatever the number of workers.
 
     An exception of ``work`` ends the iteration and is raised in the caller; what is under way is finished, and nothing more begun.
     """
+
+    @property
+    def usage(self) -> Usage:
+        """What the work has cost so far."""
 
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> AbstractContextManager[None]:
         """While work writes into ``folder`` and reads ``inputs``: where it runs, both are seen, or ClusterError is raised."""

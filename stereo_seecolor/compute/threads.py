@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
-from stereo_seecolor.compute.interface import Item, Result
+from stereo_seecolor.compute.interface import Item, Result, Usage
 
 Lock = threading.Lock
 
@@ -20,6 +20,11 @@ class Threads:
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
+
+    @property
+    def usage(self) -> Usage:
+        """Threads are a part of this process."""
+        return Usage(min(self._workers, cores()))
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every item, in the items' order. Closing the iterator lets what is under way finish, and begins no more."""

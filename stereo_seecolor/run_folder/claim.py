@@ -15,6 +15,7 @@ from stereo_seecolor.run_folder.layout import (
     ORIGINAL,
     PAGE,
     PAGE_PRODUCTS,
+    PLAN,
     PRODUCTS,
     SET_ASIDE,
     STATE,
@@ -86,7 +87,7 @@ def refuse_links(root: Path) -> None:
 def refuse_used(root: Path) -> None:
     """Raise OutputError where a folder without a manifest holds anything."""
     entries = _names(root)
-    own = STATE if not set(_names(state(root))) - {LOCK, LEASE} else None
+    own = STATE if not set(_names(state(root))) - {LOCK, LEASE, PLAN} else None
     foreign = [name for name in entries if name != own and not _of_system(name)]
     if foreign:
         raise OutputError(

@@ -5,13 +5,14 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.records import FrameRow, Status
 from stereo_seecolor.run_folder.finished_map import TrackPoint
+from stereo_seecolor.run_folder.kept_plan import Compared
 
 RESIDUALS = ("position_residual_m", "attitude_residual_deg")
 """Columns of frames.csv that a map with given poses adds."""
@@ -54,6 +55,7 @@ class RunSummary:
     """The end of a run.
 
     notes: what concerns the whole dive. wall_seconds: from start to end. stopped: it was interrupted. products: what is current.
+    plan: what was planned, and what it took, where a plan of these pairs and settings lay in OUT.
     """
 
     rows: Sequence[FrameRow]
@@ -61,6 +63,7 @@ class RunSummary:
     wall_seconds: float = 0.0
     stopped: bool = False
     products: tuple[ProductSummary, ...] = ()
+    plan: Compared | None = None
 
     @property
     def all_done(self) -> bool:
@@ -89,6 +92,7 @@ class RunSummary:
             "wall_seconds": round(self.wall_seconds, 3),
             "stage_seconds": {stage: round(seconds, 3) for stage, seconds in self.stage_seconds().items()},
             "notes": list(self.notes),
+            **({"plan": asdict(self.plan)} if self.plan else {}),
         }
 
     def problems(self) -> list[tuple[str, int, str]]:

@@ -11,7 +11,7 @@ ORIGINAL = "original"
 """Holds products in the left camera's own pixels, whose files are named as its images."""
 STATE = ".state"
 """The program's own folder: manifest, tables."""
-LOCK, LEASE = "lock", "lease.json"
+LOCK, LEASE, PLAN = "lock", "lease.json", "plan.json"
 """In the program's own folder while a run writes into OUT."""
 SET_ASIDE = "set_aside"
 """Files of ours that somebody changed, moved here before a new one takes their place."""
@@ -142,6 +142,11 @@ def lease_file(root: Path) -> Path:
 def progress_file(root: Path) -> Path:
     """Where it is kept how far a run is."""
     return state(root, "progress.json")
+
+
+def plan_file(root: Path) -> Path:
+    """Where it is kept what the run was foretold to take."""
+    return state(root, PLAN)
 
 
 def light_file(root: Path) -> Path:

@@ -18,6 +18,8 @@ class BatchSettings:
     """Seconds of work a batch at least, while all workers have some: of shorter ones the scheduler cannot send enough to 200."""
     rounds: int = 4
     """Batches a worker at least, where there are enough items, so that none idles long at the end."""
+    tail_s: float = 0.5
+    """Seconds of work of the last batches of a pass: shorter ones save no time that a person sees, and each costs 10 ms."""
     most: int = 1000
     """Items a batch: their results are in memory together."""
 
@@ -32,7 +34,7 @@ class Batches(Generic[Item]):
         """most: items a batch."""
         self._most = most or SETTINGS.most
         self._items: Iterator[Item] = iter(items)
-        self._left = len(items) if isinstance(items, Sized) else None
+        self._left = self._all = len(items) if isinstance(items, Sized) else None
         self._seconds, self._done = 0.0, 0
 
     def learn(self, seconds: float, items: int) -> None:
@@ -52,7 +54,8 @@ class Batches(Generic[Item]):
             return 1
         a_second, each = self._done / max(self._seconds, 1e-9), max(workers, 1)
         size = SETTINGS.target_s * a_second
-        if self._left is not None:
+        if self._left is not None and self._all is not None:
             least = min(SETTINGS.least_s * a_second, self._left / each)
-            size = min(size, max(self._left / (SETTINGS.rounds * each), least))
+            tail = min(SETTINGS.tail_s * a_second, self._all / (SETTINGS.rounds * each))
+            size = min(size, max(self._left / (SETTINGS.rounds * each), least, tail))
         return max(1, min(int(size), self._most))

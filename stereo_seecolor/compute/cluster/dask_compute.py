@@ -20,7 +20,7 @@ from distributed.scheduler import KilledWorker
 from stereo_seecolor.compute.cluster.batches import Batches
 from stereo_seecolor.compute.cluster.ticket import Probe, Ticket
 from stereo_seecolor.compute.cluster.worker import Done, Parcel, do_batch, do_tiles
-from stereo_seecolor.compute.interface import Item, Result
+from stereo_seecolor.compute.interface import Item, Result, Usage
 from stereo_seecolor.errors import ClusterError, OutputError
 
 AHEAD = 2
@@ -58,6 +58,14 @@ class DaskCompute:
         self._workers: dict[str, int] = {}
         self._looked_s = -LOOK_S
         self._probes: tuple[Probe, ...] = ()
+        self._used: dict[str, tuple[float, int]] = {}
+
+    @property
+    def usage(self) -> Usage:
+        """Of all workers, those that were lost among them, as of the last batch of each."""
+        used = self._used.values()
+        cores = sum(self._threads().values())
+        return Usage(cores, sum(seconds for seconds, _ in used), max((peak for _, peak in used), default=0))
 
     @contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
@@ -102,6 +110,7 @@ class DaskCompute:
                     result = self._result(future)
                     waiting.popleft()
                     batches.learn(result.seconds, number)
+                    self._used[result.process] = result.used_core_seconds, result.peak_bytes
                     yield from result.results
 
     @contextmanager

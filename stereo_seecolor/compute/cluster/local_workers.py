@@ -5,6 +5,7 @@ more. It starts a worker in place of one that ends, and ends all when the client
 """
 
 import contextlib
+import gc
 import importlib
 import json
 import logging
@@ -140,6 +141,7 @@ def _load() -> None:
         getattr(importlib.import_module(module), function)()
     core_pool().shutdown()  # its threads would not be there in a copy of this process
     core_pool.cache_clear()
+    gc.freeze()  # or the first look for garbage in each worker copies all that it shares
 
 
 def _replace_lost(running: set[int], orders: Orders) -> None:

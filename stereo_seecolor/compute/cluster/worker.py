@@ -1,6 +1,7 @@
 """What runs on a worker: batches of items, one after the other."""
 
 import logging
+import os
 import pickle
 import platform
 import threading
@@ -13,6 +14,7 @@ from typing import Any
 
 from stereo_seecolor.compute.cluster.ticket import Ticket, admit
 from stereo_seecolor.compute.compiled import use_threads
+from stereo_seecolor.compute.process_usage import core_seconds, peak_bytes
 from stereo_seecolor.errors import DeviceError, OutputError
 
 WORKS_KEPT = 4
@@ -28,13 +30,16 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Done:
-    """A batch's results in its items' order, pickled, and how long it took.
+    """A batch's results in its items' order, pickled, and how long it took. process: that did it, with what it has used so far.
 
     Items and results travel pickled: of arrays, Dask would make such as cannot be written, or lie askew in memory.
     """
 
     pickled: bytes
     seconds: float
+    process: str = ""
+    used_core_seconds: float = 0.0
+    peak_bytes: int = 0
 
     @property
     def results(self) -> list[Any]:
@@ -57,7 +62,7 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
         raise
     seconds = time.perf_counter() - start
     log.info("%s: %d done in %.1f s", type(do).__name__, len(results), seconds)
-    return Done(pickle.dumps(results), seconds)
+    return Done(pickle.dumps(results), seconds, f"{platform.node()}:{os.getpid()}", core_seconds(), peak_bytes())
 
 
 def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:

@@ -1,0 +1,19 @@
+"""What a process has used of its machine."""
+
+import sys
+import time
+
+
+def core_seconds() -> float:
+    """Processor time of this process so far."""
+    return time.process_time()
+
+
+def peak_bytes() -> int:
+    """The most memory that this process has had; 0 where the system does not say."""
+    if sys.platform == "win32":
+        return 0
+    import resource
+
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
