@@ -13,6 +13,7 @@ from calibration.rig import StereoRig
 from calibration.row_check import LIMITS, RowCheck
 from calibration.row_fit import explain, row_inliers
 from calibration.suspicions import suspicions
+from calibration.wording import counted
 
 Array = NDArray[np.float64]
 __all__ = ["RowCheck", "judge_matches", "rows_agree", "suspicions", "vertical_disparity"]
@@ -53,7 +54,7 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
         left, right = left[kept], right[kept]
     if len(left) < MIN_MATCHES:
         raise CalibrationError(
-            f"only {len(left)} points were found in both images of {len(found)} pairs, {MIN_MATCHES} are needed: "
+            f"only {len(left)} points were found in both images of {counted(len(found), 'pair')}, {MIN_MATCHES} are needed: "
             "give pairs with texture, and see whether both images show the same scene at the same time"
         )
     left, right = left - [pair.cx_left_px, pair.cy_px], right - [pair.cx_right_px, pair.cy_px]

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from calibration.wording import counted
+
 UNSEEN = (
     "not seen by vertical disparity: the length of the baseline, and a focal length wrong in both cameras alike; measure something "
     "of known length"
@@ -45,7 +47,7 @@ class Refinement:
     def summary(self) -> str:
         """What it rests on, and what it gained, in one line."""
         return (
-            f"{self.matches} points in {self.pairs} pairs: vertical disparity {self.before_px:.2f} px as calibrated, "
+            f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity {self.before_px:.2f} px as calibrated, "
             f"{self.after_px:.2f} px refined, on pairs left out of the fit (median)"
         )
 

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from calibration.wording import counted
+
 
 @dataclass(frozen=True)
 class RowLimits:
@@ -99,8 +101,8 @@ class RowCheck:
         """All of it for a person to read, the verdict last."""
         verdict = "acceptable" if self.acceptable else "NOT acceptable"
         return [
-            f"{self.matches} points in {self.pairs} pairs: vertical disparity {self.row_error_px:.2f} px (median); offset "
-            f"{self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees leave "
+            f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity {self.row_error_px:.2f} px (median); "
+            f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees leave "
             f"{self.unexplained_px:.2f} px",
             *self.advice,
             f"the calibration is {verdict} for these images (limit {LIMITS.acceptable_px} px)",

@@ -24,7 +24,7 @@ def test_more_lefts_than_rights(make_dive, cli, tmp_path) -> None:
     code, printed, _ = cli(*dive.command(tmp_path / "out"))
     assert code == 3
     assert "L/0001.png: no right image matches" in printed
-    assert "2 pairs done, 0 failed, 1 files without a partner" in printed
+    assert "2 pairs done, 0 failed, 1 file without a partner" in printed
     rows = {row["name"]: row["status"] for row in csv.DictReader((tmp_path / "out/frames.csv").read_text().splitlines())}
     assert rows == {"0000": "ok", "0001": "unpaired", "0002": "ok"}
 

@@ -34,7 +34,7 @@ def test_libpngs_warnings_are_shown_only_if_asked_for(make_dive, tmp_path: Path,
     done = subprocess.run([sys.executable, "-m", "stereo_seecolor", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 3
     assert ("libpng warning" in done.stderr) == verbose
-    assert "1 pairs done, 1 failed" in done.stdout
+    assert "1 pair done, 1 failed" in done.stdout
 
 
 @pytest.mark.slow

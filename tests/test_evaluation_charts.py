@@ -204,7 +204,7 @@ def test_patches_of_unknown_range_are_left_out(chart_image: tuple[np.ndarray, np
 def test_images_without_a_chart_are_named(folders: tuple[Path, Path]) -> None:
     (folders[0] / "a.tiff").unlink()
     (folders[1] / "a.tiff").unlink()
-    with pytest.raises(InputError, match="no color chart was found in any of 1 images"):
+    with pytest.raises(InputError, match="no color chart was found in 1 image:"):
         evaluate_charts(*folders)
 
 

@@ -135,7 +135,7 @@ def test_missing_or_empty_folder(tmp_path: Path, make: bool, message: str) -> No
 
 def test_images_of_a_kind_that_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "1.dng").touch()
-    with pytest.raises(InputError, match=r"holds no left images .*; 1 .dng files are of a kind that is not read: convert them"):
+    with pytest.raises(InputError, match=r"holds no left images .*; 1 file of a kind that is not read [(].dng[)]: convert them"):
         pair_folders(tmp_path, tmp_path, InputConfig())
 
 

@@ -54,7 +54,7 @@ def test_sides_given_as_two_folders(tmp_path: Path) -> None:
     ("files", "message"),
     [
         (["notes.txt"], r"no images \(.*\) and no videos were found"),
-        (["dive/1.BMP", "dive/2.bmp"], "2 .bmp files are of a kind that is not read: convert them to PNG"),
+        (["dive/1.BMP", "dive/2.bmp"], "2 files of a kind that is not read [(].bmp[)]: convert them to PNG"),
         (["left/1.png", "left/2.png"], "left: holds the left images alone: give the other side's folder too"),
         (["1.png", "2.png"], "holds all images in one folder, and no name says .*: move the left and the right ones"),
         (["a/x.png", "b/y2.png"], "hold pairs: give the two of one dive"),

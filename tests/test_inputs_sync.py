@@ -225,7 +225,7 @@ def test_frames_are_chosen_by_their_overlap(tmp_path: Path) -> None:
     assert 5 < len(choice.left) < 200
     assert overlap.max() < 0.83
     assert overlap.min() > 0.6  # it moves on by some frames only
-    assert "overlap by 80%" in choice.notes[-1]
+    assert "overlap 80%" in choice.notes[-1]
     still = write_pair(tmp_path / "still", 0.0, seconds=4, moves=False)
     assert choose_frames(*still, InputConfig(video_overlap=0.8)).left == (0,)
 

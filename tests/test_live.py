@@ -251,7 +251,7 @@ def test_the_command_keeps_products_and_says_what_happened(incoming, cli, tmp_pa
     code, printed, said = cli("live", *sides, "--pairs", 1, "--out", tmp_path / "kept", "--port", 0)
     assert code == 0, said
     assert said.startswith("http://127.0.0.1:")
-    assert "1 pairs corrected, 0 failed, 3 passed over for newer ones" in printed
+    assert "1 pair corrected, 0 failed, 3 passed over for newer ones" in printed
     assert (tmp_path / "kept/corrected/0003.png").is_file()
     assert (tmp_path / "kept/range/0003.tiff").is_file()
     code, _, said = cli("live", *sides, "--pairs", 1, "--out", tmp_path / "kept")
@@ -265,7 +265,7 @@ def test_one_source_names_both_sides(incoming, cli, tmp_path) -> None:
     assert cli("live", "--source", f"{folder / 'L'},{folder / 'R'}", *calib)[0] == 0
     for side, name in (("L", "left"), ("R", "right")):
         (folder / side).rename(folder / name)
-    assert "1 pairs corrected" in cli("live", "--source", folder, *calib)[1]
+    assert "1 pair corrected" in cli("live", "--source", folder, *calib)[1]
     assert source_of("rtsp://10.0.0.2/both") == ("rtsp://10.0.0.2/both", "rtsp://10.0.0.2/both", None)
     code, _, said = cli("live", "--source", folder, "--left", folder, *calib)
     assert (code, "--source names both sides: leave --left, --right and --bag out" in said) == (2, True)

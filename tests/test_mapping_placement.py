@@ -101,14 +101,14 @@ def test_a_pose_that_is_not_finite_leaves_its_frame_out() -> None:
     assert place(index(), by_name(T), CONFIG).unplaced[0].reason == "its pose is not finite"
     placement = place(index(), by_time(T), CONFIG)
     assert not placement.unplaced  # its neighbors in time stand in for it
-    assert "1 poses of the trajectory are not finite" in placement.warnings[0]
+    assert "left out: 1 pose of the trajectory, not finite" in placement.warnings[0]
 
 
 def test_duplicate_time_stamps_count_once() -> None:
     T, times = line(11), np.array([0, 1, 1, 2, 3, 4, 5, 6, 7, 8, 9.0])
     T[3:, 0, 3] -= 0.5
     placement = place(index(), by_time(T, times), CONFIG)
-    assert "1 poses repeat a time stamp" in placement.warnings[0]
+    assert "time stamps that repeat: 1 pose left out" in placement.warnings[0]
     np.testing.assert_allclose(placement.T_world_camera[:, 0, 3], np.arange(10) * 0.5)
 
 

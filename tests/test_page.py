@@ -440,7 +440,7 @@ def test_report_says_which_frames_it_does_not_show(out: Path, cli: Cli) -> None:
     code, text, _ = cli("report", out)
     assert code == 3
     assert "not shown: 0001:" in text
-    assert "1 frames shown, 0 of them kept" in text
+    assert "1 frame shown, 0 of them kept" in text
 
 
 def test_report_as_json(out: Path, cli: Cli) -> None:

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibration.wording import counted
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.options import AsJson, LogFile, Topics, Verbose
@@ -37,7 +38,7 @@ def bag_text(found: "BagFacts") -> str:
         said.append(f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} messages{rate}")
     if found.pairs:
         rig = f"baseline {1000 * found.baseline_m:.1f} mm, from camera_info" if found.baseline_m else "no calibration in it"
-        said.append(f"{found.pairs} pairs, {found.unpaired} images without a partner; {rig}")
+        said.append(f"{counted(found.pairs, 'pair')}, {counted(found.unpaired, 'image without a partner')}; {rig}")
     said += [f"note: {note}" for note in found.notes]
     if found.pairs:
         calib = "" if found.baseline_m else " --calib cam.yaml"

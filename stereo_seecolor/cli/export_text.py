@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
+from calibration.wording import counted
 from stereo_seecolor.cli.console import lines
 
 if TYPE_CHECKING:
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
 
 def export_text(result: "ExportResult") -> str:
     """What was written, and where."""
-    size = f"{result.frames} frames, {result.files} files, {result.bytes / 1e6:.1f} MB"
+    size = f"{counted(result.frames, 'frame')}, {counted(result.files, 'file')}, {result.bytes / 1e6:.1f} MB"
     return lines([size, *([result.note] if result.note else []), f"  {result.folder}: {result.format}"])
 
 

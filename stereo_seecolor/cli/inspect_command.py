@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibration.wording import counted
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.options import AsJson, LogFile, Verbose
@@ -34,7 +35,9 @@ def inspection_text(found: "Inspection") -> str:
     if found.pairs:
         every = f", one every {found.interval_s:.3g} s" if found.interval_s else ""
         exposure = "recorded with each image" if found.exposure_recorded else "not recorded"
-        said.append(f"{found.pairs} pairs{every}; {found.unpaired} files without a partner; exposure {exposure}")
+        said.append(
+            f"{counted(found.pairs, 'pair')}{every}; {counted(found.unpaired, 'file without a partner')}; exposure {exposure}"
+        )
     if found.calibration:
         said += _calibration_lines(found.calibration)
     if found.measured:

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from calibration.wording import counted
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.options import AsJson, ConfigFile, LogFile, OneCalib, Settings, Topics, Verbose
 from stereo_seecolor.cli.report import Report
@@ -105,7 +106,7 @@ def live(
         )
         inputs = LiveInputs(left or "", right or "", bag, topics, calib or "")
         found = correct_live(inputs, load_config(config, settings or []), options)
-    said = [f"{found.done} pairs corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
+    said = [f"{counted(found.done, 'pair')} corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
     if found.latency_median_s is not None and found.latency_p95_s is not None:
         said.append(f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s")
     if found.products_median_s is not None and found.products_p95_s is not None:

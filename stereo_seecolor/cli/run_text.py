@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from calibration.wording import counted
 from stereo_seecolor.cli.console import duration, lines, table
 
 if TYPE_CHECKING:
@@ -57,9 +58,10 @@ def _totals(summary: "RunSummary") -> str:
     kept = f", {summary.kept} of them kept from an earlier run" if summary.kept else ""
     slowest = next(iter(summary.stage_seconds().items()), None)
     slow = f"; the slowest stage was {slowest[0]} ({slowest[1]:.1f} s of work)" if slowest else ""
+    done = f"{'stopped early: ' if summary.stopped else ''}{counted(summary.count('ok'), 'pair')} done{kept}"
     return (
-        f"{'stopped early: ' if summary.stopped else ''}{summary.count('ok')} pairs done{kept}, {summary.count('failed')} failed, "
-        f"{summary.count('unpaired')} files without a partner, in {summary.wall_seconds:.1f} s{slow}"
+        f"{done}, {summary.count('failed')} failed, "
+        f"{counted(summary.count('unpaired'), 'file without a partner')}, in {summary.wall_seconds:.1f} s{slow}"
     )
 
 
@@ -71,7 +73,7 @@ def page_text(page: Path) -> str:
 def report_text(result: "ReportResult") -> str:
     """What became of a page: frames that it does not show, totals, where it is."""
     left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
-    totals = f"{result.made + result.kept} frames shown, {result.kept} of them kept from an earlier page"
+    totals = f"{counted(result.made + result.kept, 'frame')} shown, {result.kept} of them kept from an earlier page"
     return lines([*left_out, totals]) + page_text(result.page)
 
 

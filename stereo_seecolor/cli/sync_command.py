@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from calibration.wording import counted
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.options import AsJson, LogFile, Verbose
 from stereo_seecolor.cli.report import Report
@@ -33,5 +34,9 @@ def sync(
         found = find(left, right, calib or "")
     said = [found.text]
     said += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
-    said += [f"{found.pairs} pairs of frames", "", f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out"]
+    said += [
+        counted(found.pairs, "pair of frames"),
+        "",
+        f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out",
+    ]
     report.end(dict(vars(found)), lines(said))

@@ -13,6 +13,7 @@ from calibration.formats.kitti import for_channels
 from calibration.matches import Matches, raw_matches
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
+from calibration.wording import counted
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -80,9 +81,9 @@ def rows_note(rectification: Rectification, rig: StereoRig, pairs: Sequence[Pair
         return ()  # too few points to tell
     if check.swapped and exchanging_helps(rig, list(first_images(pairs, images))):
         raise InputError(
-            f"left and right look swapped: {check.behind_fraction:.0%} of {check.matches} points in {check.pairs} pairs lie behind "
-            "infinity, and in front the other way round: exchange --left and --right (or see whether both sides are numbered "
-            "alike, and whether the images were turned by 180 degrees since the calibration)"
+            f"left and right look swapped: {check.behind_fraction:.0%} of {check.matches} points in {counted(check.pairs, 'pair')} "
+            "lie behind infinity, and in front the other way round: exchange --left and --right (or see whether both sides are "
+            "numbered alike, and whether the images were turned by 180 degrees since the calibration)"
         )
     return (f"calibration: {check.warning}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)
 

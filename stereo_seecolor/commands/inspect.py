@@ -13,6 +13,7 @@ from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.formats.kitti import for_channels
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
+from calibration.wording import counted
 from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
@@ -221,7 +222,7 @@ def _problems_of_images(sides: Sides, images: Sequence[ImageFacts], pairing: Pai
     if sides.guessed:
         problems.append("no name says which side is left and which right: they were taken in order")
     if pairing.unpaired:
-        problems.append(f"{len(pairing.unpaired)} files have no partner, the first: {pairing.unpaired[0].path.name}")
+        problems.append(f"{counted(len(pairing.unpaired), 'file without a partner')}, the first: {pairing.unpaired[0].path.name}")
     if any(image.kind == "mosaic" for image in images):
         problems.append("one channel with a color filter pattern: the camera's manual tells whether it is rggb, bggr, gbrg or grbg")
     return tuple(problems)

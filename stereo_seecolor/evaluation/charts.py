@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.wording import counted
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -127,7 +128,7 @@ def _scored(
 def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
     if targets:
         return f"{targets}: none of its targets can be seen with a known range in the {number} images of {images}"
-    return f"{images}: no color chart was found in any of {number} images: give its corners with --targets"
+    return f"{images}: no color chart was found in {counted(number, 'image')}: give its corners with --targets"
 
 
 def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, NDArray[np.float64]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from calibration.wording import counted
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name
 from stereo_seecolor.files.reading import entry_problem
@@ -83,9 +84,8 @@ def unread_hint(names: Iterable[str]) -> str:
     if not kinds:
         return ""
     (suffix, count), *_ = kinds.most_common(1)
-    return (
-        f"; {count} {suffix} files are of a kind that is not read: convert them to PNG, or to TIFF if they are deeper than 8 bits"
-    )
+    what = f"{counted(count, 'file')} of a kind that is not read ({suffix})"
+    return f"; {what}: convert them to PNG, or to TIFF if they are deeper than 8 bits"
 
 
 def _is_image(name: str, pattern: str) -> bool:

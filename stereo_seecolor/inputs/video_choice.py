@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import StereoRig
+from calibration.wording import counted
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.video_file import VideoFile, video_file
 from stereo_seecolor.inputs.video_lags import LIMITS, Lag
@@ -87,7 +88,7 @@ def _chosen(
     pairs = pairs[np.unique(pairs[:, 1], return_index=True)[1]]  # a right frame once
     if config.video_overlap is not None:
         pairs = pairs[_by_overlap(signals[0].place[pairs[:, 0]], signals[0].height, config.video_overlap)]
-        notes = (*notes, f"{len(pairs)} pairs overlap by {config.video_overlap:.0%} from one to the next")
+        notes = (*notes, f"{counted(len(pairs), 'pair')}, overlap {config.video_overlap:.0%} from one to the next")
     else:
         pairs = pairs[np.unique(pairs[:, 0] // config.video_every, return_index=True)[1]]
     numbers = [

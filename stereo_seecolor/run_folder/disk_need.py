@@ -4,6 +4,7 @@ import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
+from calibration.wording import counted
 from stereo_seecolor.config import OutputConfig
 from stereo_seecolor.errors import OutputError
 
@@ -53,7 +54,8 @@ class Room:
     @property
     def line(self) -> str:
         """For a person, before the work begins."""
-        return f"disk: {self.pairs} pairs need about {self.need / 1e9:.2g} GB, and {self.free / 1e9:.2g} GB are free"
+        needs = f"{counted(self.pairs, 'pair')} need{'s' if self.pairs == 1 else ''}"
+        return f"disk: {needs} about {self.need / 1e9:.2g} GB, and {self.free / 1e9:.2g} GB are free"
 
     @property
     def is_tight(self) -> bool:

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import cast
 
+from calibration.wording import counted
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.records import FrameRow, Status, Water
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -32,7 +33,7 @@ class Part:
         rows = tuple(read_rows(root / FRAMES_TABLE))
         pending = [row.name for row in rows if row.status == "pending"]
         if pending or run.state != "complete":
-            left = f"{len(pending)} pairs are left ({pending[0]})" if pending else f"it is {run.state}"
+            left = f"not done: {counted(len(pending), 'pair')} ({pending[0]})" if pending else f"it is {run.state}"
             raise InputError(f"{root}: did not come to its end, {left}: run its line again first")
         return cls(root, run, rows)
 

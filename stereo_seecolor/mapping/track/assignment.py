@@ -8,6 +8,7 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.wording import counted
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.geometry import interpolate
@@ -92,11 +93,13 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
     warnings = []
     finite = _finite(trajectory.T_world_camera) & np.isfinite(trajectory.timestamps_s)
     if not finite.all():
-        warnings.append(f"{np.count_nonzero(~finite)} poses of the trajectory are not finite and were left out")
+        warnings.append(f"left out: {counted(int(np.count_nonzero(~finite)), 'pose of the trajectory')}, not finite")
     times, first = np.unique(trajectory.timestamps_s[finite], return_index=True)
     poses = trajectory.T_world_camera[finite][first]
     if len(times) < np.count_nonzero(finite):
-        warnings.append(f"{np.count_nonzero(finite) - len(times)} poses repeat a time stamp: the first of each was taken")
+        warnings.append(
+            f"time stamps that repeat: {counted(int(np.count_nonzero(finite)) - len(times), 'pose')} left out, the first of each kept"
+        )
     if (np.diff(trajectory.timestamps_s[finite]) < 0).any():
         warnings.append("the trajectory's poses are out of order: they were sorted by time")
     T = np.full((len(index.names), 4, 4), np.nan)
