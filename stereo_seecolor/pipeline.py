@@ -23,8 +23,8 @@ from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.matching.pair_check import PairCheck
+from stereo_seecolor.matching.reduced import DetailMatcher
 from stereo_seecolor.records import Correction, FrameResult, Image, Map, Mask, RangeMap, StereoFrame, Water, is_monochrome
 from stereo_seecolor.version import __version__
 
@@ -45,7 +45,7 @@ class Pipeline:
         seen = self.rectification.seen_left()
         self.seen: Mask | None = None if seen.all() else self.rectification.upright(seen)
         self.original = OriginalView.from_rig(rig) if self.config.output.geometry == "original" else None
-        self.matcher = Matcher(self.rectification.matching_pair, self.config.matching, seen)
+        self.matcher = DetailMatcher(self.rectification.matching_pair, self.config.matching, seen)
         self.check_pair = PairCheck(lambda raw: self.match(self.rectify(raw)))
         self.corrector = Corrector(self.config.color)
         self.reader = FrameReader(self.config.input)

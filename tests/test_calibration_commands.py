@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 from calibration_boards import photograph_board, rendered
-from calibration_texts import OPENCV_EXTRINSICS, OPENCV_INTRINSICS, ROS_LEFT, ROS_RIGHT
+from calibration_texts import OPENCV, OPENCV_EXTRINSICS, OPENCV_INTRINSICS, ROS_LEFT, ROS_RIGHT
 from conftest import Cli
 
 from calibration import StereoRig
@@ -138,6 +138,10 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     source = f"{tmp_path}/intrinsics.yml,{tmp_path}/extrinsics.yml"
     assert cli("convert-calib", source, tmp_path / "cam.yaml")[0] == 1
     assert cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "640x480")[0] == 0
+    four = OPENCV.replace(", 1.6e-01 ]", " ]").replace(", -7e-3 ]", " ]")
+    (tmp_path / "four.yml").write_text(four)
+    printed = cli("convert-calib", tmp_path / "four.yml", tmp_path / "cam.yaml", "--size", "640x480")[1]
+    assert "note: 4 coefficients as OpenCV's k1 k2 p1 p2: taken, but the file can be read in 2 ways" in printed
     code, _, said = cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "wide")
     assert code == 1 and "expected WIDTHxHEIGHT" in said
 

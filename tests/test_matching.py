@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching.matcher import Matcher
+from stereo_seecolor.matching.reduced import DetailMatcher
 from stereo_seecolor.records import RangeMap, StereoFrame
 
 CONFIG = MatchingConfig(min_range_m=0.8)
@@ -46,6 +47,31 @@ def test_clear_water_is_dense_and_right() -> None:
     truth_m = scene().pair.range_from_depth(scene().depth_m)
     assert np.median(np.abs(found.range_m / truth_m - 1)[known]) < 0.003
     assert found.warnings == ()
+
+
+@pytest.mark.slow
+def test_images_without_detail_at_their_full_size_are_matched_at_less() -> None:
+    """A sharp pair enlarged four times, with the noise of a camera: neighboring pixels say nothing there."""
+    small, rng = scene(), np.random.default_rng(0)
+
+    def enlarged(image: np.ndarray) -> np.ndarray:
+        large = cv2.resize(image, None, fx=4, fy=4, interpolation=cv2.INTER_CUBIC)
+        return np.clip(large + rng.normal(0, 5, large.shape), 0, 255).astype(np.uint8)
+
+    pair = small.pair
+    focal_px, (cx_left_px, cx_right_px, cy_px) = (
+        4 * pair.focal_px,
+        (4 * c + 1.5 for c in (pair.cx_left_px, pair.cx_right_px, pair.cy_px)),
+    )
+    size = (4 * pair.image_size[0], 4 * pair.image_size[1])
+    large = RectifiedPair(focal_px, cx_left_px, cx_right_px, cy_px, pair.baseline_m, size)
+    frame = StereoFrame("pair", enlarged(small.frame.left), enlarged(small.frame.right))
+    plain, found = Matcher(large, CONFIG).match(frame), DetailMatcher(large, CONFIG).match(frame)
+    assert np.isfinite(plain.range_m).mean() + 0.1 < np.isfinite(found.range_m).mean()
+    assert "matched at 1/2 of it" in found.warnings[-1]
+    depth_m = cv2.resize(small.depth_m, size, interpolation=cv2.INTER_NEAREST)
+    assert np.nanmedian(np.abs(found.depth_m / depth_m - 1)) < 0.005
+    assert DetailMatcher(pair, CONFIG).match(small.frame).warnings == ()
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 
 import typer
 
+from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.contents import calibration_content, check_content
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.options import (
@@ -128,5 +129,9 @@ def convert_calib(
 
     result = convert(source, out, to, size, resize)
     report = Report("convert-calib", as_json)
-    text = f"{result.out}: {result.format}, baseline {result.baseline_m * 1000:.1f} mm\n"
-    report.end({"source": source, "out": out, "format": to, "baseline_m": result.baseline_m}, text)
+    said = [
+        f"{result.out}: {result.format}, baseline {result.baseline_m * 1000:.1f} mm",
+        *(f"note: {note}" for note in result.notes),
+    ]
+    content = {"source": source, "out": out, "format": to, "baseline_m": result.baseline_m, "notes": list(result.notes)}
+    report.end(content, lines(said))

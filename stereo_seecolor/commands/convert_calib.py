@@ -9,12 +9,16 @@ from calibration.resizing import resized_rig
 
 @dataclass(frozen=True)
 class ConvertedCalibration:
-    """What was written, and the rig's baseline in meters, by which a wrong unit is seen."""
+    """What was written, and the rig's baseline in meters, by which a wrong unit is seen.
+
+    notes: what had to be guessed, a line each.
+    """
 
     source: str
     out: str
     format: WritableFormat
     baseline_m: float
+    notes: tuple[str, ...] = ()
 
 
 def convert_calib(
@@ -29,4 +33,10 @@ def convert_calib(
     if resize:
         rig = resized_rig(rig, parse_size(resize))
     write_rig(rig, out, to)
-    return ConvertedCalibration(source, str(out), to, rig.baseline_m)
+    notes = list(rig.doubts)
+    if rig.alternatives:
+        notes.append(
+            f"{rig.reading}: taken, but the file can be read in {len(rig.alternatives) + 1} ways: "
+            f"'stereo-seecolor check --left ... --right ... --calib {source} --refine {out}' lets images of the dive decide"
+        )
+    return ConvertedCalibration(source, str(out), to, rig.baseline_m, tuple(notes))

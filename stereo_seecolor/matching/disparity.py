@@ -18,11 +18,13 @@ class MatchedDisparity:
     best: (H, W) the same, but also where the checks failed; NaN where nothing was found at all. The same array for an engine
     that gives only what it checked.
     uniqueness: (H, W) how much worse the best disparity beyond +-1 px is, as a fraction of P2; large where no other fits.
+    reduced_fraction: of the pixels at reduced size, those that passed the checks; 0 for an engine that does not look there.
     """
 
     disparity: Map
     best: Map
     uniqueness: Map
+    reduced_fraction: float = 0.0
 
     def forget(self, where: Mask) -> None:
         """Make unknown, checked or not, where ``where`` (H, W) is True."""

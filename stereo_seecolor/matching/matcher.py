@@ -64,12 +64,18 @@ class Matcher:
 
         A pair that cannot be matched gives a map without a known pixel and says why in ``warnings``.
         """
+        return self.matched(frame)[0]
+
+    def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
+        """As match, and the detail that the images hold at their size: of the pixels that passed the checks at reduced size, the
+        fraction that does here (about 1 where both show the same; 1 where nothing can be said).
+        """
         pair = GrayPair.from_frame(frame, self._scale)
         reason = diagnostics.unusable(pair.small_left, pair.small_right)
         if reason:
-            return self._unknown(f"{reason}: no range is known")
+            return self._unknown(f"{reason}: no range is known"), 1.0
         if self._config.engine == "onnx":
-            return self.range_map(self._engine.find(frame, pair), pair)
+            return self.range_map(self._engine.find(frame, pair), pair), 1.0
         repeating = core_pool().submit(diagnostics.repeated, pair.small_left, (self._highest - self._lowest) // self._scale)
         found = self._engine.find(frame, pair)
         vertical_px = diagnostics.vertical_disparity_px(pair.left, pair.right, found.disparity)
@@ -78,7 +84,9 @@ class Matcher:
             height, width = found.disparity.shape
             found.forget(repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width])
         range_map = self.range_map(found, pair)
-        return replace(range_map, vertical_px=vertical_px, warnings=self._warnings(pair, range_map, repeated, vertical_px))
+        detail = float(np.isfinite(found.disparity).mean()) / found.reduced_fraction if found.reduced_fraction else 1.0
+        warnings = self._warnings(pair, range_map, repeated, vertical_px)
+        return replace(range_map, vertical_px=vertical_px, warnings=warnings), detail
 
     def _warnings(self, pair: GrayPair, range_map: RangeMap, repeated: Mask, vertical_px: float) -> tuple[str, ...]:
         every = slice(None, None, self._scale), slice(None, None, self._scale)

@@ -1,6 +1,7 @@
-"""Matching at a fraction of the size, in a fraction of the time: range maps for those who cannot wait."""
+"""Matching at a fraction of the size: for those who cannot wait, and for images that show no detail at their full size."""
 
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import cv2
@@ -12,6 +13,20 @@ from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching.disparity import UNKNOWN
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.records import Image, Mask, RangeMap, StereoFrame
+
+SIZES = (2, 4)
+LEAST_DETAIL = 0.88
+"""Of what matches at reduced size, the fraction that must match at full size. Real reef, Teddy, drawn scenes, with much noise too:
+0.94 to 1.02; the reef enlarged by 2: 0.94 to 0.97 (half size knows 4 to 7 % more), by 4: 0.66 to 0.82 (24 to 40 % more).
+"""
+
+
+def smaller(pair: RectifiedPair, shrink: int) -> RectifiedPair:
+    """The geometry of images whose every pixel is the mean of shrink x shrink pixels; what does not fill one is left out."""
+    focal_px, centers = pair.focal_px / shrink, (pair.cx_left_px, pair.cx_right_px, pair.cy_px)
+    cx_left_px, cx_right_px, cy_px = ((center + 0.5) / shrink - 0.5 for center in centers)
+    width, height = (length // shrink for length in pair.image_size)
+    return RectifiedPair(focal_px, cx_left_px, cx_right_px, cy_px, pair.baseline_m, (width, height), pair.quarter_turns)
 
 
 class ReducedMatcher:
@@ -27,10 +42,16 @@ class ReducedMatcher:
 
     def match(self, frame: StereoFrame) -> RangeMap:
         """The range map of a rectified pair, at its size."""
+        return self.matched(frame)[0]
+
+    def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
+        """As Matcher.matched; detail is that of the smaller images."""
         small = StereoFrame(frame.name, self._smaller(frame.left), self._smaller(frame.right), frame.timestamp_s)
-        found = self._matcher.match(small).each(self._larger)
+        found, detail = self._matcher.matched(small)
+        found = found.each(self._larger)
+        disparity, vertical_px = found.disparity * np.float32(self._shrink), found.vertical_px * self._shrink
         confidence = np.nan_to_num(found.confidence, copy=False)
-        return replace(found, disparity=found.disparity * np.float32(self._shrink), confidence=confidence)
+        return replace(found, disparity=disparity, vertical_px=vertical_px, confidence=confidence), detail
 
     def _blocks(self, mask: Mask) -> NDArray[np.bool_]:
         rows, columns = (length // self._shrink for length in mask.shape)
@@ -56,9 +77,28 @@ class ReducedMatcher:
 _NOTHING = ((0, 0), (0, 0))
 
 
-def smaller(pair: RectifiedPair, shrink: int) -> RectifiedPair:
-    """The geometry of images whose every pixel is the mean of shrink x shrink pixels; what does not fill one is left out."""
-    focal_px, centers = pair.focal_px / shrink, (pair.cx_left_px, pair.cx_right_px, pair.cy_px)
-    cx_left_px, cx_right_px, cy_px = ((center + 0.5) / shrink - 0.5 for center in centers)
-    width, height = (length // shrink for length in pair.image_size)
-    return RectifiedPair(focal_px, cx_left_px, cx_right_px, cy_px, pair.baseline_m, (width, height), pair.quarter_turns)
+class DetailMatcher:
+    """As ``Matcher``; a pair that shows too little detail at its full size is matched at half of it, or at a quarter.
+
+    So it is with large sensors behind soft optics, in turbid water, and with enlarged or strongly compressed images: noise decides
+    the comparisons of neighboring pixels there.
+    """
+
+    def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
+        self.seen_left = seen_left
+        self._full = Matcher(pair, config, seen_left)
+        self._smaller = partial(ReducedMatcher, pair, config, seen_left)
+        self._built: dict[int, ReducedMatcher] = {}
+
+    def match(self, frame: StereoFrame) -> RangeMap:
+        """The range map of a rectified pair; its warnings say where it was matched at a smaller size."""
+        found, detail = self._full.matched(frame)
+        for shrink in SIZES:
+            if detail >= LEAST_DETAIL:
+                break
+            smaller, detail = self._built.setdefault(shrink, self._smaller(shrink)).matched(frame)
+            if np.isfinite(smaller.disparity).mean() <= np.isfinite(found.disparity).mean():
+                break
+            said = f"the images show little detail at their full size: matched at 1/{shrink} of it"
+            found = replace(smaller, warnings=(*smaller.warnings, said))
+        return found

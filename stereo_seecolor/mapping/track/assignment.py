@@ -97,9 +97,8 @@ def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -
     times, first = np.unique(trajectory.timestamps_s[finite], return_index=True)
     poses = trajectory.T_world_camera[finite][first]
     if len(times) < np.count_nonzero(finite):
-        warnings.append(
-            f"time stamps that repeat: {counted(int(np.count_nonzero(finite)) - len(times), 'pose')} left out, the first of each kept"
-        )
+        repeated = counted(int(np.count_nonzero(finite)) - len(times), "pose")
+        warnings.append(f"time stamps that repeat: {repeated} left out, the first of each kept")
     if (np.diff(trajectory.timestamps_s[finite]) < 0).any():
         warnings.append("the trajectory's poses are out of order: they were sorted by time")
     T = np.full((len(index.names), 4, 4), np.nan)

@@ -1,6 +1,6 @@
 """Semi-global search of a pair: at reduced size over all disparities, then at full size in a band around what was found."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -53,7 +53,8 @@ class SemiGlobalMatching:
         low, high = self._lowest // pair.scale, -(-self._highest // pair.scale)
         coarse = search(pair.small_left, pair.small_right, Band.everywhere(pair.small_left.shape, low, high)).disparity
         remove_speckles(coarse, CONSTANTS.coarse_speckle_px)
-        return search(pair.left, pair.right, Band.around(coarse, pair.scale, pair.left.shape, self._lowest, self._highest))
+        found = search(pair.left, pair.right, Band.around(coarse, pair.scale, pair.left.shape, self._lowest, self._highest))
+        return replace(found, reduced_fraction=float(np.isfinite(coarse).mean()))
 
 
 def is_first_run() -> bool:
