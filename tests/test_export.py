@@ -17,7 +17,7 @@ from stereo_seecolor.commands.export import export
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MountConfig, RunConfig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.export import mcap_file, mosaic_tiles
+from stereo_seecolor.export import copc_file, mcap_file, mosaic_tiles
 from stereo_seecolor.export.formats import EXPORT_FORMATS
 from stereo_seecolor.export.posed_run import open_posed_run
 from stereo_seecolor.export.recording import TOPICS
@@ -61,7 +61,19 @@ def test_colmap_reads_the_model(fused: Path, tmp_path: Path) -> None:
     import pycolmap
 
     export(fused, "colmap", tmp_path / "to")
-    model = pycolmap.Reconstruction(tmp_path / "to" / "sparse" / "0")
+    for suffix in ("txt", "bin"):
+        (tmp_path / suffix).mkdir()
+        for part in (tmp_path / "to" / "sparse" / "0").glob(f"*.{suffix}"):
+            shutil.copy(part, tmp_path / suffix)
+    model, binary = (pycolmap.Reconstruction(tmp_path / suffix) for suffix in ("txt", "bin"))
+    assert binary.compute_num_observations() == model.compute_num_observations() > 0
+    for number, point in list(model.points3D.items())[::100]:
+        other = binary.points3D[number]
+        np.testing.assert_allclose(other.xyz, point.xyz, rtol=1e-8)
+        assert (other.color == point.color).all() and len(other.track.elements) == len(point.track.elements)
+    for number, image in model.images.items():
+        assert binary.images[number].name == image.name
+        np.testing.assert_allclose(binary.images[number].projection_center(), image.projection_center(), atol=1e-7)
     assert (model.num_images(), model.num_cameras()) == (FRAMES, 1)
     assert model.compute_mean_track_length() > 2
     (camera,) = model.cameras.values()
@@ -394,3 +406,38 @@ def test_biigle_gets_a_row_for_each_image(fused: Path, tmp_path: Path) -> None:
     assert float(rows[0]["distance_to_ground"]) == pytest.approx(1.5, abs=0.01)
     assert float(rows[0]["area"]) == pytest.approx(160 * 128 * (1.5 / 200) ** 2, rel=0.01)
     assert (rows[0]["taken_at"], rows[0]["lat"]) == ("", "")
+
+
+def test_laspy_reads_the_cloud_level_by_level(fused: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import laspy
+
+    monkeypatch.setattr(copc_file, "FEW", 300)
+    monkeypatch.setattr(copc_file, "GRID", 8)
+    out = on_earth(fused, tmp_path / "out")
+    result = export(out, "copc", tmp_path / "to")
+    posed, cloud = open_posed_run(out), read_vertices(fused / "map" / "cloud.ply")
+    with laspy.CopcReader.open(tmp_path / "to" / "cloud.copc.laz") as file:
+        whole, coarse = file.query(), file.query(level=0)
+        box = laspy.copc.Bounds(mins=np.array([0.2, -0.2]), maxs=np.array([0.5, 0.2]))
+        part = file.query(box)
+    with laspy.open(tmp_path / "to" / "cloud.copc.laz") as file:
+        assert file.header.parse_crs().to_authority() is None and "Transverse_Mercator" in file.header.parse_crs().to_wkt(
+            "WKT1_GDAL"
+        )
+    assert 20 < len(coarse) < len(whole) / 10
+    assert result.note == f"{len(cloud):,} points in {result.note.split()[-2]} nodes" and int(result.note.split()[-2]) > 5
+    found = np.stack([whole.x, whole.y, whole.z, whole.red // 257, whole.green // 257, whole.blue // 257], axis=1)
+    wanted = np.concatenate([cloud["position"] + posed.offset_m, cloud["color"]], axis=1)
+    found, wanted = (rows[np.lexsort(np.round(rows[:, :3], 3).T)] for rows in (found, wanted))
+    np.testing.assert_allclose(np.sort(found, axis=0), np.sort(wanted, axis=0), atol=6e-5)
+    inside = ((wanted[:, :2] >= (0.2, -0.2)) & (wanted[:, :2] <= (0.5, 0.2))).all(axis=1)
+    assert abs(len(part) - inside.sum()) < 0.01 * len(wanted)
+
+
+def test_every_point_of_an_octree_is_in_one_node_that_holds_it() -> None:
+    points = np.random.default_rng(0).random((60_000, 3)) ** 3
+    seen = np.zeros(len(points), int)
+    for level, cell, chosen in copc_file.octree(points, 1.0):
+        seen[chosen] += 1
+        assert (np.floor(points[chosen] * 2**level) == cell).all()
+    assert (seen == 1).all()

@@ -304,3 +304,29 @@ def test_places_on_a_map_need_a_map(out: Path, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("measure,frame,kind,label,x_m,y_m\na,,point,,1,2\n")
     with pytest.raises(InputError, match="holds no terrain"):
         measure(out, tmp_path / "points.csv")
+
+
+@pytest.mark.slow
+def test_lengths_as_eventmeasure_has_them(out: Path, tmp_path: Path, cli: Cli) -> None:
+    fish, bar = "a,0001,length,Lutjanidae Lutjanus bohar,", "b,0001,length,bar,"
+    rows = [f"{row}{place}" for row in (fish, bar) for place in ("60,60", "100,60")]
+    points = table(tmp_path / "points.csv", *rows, "c,0001,point,,88,64")
+    code, printed, _ = cli("measure", out, points, "--lengths")
+    fish, bar = csv.DictReader(io.StringIO(printed), delimiter="\t")
+    assert code == 0
+    length = measure(out, points)[0]
+    assert float(fish["Length (mm)"]) == pytest.approx(1000 * length.value, abs=0.01)
+    assert float(fish["Precision (mm)"]) == pytest.approx(1000 * length.std, abs=0.01)
+    assert [fish[name] for name in ("Family", "Genus", "Species", "Number", "RMS (mm)")] == [
+        "Lutjanidae",
+        "Lutjanus",
+        "bohar",
+        "1",
+        "",
+    ]
+    assert (bar["Comment"], bar["Genus"], bar["OpCode"], bar["Frame"]) == ("bar", "", out.name, "0001")
+    middle = np.array([float(fish[f"Mid {axis} (mm)"]) for axis in "XYZ"])
+    assert float(fish["Range (mm)"]) == pytest.approx(np.linalg.norm(middle), abs=0.02)
+    assert float(fish["Direction (deg)"]) == pytest.approx(np.degrees(np.arccos(middle[2] / np.linalg.norm(middle))), abs=0.01)
+    assert float(fish["Horz. Dir. (deg)"]) == pytest.approx(np.degrees(np.arctan2(middle[0], middle[2])), abs=0.01)
+    assert fish["Time (mins)"] == "", "the frames tell no time"

@@ -64,11 +64,18 @@ def measure(
     points: Annotated[
         Path, typer.Argument(metavar="POINTS", help="CSV with measure, frame, kind, label, x_px, y_px, as the page saves it.")
     ],
+    lengths: Annotated[
+        bool, typer.Option("--lengths", metavar="", help="Print the lengths in frames as a table like EventMeasure's instead.")
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure points, lengths and areas in the frames of a run; prints a CSV with standard errors."""
+    from stereo_seecolor.commands.length_table import length_table
     from stereo_seecolor.commands.measure import measure as measure_points
 
+    if lengths:
+        table = length_table(out, points)
+        Report("measure", as_json).end({"out": out, "table": table}, table)
     results = measure_points(out, points)
     unknown = any(each.value is None for each in results)
     content = {"out": out, "measures": results}

@@ -54,6 +54,7 @@ EXTRAS = (
     Library("h5py", "h5py", "matlab", "no calibrations that MATLAB saved as version 7.3"),
     Library("rosbags", "rosbags", "bags", "no ROS bags in (run --bag)"),
     Library("mcap", "mcap", "bags", "no MCAP out (export --to mcap)"),
+    Library("copclib", "copclib", "copc", "no point clouds as COPC (export --to copc)"),
     Library("cyclonedds", "cyclonedds", "ros2", "no ROS 2 topics in and out (live --left ros2:/..., --publish)"),
     Library("lz4", "lz4", "bags", "no bags that are compressed with LZ4"),
     Library("zstandard", "zstandard", "bags", "no bags that are compressed with Zstandard"),

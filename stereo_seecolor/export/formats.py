@@ -7,6 +7,7 @@ from pathlib import Path
 from stereo_seecolor.export import (
     biigle,
     colmap,
+    copc_file,
     glb,
     ifdo,
     mcap_file,
@@ -33,7 +34,7 @@ class ExportFormat:
 
 EXPORT_FORMATS: dict[str, ExportFormat] = {
     "colmap": ExportFormat(
-        "images, their camera and poses, and points with the frames that see them, as a text model",
+        "images, their camera and poses, and points with the frames that see them, as a model in text and binary",
         "COLMAP, gsplat and other splat trainers, OpenMVS",
         colmap.write,
     ),
@@ -47,6 +48,9 @@ EXPORT_FORMATS: dict[str, ExportFormat] = {
         "the whole mesh with the colors of its vertices, glTF 2.0",
         "Blender, three.js, Windows and phone viewers, Sketchfab",
         glb.write,
+    ),
+    "copc": ExportFormat(
+        "the point cloud as COPC, loaded piece by piece", "QGIS, PDAL, CloudCompare, viewer.copc.io", copc_file.write
     ),
     "tiles": ExportFormat(
         "the orthomosaic in tiles of at most 8000 px, and the meters a pixel of each", "CoralNet, BIIGLE", mosaic_tiles.write

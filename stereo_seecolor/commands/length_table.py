@@ -1,0 +1,87 @@
+"""``measure --lengths``: lengths in frames as a table like EventMeasure's (SeaGIS), for the scripts that read those."""
+
+from dataclasses import astuple, dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.commands.measure import measured, read_wanted, surface_of
+from stereo_seecolor.measuring.picking import Surface
+from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.run_folder.finished_run import open_run
+
+COLUMNS = (
+    *("OpCode", "Frame", "Time (mins)", "Family", "Genus", "Species", "Number", "Comment"),
+    *("Length (mm)", "Precision (mm)", "RMS (mm)", "Range (mm)", "Direction (deg)", "Horz. Dir. (deg)", "Vert. Dir. (deg)"),
+    *("Mid X (mm)", "Mid Y (mm)", "Mid Z (mm)"),
+)
+
+
+@dataclass(frozen=True)
+class LengthRow:
+    """A length in COLUMNS' order, as text; empty where it is not known.
+
+    Precision is one standard error. Range: from the rectified left camera to the middle. Direction: of the middle from the optical
+    axis, and its parts, to the right and down. Mid: x right, y down, z forward. RMS stays empty: range maps have no residual of
+    two rays.
+    """
+
+    op_code: str
+    frame: str
+    time: str
+    family: str
+    genus: str
+    species: str
+    number: str
+    comment: str
+    length: str = ""
+    precision: str = ""
+    rms: str = ""
+    range: str = ""
+    direction: str = ""
+    horizontal: str = ""
+    vertical: str = ""
+    x: str = ""
+    y: str = ""
+    z: str = ""
+
+
+def length_table(out: Path, points: Path) -> str:
+    """Tab-separated text with a row for each length in a frame; points, areas and lengths on the map are left out.
+
+    Labels of three words are family, genus and species, of two genus and species, others go into the comment.
+    Raises InputError as ``measure``.
+    """
+    run, rows = open_run(out), ["\t".join(COLUMNS)]
+    calibration, stamps = calibration_std(run).total, [frame.timestamp_s for frame in run.frames if frame.timestamp_s is not None]
+    for wanted in read_wanted(points):
+        if wanted.kind != "length" or not wanted.frame:
+            continue
+        surface = surface_of(run, wanted.frame)
+        found = measured(surface, wanted, calibration)
+        stamp = run.frame(wanted.frame).timestamp_s
+        time = "" if stamp is None else f"{(stamp - min(stamps)) / 60:.5f}"
+        known = () if found.value is None or found.std is None else _numbers(surface, wanted.places, found.value, found.std)
+        name = out.resolve().name
+        rows.append("\t".join(astuple(LengthRow(name, wanted.frame, time, *_label(wanted.label), *known))))
+    return "\n".join(rows) + "\n"
+
+
+def _label(label: str) -> tuple[str, str, str, str, str]:
+    """Family, genus, species, number, comment."""
+    words = label.split()
+    if len(words) in (2, 3):
+        family, genus, species = ["", *words][-3:]
+        return family, genus, species, "1", ""
+    return "", "", "", "1", " ".join(words)
+
+
+def _numbers(surface: Surface, places: tuple[tuple[float, float], ...], length_m: float, std_m: float) -> tuple[str, ...]:
+    ends = [surface.pick(*places[number]) for number in (0, -1)]
+    middle_m: NDArray[np.float64] = np.mean([end.point_m for end in ends if end], axis=0)
+    x, y, z = middle_m
+    angles = np.degrees(np.arctan2([np.hypot(x, y), x, y], z))
+    millimeters = (length_m, std_m, float("nan"), float(np.linalg.norm(middle_m)))
+    lengths = ("" if np.isnan(value) else f"{1000 * value:.2f}" for value in millimeters)
+    return (*lengths, *(f"{angle:.3f}" for angle in angles), *(f"{1000 * value:.2f}" for value in middle_m))
