@@ -254,6 +254,7 @@ SHAPES: dict[str, Shape] = {
                 **dict.fromkeys(("mean_m", "most_m", "volume_l", "volume_std_l"), (float, None)),
             }
         ],
+        "joint": ({"pairs": int, "bent_m": float}, None),
         "files": [str],
     },
     "markers": {

@@ -13,20 +13,23 @@ from json_shapes import SHAPES, mismatch
 from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, track, write_run
 from numpy.typing import NDArray
 
-from stereo_seecolor.commands.compare import Comparison, compare
+from stereo_seecolor.commands.compare import Comparison, compare, opened
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.comparing import m3c2
 from stereo_seecolor.comparing.color_change import color_change
 from stereo_seecolor.comparing.difference import Difference, in_spreads, relearned, spread_by
+from stereo_seecolor.comparing.joint_track import joint_track
 from stereo_seecolor.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.comparing.patches import height_patches, volume_l
 from stereo_seecolor.comparing.registration import Registration
 from stereo_seecolor.comparing.rigid import rigid_fit
 from stereo_seecolor.comparing.surface_fit import surface_fit
+from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import ComparingError, InputError, OutputError
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
+from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.site.mesh import SiteMesh
 from stereo_seecolor.site.terrain import Terrain
@@ -74,7 +77,7 @@ def cast(color: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 @pytest.fixture(scope="module")
 def found(dives: tuple[Path, Path, Reef, Reef], tmp_path_factory: pytest.TempPathFactory) -> Comparison:
-    return compare(dives[0], dives[1], tmp_path_factory.mktemp("found") / "change")
+    return compare(dives[0], dives[1], tmp_path_factory.mktemp("found") / "change", joint=True)
 
 
 def true_change_m(dives: tuple[Path, Path, Reef, Reef], grid: Grid) -> Array:
@@ -126,6 +129,26 @@ def test_growth_and_loss_are_found_and_nothing_else(dives: tuple[Path, Path, Ree
 
 
 @pytest.mark.slow
+def test_a_bent_track_is_straightened_by_what_frames_of_both_dives_share(
+    dives: tuple[Path, Path, Reef, Reef], found: Comparison
+) -> None:
+    first, second = (opened(out) for out in dives[:2])
+    true = ReefFrames(SECOND).trajectory.T_world_camera
+    T = second.posed.T_map_camera.copy()
+    T[:, 2, 3] += 0.02 * np.sin(np.arange(len(T)))
+    bent = replace(second, posed=replace(second.posed, T_map_camera=T))
+    joint = joint_track(first, bent, found.change.registration, Threads(1))
+    off = joint.trajectory.T_world_camera[:, :3, 3] - true[:, :3, 3]
+    before = (found.change.registration.T_a_b @ T)[:, :3, 3] - true[:, :3, 3]
+    assert np.sqrt((before**2).sum(axis=1).mean()) > 0.013
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 0.005
+    assert joint.pairs > 10 and joint.bent_m == pytest.approx(0.014, abs=0.004)
+    far = replace(found.change.registration, T_a_b=pose(np.eye(3), [50, 0, 0]) @ found.change.registration.T_a_b)
+    with pytest.raises(ComparingError, match="cannot be bent onto the first: 0 pairs of frames of both dives see the same"):
+        joint_track(first, second, far, Threads(1))
+
+
+@pytest.mark.slow
 def test_bleaching_is_found_by_color(found: Comparison) -> None:
     near = [p for p in found.change.patches if np.hypot(p.x_m - BLEACHED.x_m, p.y_m - BLEACHED.y_m) < 0.05]
     assert [patch.kind for patch in near] == ["paler"]
@@ -149,7 +172,13 @@ def test_what_is_written(
         "height_change.tif",
         "index.html",
         "patches.csv",
+        "second_track.tum",
     ]
+    assert found.joint is not None and found.joint.bent_m < 0.005
+    bent = read_trajectory(folder / "second_track.tum")
+    np.testing.assert_allclose(bent.T_world_camera, found.joint.trajectory.T_world_camera, atol=1e-6)
+    with pytest.raises(InputError, match="--joint: writes the second's track: give --out"):
+        compare(dives[0], dives[1], joint=True)
     page = (folder / "index.html").read_text()
     liters = found.change.growth_l[0]
     assert "<h1>first to second</h1>" in page and f"growth of {liters:.2f} ±" in page and "paler" in page

@@ -36,6 +36,10 @@ def compare(
     folder: Annotated[
         Path | None, typer.Option("--out", metavar="FOLDER", help="A new or empty folder for rasters, table and picture.")
     ] = None,
+    joint: Annotated[
+        bool,
+        typer.Option("--joint", help="The second track in one graph with the first too: second_track.tum, to fuse it by."),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Find what changed between two fused runs of one site: growth, loss and color, with standard errors."""
@@ -44,8 +48,9 @@ def compare(
 
     report = Report("compare", as_json)
     with report.working():
-        found = compare_runs(first, second, folder)
-    content = description(found.change) | {"first": first, "second": second, "patches": found.change.patches}
+        found = compare_runs(first, second, folder, joint)
+    bent = {"pairs": found.joint.pairs, "bent_m": found.joint.bent_m} if found.joint else None
+    content = description(found.change) | {"joint": bent} | {"first": first, "second": second, "patches": found.change.patches}
     report.end({**content, "files": found.files}, comparison_text(found))
 
 

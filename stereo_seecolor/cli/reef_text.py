@@ -34,6 +34,11 @@ def comparison_text(found: "Comparison") -> str:
         f"{change.overlap_m2:.2f} m2 in both; {beyond}",
         "growth {:.3f} +- {:.3f} l".format(*change.growth_l) + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
     ]
+    if found.joint:
+        head.append(
+            f"joint graph: {found.joint.pairs} pairs of frames move the second track by {1000 * found.joint.bent_m:.1f} mm RMS; to "
+            "take that out, fuse it with --poses second_track.tum --set mapping.poses_of=rectified --set mapping.poses=given"
+        )
     return lines(head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
 
 

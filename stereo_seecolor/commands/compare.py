@@ -5,43 +5,56 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.comparing.change_files import write_change
+from stereo_seecolor.comparing.joint_track import JointTrack, joint_track
 from stereo_seecolor.comparing.registration import Surveyed
 from stereo_seecolor.comparing.site_change import SiteChange, compare_sites
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.export.posed_run import open_posed_run
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.new_folder import new_folder, refuse_filled
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.report.change_page import write_change_page
 from stereo_seecolor.run_folder.finished_map import open_map
 from stereo_seecolor.site.mesh import read_mesh
 
+SECOND_TRACK = "second_track.tum"
+
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What changed, and the files that say so."""
+    """What changed, the files that say so, and, where it was asked for, the second's track in one graph with the first's."""
 
     change: SiteChange
     files: tuple[Path, ...]
+    joint: JointTrack | None = None
 
 
-def compare(first: Path, second: Path, folder: Path | None = None) -> Comparison:
+def compare(first: Path, second: Path, folder: Path | None = None, joint: bool = False) -> Comparison:
     """Register the map in ``second`` to that in ``first``, and find what rose, sank or changed its color.
 
     folder: new or empty, for page, rasters, table and picture; None writes none. Both runs are left as they are.
-    Raises InputError for a run without a map; ComparingError, with the evidence, if the maps cannot be compared; OutputError.
+    joint: also find the second's track in one graph with the first's, for fusing it again; needs a folder.
+    Raises InputError for a run without a map; ComparingError, with the evidence, if the maps cannot be compared; OutputError;
+    DeviceError if GTSAM is missing for ``joint``.
     """
     if folder:
         refuse_filled(folder)
-    a, b = _open(first), _open(second)
+    elif joint:
+        raise InputError("--joint: writes the second's track: give --out, a new or empty folder")
+    a, b = opened(first), opened(second)
     change = compare_sites(a, b, max(_cell_m(first), _cell_m(second)))
     if folder is None:
         return Comparison(change, ())
+    track = joint_track(a, b, change.registration, Threads(cores())) if joint else None
     with new_folder(folder) as building:
+        if track:
+            write_tum(building / SECOND_TRACK, track.trajectory)
         write_change(building, change, Georeference(a.posed.offset_m, a.posed.origin))
         shutil.rmtree(building / ".scratch", ignore_errors=True)
         write_change_page(building, change, *_names(first.resolve(), second.resolve()))
-    return Comparison(change, tuple(sorted(files_below(folder))))
+    return Comparison(change, tuple(sorted(files_below(folder))), track)
 
 
 def _names(first: Path, second: Path) -> tuple[str, str]:
@@ -51,7 +64,8 @@ def _names(first: Path, second: Path) -> tuple[str, str]:
     return f"{first.parent.name}/{first.name}", f"{second.parent.name}/{second.name}"
 
 
-def _open(out: Path) -> Surveyed:
+def opened(out: Path) -> Surveyed:
+    """A fused run. Raises InputError for one without a map, or with an empty one."""
     posed = open_posed_run(out)
     mesh, made = read_mesh(out), open_map(out)
     if not len(mesh.triangles) or made is None:
