@@ -24,8 +24,8 @@ class Compiled(Generic[P, R]):
     The GIL is released while it runs. Division by zero gives infinity or NaN, as in numpy.
     """
 
-    def __init__(self, function: Callable[P, R], options: dict[str, Any]) -> None:
-        self._options = options
+    def __init__(self, function: Callable[P, R], options: dict[str, Any], shared: bool) -> None:
+        self._options, self._shared = options, shared
         self._dispatcher: Any = None
         self._callee: Any = None
         self.py_func = function
@@ -58,6 +58,8 @@ class Compiled(Generic[P, R]):
         """How numba sees this object where another compiled function names it."""
         from numba import types
 
+        if self._shared:
+            return types.Dispatcher(self.dispatcher)
         with _building:
             if self._callee is None:
                 from stereo_seecolor.compute.kernel_cache import callee
@@ -70,20 +72,27 @@ class Compiled(Generic[P, R]):
 def compiled(function: Callable[P, R], /) -> Compiled[P, R]: ...
 @overload
 def compiled(
-    *, parallel: bool = False, fastmath: bool = False, inline: bool = False
+    *, parallel: bool = False, fastmath: bool = False, inline: bool = False, shared: bool = False
 ) -> Callable[[Callable[P, R]], Compiled[P, R]]: ...
 def compiled(
-    function: Callable[..., Any] | None = None, /, *, parallel: bool = False, fastmath: bool = False, inline: bool = False
+    function: Callable[..., Any] | None = None,
+    /,
+    *,
+    parallel: bool = False,
+    fastmath: bool = False,
+    inline: bool = False,
+    shared: bool = False,
 ) -> Any:
     """Compile a function with numba: ``@compiled``, or ``@compiled(parallel=True)`` and so on.
 
     parallel: ``numba.prange`` loops run on numba's own threads; never call such a function from two threads at once.
     fastmath: floating-point sums may be reordered. inline: put the code into the callers, even where LLVM finds it too long.
+    shared: called from Python and from other compiled functions: it is compiled once for both.
     """
     options = {"parallel": parallel, "fastmath": fastmath, "forceinline": inline}
     if function is None:
-        return lambda decorated: Compiled(decorated, options)
-    return Compiled(function, options)
+        return lambda decorated: Compiled(decorated, options, shared)
+    return Compiled(function, options, shared)
 
 
 def use_threads(number: int) -> None:

@@ -152,7 +152,7 @@ def _direct(x: Any, c: int, g: int, p: int, depth: float, shape: Any) -> Any:
     return np.exp(min(x[12 + c] - depth + x[WATER + c * quantiles + p] + x[WATER + channels * quantiles + g], BRIGHTEST))
 
 
-@compiled
+@compiled(shared=True)
 def _weigh(x: Any, data: Any, noise: Any, weights: Any) -> None:
     """Into ``weights`` (3, G, P) the inverse variances of the quantiles under ``x``, less for outliers (Cauchy), times trust.
 
@@ -172,7 +172,7 @@ def _weigh(x: Any, data: Any, noise: Any, weights: Any) -> None:
                 weights[c, g, p] = 0.0 if brighter else weight
 
 
-@compiled
+@compiled(shared=True)
 def _cost(x: Any, data: Any, prior: Any, weights: Any, noise: Any, normal: Any) -> Any:
     """Half the sum of squares; into ``normal`` its matrix and slope, unless that is empty."""
     channels, groups, quantiles = data.light.shape
