@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
+from calibration import CalibrationError
 from calibration.formats import load_rig
+from stereo_seecolor.commands import dive_rig
 
 
 def read(path: Path) -> np.ndarray:
@@ -163,7 +165,14 @@ def test_a_calibration_of_another_size_stops_the_run(make_dive, cli, tmp_path) -
 
 
 @pytest.mark.slow
-def test_swapped_folders_of_a_rig_that_needs_rectification(cli, tmp_path) -> None:
+@pytest.mark.parametrize("points", [True, False])
+def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tmp_path, monkeypatch) -> None:
+    def too_few(*_: object) -> None:
+        raise CalibrationError("only 12 points were found")
+
+    if not points:
+        monkeypatch.setattr(dive_rig, "rows_agree", lambda *_: False)
+        monkeypatch.setattr(dive_rig, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):
         (tmp_path / other).mkdir()
@@ -173,6 +182,8 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(cli, tmp_path) -> Non
     code, _, said = cli(*words, "--out", str(tmp_path / "out"))
     assert code == 1
     assert "left and right look swapped: " in said
+    assert "exchange --left and --right" in said
+    assert not (tmp_path / "out/frames.csv").exists()
 
 
 def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import CalibrationError, Rectification, StereoRig
+from calibration import CalibrationError, StereoRig
 from calibration.checks import rows_agree, vertical_disparity
 from calibration.formats import load_rig
 from calibration.formats.kitti import for_channels
@@ -15,11 +15,12 @@ from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
 from calibration.wording import counted
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.errors import InputError
+from stereo_seecolor.errors import InputError, MatchingError, SwappedError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow, Image, is_monochrome
+from stereo_seecolor.records import FrameRow, Image, StereoFrame, is_monochrome
 
 DECIDING_PAIRS = 3
 """Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
@@ -64,21 +65,23 @@ def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) 
     return settle_reading(load_unsettled(calib, pairs, images), first_images(pairs, images))
 
 
-def rows_note(rectification: Rectification, rig: StereoRig, pairs: Sequence[Pair], images: InputConfig) -> tuple[str, ...]:
+def rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     """What the first pairs say of the calibration: a note where rows disagree by over half a pixel.
 
     A quick look at one pair is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked
     at only where that one disagrees. Raises InputError where left and right are swapped: no pair could be matched.
     """
+    rig, images = pipeline.rig, pipeline.config.input
     try:
-        if all(rows_agree(rectification, both) for both in first_images(pairs, images, 1)):
+        if all(rows_agree(pipeline.rectification, both) for both in first_images(pairs, images, 1)):
             return ()
         for most in (1, DECIDING_PAIRS):
             check = vertical_disparity(rig, first_images(pairs, images, most))
             if check.warning is None:
                 return ()
-    except CalibrationError:
-        return ()  # too few points to tell
+    except CalibrationError:  # too few points to tell
+        _refuse_swapped(pipeline, pairs)
+        return ()
     if check.swapped and exchanging_helps(rig, list(first_images(pairs, images))):
         raise InputError(
             f"left and right look swapped: {check.behind_fraction:.0%} of {check.matches} points in {counted(check.pairs, 'pair')} "
@@ -86,6 +89,18 @@ def rows_note(rectification: Rectification, rig: StereoRig, pairs: Sequence[Pair
             "numbered alike, and whether the images were turned by 180 degrees since the calibration)"
         )
     return (f"calibration: {check.warning}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)
+
+
+def _refuse_swapped(pipeline: Pipeline, pairs: Sequence[Pair]) -> None:
+    """Match the first pair that can be read. Raises InputError if it matches the other way round alone: so would all others."""
+    for left, right in first_images(pairs, pipeline.config.input, 1):
+        raw = StereoFrame(pairs[0].name, left, right)
+        try:
+            pipeline.check_pair(raw, pipeline.match(pipeline.rectify(raw)))
+        except SwappedError as error:
+            raise InputError(str(error)) from error
+        except (MatchingError, CalibrationError):
+            return  # the run names it with its pair
 
 
 def exchanging_helps(rig: StereoRig, images: Sequence[tuple[Image, Image]]) -> bool:

@@ -102,7 +102,7 @@ class Opened:
             pairing = pairing.with_notes((note,))
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
         if not folder.manifest.names():  # a rerun has been told
-            pairing = pairing.with_notes(rows_note(pipeline.rectification, pipeline.rig, pairing.pairs, images))
+            pairing = pairing.with_notes(rows_note(pipeline, pairing.pairs))
         return Opened(pairing, pipeline)
 
     def part(self, shard: Shard) -> "Opened":

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereo_seecolor.compute.threads import Lock
-from stereo_seecolor.errors import MatchingError
+from stereo_seecolor.errors import MatchingError, SwappedError
 from stereo_seecolor.records import RangeMap, StereoFrame
 
 
@@ -68,9 +68,9 @@ class PairCheck:
                 if other > 3 * matched + 0.1:
                     self._swapped_pair = raw.name
                     numbers = f"{matched:.0%} of the pixels match as given and {other:.0%} the other way round"
-                    raise MatchingError(f"{raw.name}: left and right look swapped: {numbers}: exchange --left and --right")
+                    raise SwappedError(f"{raw.name}: left and right look swapped: {numbers}: exchange --left and --right")
         if self._swapped_pair is not None:
-            raise MatchingError(
+            raise SwappedError(
                 f"{raw.name}: left and right look swapped: {matched:.0%} of the pixels match as given, and {self._swapped_pair} "
                 "matched better the other way round: exchange --left and --right"
             )
