@@ -1,5 +1,6 @@
 """The same points in both rectified images of a pair, to a fraction of a pixel, with rows left free to disagree."""
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -27,6 +28,7 @@ class MatchLimits:
     stray_px: float = 2.0  # flow from where the features lie, which are good to a pixel
     window_px: int = 21  # of the flow; OpenCV's default
     step_px: int = 1  # features are looked for at this resolution, and refined at the images' own
+    most_pixels: float = 6e6  # of an image that features are looked for in, or at a coarser step: 250 bytes a pixel
 
 
 LIMITS = MatchLimits()
@@ -70,7 +72,8 @@ def rectified_matches(rig: StereoRig, raw: Sequence[Matches]) -> list[Matches]:
 
 def _alike(images: list[NDArray[np.uint8]], limits: MatchLimits) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """(n, 2) pixels of features of the first image, and of those of the second that look alike."""
-    scale = 1 / limits.step_px
+    step_px = max(limits.step_px, math.ceil(math.sqrt(images[0].size / limits.most_pixels)))
+    scale = 1 / step_px
     small = [cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) for image in images]
     sift = cv2.SIFT.create(nfeatures=limits.max_features)
     points, descriptors = zip(*(sift.detectAndCompute(image, None) for image in small), strict=True)
@@ -78,8 +81,8 @@ def _alike(images: list[NDArray[np.uint8]], limits: MatchLimits) -> tuple[NDArra
         return np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32)
     left, right = (np.array([point.pt for point in found], dtype=np.float32) for found in points)
     pairs = _mutual(descriptors[0], descriptors[1])
-    middle_px = (limits.step_px - 1) / 2  # the middle of a small pixel, in the image's own
-    return left[pairs[:, 0]] * limits.step_px + middle_px, right[pairs[:, 1]] * limits.step_px + middle_px
+    middle_px = (step_px - 1) / 2  # the middle of a small pixel, in the image's own
+    return left[pairs[:, 0]] * step_px + middle_px, right[pairs[:, 1]] * step_px + middle_px
 
 
 def _mutual(left: NDArray[np.float32], right: NDArray[np.float32]) -> NDArray[np.int64]:

@@ -12,7 +12,7 @@ from test_calibration_port import port_rig
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches, rows_agree, suspicions, vertical_disparity
 from calibration.formats import load_rig
-from calibration.matches import Matches, find_matches
+from calibration.matches import Matches, MatchLimits, find_matches
 from calibration.plan import rectified_points
 from calibration.refraction import CameraInWater, cameras_in_water
 
@@ -159,6 +159,16 @@ def test_a_quick_look_tells_rows_that_agree_from_shifted_and_swapped_ones() -> N
     assert not rows_agree(rectification, (left, np.roll(right, 1, axis=0)))
     assert not rows_agree(rectification, (right, left))
     assert not rows_agree(rectification, (left, np.full_like(right, 90)))
+
+
+def test_images_of_many_pixels_are_matched_at_a_coarser_step_and_as_exactly() -> None:
+    left, right = (cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right"))
+    rig = load_rig(REEF / "cam.yaml")
+    found = find_matches(Rectification.from_rig(rig), left, right, MatchLimits(most_pixels=left.shape[0] * left.shape[1] / 3))
+    rows = judge_matches(rig, [found])
+    assert rows.matches > 200
+    assert rows.row_error_px < 0.1
+    assert abs(rows.offset_px) < 0.05
 
 
 @pytest.mark.slow
