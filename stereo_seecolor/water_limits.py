@@ -47,11 +47,12 @@ BOUNDS = {
 PARAMETERS = tuple(BOUNDS)
 MATRICES = ("matrix", "matrix_errors")
 """What has three rows of three numbers."""
+_LEAST, _GREATEST = (np.array([[bounds[end]] for bounds in BOUNDS.values()]) for end in (0, 1))
 
 
 def problem_of(water: Mapping[str, Any]) -> str:
     """What is wrong with these fields of a water, as "name must be ... (got ...)"; empty where nothing is."""
-    problems = [_channels_problem(name, water[name], *bounds) for name, bounds in BOUNDS.items()]
+    problems = [] if _all_inside(water) else [_channels_problem(name, water[name], *bounds) for name, bounds in BOUNDS.items()]
     if not any(problems) and not _light_falls(water):
         problems.append("w and y let light grow with range: w exp(-v z) + y exp(-x z) must not be negative at any range")
     if water["input_encoding"] not in ("srgb", "linear", "as-is"):
@@ -65,6 +66,15 @@ def problem_of(water: Mapping[str, Any]) -> str:
         known = np.nan_to_num(errors, nan=0.0) if isinstance(errors, np.ndarray) and errors.dtype.kind == "f" else errors
         problems.append(_channels_problem(f"the standard error of {name}", known, 0.0, np.finfo(np.float64).max))
     return next(filter(None, problems), "")
+
+
+def _all_inside(water: Mapping[str, Any]) -> bool:
+    """Whether all parameters are as they should be, at one look: waters are made by the thousand, and few are wrong."""
+    values = [water[name] for name in PARAMETERS]
+    if not all(isinstance(value, np.ndarray) and value.shape == (3,) and value.dtype.kind == "f" for value in values):
+        return False
+    stacked = np.stack(values)
+    return bool(((stacked >= _LEAST) & (stacked <= _GREATEST)).all())
 
 
 def _channels_problem(name: str, value: Any, low: float, high: float) -> str:

@@ -42,11 +42,13 @@ def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Dis
     out = Shown(np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_))
     looked_up = image.dtype == np.uint8 and not gains.matrix.size
     table = code_table(gains, shown) if looked_up else np.empty(0, np.uint16)
+    values = np.empty(table.size if np.isinf(shown.shoulder[0]) else 0, image.dtype)
+    _values(table, shown.shoulder, values)
     clipped: list[int] = []
 
     def part(a: int, b: int) -> None:
         here = Shown(out.image[a:b], out.unknown[a:b], out.unrecoverable[a:b])
-        clipped.append(_correct(image[a:b], bits[a:b], gains, shown, table, here))
+        clipped.append(_correct(image[a:b], bits[a:b], gains, shown, table, values, here))
 
     _in_parts(part, bits.size)
     return out, sum(clipped) / max(bits.size - int(np.count_nonzero(out.unknown)), 1)
@@ -89,10 +91,13 @@ def _tabulate(gains: Any, decoded: Any, curve: Any, codes: Any) -> None:
 
 
 @compiled
-def _correct(image: Any, bits: Any, gains: Any, shown: Any, table: Any, out: Any) -> Any:
-    """Into ``out``, a block after the other; returns how many pixels have a channel at full scale."""
+def _correct(image: Any, bits: Any, gains: Any, shown: Any, table: Any, values: Any, out: Any) -> Any:
+    """Into ``out``, a block after the other; returns how many pixels have a channel at full scale.
+
+    table: of codes. values: what these are displayed as where nothing rolls off, else empty.
+    """
     fine, places, clipped = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint32), 0
-    full, near, any_capped = (1 << 8 * image.itemsize) - 1, _first_below_one(shown.known), gains.capped.any()
+    full, near, first_capped = (1 << 8 * image.itemsize) - 1, _first_below_one(shown.known), _first_true(gains.capped)
     codes, factors = np.empty(3 * BLOCK, np.uint16), np.empty(BLOCK, np.float32)
     out.unrecoverable[:] = False
     for start in range(0, bits.size, BLOCK):
@@ -100,13 +105,15 @@ def _correct(image: Any, bits: Any, gains: Any, shown: Any, table: Any, out: Any
         pixels, bins = image[start:end], fine[: end - start]
         here = Shown(out.image[start:end], out.unknown[start:end], out.unrecoverable[start:end])
         _fine_bins(bits[start:end], bins, here.unknown)
-        if table.size:
+        if values.size:
+            _look_up(pixels.reshape(-1), bins, values, here.image.reshape(-1))
+        elif table.size:
             _look_up(pixels.reshape(-1), bins, table, codes)
             _display(codes, factors, shown.shoulder, here.image.reshape(-1))
         else:
             here.image[:] = 0
         highest = _highest(pixels.reshape(-1))
-        if table.size == 0 or any_capped or highest >= near:
+        if table.size == 0 or highest >= near or _farthest(bins) >= first_capped:
             number = _chosen(pixels, bins, gains.capped, (near if table.size else 0, highest), places)
             _compute(pixels, bins, places[:number], gains, (shown, near), here)
         if _highest(here.image.reshape(-1)) == full:
@@ -145,6 +152,31 @@ def _display(codes: Any, factors: Any, shoulder: Any, out: Any) -> None:
     for i in range(out.size // 3):
         for c in range(3):
             out[3 * i + c] = np.int32(min(max(np.float32(codes[3 * i + c]) * factors[i] - zero, np.float32(0)), top))
+
+
+@compiled
+def _values(codes: Any, shoulder: Any, values: Any) -> None:
+    """What each code is displayed as where nothing rolls off."""
+    unit, zero, top = shoulder[3], shoulder[4], np.float32((1 << 8 * values.itemsize) - 1)
+    for i in range(values.size):
+        values[i] = np.int32(min(max(np.float32(codes[i]) * unit - zero, np.float32(0)), top))
+
+
+@compiled
+def _farthest(fine: Any) -> Any:
+    """The highest fine bin of a known range; 0 where none is known."""
+    farthest = np.uint32(0)
+    for i in range(fine.size):
+        farthest = max(farthest, fine[i] * np.uint32(fine[i] != np.uint32(FINE_BINS)))
+    return farthest
+
+
+@compiled
+def _first_true(flags: Any) -> Any:
+    for i in range(flags.size):
+        if flags[i]:
+            return i
+    return flags.size
 
 
 @compiled

@@ -53,11 +53,11 @@ def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
 
 def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
     """(3, G, 9) of counts (3, G, V), in value bins; pixels are taken as spread evenly inside a bin."""
-    found = np.empty((*counts.shape[:2], FRACTIONS.size))
-    for at in np.ndindex(*counts.shape[:2]):
-        here = counts[at]
-        below = np.cumsum(here)
-        wanted = FRACTIONS * below[-1]
-        value = np.searchsorted(below, wanted)
-        found[at] = value + 0.5 - (below[value] - wanted) / here[value]
-    return found
+    each = counts.reshape(-1, counts.shape[2])
+    below = np.cumsum(each).reshape(each.shape)  # over all groups, one after the other: so one search finds all
+    start = below[:, -1:] - each.sum(axis=1, keepdims=True)
+    wanted = FRACTIONS * (below[:, -1:] - start)
+    at = np.searchsorted(below.ravel(), start + wanted)
+    value = at - each.shape[1] * np.arange(len(each))[:, None]
+    found = value + 0.5 - (below.ravel()[at] - start - wanted) / each.ravel()[at]
+    return np.asarray(found.reshape(*counts.shape[:2], FRACTIONS.size), np.float64)
