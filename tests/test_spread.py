@@ -1,5 +1,6 @@
 """``evaluate --spread``: the same spots between frames, raw and corrected."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,8 +32,10 @@ def frame(raw_gain: float, shown_gain: float) -> ComparedFrame:
 
 @pytest.mark.slow
 def test_frames_of_other_brightness_are_offset_and_not_spread_within() -> None:
-    report = measure_spread([frame(1.0, 1.0), frame(1.2, 1.0)], RECTIFICATION.pair, "srgb")
+    frames = [replace(seen, others={"another tool": seen.raw}) for seen in (frame(1.0, 1.0), frame(1.2, 1.0))]
+    report = measure_spread(frames, RECTIFICATION.pair, "srgb")
     assert report.pairs == 1
+    assert report.others == {"another tool": report.raw}
     assert report.raw.frame_offsets == pytest.approx(np.log(1.2), abs=0.01)
     assert report.corrected.frame_offsets < 0.005
     assert report.raw.luminance < 0.03

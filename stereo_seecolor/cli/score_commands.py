@@ -47,7 +47,7 @@ Others = Annotated[
     typer.Option(
         "--others",
         metavar="FOLDER",
-        help="Folder of what another tool made of the images, under the same names; once a tool.",
+        help="Folder of what another tool made of the images (with --spread of rectified ones), under the same names; once a tool.",
         rich_help_panel=CHARTS,
     ),
 ]
@@ -90,7 +90,7 @@ def evaluate(
         report.end(charts_content(charts), charts_text(charts))
     if out is not None and by_spread:
         with report.working():
-            spread = evaluate_spread(out)
+            spread = evaluate_spread(out, others or ())
         report.end(vars(spread), spread_text(spread))
     if out is None or truth is None:
         raise typer.BadParameter("give a run's folder with --truth or --spread, or --chart with --images and --range")

@@ -81,10 +81,8 @@ def spread_text(report: "SpreadReport") -> str:
         ("brightness between frames, rms", "frame_offsets", ".3f"),
         ("color of one spot between views, degrees", "angle_deg", ".2f"),
     )
-    rows = [
-        (what, format(getattr(report.corrected, name), style), format(getattr(report.raw, name), style))
-        for what, name, style in measures
-    ]
-    return table(("between frames", "corrected", "raw images"), rows) + lines(
+    methods = {"corrected": report.corrected, "raw images": report.raw, **report.others}
+    rows = [(what, *(format(getattr(spread, name), style) for spread in methods.values())) for what, name, style in measures]
+    return table(("between frames", *methods), rows) + lines(
         [f"{report.corrected.spots} spots in {report.pairs} pairs of frames; brightness as natural logarithm of a ratio"]
     )

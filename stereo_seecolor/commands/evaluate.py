@@ -1,7 +1,7 @@
 """Compare a finished run with the known truth of the dive it was made from, or its frames with each other."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from calibration import Rectification, RectifiedPair
@@ -9,6 +9,7 @@ from calibration.formats import load_rig
 from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.others import OtherResults
 from stereo_seecolor.evaluation.spread import ComparedFrame, SpreadReport, measure_spread
 from stereo_seecolor.evaluation.truth import FrameFiles, TruthReport, evaluate_truth
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
@@ -33,21 +34,22 @@ def evaluate(out: Path, truth: Path) -> TruthReport:
     )
 
 
-def evaluate_spread(out: Path) -> SpreadReport:
+def evaluate_spread(out: Path, others: Sequence[Path] = ()) -> SpreadReport:
     """How much the same spots of the reef differ between the frames of the run in ``out``; needs no truth, but the dive's images.
 
-    Raises InputError where no two frames show the same, or the images are gone.
+    others: folders of the rectified images as other tools corrected them, by the frames' names.
+    Raises InputError where no two frames show the same, the images are gone, or another tool's are missing.
     """
     run = open_run(out)
-    frames = _Compared(run)
+    frames = _Compared(run, OtherResults.of(others))
     return measure_spread(frames, frames.geometry, run.config.color.input_encoding)
 
 
 class _Compared(Lazy[ComparedFrame]):
     """The frames of a run before and after correction, read when asked for."""
 
-    def __init__(self, run: FinishedRun) -> None:
-        self._raw, self._frames = RawImages(run), SurveyFrames(run)
+    def __init__(self, run: FinishedRun, others: OtherResults) -> None:
+        self._raw, self._frames, self._others = RawImages(run), SurveyFrames(run), others
         self.geometry = self._frames.geometry
 
     def __len__(self) -> int:
@@ -56,7 +58,8 @@ class _Compared(Lazy[ComparedFrame]):
     def item(self, number: int) -> ComparedFrame:
         """Read one frame."""
         shown = self._frames[number]
-        return ComparedFrame(self._raw.rectified(shown.name), shown)
+        others = self._others.images(shown.name, shown.color.shape)
+        return ComparedFrame(self._raw.rectified(shown.name), shown, others)
 
 
 def _files(frame: FinishedFrame) -> FrameFiles:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.listing import list_images
+from stereo_seecolor.records import Image
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +39,22 @@ class OtherResults:
         for method, files in self.folders.items():
             if stem not in files:
                 continue
-            image = read_image(files[stem])
-            if image.shape[:2] != shape[:2]:
-                size, expected = (f"{sides[1]}x{sides[0]}" for sides in (image.shape, shape))
-                raise InputError(f"{files[stem]}: is {size} px, and the image that it was made from is {expected}: resize it")
+            image = _of_size(files[stem], shape)
             shown = image / float(np.iinfo(image.dtype).max)
             results[method] = np.where((image == 0).all(axis=2, keepdims=True), np.nan, shown)
         return results
+
+    def images(self, stem: str, shape: tuple[int, ...]) -> dict[str, Image]:
+        """Method -> image of that stem, as it is. Raises InputError where a method has none, or one of another size."""
+        for method, files in self.folders.items():
+            if stem not in files:
+                raise InputError(f"{method}: holds no image called {stem}: give a folder with the rectified image of every frame")
+        return {method: _of_size(files[stem], shape) for method, files in self.folders.items()}
+
+
+def _of_size(path: Path, shape: tuple[int, ...]) -> Image:
+    image = read_image(path)
+    if image.shape[:2] != shape[:2]:
+        size, expected = (f"{sides[1]}x{sides[0]}" for sides in (image.shape, shape))
+        raise InputError(f"{path}: is {size} px, and the image that it was made from is {expected}: resize it")
+    return image

@@ -4,8 +4,8 @@ Frames up to four apart are placed by what both show. Spots of the one whose ran
 pixels of linear light, once as the camera saw them and once corrected.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -61,35 +61,42 @@ class Spread:
 
 @dataclass(frozen=True)
 class SpreadReport:
-    """raw: as the camera saw them. corrected: as the run shows them. pairs: of frames that show the same."""
+    """raw: as the camera saw them. corrected: as the run shows them. others: method -> as another tool shows them.
+
+    pairs: of frames that show the same.
+    """
 
     raw: Spread
     corrected: Spread
+    others: dict[str, Spread]
     pairs: int
 
 
 @dataclass(frozen=True, eq=False)
 class ComparedFrame:
-    """A frame of a run. raw: the rectified image before correction. shown: as the map takes it."""
+    """A frame of a run. raw: the rectified image before correction. shown: as the map takes it.
+
+    others: method -> the rectified image as another tool corrected it, encoded for a screen.
+    """
 
     raw: Image
     shown: SurveyFrame
+    others: Mapping[str, Image] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class _Ready:
-    """raw, corrected: (H, W, 3) linear light, means of windows."""
+    """views: (H, W, 3) linear light, means of windows: raw, corrected, and each other method's in turn."""
 
-    raw: NDArray[np.float32]
-    corrected: NDArray[np.float32]
+    views: tuple[NDArray[np.float32], ...]
     range_m: Map
     features: Features
 
     @classmethod
     def of(cls, frame: ComparedFrame, geometry: RectifiedPair, encoding: InputEncoding) -> "_Ready":
-        return cls(
-            _light(frame.raw, encoding), _light(frame.shown.color, "srgb"), frame.shown.range_m, detect(frame.shown, geometry)
-        )
+        shown = [frame.shown.color, *frame.others.values()]
+        views = (_light(frame.raw, encoding), *(_light(image, "srgb") for image in shown))
+        return cls(views, frame.shown.range_m, detect(frame.shown, geometry))
 
 
 def measure_spread(frames: Sequence[ComparedFrame], geometry: RectifiedPair, encoding: InputEncoding) -> SpreadReport:
@@ -98,22 +105,21 @@ def measure_spread(frames: Sequence[ComparedFrame], geometry: RectifiedPair, enc
     pairs = list(_compared(ready, geometry))
     if not pairs:
         raise InputError("no two frames up to four apart show the same spots: there is nothing to compare")
-    raw, corrected = (_spread([pair[view] for pair in pairs]) for view in (0, 1))
-    return SpreadReport(raw, corrected, len(pairs))
+    raw, corrected, *others = (_spread([pair[view] for pair in pairs]) for view in range(len(pairs[0])))
+    methods = frames[0].others if others else ()
+    return SpreadReport(raw, corrected, dict(zip(methods, others, strict=True)), len(pairs))
 
 
-def _compared(frames: Iterable[_Ready], geometry: RectifiedPair) -> Iterator[tuple[Array, Array]]:
-    """For each pair of frames the two views (N, 2, 3) of its spots: raw, and corrected."""
+def _compared(frames: Iterable[_Ready], geometry: RectifiedPair) -> Iterator[list[Array]]:
+    """For each pair of frames the two views (N, 2, 3) of its spots: raw, corrected, and each other method's."""
     last: list[_Ready] = []
     for number, ready in enumerate(frames):
         for other in last:
             found = relative_pose(other.features, ready.features, geometry)
             if found is not None:
                 at, there = _same_spots(other.range_m, ready.range_m, inverse(found.T_a_b), geometry, number)
-                yield tuple(  # type: ignore[misc]
-                    np.stack([a[at], b[there]], axis=1).astype(np.float64)
-                    for a, b in ((other.raw, ready.raw), (other.corrected, ready.corrected))
-                )
+                views = zip(other.views, ready.views, strict=True)
+                yield [np.stack([a[at], b[there]], axis=1).astype(np.float64) for a, b in views]
         last = [*last, ready][-SETTINGS.apart :]
 
 
