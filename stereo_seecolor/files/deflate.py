@@ -31,7 +31,7 @@ def deflated(content: bytes | memoryview, compression: Compression = "fast") -> 
     return runs.compress(content) + runs.flush()
 
 
-def inflated(content: bytes, size: int) -> bytes:
+def inflated(content: bytes | memoryview, size: int) -> bytes:
     """The ``size`` bytes of a zlib stream. Raises ValueError if it holds fewer or more, which are not inflated, or is damaged."""
     inflater = fast_inflater()
     try:

@@ -58,7 +58,7 @@ def _tiff(content: bytes) -> NDArray[np.float32] | None:
     tags = {tag: value & 0xFFFF if kind == SHORT else value for tag, kind, length, value in entries if length == 1}
     if any(tags[tag] != value for tag, value in FLOAT_GRAY.items()):
         return None
-    strip = content[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
+    strip = memoryview(content)[tags[STRIP] : tags[STRIP] + tags[STRIP_BYTES]]
     height, width = tags[HEIGHT], tags[WIDTH]
     if tags[COMPRESSION] == UNCOMPRESSED:
         return np.frombuffer(strip, "<f4").reshape(height, width).astype(np.float32)
