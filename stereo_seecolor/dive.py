@@ -21,7 +21,7 @@ from stereo_seecolor.frame_stages import FrameStages, water_key
 from stereo_seecolor.frame_work import Correction, FrameWork, Result, Work, rows_alone
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow, Water
+from stereo_seecolor.records import Capture, FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable
 from stereo_seecolor.run_folder.kept_fit import KeptFit
@@ -96,7 +96,8 @@ class Dive:
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
         """The second pass: each frame that has a water without it, and its cloud."""
         self._begin_color(pairs)
-        self._folder.set_waters({name: water_key(water) for name, water in waters.items()})
+        keys = {id(water): water_key(water) for water in {id(water): water for water in waters.values()}.values()}
+        self._folder.set_waters({name: keys[id(water)] for name, water in waters.items()})
         if waters:
             self.each("colors", [pair for pair in pairs if pair.name in waters], Correction.of(self._stages, waters))
 
@@ -145,10 +146,15 @@ class Dive:
 
         self._begin_ranges()
         self._ranged = True
-        good = [ranged for _, ranged in self._pass("ranges", pairs, self._stages.prepared)]
-        frames = [(ranged.pair.name, ranged) for ranged in good]
-        captures = [recorded_capture(ranged.row.facts) for ranged in good]
-        encoding, read = self._config.color.input_encoding, self._stages.read
+        frames: list[tuple[str, Pair]] = []
+        captures: list[Capture] = []
+        different: dict[Capture, Capture] = {}
+        left = iter(pairs)
+        for row, _ in self._pass("ranges", pairs, rows_alone(self._stages.prepared)):
+            frames.append((row.name, next(pair for pair in left if pair.name == row.name)))
+            capture = recorded_capture(row.facts)
+            captures.append(different.setdefault(capture, capture))  # a dive has few, and many frames
+        encoding, read = self._config.color.input_encoding, self._stages.read_pair
         found = LightSearch(frames, read, captures, geometry, encoding, self._options.compute).solve(allowed)
         light = found.light
         content = light.content() if light and light.light else None

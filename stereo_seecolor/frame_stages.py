@@ -105,10 +105,9 @@ class FrameStages:
             self._keep(ranged, *ranged.pixels)
         return ranged.row, (replace(ranged, pixels=None), self.table(ranged, clock))
 
-    def prepared(self, pair: Pair, clock: Clock) -> tuple[FrameRow, Ranged]:
+    def prepared(self, pair: Pair, clock: Clock) -> FrameRow:
         """As ``counted``, for a pass that needs no table yet: it is made while the pixels are at hand."""
-        row, (ranged, _) = self.counted(pair, clock)
-        return row, ranged
+        return self.counted(pair, clock)[0]
 
     def _keep(self, ranged: Ranged, image: Image, range_map: RangeMap) -> None:
         """Keep a frame's pixels for the passes to come."""
@@ -178,6 +177,10 @@ class FrameStages:
         """A frame's image and measured ranges again, for what needs every pixel once more."""
         image, range_map = self.pixels(ranged, Clock())
         return self._evened(ranged.pair.name, image, range_map.measured_m, Clock()), range_map.measured_m
+
+    def read_pair(self, pair: Pair) -> tuple[Image, Map]:
+        """As ``read``, of a frame whose range this run has measured."""
+        return self.read(self.ranged(pair, Clock()))
 
     def corrected(self, ranged: Ranged, water: Water, clock: Clock) -> FrameRow:
         """The frame in its true colors: an earlier run's, or corrected and written now. Returns its row."""

@@ -161,7 +161,7 @@ class Job:
         ]
         aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
         notes = (*self.pairing.notes, *dive.notes, *aside, *folder.removed, *self._misfit_notes(rows))
-        return RunSummary(final_rows(folder, self.description, [*rows, *unpaired]), notes, seconds, stopped)
+        return RunSummary(final_rows(folder, self.description, rows, unpaired), notes, seconds, stopped)
 
     def _misfit_notes(self, rows: Sequence[FrameRow]) -> tuple[str, ...]:
         rectification = self.description.rectification

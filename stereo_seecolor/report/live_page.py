@@ -85,7 +85,7 @@ class LivePage:
         self._next_s = ended_s + max(PACE.every_s, (ended_s - began_s) / PACE.most_of_time)
 
     def _render(self) -> bytes:
-        texts, facts, now_s = english(), LiveRows(self._table.rows), time.time()
+        texts, facts, now_s = english(), LiveRows(tuple(self._table.rows)), time.time()
         return filled_in(
             "live.html.j2",
             t=texts,

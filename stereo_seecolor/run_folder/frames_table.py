@@ -13,6 +13,7 @@ from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.records import FrameRow, Status
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 from stereo_seecolor.run_folder.kept_plan import Compared
+from stereo_seecolor.run_folder.packed_rows import PackedRows
 
 RESIDUALS = ("position_residual_m", "attitude_residual_deg")
 """Columns of frames.csv that a map with given poses adds."""
@@ -28,17 +29,22 @@ class FrameTable:
     """A dive's rows in the order they came."""
 
     def __init__(self) -> None:
-        self._rows: dict[str, FrameRow] = {}
+        self._rows = PackedRows()
+        self._places: dict[int, int] = {}
 
     def add(self, row: FrameRow) -> None:
         """The row of a pair or a file, which its left path tells from the others; or what a later stage has to say of it."""
-        earlier = self._rows.get(row.left)
-        self._rows[row.left] = earlier.then(row) if earlier else row
+        key = hash(row.left)  # of a million paths no two have the same; the paths themselves take 100 MB more
+        place = self._places.setdefault(key, len(self._rows))
+        if place == len(self._rows):
+            self._rows.append(row)
+        else:
+            self._rows.replace(place, self._rows[place].then(row))
 
     @property
-    def rows(self) -> tuple[FrameRow, ...]:
+    def rows(self) -> Sequence[FrameRow]:
         """All rows."""
-        return tuple(self._rows.values())
+        return self._rows
 
 
 @dataclass(frozen=True)

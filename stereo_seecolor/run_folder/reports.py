@@ -2,11 +2,11 @@
 
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-from json import JSONEncoder
+from json import JSONEncoder, dumps
 from pathlib import Path
 from typing import Any
 
@@ -30,10 +30,13 @@ from stereo_seecolor.run_folder.layout import (
     WHAT_IS_WHERE,
     Stage,
 )
+from stereo_seecolor.run_folder.packed_rows import PackedRows
 from stereo_seecolor.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "open3d", "gtsam")
 """What shapes the numbers."""
+FILES_HERE = '"<the hashes of all files>"'
+"""What stands in run.json, while it is written, for what is too much to be held."""
 NOT_REACHED = "not finished when the run was stopped; run the same line again to go on"
 
 
@@ -51,9 +54,26 @@ class RunDescription:
 
 def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -> None:
     """Write run.json and frames.csv. Raises OutputError."""
-    folder.write(FRAMES_TABLE, with_residuals(b"".join(frames_csv(summary.rows)), track_points(folder.root)))
-    pieces = JSONEncoder(indent=2, allow_nan=False).iterencode(_content(run, summary, folder.dive.settings))
-    folder.write(RUN, (piece.encode() for piece in (*pieces, "\n")))
+    points = track_points(folder.root)
+    table = frames_csv(summary.rows)
+    folder.write(FRAMES_TABLE, with_residuals(b"".join(table), points) if points else table)
+    folder.write(RUN, _run_json(_content(run, summary, folder.dive.settings), summary.rows))
+
+
+def _run_json(content: dict[str, Any], rows: Sequence[FrameRow]) -> Iterator[bytes]:
+    """run.json, piece by piece: the hashes of a million pairs' files are not held in memory."""
+    for piece in JSONEncoder(indent=2, allow_nan=False).iterencode(content):
+        if piece != FILES_HERE:
+            yield piece.encode()
+            continue
+        before = b"{"
+        for row in rows:
+            if row.hashes:
+                text = dumps({row.name: row.hashes}, indent=2)[1:-2].replace("\n", "\n    ")
+                yield before + text.encode()
+                before = b","
+        yield b"{}" if before == b"{" else b"\n    }"
+    yield b"\n"
 
 
 def renew_frames_table(folder: RunFolder) -> None:
@@ -74,11 +94,17 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
     folder.update(replace(folder.dive, state="complete" if complete else "stopped"))
 
 
-def final_rows(folder: RunFolder, run: RunDescription, rows: Sequence[FrameRow]) -> list[FrameRow]:
+def final_rows(
+    folder: RunFolder, run: RunDescription, rows: Sequence[FrameRow], unpaired: Iterable[FrameRow]
+) -> Sequence[FrameRow]:
     """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not come to is pending."""
-    reached = {row.name: row for row in rows if row.status != "unpaired"}
-    pairs = [reached.get(name, FrameRow(name, "pending", error=NOT_REACHED)) for name in run.names]
-    return [_checked(folder, run, row) for row in pairs] + [row for row in rows if row.status == "unpaired"]
+    places, final = {hash(row.name): place for place, row in enumerate(rows)}, PackedRows()
+    for name in run.names:
+        place = places.get(hash(name))
+        final.append(FrameRow(name, "pending", error=NOT_REACHED) if place is None else _checked(folder, run, rows[place]))
+    for row in unpaired:
+        final.append(row)
+    return final
 
 
 def _checked(folder: RunFolder, run: RunDescription, row: FrameRow) -> FrameRow:
@@ -125,7 +151,7 @@ def _content(run: RunDescription, summary: RunSummary, settings: Mapping[Stage, 
             "host": platform.node(),
             "platform": platform.platform(),
             "libraries": {"python": sys.version.split()[0]} | {name: _version(name) for name in LIBRARIES},
-            "inputs": {**run.inputs, "files": {row.name: row.hashes for row in summary.rows if row.hashes}},
+            "inputs": {**run.inputs, "files": FILES_HERE[1:-1]},
             "settings": {stage: key for stage, key in settings.items() if stage != "page"},  # which is made of what this describes
             "config": run.config.model_dump(mode="json"),
             "geometry": asdict(rectification.pair) if rectification else None,
