@@ -105,7 +105,7 @@ class _Views:
         path = self._posed.run.root / page_path("page/before", self._posed.frames[number].name)
         bgr = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2 if self._is_fine else cv2.IMREAD_COLOR)
         try:
-            return None if bgr is None else (bgr[..., ::-1], self._posed.frames[number].measured_range_m())
+            return None if bgr is None else (bgr[..., ::-1], self._posed.measured_range_m(self._posed.frames[number]))
         except InputError:
             return None
 
