@@ -124,6 +124,19 @@ def test_metashapes_cameras_are_the_tracks_poses(fused: Path, tmp_path: Path) ->
     assert sorted(path.stem for path in (tmp_path / "to" / "images").iterdir()) == sorted(truth.names)
 
 
+def test_kwivers_cameras_project_the_map_to_where_the_frames_saw_it(fused: Path, tmp_path: Path) -> None:
+    export(fused, "kwiver", tmp_path / "to")
+    truth = track(FRAMES)
+    for number, image in enumerate((tmp_path / "to" / "image_list.txt").read_text().splitlines()):
+        assert (tmp_path / "to" / image).is_file()
+        parts = (tmp_path / "to" / "krtd" / f"{Path(image).stem}.krtd").read_text().split("\n\n")
+        K, R, t, distortion = (np.array([row.split() for row in part.strip().split("\n")], float) for part in parts)
+        np.testing.assert_allclose(K, PAIR.P_left)
+        np.testing.assert_allclose(-R.T @ t[0], truth.T_world_camera[number, :3, 3], atol=1e-6)
+        assert R[2, 2] == pytest.approx(-1, abs=1e-6) and distortion.tolist() == [[0]]
+    assert len(read_vertices(tmp_path / "to" / "cloud.ply")) > 100
+
+
 @pytest.mark.slow
 def test_the_glb_is_the_mesh(fused: Path, tmp_path: Path) -> None:
     import trimesh

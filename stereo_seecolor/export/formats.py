@@ -10,6 +10,7 @@ from stereo_seecolor.export import (
     copc_file,
     glb,
     ifdo,
+    kwiver,
     mcap_file,
     metashape,
     mosaic_tiles,
@@ -40,6 +41,7 @@ EXPORT_FORMATS: dict[str, ExportFormat] = {
     ),
     "nerfstudio": ExportFormat("images, transforms.json, depth maps, points.ply", "Nerfstudio, Instant-NGP", nerfstudio.write),
     "metashape": ExportFormat("images and cameras.xml", "Agisoft Metashape", metashape.write),
+    "kwiver": ExportFormat("images, a KRTD camera for each, and the cloud", "KWIVER, TeleSculptor, VIAME", kwiver.write),
     "textured-glb": ExportFormat(
         "the surface with the images on it, glTF 2.0", "Blender, three.js, Unreal and Unity, phones, Sketchfab", textured_glb.write
     ),
