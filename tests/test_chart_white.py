@@ -124,6 +124,17 @@ def test_part_of_a_chart_is_enough() -> None:
     assert (np.abs(found.matrix - CAMERA) < 3 * found.errors).all()
 
 
+def test_covered_patches_do_not_spoil_the_matrix() -> None:
+    white = white_of([1.0, 2.0], some_water(), CAMERA)
+    charts = [seen for seen in white.patches_in(white.set_in(some_water())) if seen]
+    rubble = np.random.default_rng(3).uniform(0.1, 0.5, (7, 3))
+    for seen in charts:
+        seen.color[[4, 5, 10, 11, 16, 17, 22]] = rubble
+    found = camera_matrix(charts)
+    assert isinstance(found, CameraMatrix)
+    assert (np.abs(found.matrix - CAMERA) < 0.25).all()
+
+
 def test_charts_at_several_ranges_tell_how_the_water_is_off() -> None:
     right, wrong = (white_of([1.0, 2.0, 3.5], some_water(rate)).trend() for rate in (0.4, 0.5))
     assert right and wrong

@@ -112,6 +112,6 @@ def _matrix_lines(result: "MeasuredWater") -> list[str]:
     return [
         f"color matrix, from {found.patches} patches (noise of red, green, blue times {noise}):",
         *rows,
-        f"  mean CIEDE2000 of the patches {found.before:.1f} without it, {found.after:.1f} with it, {found.left_out:.1f} on "
+        f"  median CIEDE2000 of the patches {found.before:.1f} without it, {found.after:.1f} with it, {found.left_out:.1f} on "
         "patches left out of the fit",
     ]

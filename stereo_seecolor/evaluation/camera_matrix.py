@@ -34,13 +34,17 @@ class MatrixSettings:
     daylight; where little red arrives, red takes the more of the other channels."""
     most_noise: float = 3.0
     """Norm of a row, by which it multiplies noise: a row beyond is drawn to the identity."""
+    covered: float = 2.0
+    """Times the median misfit at which a patch counts half: part of a chart may be covered."""
+    reweightings: int = 12
+    """Steps of it: enough for the weights to settle."""
     least_patches: int = 12
     """Of different colors, grays included: half a ColorChecker."""
     least_colored: int = 6
     """Of those that are not gray."""
-    least_gain: float = 0.25
-    """Fraction of the CIEDE2000 of patches left out of the fit that a matrix must take away: what little is left of the backscatter
-    looks like a camera, too (15 % on the sample dive, whose camera is sRGB's)."""
+    least_gain: float = 1.0
+    """CIEDE2000, a difference that is just seen, that a matrix must take away from patches left out of its fit: what little is left
+    of the backscatter looks like a camera, too (0.7 on the sample dive, whose camera is sRGB's)."""
 
 
 SETTINGS = MatrixSettings()
@@ -74,7 +78,7 @@ class SeenPatches:
 class CameraMatrix:
     """matrix, errors: (3, 3). patches: how many colors it rests on. noise (3,): factor by which it multiplies that of each channel.
 
-    before, after, left_out: mean CIEDE2000 of the patches without it, with it, and with one fitted to all others.
+    before, after, left_out: median CIEDE2000 of the patches without it, with it, and with one fitted to all others.
     """
 
     matrix: Array
@@ -95,11 +99,12 @@ def camera_matrix(charts: Sequence[SeenPatches]) -> CameraMatrix | str:
             f"{len(color)} colors of charts can be used, {colored} of them not gray; {SETTINGS.least_patches} and "
             f"{SETTINGS.least_colored} are needed ({clipped} patches are clipped)"
         )
+    error = _with_covered(color, published, error)
     matrix, errors = _fit(color, published, error)
     others = [np.delete(np.arange(len(color)), patch) for patch in range(len(color))]
     each = np.stack([_fit(color[seen], published[seen], error[seen])[0] @ color[patch] for patch, seen in enumerate(others)])
-    before, after, left_out = (float(_differences(c, published).mean()) for c in (color, color @ matrix.T, each))
-    if left_out > (1 - SETTINGS.least_gain) * before:
+    before, after, left_out = (float(np.median(_differences(c, published))) for c in (color, color @ matrix.T, each))
+    if left_out > before - SETTINGS.least_gain:
         return f"patches left out of the fit are not nearer to their colors with it: CIEDE2000 {left_out:.1f}, {before:.1f} without"
     haze = SETTINGS.backscatter_error * np.mean([chart.haze for chart in charts], axis=0)
     moved = [_fit(hazier, published, error)[0] - matrix for hazier in _with_haze(color, haze)]
@@ -126,6 +131,16 @@ def _patch_means(charts: Sequence[SeenPatches]) -> tuple[Array, Array, Array, in
         return np.empty((0, 3)), np.empty((0, 3)), np.empty(0), 0
     colors, published, errors = zip(*found, strict=True)
     return np.stack(colors), np.stack(published), np.array(errors), colored
+
+
+def _with_covered(color: Array, published: Array, error: Array) -> Array:
+    """(P,) the errors, larger for patches that do not fit a matrix of all others: covered, shaded, or stained (Cauchy)."""
+    weighed = error
+    for _ in range(SETTINGS.reweightings):
+        left = np.linalg.norm(color @ _fit(color, published, weighed)[0].T - published, axis=1) / error
+        usual = max(float(np.median(left)), 1.0)
+        weighed = error * np.sqrt(1 + (left / (SETTINGS.covered * usual)) ** 2)
+    return weighed
 
 
 def _fit(color: Array, published: Array, error: Array) -> tuple[Array, Array]:
