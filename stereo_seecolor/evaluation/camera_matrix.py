@@ -105,7 +105,7 @@ def camera_matrix(charts: Sequence[SeenPatches]) -> CameraMatrix | str:
     each = np.stack([_fit(color[seen], published[seen], error[seen])[0] @ color[patch] for patch, seen in enumerate(others)])
     before, after, left_out = (float(np.median(_differences(c, published))) for c in (color, color @ matrix.T, each))
     if left_out > before - SETTINGS.least_gain:
-        return f"patches left out of the fit are not nearer to their colors with it: CIEDE2000 {left_out:.1f}, {before:.1f} without"
+        return f"patches left out of the fit gain too little by it: CIEDE2000 {left_out:.1f}, {before:.1f} without"
     haze = SETTINGS.backscatter_error * np.mean([chart.haze for chart in charts], axis=0)
     moved = [_fit(hazier, published, error)[0] - matrix for hazier in _with_haze(color, haze)]
     errors = np.sqrt(errors**2 + np.square(moved).sum(axis=0))
