@@ -289,8 +289,9 @@ def test_an_export_that_fails_leaves_nothing(fused: Path, tmp_path: Path) -> Non
     out = tmp_path / "out"
     shutil.copytree(fused, out)
     (out / "corrected" / "f3.png").write_bytes(b"x")
-    with pytest.raises(InputError, match=r"f3\.png: is gone or damaged"):
-        export(out, "colmap", tmp_path / "to")
+    for format in ("colmap", "textured-glb"):
+        with pytest.raises(InputError, match=r"f3\.png: is gone or damaged"):
+            export(out, format, tmp_path / "to")
     assert [path.name for path in tmp_path.iterdir()] == ["out"]
 
 

@@ -17,15 +17,14 @@ def write(posed: PosedRun, folder: Path) -> None:
     """mesh.glb. Raises InputError for a mesh of more than 4 GB."""
     mesh = posed.map_folder / MESH
     vertices, triangles = read_vertices(mesh), read_triangles(mesh)
-    glb = Glb(folder / "mesh.glb", posed)
     position = np.ascontiguousarray(vertices["position"], np.float32)
     attributes: dict[Attribute, NDArray[Any]] = {
         "POSITION": position,
         "NORMAL": unit(vertices["normal"]),
         "COLOR_0": _linear(vertices["color"]),
     }
-    glb.add(attributes, np.ascontiguousarray(triangles["indices"]))
-    glb.save()
+    with Glb(folder / "mesh.glb", posed) as glb:
+        glb.add(attributes, np.ascontiguousarray(triangles["indices"]))
 
 
 def _linear(color: NDArray[np.uint8]) -> NDArray[np.uint16]:

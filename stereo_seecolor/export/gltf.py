@@ -30,16 +30,27 @@ Attribute = Literal["POSITION", "NORMAL", "COLOR_0", "TEXCOORD_0"]
 
 
 class Glb:
-    """A GLB being written; ``save`` ends it."""
+    """A GLB being written: ``with Glb(path, posed) as glb`` and ``add``; the file is there when the block ends well.
+
+    Raises InputError then for more than 4 GB.
+    """
 
     def __init__(self, path: Path, posed: PosedRun) -> None:
         self._path, self._posed = path, posed
-        self._bytes = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115  # closed by save
+        self._bytes = tempfile.TemporaryFile(dir=path.parent)  # noqa: SIM115  # closed by __exit__
         self._views: list[dict[str, Any]] = []
         self._accessors: list[dict[str, Any]] = []
         self._primitives: list[dict[str, Any]] = []
         self._images: list[dict[str, Any]] = []
         self._materials: list[dict[str, Any]] = []
+
+    def __enter__(self) -> "Glb":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, traceback: object) -> None:
+        with self._bytes:
+            if kind is None:
+                self._save()
 
     def add(self, attributes: Mapping[Attribute, NDArray[Any]], triangles: NDArray[np.integer], jpeg: bytes = b"") -> None:
         """Triangles (F, 3) of vertices with these attributes (V, n); a texture of them. uint16 colors are fractions of 65535."""
@@ -56,15 +67,14 @@ class Glb:
             self._images.append({"bufferView": self._view(jpeg), "mimeType": "image/jpeg"})
         self._materials.append({"extensions": {"KHR_materials_unlit": {}}, "pbrMetallicRoughness": look})
 
-    def save(self) -> None:
-        """Raises InputError for more than 4 GB."""
+    def _save(self) -> None:
         document = json.dumps(self._document()).encode()
         document += b" " * (-len(document) % 4)
         size = self._bytes.tell()
         total = 12 + 8 + len(document) + 8 + size
         if total > LARGEST_BYTES:
             raise InputError(f"{self._path.name}: the map is too large for one GLB (4 GB): export it --to 3d-tiles")
-        with self._bytes, self._path.open("wb") as file:
+        with self._path.open("wb") as file:
             file.write(struct.pack("<4sII", b"glTF", 2, total))
             file.write(struct.pack("<I4s", len(document), b"JSON") + document)
             file.write(struct.pack("<I4s", size, b"BIN\0"))

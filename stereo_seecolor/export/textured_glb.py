@@ -22,11 +22,10 @@ def write(posed: PosedRun, folder: Path) -> str:
 
 def write_group(made: Textured, path: Path, group: int = 0, step: int = 1) -> None:
     """The triangles of one group."""
-    glb = Glb(path, made.views.posed)
-    for mesh, pixels in made.pages(group, step):
-        position = made.surface.position[mesh.vertex].astype(np.float32)
-        normal = unit(made.surface.normal[mesh.vertex])
-        flags = [cv2.IMWRITE_JPEG_QUALITY, QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
-        jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
-        glb.add({"POSITION": position, "NORMAL": normal, "TEXCOORD_0": mesh.uv}, mesh.triangles, jpeg)
-    glb.save()
+    with Glb(path, made.views.posed) as glb:
+        for mesh, pixels in made.pages(group, step):
+            position = made.surface.position[mesh.vertex].astype(np.float32)
+            normal = unit(made.surface.normal[mesh.vertex])
+            flags = [cv2.IMWRITE_JPEG_QUALITY, QUALITY, cv2.IMWRITE_JPEG_SAMPLING_FACTOR, cv2.IMWRITE_JPEG_SAMPLING_FACTOR_444]
+            jpeg = cv2.imencode(".jpg", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), flags)[1].tobytes()
+            glb.add({"POSITION": position, "NORMAL": normal, "TEXCOORD_0": mesh.uv}, mesh.triangles, jpeg)
