@@ -328,7 +328,7 @@ SHAPES: dict[str, Shape] = {
         "advice": [str],
         "refined": (dict, None),
     },
-    "convert-calib": {**END, "source": str, "out": str, "format": str, "baseline_m": NUMBER},
+    "convert-calib": {**END, "source": str, "out": str, "format": str, "baseline_m": NUMBER, "notes": [str]},
     "config": {
         **END,
         "settings": [{"key": str, "value": SETTING_VALUE, "default": SETTING_VALUE, "origin": str, "description": str}],
