@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import FINE, FINE_BINS, Gains
+from stereo_seecolor.color.render.pixel_kernels import L, code_of, light_of, mixed, nearest_code, roll_off, unclipped
 from stereo_seecolor.color.render.tone import NODES, Display
 from stereo_seecolor.color.table.bins import LOW_BITS
 from stereo_seecolor.color.table.counting import U, position_of
@@ -21,7 +22,6 @@ FINE_SHIFT = LOW_BITS - FINE.bit_length() + 1
 """A fine range bin is a position after a shift by this many bits."""
 ROW = 3 * 256
 """Entries of a range bin in a look-up table."""
-L = np.uint64  # unsigned indices: numba then leaves out its tests for negative ones
 BLOCK = 4096
 """Pixels that are computed together: three channels of them stay in the first cache."""
 PART_PIXELS = 65536
@@ -148,7 +148,7 @@ def _display(codes: Any, factors: Any, shoulder: Any, out: Any) -> None:
     top = np.float32((1 << 8 * out.itemsize) - 1)
     for i in range(out.size // 3):
         most = np.float32(max(codes[3 * i], max(codes[3 * i + 1], codes[3 * i + 2])))
-        factors[i] = _factor(most, knee, length, bend) * unit
+        factors[i] = roll_off(most, knee, length, bend) * unit
     for i in range(out.size // 3):
         for c in range(3):
             out[3 * i + c] = np.int32(min(max(np.float32(codes[3 * i + c]) * factors[i] - zero, np.float32(0)), top))
@@ -234,85 +234,20 @@ def _compute(image: Any, fine: Any, places: Any, gains: Any, display: Any, out: 
         pixel, at = (L(image[i, 0]), L(image[i, 1]), L(image[i, 2])), L(fine[i])
         highest = max(pixel[0], max(pixel[1], pixel[2]))
         if highest < near:
-            light = _unclipped(pixel, at, gains, shown.decoded)
+            light = unclipped(pixel, at, gains, shown.decoded)
             out.unrecoverable[i] = gains.capped[at]
         else:
-            light = _light(pixel, at, gains, shown)
+            light = light_of(pixel, at, gains, shown)
             out.unrecoverable[i] = gains.capped[at] | (shown.known[highest] <= 0)
-        codes[k, 0], codes[k, 1], codes[k, 2] = _mixed(light, gains.matrix)
+        codes[k, 0], codes[k, 1], codes[k, 2] = mixed(light, gains.matrix)
     for k in range(places.size):
         for c in range(3):
-            codes[k, c] = _code(codes[k, c], shown.curve) if image.itemsize > 1 else _nearest_code(codes[k, c], shown.curve)
+            codes[k, c] = code_of(codes[k, c], shown.curve) if image.itemsize > 1 else nearest_code(codes[k, c], shown.curve)
     _display(codes.reshape(-1), factors, shown.shoulder, values.reshape(-1))
     for k in range(places.size):
         i = L(places[k])
         for c in range(3):
             out.image[i, c] = values[k, c]
-
-
-@compiled
-def _mixed(light: Any, matrix: Any) -> Any:
-    """A pixel's channels after the color matrix, if there is one."""
-    r, g, b = light
-    if matrix.size == 0:
-        return r, g, b
-    return (
-        matrix[0, 0] * r + matrix[0, 1] * g + matrix[0, 2] * b,
-        matrix[1, 0] * r + matrix[1, 1] * g + matrix[1, 2] * b,
-        matrix[2, 0] * r + matrix[2, 1] * g + matrix[2, 2] * b,
-    )
-
-
-@compiled
-def _light(values: Any, fine: Any, gains: Any, shown: Any) -> Any:
-    """A pixel's linear light; a channel that the camera clipped is at least as bright as those that it did not, or as the
-    brightest if it clipped all."""
-    one, zero = np.float32(1), np.float32(0)
-    r, g, b = _unclipped(values, fine, gains, shown.decoded)
-    in_r, in_g, in_b = shown.known[values[0]], shown.known[values[1]], shown.known[values[2]]
-    if min(in_r, in_g, in_b) < one:
-        lost = (one - in_r) * (one - in_g) * (one - in_b)
-        gray = (in_r * r + in_g * g + in_b * b + lost * max(r, g, b)) / (in_r + in_g + in_b + lost)
-        r += (one - in_r) * max(gray - r, zero)
-        g += (one - in_g) * max(gray - g, zero)
-        b += (one - in_b) * max(gray - b, zero)
-    return r, g, b
-
-
-@compiled
-def _unclipped(values: Any, fine: Any, gains: Any, decoded: Any) -> Any:
-    """A pixel's linear light; what a cap leaves out of a channel comes from those of less noise."""
-    one = np.float32(1)
-    r = gains.gain[0, fine] * decoded[values[0]] - gains.offset[0, fine]
-    g = gains.gain[1, fine] * decoded[values[1]] - gains.offset[1, fine]
-    b = gains.gain[2, fine] * decoded[values[2]] - gains.offset[2, fine]
-    no_r, no_g, no_b = gains.missing[0, fine], gains.missing[1, fine], gains.missing[2, fine]
-    if no_r + no_g + no_b > np.float32(0):
-        gray = (r + g + b) / ((one - no_r) + (one - no_g) + (one - no_b))  # r, g, b are what the caps left
-        r, g, b = r + no_r * gray, g + no_g * gray, b + no_b * gray
-    return r, g, b
-
-
-@compiled
-def _code(light: Any, curve: Any) -> Any:
-    """The code of linear light, between two nodes of the curve."""
-    place = min(max(light * np.float32(NODES), np.float32(0)), np.float32(curve.size - 2))
-    node = U(np.int32(place))
-    return curve[node] + (curve[node + U(1)] - curve[node]) * (place - np.float32(node))
-
-
-@compiled
-def _nearest_code(light: Any, curve: Any) -> Any:
-    """The code of the nearest node, as in a table for 8 bits: a tenth of their step at most from ``_code``."""
-    place = min(max(light * np.float32(NODES) + np.float32(0.5), np.float32(0)), np.float32(curve.size - 2))
-    return curve[L(np.int32(place))]
-
-
-@compiled
-def _factor(code: Any, knee: Any, length: Any, bend: Any) -> Any:
-    """What scales the codes of a pixel whose greatest is ``code``: 1 up to the knee, and less above (``tone.display``)."""
-    over, code = max(code - knee, np.float32(0)), max(code, np.float32(1e-30))
-    return (min(code, knee) + over * (length + over * bend) / (length + over)) / code
 
 
 @compiled
@@ -322,4 +257,4 @@ def _linear(image: Any, bits: Any, gains: Any, decoded: Any, out: Any) -> None:
         out[i] = 0
         if fine != U(FINE_BINS):
             values = U(image[i, 0]), U(image[i, 1]), U(image[i, 2])
-            out[i, 0], out[i, 1], out[i, 2] = _mixed(_unclipped(values, fine, gains, decoded), gains.matrix)
+            out[i, 0], out[i, 1], out[i, 2] = mixed(unclipped(values, fine, gains, decoded), gains.matrix)

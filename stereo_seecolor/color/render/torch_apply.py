@@ -53,7 +53,7 @@ def _looked_up(pixels: Tensor, fine: Tensor, table: NDArray[np.uint16]) -> Tenso
 
 
 def _light(pixels: Tensor, fine: Tensor, known: Tensor, gains: Gains, decoded: NDArray[np.float32]) -> Tensor:
-    """``kernels._light`` of all pixels."""
+    """``pixel_kernels.light_of`` of all pixels."""
     light = _unclipped(pixels, fine, gains, decoded)
     lost = (1 - known[:, :1]) * (1 - known[:, 1:2]) * (1 - known[:, 2:])
     brightest = light.amax(dim=1, keepdim=True)
@@ -62,7 +62,7 @@ def _light(pixels: Tensor, fine: Tensor, known: Tensor, gains: Gains, decoded: N
 
 
 def _unclipped(pixels: Tensor, fine: Tensor, gains: Gains, decoded: NDArray[np.float32]) -> Tensor:
-    """``kernels._unclipped`` of all pixels."""
+    """``pixel_kernels.unclipped`` of all pixels."""
     inside, device = fine.clamp(max=FINE_BINS - 1), pixels.device
     gain, offset, missing = (on_device(np.ascontiguousarray(part.T), device)[inside] for part in gains[:3])
     light = gain * on_device(decoded, device)[pixels.to(torch.int64)] - offset
@@ -70,7 +70,7 @@ def _unclipped(pixels: Tensor, fine: Tensor, gains: Gains, decoded: NDArray[np.f
 
 
 def _mixed(light: Tensor, gains: Gains) -> Tensor:
-    """``kernels._mixed`` of all pixels."""
+    """``pixel_kernels.mixed`` of all pixels."""
     return light @ on_device(gains.matrix, light.device).T if gains.matrix.size else light
 
 
