@@ -1,6 +1,8 @@
 """Coordinates of a map: meters around its origin, its UTM zone, or meters that lie nowhere."""
 
 import json
+import shutil
+import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -101,3 +103,22 @@ def test_a_local_map_names_no_place(tmp_path: Path) -> None:
     with rasterio.open(tmp_path / "dem.tif") as dem:
         assert dem.crs is None
     assert b"comment crs local meters, no place on Earth" in (tmp_path / "mesh.ply").read_bytes()[:400]
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("gdalinfo"), reason="GDAL is not installed (Debian: apt-get install gdal-bin)")
+def test_gdal_reads_terrain_and_mosaic(tmp_path: Path) -> None:
+    config = CONFIG.model_copy(update={"crs": "utm"})
+    build_map([flat_frame(i) for i in range(2)], PAIR, tmp_path, config, replace(track(2), origin=ORIGIN))
+    for name, bands, cell_m in (("dem.tif", 1, config.dem_m), ("orthomosaic.tif", 4, config.mosaic_m)):
+        done = subprocess.run(["gdalinfo", "-json", "-stats", name], cwd=tmp_path, capture_output=True, check=True)
+        found = json.loads(done.stdout)
+        with rasterio.open(tmp_path / name) as raster:
+            assert found["size"] == [raster.width, raster.height]
+        assert len(found["bands"]) == bands
+        assert "32756" in found["coordinateSystem"]["wkt"]
+        np.testing.assert_allclose(found["geoTransform"][1], cell_m, rtol=1e-6)
+        center = found["cornerCoordinates"]["center"]
+        np.testing.assert_allclose(center, TO_UTM.transform(0.15, 0.0), atol=0.1)
+        if bands == 1:
+            assert found["bands"][0]["noDataValue"] == "NaN" or np.isnan(float(found["bands"][0]["noDataValue"]))
