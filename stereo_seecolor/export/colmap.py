@@ -23,6 +23,9 @@ PINHOLE = 1
 SEEN = np.dtype([("xy", "<f8", (2,)), ("point", "<u8")])
 """A point that an image sees, in a binary model."""
 
+PointTrack = list[tuple[int, int]]
+"""The frames that see a point, counted from 1, and its place among what each of them sees."""
+
 
 def write(posed: PosedRun, folder: Path) -> None:
     """``images/`` and ``sparse/0/`` with cameras, images and points3D, each as .txt and .bin."""
@@ -31,14 +34,15 @@ def write(posed: PosedRun, folder: Path) -> None:
     model.mkdir(parents=True)
     names = [write_image(frame, images) for frame in posed.frames]
     observations = observe(posed)
+    tracks = _tracks(observations)
     (model / "cameras.txt").write_text(_camera_text(posed), encoding="utf-8")
     (model / "images.txt").write_text(_images_text(posed, names, observations), encoding="utf-8")
-    (model / "points3D.txt").write_text(_points_text(observations), encoding="utf-8")
+    (model / "points3D.txt").write_text(_points_text(observations, tracks), encoding="utf-8")
     (model / "cameras.bin").write_bytes(_camera_binary(posed))
     with (model / "images.bin").open("wb") as file:
         file.writelines(_images_binary(posed, names, observations))
     with (model / "points3D.bin").open("wb") as file:
-        file.writelines(_points_binary(observations))
+        file.writelines(_points_binary(observations, tracks))
 
 
 def _camera_text(posed: PosedRun) -> str:
@@ -58,17 +62,17 @@ def _images_text(posed: PosedRun, names: Sequence[str], observations: Observatio
     return "\n".join(lines) + "\n"
 
 
-def _points_text(observations: Observations) -> str:
-    tracks = [" ".join(f"{image} {place}" for image, place in track) for track in _tracks(observations)]
+def _points_text(observations: Observations, tracks: Sequence[PointTrack]) -> str:
     lines = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     for number, (position, color, track) in enumerate(zip(observations.position, observations.color, tracks, strict=True), 1):
-        lines.append(f"{number} {_text(position)} {' '.join(map(str, color))} {UNKNOWN_ERROR} {track}")
+        seen = " ".join(f"{image} {place}" for image, place in track)
+        lines.append(f"{number} {_text(position)} {' '.join(map(str, color))} {UNKNOWN_ERROR} {seen}")
     return "\n".join(lines) + "\n"
 
 
-def _tracks(observations: Observations) -> list[list[tuple[int, int]]]:
-    """For each point the frames that see it, counted from 1, and its place among what each of them sees."""
-    tracks: list[list[tuple[int, int]]] = [[] for _ in observations.position]
+def _tracks(observations: Observations) -> list[PointTrack]:
+    """One for each point."""
+    tracks: list[PointTrack] = [[] for _ in observations.position]
     for number, (points, _) in enumerate(observations.of_frame, 1):
         for place, point in enumerate(points.tolist()):
             tracks[point].append((number, place))
@@ -91,9 +95,9 @@ def _images_binary(posed: PosedRun, names: Sequence[str], observations: Observat
         yield struct.pack("<Q", len(seen)) + seen.tobytes()
 
 
-def _points_binary(observations: Observations) -> Iterator[bytes]:
+def _points_binary(observations: Observations, tracks: Sequence[PointTrack]) -> Iterator[bytes]:
     yield struct.pack("<Q", len(observations.position))
-    rows = zip(observations.position.tolist(), observations.color.tolist(), _tracks(observations), strict=True)
+    rows = zip(observations.position.tolist(), observations.color.tolist(), tracks, strict=True)
     for number, (position, color, track) in enumerate(rows, 1):
         yield struct.pack("<Q3d3BdQ", number, *position, *color, UNKNOWN_ERROR, len(track))
         yield np.array(track, "<u4").tobytes()

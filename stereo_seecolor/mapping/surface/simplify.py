@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.mapping.surface.simplify_kernels import collapse_edges
+from stereo_seecolor.mapping.surface.surface import only_used
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,13 +34,13 @@ def simplify(
     head, link = _corners(left, len(position))
     distance2 = collapse_edges(position, left, boundary_edges(left), head, link, bound_m, longest_m)
     left = left[left[:, 0] >= 0]
-    kept, indices = np.unique(left, return_inverse=True)
+    kept, indices = only_used(left, len(position))
     used = np.zeros(len(position), np.bool_)
     used[np.asarray(triangles).ravel()] = True
     of_surface = distance2[used]
     return Simplified(
-        kept.astype(np.int64),
-        indices.reshape(-1, 3).astype(np.int32),
+        kept,
+        indices,
         float(np.sqrt(of_surface.max(initial=0))),
         float(np.sqrt(of_surface.mean())) if len(of_surface) else 0.0,
     )

@@ -14,7 +14,7 @@ import heapq
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.mapping.surface.star_kernels import has, other_end, star_of, stays_surface, turns
+from stereo_seecolor.mapping.surface.star_kernels import has, moved_corners, other_end, star_of, stays_surface, turns
 from stereo_seecolor.mapping.surface.triangle_kernels import cross, form, point_triangle_distance2, quadrics, segment_distance2
 
 MOST_AT_VERTEX = 64
@@ -31,8 +31,7 @@ def _nearest(p, u, v, star, count, position, triangle):  # type: ignore[no-untyp
         f = star[i]
         if has(triangle, f, v):
             continue
-        a, b, c = triangle[f, 0], triangle[f, 1], triangle[f, 2]
-        a, b, c = v if a == u else a, v if b == u else b, v if c == u else c
+        a, b, c = moved_corners(triangle, f, u, v)
         found2 = point_triangle_distance2(p, position[a], position[b], position[c])
         if found2 < best2:
             best, best2 = f, found2
@@ -57,22 +56,23 @@ def _within(u, v, w, star, count, position, triangle, first, after, on_boundary,
 
 
 @compiled
+def _nearer(s, p, best, best2, position):  # type: ignore[no-untyped-def]
+    """Of a vertex p and the best so far the one nearer to a place, and its squared distance."""
+    x, y, z = position[p, 0] - s[0], position[p, 1] - s[1], position[p, 2] - s[2]
+    found2 = x * x + y * y + z * z
+    return p if found2 < best2 else best, min(found2, best2)
+
+
+@compiled
 def _nearest_vertex(s, u, star, count, position, triangle, first, after):  # type: ignore[no-untyped-def]
     """The vertex of the original nearest to a place, of those by the star of u."""
     best, best2 = u, np.inf
     for i in range(count):
         for k in range(3):
-            p = triangle[star[i], k]
-            x, y, z = position[p, 0] - s[0], position[p, 1] - s[1], position[p, 2] - s[2]
-            found2 = x * x + y * y + z * z
-            if found2 < best2:
-                best, best2 = p, found2
+            best, best2 = _nearer(s, triangle[star[i], k], best, best2, position)
         p = first[star[i]]
         while p >= 0:
-            x, y, z = position[p, 0] - s[0], position[p, 1] - s[1], position[p, 2] - s[2]
-            found2 = x * x + y * y + z * z
-            if found2 < best2:
-                best, best2 = p, found2
+            best, best2 = _nearer(s, p, best, best2, position)
             p = after[p]
     return best
 
@@ -89,8 +89,7 @@ def _covers(u, v, star, count, position, triangle, first, after, original, bound
         f = star[i]
         if has(triangle, f, v):
             continue
-        a, b, c = triangle[f, 0], triangle[f, 1], triangle[f, 2]
-        a, b, c = v if a == u else a, v if b == u else b, v if c == u else c
+        a, b, c = moved_corners(triangle, f, u, v)
         cross(position[a], position[b], position[c], n)
         for sample in range(len(SAMPLES)):
             for k in range(3):

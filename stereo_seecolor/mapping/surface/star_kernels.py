@@ -19,6 +19,13 @@ def has(triangle, f, v):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def moved_corners(triangle, f, u, v):  # type: ignore[no-untyped-def]
+    """The corners of a triangle once u has gone to v."""
+    a, b, c = triangle[f, 0], triangle[f, 1], triangle[f, 2]
+    return v if a == u else a, v if b == u else b, v if c == u else c
+
+
+@compiled
 def star_of(u, head, link, triangle, star):  # type: ignore[no-untyped-def]
     """The triangles at a vertex into ``star``; how many, -1 for more than fit. Corners of those that are gone leave the list."""
     count, corner, before = 0, head[u], -1
@@ -106,7 +113,7 @@ def turns(u, v, star, count, position, triangle, longest2, room):  # type: ignor
             continue
         a, b, c = triangle[f, 0], triangle[f, 1], triangle[f, 2]
         before = cross(position[a], position[b], position[c], n0)
-        a, b, c = v if a == u else a, v if b == u else b, v if c == u else c
+        a, b, c = moved_corners(triangle, f, u, v)
         after = cross(position[a], position[b], position[c], n1)
         longest = max(
             ((position[a] - position[b]) ** 2).sum(),

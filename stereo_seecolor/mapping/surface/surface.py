@@ -44,7 +44,7 @@ class Surface:
         return Surface(self.points_m[kept], self.normals[kept], self.colors[kept], numbers[triangles].astype(np.int32))
 
 
-def only_used(indices: NDArray[np.int64], points: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+def only_used(indices: NDArray[np.integer], points: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """The numbers of those of so many points that triangles (T, 3) use, and the triangles by their places among these."""
     used = np.zeros(points, np.bool_)
     used[indices] = True

@@ -20,9 +20,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MarkersFit:
-    """scale: how many times as long the rig's ranges are taken, with its standard error. before, after: what is known against the
+    """What a map was held to.
 
-    map without and with that, by name. refused: what was not used, since it cannot be right. control: residuals of surveyed places.
+    scale: how many times as long the rig's ranges are taken, with its standard error. before, after: what is known against the map
+    without and with that, by name. refused: what was not used, since it cannot be right. control: residuals of surveyed places.
     """
 
     markers: int
