@@ -106,6 +106,21 @@ def test_a_kill_in_the_first_run_of_a_changed_setting_leaves_nothing_that_passes
     assert contents(out) == contents(tmp_path / "whole")
 
 
+def test_what_a_killed_worker_left_of_a_record_costs_no_frame_its_files(make_dive, tmp_path) -> None:
+    """The temporary file of a record names its frame's files: taken for a frame that has left the dive, it would cost it them."""
+    dive, out = make_dive(3), tmp_path / "out"
+    run_in_process(dive, tmp_path / "whole")
+
+    def lose() -> None:
+        record = out / ".state/frames/0000.json"
+        (record.parent / ".writing-c3104a26564-9-0000.json").write_bytes(record.read_bytes())
+
+    run_in_process(dive, out, AtPair(4, lose))
+    assert contents(out) == contents(tmp_path / "whole")
+    assert not list(out.rglob(".writing-*"))
+    assert run_in_process(dive, out).kept == 3
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("at", [2, 7])
 def test_interrupt_tells_what_was_done_and_resumes(make_dive, tmp_path, at) -> None:

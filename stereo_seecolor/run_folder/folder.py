@@ -112,11 +112,15 @@ class RunFolder:
             self._delete_everything()
         earlier = self.manifest.dive() if self.manifest.exists() else DiveRecord()
         self._dive = replace(earlier, identity=self._claim.owner.identity())
+        self.remove_leftovers()
+        self.manifest.save_dive(self._dive)
+
+    def remove_leftovers(self) -> None:
+        """Delete what killed processes left half written, while none writes."""
         for name in (*PAGE_PRODUCTS, PAGE, MAP, "."):
             remove_leftovers(self.root / name)
         for folder in (*(self.root / name for name in PRODUCTS), state(self.root)):
             remove_leftovers_below(folder)
-        self.manifest.save_dive(self._dive)
 
     def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
         """What an earlier run finished of this frame's stage with the same key; None if a file of it is gone or changed."""

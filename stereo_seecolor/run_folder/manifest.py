@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.atomic import TEMPORARY_PREFIX, write_atomic
 from stereo_seecolor.run_folder.layout import Stage, record_shelf, state
 from stereo_seecolor.run_folder.stamp import Stamp
 
@@ -128,9 +128,9 @@ class Manifest:
         write_atomic(self._dive_file, json.dumps({"format": FORMAT, "version": VERSION, **asdict(record)}).encode())
 
     def names(self) -> list[str]:
-        """The frames that have a record, sorted."""
+        """The frames that have a record, sorted; what a killed worker left of one that it was writing is none."""
         found = (self._frames.glob(f"{each}*.json") for each in ("", f"{SPREAD}/*/"))
-        return sorted({path.stem for paths in found for path in paths})
+        return sorted({path.stem for paths in found for path in paths if not path.name.startswith(TEMPORARY_PREFIX)})
 
     def frame(self, name: str) -> FrameRecord | None:
         """The record of a frame; None where there is none, or it is damaged (its files are then made again)."""

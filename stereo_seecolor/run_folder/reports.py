@@ -86,6 +86,7 @@ def renew_frames_table(folder: RunFolder) -> None:
 def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
     """End a run. What belongs to no pair of a complete run, or was made from frames that changed since, is deleted."""
     if complete:
+        folder.remove_leftovers()  # of workers that were lost
         for name in set(folder.manifest.names()) - {*run.names}:
             folder.discard(name)
         sources = {name: folder.digest("corrected") for name in (MAP, FIRST_LOOK, INDEX)} | {MEASURED_WATER: folder.digest("range")}
