@@ -6,20 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
-from calibration.matches import QUICK, Images, Matches, find_matches
+from calibration.matches import Matches, find_matches
 from calibration.plan import plan_rectification
+from calibration.quick_look import BEHIND_PX, MIN_MATCHES
 from calibration.rectification import Rectification
 from calibration.rig import StereoRig
-from calibration.row_check import LIMITS, RowCheck
+from calibration.row_check import RowCheck
 from calibration.row_fit import explain, row_inliers
 from calibration.suspicions import suspicions
 from calibration.wording import counted
 
 Array = NDArray[np.float64]
-__all__ = ["RowCheck", "judge_matches", "rows_agree", "suspicions", "vertical_disparity"]
-MIN_MATCHES = 50  # fewer do not reach the corners of the image, where roll and scale show
+__all__ = ["RowCheck", "judge_matches", "suspicions", "vertical_disparity"]
 INDICES = np.arange(1.0, 1.4401, 0.02)  # none to beyond water; found to 0.02 on a real dive
-BEHIND_PX = -0.5  # disparity of a point behind infinity: beyond the noise of matches, about 0.1 px
 
 
 def vertical_disparity(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic], NDArray[np.generic]]]) -> RowCheck:
@@ -29,19 +28,6 @@ def vertical_disparity(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic]
     """
     rectification = Rectification.from_rig(rig)
     return judge_matches(rig, [find_matches(rectification, left, right) for left, right in pairs])
-
-
-def rows_agree(rectification: Rectification, images: Images) -> bool:
-    """A quick look at one raw pair: True if its rows agree to a quarter of a pixel and left is left; False also if too little
-    matches to tell. ``vertical_disparity`` says what is wrong.
-    """
-    found = find_matches(rectification, *images, QUICK)
-    if len(found.left) < MIN_MATCHES:
-        return False
-    pair = rectification.matching_pair
-    disparity_px, row_px = (found.left - found.right).T
-    behind = disparity_px - (pair.cx_left_px - pair.cx_right_px) < BEHIND_PX
-    return float(np.median(np.abs(row_px))) <= LIMITS.acceptable_px and behind.mean() <= LIMITS.swapped_fraction
 
 
 def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:

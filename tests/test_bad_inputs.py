@@ -11,6 +11,7 @@ import yaml
 
 from calibration import CalibrationError
 from calibration.formats import load_rig
+from calibration.quick_look import QuickLook
 from stereo_seecolor.commands import dive_rig
 
 
@@ -171,7 +172,7 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tm
         raise CalibrationError("only 12 points were found")
 
     if not points:
-        monkeypatch.setattr(dive_rig, "rows_agree", lambda *_: False)
+        monkeypatch.setattr(dive_rig, "quick_look", lambda *_: QuickLook(False, np.zeros(0)))
         monkeypatch.setattr(dive_rig, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):

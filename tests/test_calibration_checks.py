@@ -10,10 +10,11 @@ from calibration_boards import fisheye_rig, pinhole_rig
 from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
-from calibration.checks import RowCheck, judge_matches, rows_agree, suspicions, vertical_disparity
+from calibration.checks import RowCheck, judge_matches, suspicions, vertical_disparity
 from calibration.formats import load_rig
 from calibration.matches import Matches, MatchLimits, find_matches
 from calibration.plan import rectified_points
+from calibration.quick_look import quick_look
 from calibration.refraction import CameraInWater, cameras_in_water
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
@@ -155,10 +156,14 @@ def test_cameras_without_a_common_view() -> None:
 def test_a_quick_look_tells_rows_that_agree_from_shifted_and_swapped_ones() -> None:
     left, right = (cv2.imread(str(sorted((REEF / side).iterdir())[0])) for side in ("left", "right"))
     rectification = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
-    assert rows_agree(rectification, (left, right))
-    assert not rows_agree(rectification, (left, np.roll(right, 1, axis=0)))
-    assert not rows_agree(rectification, (right, left))
-    assert not rows_agree(rectification, (left, np.full_like(right, 90)))
+    look = quick_look(rectification, (left, right))
+    assert look.rows_agree
+    assert 1.2 < np.median(look.range_m) < 3
+    assert not quick_look(rectification, (left, np.roll(right, 1, axis=0))).rows_agree
+    assert not quick_look(rectification, (right, left)).rows_agree
+    nothing = quick_look(rectification, (left, np.full_like(right, 90)))
+    assert not nothing.rows_agree
+    assert nothing.range_m.size == 0
 
 
 def test_images_of_many_pixels_are_matched_at_a_coarser_step_and_as_exactly() -> None:

@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 
 from calibration import CalibrationError, StereoRig
-from calibration.checks import rows_agree, vertical_disparity
+from calibration.checks import vertical_disparity
 from calibration.formats import load_rig
 from calibration.formats.kitti import for_channels
 from calibration.matches import Matches, raw_matches
+from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
 from calibration.wording import counted
+from stereo_seecolor.commands.range_limits import range_limits
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError, MatchingError, SwappedError
 from stereo_seecolor.inputs.images import read_image
@@ -65,23 +67,29 @@ def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) 
     return settle_reading(load_unsettled(calib, pairs, images), first_images(pairs, images))
 
 
-def rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """What the first pairs say of the calibration: a note where rows disagree by over half a pixel.
+def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
+    """What the first pair says before a run starts: of rows that disagree by over half a pixel, and of ranges not looked for.
 
-    A quick look at one pair is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked
-    at only where that one disagrees. Raises InputError where left and right are swapped: no pair could be matched.
+    A quick look is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked at only where
+    rows disagree. Raises InputError where left and right are swapped: no pair could be matched.
     """
-    rig, images = pipeline.rig, pipeline.config.input
     try:
-        if all(rows_agree(pipeline.rectification, both) for both in first_images(pairs, images, 1)):
-            return ()
-        for most in (1, DECIDING_PAIRS):
-            check = vertical_disparity(rig, first_images(pairs, images, most))
-            if check.warning is None:
-                return ()
+        looks = [quick_look(pipeline.rectification, both) for both in first_images(pairs, pipeline.config.input, 1)]
+        if all(look.rows_agree for look in looks):
+            limits = [limit for look in looks for limit in range_limits(look.range_m, pipeline.config.matching)]
+            return tuple(f"range: in the first pair, {limit.note}" for limit in limits)
+        return _rows_note(pipeline, pairs)
     except CalibrationError:  # too few points to tell
         _refuse_swapped(pipeline, pairs)
         return ()
+
+
+def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
+    rig, images = pipeline.rig, pipeline.config.input
+    for most in (1, DECIDING_PAIRS):
+        check = vertical_disparity(rig, first_images(pairs, images, most))
+        if check.warning is None:
+            return ()
     if check.swapped and exchanging_helps(rig, list(first_images(pairs, images))):
         raise InputError(
             f"left and right look swapped: {check.behind_fraction:.0%} of {check.matches} points in {counted(check.pairs, 'pair')} "

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from calibration import CalibrationError, StereoRig
+from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.formats.kitti import for_channels
+from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
 from calibration.wording import counted
@@ -18,6 +19,7 @@ from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
+from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.frames import FrameReader
@@ -104,6 +106,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         *_problems_of_images(sides, (left, right), pairing),
         *_missing_calibration(places, found, left.size),
         *_problems_of_calibration(found, tested.facts, tested.fitting),
+        *(f"range: {limit.note}" for limit in tested.limits),
     )
     return Inspection(
         sides=sides,
@@ -118,18 +121,19 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         measured=tested.measured,
         misfits=tested.misfits,
         problems=problems,
-        run_command=command_line(sides, found, left, tested.rows),
+        run_command=command_line(sides, found, left, tested.rows, tested.limits),
     )
 
 
 @dataclass(frozen=True)
 class _Tested:
-    """A calibration held against sample pairs. fitting: at least one of them shows one scene."""
+    """A calibration held against sample pairs. fitting: at least one of them shows one scene. limits: ranges to be set."""
 
     facts: CalibrationFacts | None = None
     misfits: tuple[Misfit, ...] = ()
     measured: Measured | None = None
     fitting: bool = True
+    limits: tuple[RangeLimits, ...] = ()
 
     @property
     def rows(self) -> RowCheck | None:
@@ -150,10 +154,17 @@ def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageF
             raise CalibrationError(wrong_size(side, image.size, camera.image_size, str(found.path)))
 
 
-def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFacts | None, rows: RowCheck | None = None) -> str:
+def command_line(
+    sides: Sides,
+    found: Sequence[FoundCalibration],
+    left: ImageFacts | None,
+    rows: RowCheck | None = None,
+    limits: Sequence[RangeLimits] = (),
+) -> str:
     """The ``run`` command for what was found, quoted for a shell; CALIBRATION stands where none was found.
 
-    rows: of sample pairs: whether the sides are swapped, and whether a camera has moved since the calibration.
+    rows: of sample pairs: whether the sides are swapped, and whether a camera has moved since the calibration. limits: ranges to
+    be set.
     """
     calib = str(found[0].path) if found else "CALIBRATION"
     first, second = (sides.right, sides.left) if rows and rows.swapped else (sides.left, sides.right)
@@ -164,6 +175,7 @@ def command_line(sides: Sides, found: Sequence[FoundCalibration], left: ImageFac
         words += ["--set", "input.bayer=rggb"]
     if left and left.bits == 16 and left.used_bits in (10, 12, 14):
         words += ["--set", f"input.significant_bits={left.used_bits}"]
+    words += [word for limit in limits for word in ("--set", limit.option)]
     return shlex.join(words)
 
 
@@ -181,12 +193,24 @@ def _tested(found: FoundCalibration, pairing: Pairing, config: RunConfig) -> _Te
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
     rows: RowCheck | None = None
+    images = _images(fitting, config)
     with suppress(CalibrationError):
-        rows = vertical_disparity(rig, _images(fitting, config))
+        rows = vertical_disparity(rig, images)
+    limits = _range_limits(rig, images, config)
+    config = config.model_copy(
+        update={"matching": config.matching.model_copy(update={limit.key: limit.fits_m for limit in limits})}
+    )
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     facts = CalibrationFacts(found.path, found.format, rig_facts(rig), bool(abs(y_m) > abs(x_m)), rows, suspicions(rig))
     useless = not fitting or (rows is not None and rows.swapped)
-    return _Tested(facts, wrong, None if useless else measure(rig, fitting, len(pairing.pairs), config), bool(fitting))
+    measured = None if useless else measure(rig, fitting, len(pairing.pairs), config)
+    return _Tested(facts, wrong, measured, bool(fitting), () if useless else limits)
+
+
+def _range_limits(rig: StereoRig, images: list[tuple[Image, Image]], config: RunConfig) -> tuple[RangeLimits, ...]:
+    rectification = Rectification.from_rig(rig)
+    ranges_m = [quick_look(rectification, both).range_m for both in images]
+    return range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
 
 
 def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Image]]:

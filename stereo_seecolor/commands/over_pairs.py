@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration import Rectification
 from calibration.checks import suspicions
-from stereo_seecolor.commands.dive_rig import load_rig_for, rows_note
+from stereo_seecolor.commands.dive_rig import first_notes, load_rig_for
 from stereo_seecolor.commands.pages import drop_live_page, early_frames, end_page, keep_live_page, with_live_page
 from stereo_seecolor.commands.planned import Meter
 from stereo_seecolor.commands.refine_dive import DiveRefinement
@@ -102,7 +102,7 @@ class Opened:
             pairing = pairing.with_notes((note,))
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
         if not folder.manifest.names():  # a rerun has been told
-            pairing = pairing.with_notes(rows_note(pipeline, pairing.pairs))
+            pairing = pairing.with_notes(first_notes(pipeline, pairing.pairs))
         return Opened(pairing, pipeline)
 
     def part(self, shard: Shard) -> "Opened":

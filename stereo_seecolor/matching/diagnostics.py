@@ -105,7 +105,7 @@ def one_sided_warning(left: Gray, disparity: Map, repeated: NDArray[np.bool_], s
     fraction = float(cv2.morphologyEx(cv2.medianBlur(unmatched, 5), cv2.MORPH_OPEN, np.ones((5, 5), np.uint8)).mean())
     if fraction < CONSTANTS.one_sided:
         return None
-    why = "it moved, covers one lens, or is nearer than matching.min_range_m"
+    why = "it moved, covers one lens, or lies outside matching.min_range_m to matching.max_range_m"
     return f"{fraction:.1%} of the left image finds no counterpart in the right one: {why}"
 
 
