@@ -5,7 +5,9 @@ the water: one for the dive, or one a frame. The second pass takes the water out
 run finished with the same inputs and settings is kept, in either pass.
 """
 
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -14,6 +16,7 @@ from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.survey import ReadPixels
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.lazy import Chosen, Lazy
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.frame_facts import recorded_capture
 from stereo_seecolor.frame_source import PageMaker, Source
@@ -29,6 +32,25 @@ from stereo_seecolor.run_folder.kept_light import KeptLight
 from stereo_seecolor.run_folder.progress_file import ProgressFile
 from stereo_seecolor.run_folder.water_file import waters_content
 
+
+def _chosen(pairs: Sequence[Pair], wanted: Callable[[Pair], bool]) -> Sequence[Pair]:
+    return Chosen(pairs, array("q", (number for number, pair in enumerate(pairs) if wanted(pair))))
+
+
+@dataclass(frozen=True)
+class _Named(Lazy[tuple[str, Pair]]):
+    """Pairs with their names."""
+
+    pairs: Sequence[Pair]
+
+    def __len__(self) -> int:
+        return len(self.pairs)
+
+    def item(self, number: int) -> tuple[str, Pair]:
+        pair = self.pairs[number]
+        return pair.name, pair
+
+
 LEAST_LIT_FRAMES = 10
 """Of fewer frames the light is not solved: too few spots are seen in many parts of the picture, and reef passes for light (three
 frames of a real dive came out pink on one side and yellow in a corner, though spots left out of the fit agreed better).
@@ -38,14 +60,13 @@ frames of a real dive came out pink on one side and yellow in a corner, though s
 class Dive:
     """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
 
-    table: what became of each pair so far. notes: what concerns the dive as a whole. light: what was found of its light, for
-    water.json; None where nothing of it is used.
+    table: what became of each pair so far. notes: what concerns the dive as a whole.
     """
 
     def __init__(self, source: Source, folder: RunFolder, options: RunOptions) -> None:
         self.table = FrameTable()
         self.notes: tuple[str, ...] = ()
-        self.light: dict[str, Any] | None = None
+        self._light_found: dict[str, Any] | None = None
         self._ranged = False
         self._light_known = not options.shard.whole  # a part of a dive must be lit as the other parts are
         self._linked: frozenset[str] = frozenset()
@@ -53,6 +74,12 @@ class Dive:
         self._folder, self._options = folder, options
         self._progress = ProgressFile(folder.root)
         self._stages = FrameStages(source, folder, options.verify)
+
+    @property
+    def light(self) -> dict[str, Any] | None:
+        """What was found of the dive's light, for water.json; None where nothing of it is used."""
+        light = self._stages.light
+        return {**(self._light_found or {}), **light.content()} if light else None
 
     def measure(self, pairs: Sequence[Pair]) -> None:
         """The range maps alone; corrected frames of an earlier run stay current where they were made from the same range maps."""
@@ -78,6 +105,7 @@ class Dive:
                 self.notes += kept.notes
                 return waters
         waters, notes = self._fit(pairs)
+        self._linked = frozenset()
         self.notes += notes
         key = self._stages.fit_key(pairs)
         if key:
@@ -88,8 +116,7 @@ class Dive:
         """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
         fitter = self._corrector.survey_fitter(self._stages.light, self._linked)
         stage = "waters" if self._ranged else "ranges"
-        failed = {row.name for row in self.table.rows if row.status == "failed"}  # by the search for light; said already
-        for row, (ranged, table) in self._pass(stage, [pair for pair in pairs if pair.name not in failed], self._stages.counted):
+        for row, (ranged, table) in self._pass(stage, self._not_failed(pairs), self._stages.counted):
             fitter.add(row.name, table, partial(self._stages.read, ranged))
         return fitter.waters(), fitter.notes()
 
@@ -99,7 +126,7 @@ class Dive:
         keys = {id(water): water_key(water) for water in {id(water): water for water in waters.values()}.values()}
         self._folder.set_waters({name: keys[id(water)] for name, water in waters.items()})
         if waters:
-            self.each("colors", [pair for pair in pairs if pair.name in waters], Correction.of(self._stages, waters))
+            self.each("colors", _chosen(pairs, lambda pair: pair.name in waters), Correction.of(self._stages, waters))
 
     def each(self, stage: str, pairs: Sequence[Pair], work: Callable[[Pair, Clock], FrameRow]) -> None:
         """A pass of which nothing but the rows is wanted."""
@@ -138,7 +165,8 @@ class Dive:
         if kept is None or self._options.verify or kept.key != self._stages.fit_key(pairs):
             kept = self._solve_light(pairs, geometry, allowed)
         self._stages.light = Light.from_content(kept.light) if kept.light else None
-        self.light, self._linked = kept.light, frozenset(kept.linked)
+        self._light_found = {name: value for name, value in (kept.light or {}).items() if name != "log_gains"}
+        self._linked = frozenset(kept.linked)
         self.notes += (kept.note,) if kept.note else ()
 
     def _solve_light(self, pairs: Sequence[Pair], geometry: RectifiedPair, allowed: Use) -> KeptLight:
@@ -146,14 +174,12 @@ class Dive:
 
         self._begin_ranges()
         self._ranged = True
-        frames: list[tuple[str, Pair]] = []
         captures: list[Capture] = []
         different: dict[Capture, Capture] = {}
-        left = iter(pairs)
         for row, _ in self._pass("ranges", pairs, rows_alone(self._stages.prepared)):
-            frames.append((row.name, next(pair for pair in left if pair.name == row.name)))
             capture = recorded_capture(row.facts)
             captures.append(different.setdefault(capture, capture))  # a dive has few, and many frames
+        frames = _Named(self._not_failed(pairs))
         encoding, read = self._config.color.input_encoding, self._stages.read_pair
         found = LightSearch(frames, read, captures, geometry, encoding, self._options.compute).solve(allowed)
         light = found.light
@@ -162,6 +188,11 @@ class Dive:
         if kept.key:
             kept.save(self._folder.root)
         return kept
+
+    def _not_failed(self, pairs: Sequence[Pair]) -> Sequence[Pair]:
+        """Those that no pass so far has failed at."""
+        failed = {row.name for row in self.table.rows if row.status == "failed"}
+        return _chosen(pairs, lambda pair: pair.name not in failed)
 
     def _pass(self, stage: str, pairs: Sequence[Pair], work: Work[Result]) -> Iterator[tuple[FrameRow, Result]]:
         """``work`` on all pairs, in their order; what is wrong with one pair becomes its row, and ends no pass."""

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.photometry.gain_chain import Difference, differences, solve_chain
+from stereo_seecolor.color.photometry.gain_chain import Differences, DifferenceTable, differences, solve_chain
+from stereo_seecolor.color.photometry.light_model import FrameGains
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.sightings import KeyFrame, View, look
@@ -25,7 +26,7 @@ from stereo_seecolor.records import Capture, Image, Map, SurveyFrame
 Array = NDArray[np.float64]
 ReadFrame = Callable[[Any], tuple[Image, Map]]
 Shown = TypeVar("Shown")
-Differing = tuple[NDArray[np.int64], Iterable[Difference]]
+Differing = tuple[NDArray[np.int64], Differences]
 """A window's frames, and how they differ."""
 
 
@@ -117,7 +118,7 @@ class LightSearch:
         geometry = reduced(self.geometry)
         look_at = _FrameLook(self.read, geometry, reduction(self.geometry), self.encoding)
         windows = list(self._looked(chosen, _WindowLook(look_at)))
-        links = _Links()
+        links = _Links(len(names))
         for window in windows:
             links.add(window.frames)
         size = geometry.image_size
@@ -132,27 +133,34 @@ class LightSearch:
             light = replace(light, refused=offsets)
         if light and len(chosen) < len(names) and allowed.gains:
             every = self._looked(range(len(names)), _DifferenceLook(look_at, light))
-            light = self._followed(light, every, links, confirmed)
+            light = self._followed(light, names, every, links, confirmed)
         elif light and (light.solved.gains or light.recorded):
-            light = self._followed(light, [(seen.frames, differences(seen, light, size)) for seen in windows], links, confirmed)
-        return Found(light, tuple(names[k] for k in sorted(links.frames)))
+            few = [(seen.frames, differences(seen, light, size)) for seen in windows]
+            light = self._followed(light, names, few, links, confirmed)
+        return Found(light, tuple(names[k] for k in np.flatnonzero(links.frames)))
 
     def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]) -> tuple[float, float] | None:
         """How frames differ without and with the (F,) records; None where no two frames show the same."""
         size = reduced(self.geometry).image_size
-        found = [difference for window in windows for difference in differences(window, light, size)]
-        return offsets_about(found, recorded) if found else None
+        found = DifferenceTable()
+        for window in windows:
+            found.add(differences(window, light, size))
+        return offsets_about(found.all, recorded) if len(found.all) else None
 
-    def _followed(self, light: SurveyLight, windows: Iterable[Differing], links: "_Links", recorded: Array | None) -> SurveyLight:
-        """With the gains of all frames; with none where they do not help."""
-        found: list[Difference] = []
+    @staticmethod
+    def _followed(
+        light: SurveyLight, names: Sequence[str], windows: Iterable[Differing], links: "_Links", recorded: Array | None
+    ) -> SurveyLight:
+        """With the gains of all frames, which have these names; with none where they do not help."""
+        table = DifferenceTable()
         for frames, differing in windows:
             links.add(frames)
-            found.extend(differing)
-        chosen = light.luminance.use.gains, light.color.use.gains
-        solved = solve_chain(found, len(self.frames), chosen) if recorded is None else solve_recorded(found, recorded, chosen)
-        measured = np.flatnonzero(solved.measured).tolist() if solved.gains.any() else []
-        return light.with_gains({self.frames[k][0]: solved.gains[k] for k in measured}, solved.offsets)
+            table.add(differing)
+        found, number, chosen = table.all, len(names), (light.luminance.use.gains, light.color.use.gains)
+        solved = solve_chain(found, number, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
+        measured = solved.measured & solved.gains.any()
+        named = (name for name, known in zip(names, measured, strict=True) if known)
+        return light.with_gains(FrameGains(named, solved.gains[measured]), solved.offsets)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[_Stretch], list[Shown]]") -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""
@@ -241,18 +249,18 @@ class _DifferenceLook:
 
     def __call__(self, stretch: _Stretch) -> list[Differing]:
         size = self.frames.geometry.image_size
-        return [(seen.frames, list(differences(seen, self.light, size))) for seen in self.frames.windows(stretch)]
+        return [(seen.frames, differences(seen, self.light, size)) for seen in self.frames.windows(stretch)]
 
 
 class _Links:
-    """frames: numbers of those that show what a frame before them shows, and of all between."""
+    """frames: (F,) those that show what a frame before them shows, and all between."""
 
-    def __init__(self) -> None:
-        self.frames: set[int] = set()
+    def __init__(self, frames: int) -> None:
+        self.frames = np.zeros(frames, np.bool_)
 
     def add(self, frames: NDArray[np.int64]) -> None:
         """The frames of one more window."""
-        self.frames.update(range(int(frames.min()) + 1, int(frames.max()) + 1))
+        self.frames[frames.min() + 1 : frames.max() + 1] = True
 
 
 def looked_at(frames: int) -> list[int]:

@@ -1,7 +1,7 @@
 """The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
 
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.errors import InputError, MatchingError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.deflate import deflated
-from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.keys import content_key, content_key_of
 from stereo_seecolor.frame_facts import capture_facts, range_facts
 from stereo_seecolor.frame_source import PageMaker, Ranged, Source
 from stereo_seecolor.inputs.pairing import Pair
@@ -63,16 +63,19 @@ class FrameStages:
 
         None unless the ranges of all of them are known.
         """
-        keys = []
+        try:
+            ranges = content_key_of(self._range_keys(pairs))
+        except InputError:
+            return None
+        return content_key(self.color_settings, ranges, [sources_digest(file) for file in FITTING])
+
+    def _range_keys(self, pairs: Sequence[Pair]) -> Iterator[tuple[str, str]]:
+        """Name and key of each pair's ranges. Raises InputError for one that is gone, or whose range is not known."""
         for pair in pairs:
-            try:
-                ranged, known = self._known(pair)
-            except InputError:
-                return None
+            ranged, known = self._known(pair)
             if not known:
-                return None
-            keys.append((pair.name, ranged.key))
-        return content_key(self.color_settings, keys, [sources_digest(file) for file in FITTING])
+                raise InputError(f"{pair.name}: its range is not known")
+            yield pair.name, ranged.key
 
     def _known(self, pair: Pair) -> tuple[Ranged, bool]:
         """What OUT knows of a pair as its files are now, and whether its range is known. Raises InputError for one that is gone."""

@@ -1,5 +1,6 @@
 """The water between camera and reef: the model's parameters, their limits, and the JSON that holds them."""
 
+import io
 import json
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -123,7 +124,11 @@ class Water:
 
 def water_document(body: dict[str, Any]) -> bytes:
     """A water.json of this body: {"water": content}, or {"frames": {name: content}}."""
-    return (json.dumps({"format": FORMAT, "version": VERSION, **body}, indent=1, allow_nan=False) + "\n").encode()
+    content = io.BytesIO()
+    for piece in json.JSONEncoder(indent=1, allow_nan=False).iterencode({"format": FORMAT, "version": VERSION, **body}):
+        content.write(piece.encode())  # of a million frames all pieces together take five times as much memory
+    content.write(b"\n")
+    return content.getvalue()
 
 
 def read_water_document(path: Path) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from calibration import Rectification
 from calibration.formats import load_rig
 from stereo_seecolor import dive_light
-from stereo_seecolor.color.photometry.gain_chain import Difference, solve_chain
+from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
@@ -34,18 +34,18 @@ RECTIFICATION = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
 HALF = dive_light.reduced(RECTIFICATION.pair, every=2)
 
 
-def chained(gains: NDArray[np.float64], noise: float, wrong: int = 0) -> list[Difference]:
+def chained(gains: NDArray[np.float64], noise: float, wrong: int = 0) -> Differences:
     """What frames one, two and four apart differ by: (F,) gains of luminance, none of color."""
     rng, found = np.random.default_rng(1), []
     for i in range(FRAMES):
         for j in (i - 1, i - 2, i - 4):
             if j >= 0:
                 whole, fitted, judged = (gains[i] - gains[j] + rng.normal(0, noise) for _ in range(3))
-                medians = [np.array([value, 0.0, 0.0, 0.0]) for value in (whole, fitted, judged)]
-                found.append(Difference(i, j, *medians, np.full(4, 0.3), 400))
-    for k in rng.choice(len(found), wrong, replace=False):
-        found[k].whole[0] += 1.0
-    return found
+                medians = [(value, 0.0, 0.0, 0.0) for value in (whole, fitted, judged)]
+                found.append((i, j, 400, *medians, 4 * (0.3,)))
+    table = np.array(found, DIFFERENCE)
+    table["whole"][rng.choice(len(found), wrong, replace=False), 0] += 1.0
+    return table
 
 
 def varying() -> NDArray[np.float64]:
@@ -64,15 +64,16 @@ def test_gains_of_all_frames_come_back() -> None:
 
 def test_frames_that_nothing_was_held_against_have_no_gain() -> None:
     gains = varying()
-    apart = [d for d in chained(gains, 0.02) if not {d.i, d.j} & {100, 101, 102, 103, 104}]
-    chain = solve_chain(apart, FRAMES)
+    found = chained(gains, 0.02)
+    cut = [100, 101, 102, 103, 104]
+    chain = solve_chain(found[~np.isin(found["i"], cut) & ~np.isin(found["j"], cut)], FRAMES)
     assert list(np.flatnonzero(~chain.measured)) == [100, 101, 102, 103, 104]
     assert np.abs(chain.gains[~chain.measured]).max() < 0.02
     assert np.abs(chain.gains - gains[:, None])[chain.measured].std() < 0.05
 
 
-@pytest.mark.parametrize("found", [chained(np.zeros(FRAMES), 0.02), []])
-def test_noise_is_no_gain(found: list[Difference]) -> None:
+@pytest.mark.parametrize("found", [chained(np.zeros(FRAMES), 0.02), np.zeros(0, DIFFERENCE)])
+def test_noise_is_no_gain(found: Differences) -> None:
     assert not solve_chain(found, FRAMES).gains.any()
 
 
@@ -186,7 +187,7 @@ def test_records_behind_a_strobe_change_nothing() -> None:
     recorded = varying()
     assert not explain(offsets_about(chained(np.zeros(FRAMES), 0.02), recorded))
     assert explain(offsets_about(chained(recorded, 0.02), recorded))
-    assert not explain(offsets_about([], recorded))
+    assert not explain(offsets_about(np.zeros(0, DIFFERENCE), recorded))
 
 
 def test_gains_are_solved_about_the_records() -> None:
@@ -194,7 +195,8 @@ def test_gains_are_solved_about_the_records() -> None:
     recorded = varying()
     gains = recorded.copy()
     gains[200] += 0.8
-    chain = solve_recorded([d for d in chained(gains, 0.02) if 100 not in (d.i, d.j)], recorded, (False, False))
+    found = chained(gains, 0.02)
+    chain = solve_recorded(found[(found["i"] != 100) & (found["j"] != 100)], recorded, (False, False))
     np.testing.assert_allclose(chain.gains[100], recorded[100], atol=0.02)
     assert np.abs(chain.gains - gains[:, None]).max() < 0.12
     assert chain.measured.all()

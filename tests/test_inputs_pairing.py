@@ -1,11 +1,12 @@
 """Which file belongs to which: by name, by time stamp, and what belongs to none."""
 
 import os
+import re
 import unicodedata
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stereo_seecolor.config import InputConfig
@@ -255,6 +256,31 @@ def test_any_stem_gives_a_name_that_can_be_written(stem: str) -> None:
 def test_natural_order_is_total(texts: list[str]) -> None:
     backwards = texts[::-1]
     assert sorted(backwards, key=natural_key) == sorted(texts, key=natural_key)
+
+
+@given(st.lists(st.from_regex(r"[a-bA-B_ ]{0,2}[0-9]{0,3}[a-b]?[0-9]{0,2}", fullmatch=True), max_size=12))
+def test_natural_order_reads_digits_as_numbers(names: list[str]) -> None:
+    def parts(name: str) -> tuple[list[str | int], str]:
+        found = re.split("([0-9]+)", name.casefold())
+        return [int(part) if place % 2 else part for place, part in enumerate(found)], name
+
+    assert sorted(names, key=natural_key) == sorted(names, key=parts)
+
+
+STEMS = st.lists(st.sampled_from(["f1", "f2", "f10", "F1", "g1", "a-b", "a", "20180811_153729", "20180811_153730"]), max_size=4)
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(STEMS, STEMS, st.sampled_from([".png", ".jpg"]))
+def test_folders_of_the_same_stems_are_paired_as_others(tmp_path_factory, lefts: list[str], rights: list[str], end: str) -> None:
+    lefts, rights = ([*dict.fromkeys(stems), "b"] for stems in (lefts, rights))
+    left, right = folders(tmp_path_factory.mktemp("dive"), [f"{stem}.png" for stem in lefts], [f"{stem}{end}" for stem in rights])
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("stereo_seecolor.inputs.pairing._same_stems", lambda *_: None)
+        expected = pair_folders(left, right, InputConfig())
+    found = pair_folders(left, right, InputConfig())
+    assert (list(found.pairs), found.unpaired, found.notes) == (list(expected.pairs), expected.unpaired, expected.notes)
+    assert [pair.place for pair in found.pairs] == [pair.place for pair in expected.pairs]
 
 
 @given(st.text(max_size=40))

@@ -22,3 +22,17 @@ class Lazy(Sequence[Item]):
         if isinstance(index, slice):
             return [self.item(i) for i in range(len(self))[index]]
         return self.item(range(len(self))[index])
+
+
+class Chosen(Lazy[Item]):
+    """Some items of a sequence. numbers: of them, in order, as an array of numbers."""
+
+    def __init__(self, items: Sequence[Item], numbers: Sequence[int]) -> None:
+        self._items, self._numbers = items, numbers
+
+    def __len__(self) -> int:
+        return len(self._numbers)
+
+    def item(self, number: int) -> Item:
+        """The item of this number among those chosen."""
+        return self._items[self._numbers[number]]

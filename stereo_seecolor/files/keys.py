@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
 
 import numpy as np
@@ -9,6 +10,11 @@ import numpy as np
 
 def content_key(*parts: object) -> str:
     """A hash of everything that an output depends on; equal parts give equal keys, on any machine."""
+    return content_key_of(parts)
+
+
+def content_key_of(parts: Iterable[object]) -> str:
+    """As ``content_key``, of parts that are not all held in memory."""
     digest = hashlib.sha256()
     for part in parts:
         content = part if isinstance(part, bytes) else json.dumps(part, sort_keys=True, default=_plain).encode()

@@ -11,10 +11,21 @@ MAX_NAME_BYTES = 180
 _HASH_DIGITS = 8  # hexadecimal: two names of a dive share them by chance in one of 400 million
 
 
-def natural_key(name: str) -> tuple[tuple[str | int, ...], str]:
-    """Sort key that reads runs of digits as numbers, so that frame2 comes before frame10; ties are broken by the name itself."""
-    parts = re.split(r"([0-9]+)", name.casefold())
-    return tuple(int(part) if i % 2 else part for i, part in enumerate(parts)), name
+_DIGITS = re.compile("[0-9]+")
+
+
+def natural_key(name: str) -> str:
+    """Sort key that reads runs of digits as numbers, so that frame2 comes before frame10; ties are broken by the name itself.
+
+    A number is written as a character that sorts before all others, how many digits it has, and these. One text and no tuple: a
+    folder may hold a million names.
+    """
+    return f"{_DIGITS.sub(_number_key, name.casefold())}\0\0{name}"
+
+
+def _number_key(digits: re.Match[str]) -> str:
+    number = digits[0].lstrip("0")
+    return f"\0{chr(len(number) + 1)}{number}"
 
 
 def product_name(stem: str) -> str:

@@ -2,12 +2,13 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from calibration.wording import counted
+from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name
 from stereo_seecolor.files.reading import entry_problem
@@ -33,10 +34,25 @@ class Unpaired:
 
 
 @dataclass(frozen=True)
+class FolderFiles(Lazy[Path]):
+    """Files of one folder, kept by their names: a million paths take ten times as much memory."""
+
+    folder: Path
+    names: Sequence[str]
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def item(self, number: int) -> Path:
+        """The path of the file of this number."""
+        return self.folder / self.names[number]
+
+
+@dataclass(frozen=True)
 class Listing:
     """files: regular files in natural order of their names. unreadable: named like images, but a folder, a pipe or a lost link."""
 
-    files: tuple[Path, ...]
+    files: Sequence[Path]
     unreadable: tuple[Unpaired, ...] = ()
 
 
@@ -59,23 +75,29 @@ def list_images(source: Path, what: str) -> Listing:
     if source.is_file() and _is_image(source.name, "*"):
         return Listing((source,))
     folder, pattern = folder_of(source), source.name if is_pattern(source) else "*"
+    names, others, problems = [], [], []
     try:
         with os.scandir(folder) as entries:
-            listed = list(entries)
-        problems = {entry.name: entry_problem(entry) for entry in listed if _is_image(entry.name, pattern)}
+            for entry in entries:
+                if not _is_image(entry.name, pattern):
+                    others.append(entry.name)
+                elif problem := entry_problem(entry):
+                    problems.append(Unpaired(folder / entry.name, problem))
+                else:
+                    names.append(entry.name)
     except FileNotFoundError as error:
         raise InputError(f"{folder}: the folder of {what} does not exist") from error
     except NotADirectoryError as error:
         raise InputError(f"{folder}: is a file; give the folder of {what}") from error
     except OSError as error:
         raise InputError(f"{folder}: the folder of {what} cannot be read: {error.strerror}") from error
-    names = sorted(problems, key=natural_key)
-    files = tuple(folder / name for name in names if not problems[name])
-    if not files:
+    if not names:
         named = f" named {pattern}" if is_pattern(source) else ""
-        hint = unread_hint([entry.name for entry in listed])
+        hint = unread_hint([*others, *(file.path.name for file in problems)])
         raise InputError(f"{folder}: holds no {what}{named} ({', '.join(sorted(EXTENSIONS))}){hint}")
-    return Listing(files, tuple(Unpaired(folder / name, problems[name]) for name in names if problems[name]))
+    names.sort(key=natural_key)
+    problems.sort(key=lambda file: natural_key(file.path.name))
+    return Listing(FolderFiles(folder, names), tuple(problems))
 
 
 def unread_hint(names: Iterable[str]) -> str:
@@ -89,4 +111,5 @@ def unread_hint(names: Iterable[str]) -> str:
 
 
 def _is_image(name: str, pattern: str) -> bool:
-    return Path(name).suffix.lower() in EXTENSIONS and not name.startswith(".") and fnmatchcase(name, pattern)
+    suffix = os.path.splitext(name)[1]  # noqa: PTH122  # a path for each of a million names takes 20 s
+    return suffix.lower() in EXTENSIONS and not name.startswith(".") and fnmatchcase(name, pattern)

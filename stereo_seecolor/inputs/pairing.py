@@ -1,15 +1,19 @@
 """Which file of the left folder belongs to which of the right one, and which belong to none."""
 
+from array import array
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from itertools import zip_longest
+from math import inf
 from pathlib import Path
 
+from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, short_hash
-from stereo_seecolor.inputs.listing import Unpaired, list_images
+from stereo_seecolor.inputs.listing import Listing, Unpaired, list_images
 from stereo_seecolor.inputs.name_keys import Keys, affix_keys, side_keys, stem_keys
 from stereo_seecolor.inputs.timestamps import timestamp_from_name
 
@@ -20,7 +24,7 @@ DRIFT_S = 1e-3
 """Movement of one clock against the other that is worth a note, seconds; less is the rounding of milliseconds."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Pair:
     """Two files that belong together. name: what the outputs are called. timestamp_s: from the left name, or None.
 
@@ -34,9 +38,9 @@ class Pair:
     place: tuple[int, int] = field(default=(0, 1), compare=False)
 
 
-def in_place(pairs: Sequence[Pair]) -> tuple[Pair, ...]:
-    """All pairs of a dive, each with its place in it."""
-    return tuple(replace(pair, place=(number, len(pairs))) for number, pair in enumerate(pairs))
+def in_place(pairs: Sequence[Pair]) -> Sequence[Pair]:
+    """All pairs of a dive, each with its place in it; packed, since a dive may have a million."""
+    return Packed(replace(pair, place=(number, len(pairs))) for number, pair in enumerate(pairs))
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class Pairing:
     notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
     """
 
-    pairs: tuple[Pair, ...]
+    pairs: Sequence[Pair]
     unpaired: tuple[Unpaired, ...]
     notes: tuple[str, ...] = ()
 
@@ -103,9 +107,35 @@ def pair_folders(left: Path, right: Path, config: InputConfig) -> Pairing:
     left, right: as in list_images; two single images are a pair, whatever their names.
     Raises InputError if a folder is missing or empty, or if no pair is found.
     """
-    matching = _list(left, "left images", right, "right images")
+    lefts, rights = list_images(left, "left images"), list_images(right, "right images")
+    same = None if config.pairing == "timestamp" else _same_stems(lefts.files, rights.files)
+    if same is not None:
+        return Pairing(same, _in_order([*lefts.unreadable, *rights.unreadable]), _drift_notes(same))
+    matching = _matching(lefts, rights)
     _settle_single(matching, left, right)
     return _settled(matching, config, f"{left} and {right}")
+
+
+def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair] | None:
+    """The pairs of two folders that hold the same stems in the order of the dive: most do, and need no search for partners.
+
+    None for others, and where a stem comes twice. A million pairs take little memory here.
+    """
+    pairs: Packed[Pair] = Packed()
+    seen: set[str] = set()
+    timed = bool(lefts) and timestamp_from_name(lefts[0].stem) is not None
+    last: tuple[float, str] = (-inf, "")
+    for left, right in zip_longest(lefts, rights):
+        if left is None or right is None or left.stem != right.stem:
+            return None
+        time_s, name = timestamp_from_name(left.stem), product_name(left.stem)
+        place = (time_s or 0.0 if timed else 0.0, natural_key(name))
+        if (time_s is not None) != timed or place <= last or (folded := name.casefold()) in seen:
+            return None
+        seen.add(folded)
+        pairs.append(Pair(name, left, right, time_s, (len(pairs), len(lefts))))
+        last = place
+    return pairs if pairs else None
 
 
 def pair_files(lefts: Sequence[Path], rights: Sequence[Path], config: InputConfig, where: str) -> Pairing:
@@ -131,7 +161,7 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
 
 def pair_by_stem(images: Path, ranges: Path) -> Pairing:
     """Pair images with the range maps of the same stem, for people who bring their own; ``right`` is the range map."""
-    matching = _list(images, "images", ranges, "range maps")
+    matching = _matching(list_images(images, "images"), list_images(ranges, "range maps"))
     example = f"{matching.lefts[0].name} and {matching.rights[0].name}"
     _settle_single(matching, images, ranges)
     _settle_by_name(matching)
@@ -146,8 +176,7 @@ def in_dive_order(pairs: Sequence[Pair]) -> list[Pair]:
     return sorted(pairs, key=lambda pair: (pair.timestamp_s or 0.0 if timed else 0.0, natural_key(pair.name)))
 
 
-def _list(left: Path, left_what: str, right: Path, right_what: str) -> _Matching:
-    lefts, rights = list_images(left, left_what), list_images(right, right_what)
+def _matching(lefts: Listing, rights: Listing) -> _Matching:
     return _Matching(list(lefts.files), list(rights.files), [], [*lefts.unreadable, *rights.unreadable])
 
 
@@ -170,8 +199,11 @@ def _pairing(matching: _Matching, left_reason: str, right_reason: str) -> Pairin
     unpaired = [*matching.unpaired, *(Unpaired(path, left_reason) for path in matching.lefts)]
     unpaired += [Unpaired(path, right_reason) for path in matching.rights]
     pairs = in_dive_order(_with_unique_names(matching.pairs))
-    in_order = sorted(unpaired, key=lambda file: (str(file.path.parent), natural_key(file.path.name)))
-    return Pairing(in_place(pairs), tuple(in_order), _drift_notes(pairs))
+    return Pairing(in_place(pairs), _in_order(unpaired), _drift_notes(pairs))
+
+
+def _in_order(unpaired: list[Unpaired]) -> tuple[Unpaired, ...]:
+    return tuple(sorted(unpaired, key=lambda file: (str(file.path.parent), natural_key(file.path.name))))
 
 
 def _with_unique_names(pairs: list[Pair]) -> list[Pair]:
@@ -193,10 +225,10 @@ def _nearest(times: list[float], time_s: float) -> int | None:
     return min(candidates, key=lambda i: abs(times[i] - time_s), default=None)
 
 
-def _drift_notes(pairs: list[Pair]) -> tuple[str, ...]:
+def _drift_notes(pairs: Sequence[Pair]) -> tuple[str, ...]:
     """Say so if the two cameras' clocks move against each other: the pairs that are still near enough are then few."""
-    times = [(pair.timestamp_s, timestamp_from_name(pair.right.stem)) for pair in pairs]
-    offsets = [right - left for left, right in times if left is not None and right is not None]
+    times = ((pair.timestamp_s, timestamp_from_name(pair.right.stem)) for pair in pairs if pair.timestamp_s is not None)
+    offsets = array("d", (right - left for left, right in times if left is not None and right is not None))
     if len(offsets) < DRIFT_PAIRS:
         return ()
     quarter = len(offsets) // 4

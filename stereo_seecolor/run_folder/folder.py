@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.files.atomic import Content, link_temporary, output_errors, remove_leftovers, remove_leftovers_below
 from stereo_seecolor.files.decode import read_array
-from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.keys import content_key_of
 from stereo_seecolor.run_folder.claim import Owner, check_claim, refuse_foreign, refuse_inputs, refuse_links, refuse_used
 from stereo_seecolor.run_folder.input_files import input_record
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
@@ -105,7 +105,7 @@ class RunFolder:
     def digest(self, stage: Stage) -> str:
         """A hash of all frames whose stage is current, to tell whether what is made from them is up to date."""
         current = ((frame.name, frame.stages[stage].key) for frame in self.manifest.frames() if self.dive.is_current(frame, stage))
-        return content_key(*current)
+        return content_key_of(current)
 
     def _begin(self) -> None:
         if self._claim.overwrite and self.manifest.exists():

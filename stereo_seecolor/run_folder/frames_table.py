@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.records import FrameRow, Status
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 from stereo_seecolor.run_folder.kept_plan import Compared
-from stereo_seecolor.run_folder.packed_rows import PackedRows
 
 RESIDUALS = ("position_residual_m", "attitude_residual_deg")
 """Columns of frames.csv that a map with given poses adds."""
@@ -29,7 +29,7 @@ class FrameTable:
     """A dive's rows in the order they came."""
 
     def __init__(self) -> None:
-        self._rows = PackedRows()
+        self._rows: Packed[FrameRow] = Packed()
         self._places: dict[int, int] = {}
 
     def add(self, row: FrameRow) -> None:

@@ -1,7 +1,7 @@
 """What the light of a dive was solved from, and the solution, kept in OUT so that a rerun does not solve it again."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,8 @@ class KeptLight:
 
     def save(self, root: Path) -> None:
         """Write it. Raises OutputError."""
-        write_atomic(light_file(root), json.dumps(asdict(self)).encode())
+        content = {"key": self.key, "note": self.note, "light": self.light, "linked": self.linked}
+        write_atomic(light_file(root), (piece.encode() for piece in json.JSONEncoder().iterencode(content)))
 
     @classmethod
     def load(cls, root: Path) -> "KeptLight | None":

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration import Rectification
+from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.json_values import plain
 from stereo_seecolor.records import FrameRow
@@ -30,7 +31,6 @@ from stereo_seecolor.run_folder.layout import (
     WHAT_IS_WHERE,
     Stage,
 )
-from stereo_seecolor.run_folder.packed_rows import PackedRows
 from stereo_seecolor.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "open3d", "gtsam")
@@ -99,7 +99,7 @@ def final_rows(
     folder: RunFolder, run: RunDescription, rows: Sequence[FrameRow], unpaired: Iterable[FrameRow]
 ) -> Sequence[FrameRow]:
     """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not come to is pending."""
-    places, final = {hash(row.name): place for place, row in enumerate(rows)}, PackedRows()
+    places, final = {hash(row.name): place for place, row in enumerate(rows)}, Packed[FrameRow]()
     for name in run.names:
         place = places.get(hash(name))
         final.append(FrameRow(name, "pending", error=NOT_REACHED) if place is None else _checked(folder, run, rows[place]))

@@ -5,7 +5,6 @@ two frames is one difference (luminance, and three of color), and how many patch
 banded system.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,24 +47,35 @@ SETTINGS = ChainSettings()
 _LUMINANCE, _COLOR = slice(0, 1), slice(1, 4)
 
 
-@dataclass(frozen=True, eq=False)
-class Difference:
-    """Between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B) over patches.
+DIFFERENCE = np.dtype(
+    [("i", "<i4"), ("j", "<i4"), ("patches", "<i4")] + [(what, "<f4", 4) for what in ("whole", "fitted", "judged", "spread")]
+)
+"""Between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B) over patches, of which there are so many.
 
-    whole (4,): of all patches. fitted, judged (4,): of each half of them. spread (4,): robust standard deviation of one patch's.
-    patches: how many.
-    """
-
-    i: int
-    j: int
-    whole: Array
-    fitted: Array
-    judged: Array
-    spread: Array
-    patches: int
+whole: of all patches. fitted, judged: of each half of them. spread: robust standard deviation of one patch's. 76 bytes: a dive of a
+million frames has three million of these.
+"""
+Differences = NDArray[np.void]
+"""(D,) of DIFFERENCE."""
 
 
-def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Iterator[Difference]:
+class DifferenceTable:
+    """Differences as they come, in the memory that they need."""
+
+    def __init__(self) -> None:
+        self._content = bytearray()
+
+    def add(self, found: Differences) -> None:
+        """Some more."""
+        self._content += found.tobytes()
+
+    @property
+    def all(self) -> Differences:
+        """All that were added."""
+        return np.frombuffer(self._content, DIFFERENCE)
+
+
+def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Differences:
     """Between the first frame of a window and each of the others, once the light's pattern and trend are taken out.
 
     size: of the pictures that the sightings' pixels are of.
@@ -76,7 +86,7 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
     left = np.log(seen.light[good]) - light.at(seen.pixel[good], seen.range_m[good], size)
     luminance = left.mean(axis=1, keepdims=True)
     values = np.concatenate([luminance, left - luminance], axis=1)
-    first = np.flatnonzero(frame == 0)
+    first, found = np.flatnonzero(frame == 0), []
     for other in range(1, len(window.frames)):
         there = np.flatnonzero(frame == other)
         common, a, b = np.intersect1d(patch[first], patch[there], assume_unique=True, return_indices=True)
@@ -85,7 +95,8 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
         if min(held.sum(), (~held).sum()) >= SETTINGS.least_patches:
             whole, fitted, judged = (np.median(difference[part], axis=0) for part in (held | ~held, ~held, held))
             spread = ROBUST_DEVIATION * np.median(np.abs(difference - whole), axis=0)
-            yield Difference(int(window.frames[0]), int(window.frames[other]), whole, fitted, judged, spread, len(common))
+            found.append((window.frames[0], window.frames[other], len(common), whole, fitted, judged, spread))
+    return np.array(found, DIFFERENCE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,32 +110,30 @@ class Chain:
     offsets: tuple[float, float]
 
 
-def solve_chain(found: Iterable[Difference], frames: int, chosen: tuple[bool, bool] = (False, False)) -> Chain:
+def solve_chain(found: Differences, frames: int, chosen: tuple[bool, bool] = (False, False)) -> Chain:
     """The gains of luminance and of color, each if they help, or were ``chosen`` with the pattern."""
-    every = list(found)
     measured = np.zeros(frames, np.bool_)
-    measured[[k for difference in every for k in (difference.i, difference.j)]] = True
-    halves, outputs = (_outputs(every, frames, [getattr(d, part) for d in every]) for part in ("fitted", "whole"))
-    luminance, color = (_offsets(every, halves[:, part], part) for part in (_LUMINANCE, _COLOR))
+    measured[found["i"]] = measured[found["j"]] = True
+    halves, outputs = (_outputs(found, frames, part) for part in ("fitted", "whole"))
+    luminance, color = (_offsets(found, halves[:, part], part) for part in (_LUMINANCE, _COLOR))
     used = chosen[0] or _helps(luminance), chosen[1] or _helps(color)
     gains = outputs[:, _LUMINANCE] * used[0] + outputs[:, _COLOR] * used[1]
     return Chain(gains, measured, luminance)
 
 
-def offset_between(every: Sequence[Difference]) -> float:
+def offset_between(found: Differences) -> float:
     """rms of the luminance between frames, on the patches that judge."""
-    frames = 1 + max((difference.i for difference in every), default=0)
-    return _offsets(every, np.zeros((frames, 1)), _LUMINANCE)[0]
+    frames = 1 + int(found["i"].max(initial=0))
+    return _offsets(found, np.zeros((frames, 1)), _LUMINANCE)[0]
 
 
-def _offsets(every: Sequence[Difference], gains: Array, part: slice) -> tuple[float, float]:
+def _offsets(found: Differences, gains: Array, part: slice) -> tuple[float, float]:
     """rms between frames on patches that took no part, without and with gains."""
-    if not every:
+    if not len(found):
         return 0.0, 0.0
-    patches = [difference.patches for difference in every]
-    before = np.stack([difference.judged[part] for difference in every])
-    after = before - np.stack([gains[difference.i] - gains[difference.j] for difference in every])
-    rms = [float(np.sqrt(np.average((off**2).mean(axis=1), weights=patches))) for off in (before, after)]
+    before = found["judged"][:, part].astype(np.float64)
+    after = before - (gains[found["i"]] - gains[found["j"]])
+    rms = [float(np.sqrt(np.average((off**2).mean(axis=1), weights=found["patches"]))) for off in (before, after)]
     return rms[0], rms[1]
 
 
@@ -133,17 +142,17 @@ def _helps(offsets: tuple[float, float]) -> bool:
     return before > SETTINGS.offset and after < SETTINGS.left * before
 
 
-def _outputs(every: Sequence[Difference], frames: int, medians: Sequence[Array]) -> Array:
-    """(F, 4) gains that explain the medians best, of luminance and of color."""
-    if not every:
-        return np.zeros((frames, 4))
-    i, j = np.array([(difference.i, difference.j) for difference in every], np.int64).T
-    solved = []
-    for output, values in enumerate(np.stack(medians, axis=1)):
+def _outputs(found: Differences, frames: int, medians: str) -> Array:
+    """(F, 4) gains that explain the medians of that name best, of luminance and of color."""
+    solved = np.zeros((frames, 4))
+    if not len(found):
+        return solved
+    i, j = (found[end].astype(np.int64) for end in "ij")
+    for output in range(4):
         deviation, floor = (COLOR.gain, SETTINGS.floor[1]) if output else (SETTINGS.gain, SETTINGS.floor[0])
-        variance = np.array([d.spread[output] ** 2 * SETTINGS.alike / d.patches for d in every]) + floor**2
-        solved.append(_chain(i, j, values, variance, np.full(frames, deviation)))
-    return np.stack(solved, axis=1)
+        variance = found["spread"][:, output].astype(np.float64) ** 2 * SETTINGS.alike / found["patches"] + floor**2
+        solved[:, output] = _chain(i, j, found[medians][:, output].astype(np.float64), variance, np.full(frames, deviation))
+    return solved
 
 
 def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Array) -> Array:

@@ -6,7 +6,7 @@ The pattern is the lens' vignette times the light of the rig's own lamps: smooth
 frames. Its logarithm is a polynomial, of mean 0 over the picture at every range: the trend with range is the water's.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.keys import content_key, content_key_of
 from stereo_seecolor.records import Water
 from stereo_seecolor.water_limits import LIMITS
 
@@ -43,6 +43,23 @@ PATTERN = len(POWERS)
 TERMS = PATTERN * (SHAPE.range_degree + 1)
 
 
+class FrameGains(Mapping[str, Array]):
+    """Name of a frame -> (3,) logarithm of its gain; of a million frames, as one array. names: of the (F, 3) values."""
+
+    def __init__(self, names: Iterable[str] = (), values: Array | Sequence[Array] = ()) -> None:
+        self._places = {name: place for place, name in enumerate(names)}
+        self._values = np.array(values, np.float64).reshape(-1, 3)
+
+    def __getitem__(self, name: str) -> Array:
+        return np.asarray(self._values[self._places[name]])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._places)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+
 @dataclass(frozen=True, eq=False)
 class Light:
     """The light of a survey.
@@ -55,7 +72,7 @@ class Light:
     coefficients: Array
     reference_m: float
     seen_m: tuple[float, float]
-    gains: Mapping[str, Array] = field(default_factory=dict)
+    gains: Mapping[str, Array] = field(default_factory=FrameGains)
     fade: float = 0.0
 
     def on(self, name: str, size: tuple[int, int]) -> "FrameLight":
@@ -97,7 +114,8 @@ class Light:
     @cached_property
     def fingerprint(self) -> str:
         """Hash of all of it."""
-        return content_key(self.content())
+        gains = content_key_of(pair for name, gain in self.gains.items() for pair in (name, gain))
+        return content_key(replace(self, gains={}).content(), gains)
 
     def content(self) -> dict[str, Any]:
         """As JSON holds it."""
@@ -114,7 +132,7 @@ class Light:
         """What ``content`` gave. Raises ValueError, KeyError or TypeError where it is something else."""
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
-        gains = {str(name): np.array(gain, dtype=np.float64).reshape(3) for name, gain in content["log_gains"].items()}
+        gains = FrameGains(map(str, content["log_gains"]), list(content["log_gains"].values()))
         return cls(coefficients, float(content["reference_m"]), (near_m, far_m), gains, float(content["fade"]))
 
 

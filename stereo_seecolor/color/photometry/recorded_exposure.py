@@ -5,12 +5,12 @@ decide whether the records are used at all.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.gain_chain import Chain, Difference, offset_between, solve_chain
+from stereo_seecolor.color.photometry.gain_chain import Chain, Differences, offset_between, solve_chain
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
@@ -33,7 +33,8 @@ SETTINGS = RecordSettings()
 
 def log_exposures(captures: Sequence[Capture]) -> Array:
     """(F,) logarithms of how bright each frame comes out by its record, of mean 0; 0 where a frame lacks what others recorded."""
-    fields = np.array([[c.exposure_s, c.gain, c.aperture] for c in captures], np.float64).reshape(len(captures), 3)
+    values = (value for c in captures for value in (c.exposure_s, c.gain, c.aperture))
+    fields = np.fromiter((np.nan if value is None else value for value in values), np.float64).reshape(len(captures), 3)
     recorded = ~np.isnan(fields)
     complete = (recorded | ~recorded.any(axis=0)).all(axis=1)
     logs = np.log(np.where(recorded, fields, 1.0)) @ np.array([1.0, 1.0, -2.0])
@@ -46,7 +47,7 @@ def worth_a_look(recorded: Array) -> bool:
     return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
 
 
-def offsets_about(found: Sequence[Difference], recorded: Array) -> tuple[float, float]:
+def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
     """rms of luminance between frames, as they are and with the (F,) records taken off."""
     return offset_between(found), offset_between(without(found, recorded))
 
@@ -56,7 +57,7 @@ def explain(offsets: tuple[float, float]) -> bool:
     return offsets[1] < SETTINGS.left * offsets[0]
 
 
-def solve_recorded(found: Sequence[Difference], recorded: Array, chosen: tuple[bool, bool]) -> Chain:
+def solve_recorded(found: Differences, recorded: Array, chosen: tuple[bool, bool]) -> Chain:
     """The gains of all frames about the (F,) records, which are all that is known of a frame without overlap. chosen: as of
     ``solve_chain``.
     """
@@ -65,12 +66,10 @@ def solve_recorded(found: Sequence[Difference], recorded: Array, chosen: tuple[b
     return Chain(chain.gains + recorded[:, None], chain.measured | (recorded != 0), (offset_between(found), left))
 
 
-def without(found: Sequence[Difference], recorded: Array) -> list[Difference]:
+def without(found: Differences, recorded: Array) -> Differences:
     """The differences with the records taken off their luminance."""
-    return [_without(difference, recorded[difference.i] - recorded[difference.j]) for difference in found]
-
-
-def _without(difference: Difference, log_ratio: float) -> Difference:
-    off = np.array([log_ratio, 0.0, 0.0, 0.0])
-    whole, fitted, judged = (part - off for part in (difference.whole, difference.fitted, difference.judged))
-    return replace(difference, whole=whole, fitted=fitted, judged=judged)
+    left = found.copy()
+    log_ratio = recorded[found["i"]] - recorded[found["j"]]
+    for part in ("whole", "fitted", "judged"):
+        left[part][:, 0] -= log_ratio
+    return left

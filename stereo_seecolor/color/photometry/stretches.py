@@ -22,6 +22,7 @@ from stereo_seecolor.color.photometry.survey import (
     ExposureClass,
     FitTable,
     Fitter,
+    FrameBrightness,
     ReadPixels,
     class_of,
     completed,
@@ -73,16 +74,16 @@ class _PackedClass:
 
 @dataclass(frozen=True, eq=False)
 class _Chunk:
-    """Neighboring frames. frames: name -> packed Brightness. classes: their tables, by brightness."""
+    """Neighboring frames. frames: their numbers. classes: their tables, by brightness."""
 
-    frames: dict[str, bytes]
+    frames: range
     classes: dict[int, _PackedClass]
 
     def __add__(self, other: "_Chunk") -> "_Chunk":
         classes = dict(self.classes)
         for kind, frames in other.classes.items():
             classes[kind] = classes[kind] + frames if kind in classes else frames
-        return _Chunk(self.frames | other.frames, classes)
+        return _Chunk(range(self.frames.start, other.frames.stop), classes)
 
     def table(self) -> MomentTable | None:
         """Of its frames of usual exposure; None where there is no light, or no known range."""
@@ -93,13 +94,13 @@ class _Chunk:
 class _OpenChunk:
     """The chunk that grows: its tables are not packed, so that a frame costs the same however many came before it."""
 
-    def __init__(self) -> None:
-        self.frames: dict[str, bytes] = {}
+    def __init__(self, start: int) -> None:
+        self.frames = range(start, start)
         self._classes: dict[int, ExposureClass] = {}
 
-    def add(self, name: str, frame: ExposureClass, kind: int) -> None:
+    def add(self, frame: ExposureClass, kind: int) -> None:
         """One more frame, of that class."""
-        self.frames[name] = frame.brightness.packed()
+        self.frames = range(self.frames.start, self.frames.stop + 1)
         if frame.table.pixels.any():
             self._classes[kind] = self._classes[kind] + frame if kind in self._classes else frame
 
@@ -126,7 +127,8 @@ class AutoFitter(Fitter):
     def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
         self._config, self._fit, self._linked = config, fit, linked
         self._chunks: list[_Chunk] = []
-        self._open = _OpenChunk()
+        self._frames = FrameBrightness()
+        self._open = _OpenChunk(0)
         self._chunk_frames = 1
         self.stretches: list[list[str]] = []
 
@@ -135,24 +137,26 @@ class AutoFitter(Fitter):
         brightness = Brightness.of(table, self._config.input_encoding)
         if self._open.frames and name not in self._linked and len(self._open.frames) >= self._chunk_frames:
             self._chunks.append(self._open.closed())
-            self._open = _OpenChunk()
+            self._open = _OpenChunk(len(self._frames))
             if len(self._chunks) == SETTINGS.most_chunks:
                 self._chunk_frames *= 2
                 self._chunks = [reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)]
-        self._open.add(name, ExposureClass(table, brightness), class_of(brightness, self._config))
+        self._frames.add(name, brightness)
+        self._open.add(ExposureClass(table, brightness), class_of(brightness, self._config))
 
     def waters(self) -> dict[str, Water]:
         """Each frame's, by its stretch; a stretch without a known range gets the water of that before it."""
         chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
         evidence = [self._evidence(chunk) for chunk in chunks]
-        parts = _parts(evidence, self._config)
+        parts = _parts(evidence, self._config) if chunks else []
         waters: dict[str, Water | None] = {}
         for part in parts:
-            whole = reduce(add, chunks[part.start : part.stop], _Chunk({}, {}))
+            whole = reduce(add, chunks[part.start : part.stop])
             classes = {kind: frames.unpacked for kind, frames in whole.classes.items()}
-            found: Mapping[str, Water | None] = dict.fromkeys(whole.frames)
-            waters |= survey_waters(whole.frames, classes, self._config, self._fit) if classes else found
-            self.stretches.append(list(whole.frames))
+            names = self._frames.names[whole.frames.start : whole.frames.stop]
+            found: Mapping[str, Water | None] = dict.fromkeys(names)
+            waters |= survey_waters(self._frames.of(whole.frames), classes, self._config, self._fit) if classes else found
+            self.stretches.append(names)
         return completed(waters)
 
     def notes(self) -> tuple[str, ...]:

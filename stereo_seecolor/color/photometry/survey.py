@@ -1,7 +1,7 @@
 """One water for many frames: tables add, so the water of a survey is the fit to the sum of its frames' tables."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -12,6 +12,7 @@ import numpy as np
 from stereo_seecolor.color.photometry.exposure import Brightness, darkened, exposed
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
 from stereo_seecolor.records import Image, Map, Water
@@ -104,6 +105,26 @@ class ExposureClass:
         return ExposureClass(self.table + other.table, self.brightness + other.brightness)
 
 
+class FrameBrightness:
+    """Names of frames, and how bright each is, in the order they came: 400 bytes a frame, which do not stay in memory."""
+
+    def __init__(self) -> None:
+        self.names: list[str] = []
+        self._packed: Packed[bytes] = Packed()
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def add(self, name: str, brightness: Brightness) -> None:
+        """One more frame."""
+        self.names.append(name)
+        self._packed.append(brightness.packed())
+
+    def of(self, numbers: range) -> Iterator[tuple[str, Brightness]]:
+        """Names and brightness of the frames of these numbers."""
+        return ((self.names[number], Brightness.unpacked(self._packed[number])) for number in numbers)
+
+
 class SurveyFitter(Fitter):
     """``color.lock: survey``. One water and one exposure for all frames.
 
@@ -113,13 +134,13 @@ class SurveyFitter(Fitter):
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
-        self._frames: dict[str, bytes] = {}
+        self._frames = FrameBrightness()
         self._classes: dict[int, ExposureClass] = {}
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame."""
         brightness = Brightness.of(table, self._config.input_encoding)
-        self._frames[name] = brightness.packed()
+        self._frames.add(name, brightness)
         if not table.pixels.any():
             return
         kind = class_of(brightness, self._config)
@@ -131,19 +152,18 @@ class SurveyFitter(Fitter):
 
     def waters(self) -> dict[str, Water]:
         """The survey's, as each frame's camera exposure shows it."""
-        return survey_waters(self._frames, self._classes, self._config, self._fit)
+        if not self._classes:
+            return completed(dict.fromkeys(self._frames.names))
+        return survey_waters(self._frames.of(range(len(self._frames))), self._classes, self._config, self._fit)
 
 
 def survey_waters(
-    frames: Mapping[str, bytes], classes: Mapping[int, ExposureClass], config: ColorConfig, fit: FitTable
+    frames: Iterable[tuple[str, Brightness]], classes: Mapping[int, ExposureClass], config: ColorConfig, fit: FitTable
 ) -> dict[str, Water]:
-    """One water for ``frames`` (name -> packed Brightness), as each one's exposure shows it. classes: their tables."""
-    if not classes:
-        return completed(dict.fromkeys(frames))
+    """One water for ``frames`` (name, brightness), as each one's exposure shows it. classes: their tables, one at least."""
     most, survey = usual_exposure(classes)
     water = _fitted(survey.table, config, fit, None)
-    unpacked = ((name, Brightness.unpacked(packed)) for name, packed in frames.items())
-    return {name: _as_exposed(water, frame, survey.brightness, most, config) for name, frame in unpacked}
+    return {name: _as_exposed(water, frame, survey.brightness, most, config) for name, frame in frames}
 
 
 def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
