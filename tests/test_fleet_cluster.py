@@ -2,8 +2,9 @@
 
 import asyncio
 import os
+import time
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -241,3 +242,42 @@ def test_results_come_in_order_and_errors_as_they_are(local: DaskCompute) -> Non
     results = local.each(square, iter(range(10_000)))
     assert next(results) == 0
     results.close()
+
+
+@dataclass(frozen=True)
+class Large:
+    """Work that takes more memory than a worker has, the first so many times. tries: a file with a line for each worker it met."""
+
+    name: str
+    tries: Path
+    times: int
+
+
+def take_memory(item: Large) -> str:
+    with item.tries.open("a") as file:
+        file.write(f"{os.getpid()}\n")
+    if len(item.tries.read_text().splitlines()) <= item.times:
+        taken = b"x" * LIMIT_BYTES
+        time.sleep(60)
+        return f"was not ended with {len(taken)} bytes"
+    return item.name
+
+
+LIMIT_BYTES = 900_000_000
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_a_local_worker_beyond_its_memory_is_ended_and_its_batch_done_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(connect, "_memory_bytes", lambda: LIMIT_BYTES)
+    monkeypatch.setattr(connect, "DASK_SETTINGS", {**connect.DASK_SETTINGS, "distributed.scheduler.allowed-failures": 1})
+    once, always = (Large(f"frame{times}", tmp_path / str(times), times) for times in (1, 9))
+    with cluster("local:1") as compute:
+        assert list(compute.each(take_memory, [once, replace(once, name="next")])) == ["frame1", "next"]
+        with pytest.raises(ClusterError, match="local:1: the batch of frame9 ended 2 workers, most likely for want of memory"):
+            list(compute.each(take_memory, [always]))
+        assert list(compute.each(square, range(3))) == [0, 1, 4]
+    assert len(set(once.tries.read_text().split())) == 2
+    assert len(always.tries.read_text().split()) == 2

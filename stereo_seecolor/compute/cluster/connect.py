@@ -51,7 +51,12 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
 
     with dask.config.set(DASK_SETTINGS), opener() as opened:
         try:
-            client: Any = Client(opened.where, timeout=SCHEDULER_TIMEOUT_S, set_as_default=False)  # type: ignore[no-untyped-call]
+            client: Any = Client(  # type: ignore[no-untyped-call]
+                opened.where,
+                timeout=SCHEDULER_TIMEOUT_S,
+                set_as_default=False,
+                direct_to_workers=opened.where != name,  # a scheduler of this process would send on what it got from the same place
+            )
         except (OSError, TimeoutError, ValueError) as error:
             raise ClusterError(
                 f"{name}: no scheduler answers ({error}): start one with dask scheduler, and workers with dask worker {name}"

@@ -93,7 +93,7 @@ class DaskCompute:
         self, do: DoBatch, work: Callable[[Item], Result], batches: Batches[Item], at_once: Callable[[dict[str, int]], int]
     ) -> Iterator[Result]:
         """at_once: how many batches are done at once by workers of so many threads, by address."""
-        waiting: deque[tuple[Future, int]] = deque()
+        waiting: deque[tuple[Future, list[Item]]] = deque()
         done = False
         with ExitStack() as ends:
             send = self._sender(do, ends.enter_context(self._parcel(work)))
@@ -104,12 +104,12 @@ class DaskCompute:
                     batch = batches.next(workers)
                     done = not batch
                     if batch:
-                        waiting.append((send(batch), len(batch)))
+                        waiting.append((send(batch), batch))
                 if waiting:
-                    future, number = waiting[0]
-                    result = self._result(future)
+                    future, batch = waiting[0]
+                    result = self._result(future, batch)
                     waiting.popleft()
-                    batches.learn(result.seconds, number)
+                    batches.learn(result.seconds, len(batch))
                     self._used[result.process] = result.used_core_seconds, result.peak_bytes
                     yield from result.results
 
@@ -143,15 +143,15 @@ class DaskCompute:
             self._workers, self._looked_s = self._connected(), time.monotonic()
         return self._workers
 
-    def _result(self, future: Future) -> Done:
+    def _result(self, future: Future, batch: Sequence[Any]) -> Done:
         while True:
             try:
                 result: Done = future.result(timeout=REVIVE_S)
                 return result
             except KilledWorker as error:
                 raise ClusterError(
-                    f"{self._name}: a batch ended {error.allowed_failures + 1} workers, most likely for want of memory: give "
-                    "workers more memory, or fewer threads (docs/fleets.md); what is done is kept"
+                    f"{self._name}: {_named(batch)} ended {error.allowed_failures + 1} workers, most likely for want of memory: "
+                    "give workers more memory, or fewer threads (docs/fleets.md); what is done is kept"
                 ) from error
             except (FutureCancelledError, CommClosedError) as error:
                 raise self._gone(error) from error
@@ -206,6 +206,12 @@ class _Call:
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         return self.do, self.arguments
+
+
+def _named(batch: Sequence[Any]) -> str:
+    """A batch for a person: by the names of its first and its last item, where these have names."""
+    names = list(dict.fromkeys(str(item.name) for item in (batch[0], batch[-1]) if hasattr(item, "name")))
+    return f"the batch of {' to '.join(names)}" if names else "a batch"
 
 
 def _write(file: Path, content: bytes) -> None:

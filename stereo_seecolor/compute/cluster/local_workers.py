@@ -34,6 +34,8 @@ LOOK_S = 0.5
 """Seconds between two looks at the workers."""
 CAN_FORK = hasattr(os, "fork")
 
+log = logging.getLogger(__name__)
+
 
 @dataclass(frozen=True)
 class Orders:
@@ -159,8 +161,11 @@ def _end_large(running: set[int], memory_bytes: int) -> None:
 
     for pid in running:
         with contextlib.suppress(psutil.Error):
-            if psutil.Process(pid).memory_info().rss > memory_bytes:
+            taken = psutil.Process(pid).memory_info().rss
+            if taken > memory_bytes:
                 os.kill(pid, signal.SIGKILL)
+                what = f"worker {pid} took {taken / 1e9:.2f} GB, more than its {memory_bytes / 1e9:.2f} GB: it was ended"
+                log.warning("%s, and another does its batch again", what)
 
 
 # In a worker
