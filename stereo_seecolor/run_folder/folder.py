@@ -104,8 +104,7 @@ class RunFolder:
 
     def digest(self, stage: Stage) -> str:
         """A hash of all frames whose stage is current, to tell whether what is made from them is up to date."""
-        current = ((frame.name, frame.stages[stage].key) for frame in self.manifest.frames() if self.dive.is_current(frame, stage))
-        return content_key_of(current)
+        return content_key_of((f.name, f.stages[stage].key) for f in self.manifest.frames() if self.dive.is_current(f, stage))
 
     def _begin(self) -> None:
         if self._claim.overwrite and self.manifest.exists():
