@@ -13,6 +13,7 @@ from pydantic import ValidationError
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
+from stereo_seecolor.matching import reduced
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.matching.reduced import DetailMatcher
 from stereo_seecolor.records import RangeMap, StereoFrame
@@ -50,7 +51,7 @@ def test_clear_water_is_dense_and_right() -> None:
 
 
 @pytest.mark.slow
-def test_images_without_detail_at_their_full_size_are_matched_at_less() -> None:
+def test_large_images_without_detail_at_their_full_size_are_matched_at_less(monkeypatch: pytest.MonkeyPatch) -> None:
     """A sharp pair enlarged four times, with the noise of a camera: neighboring pixels say nothing there."""
     small, rng = scene(), np.random.default_rng(0)
 
@@ -66,7 +67,10 @@ def test_images_without_detail_at_their_full_size_are_matched_at_less() -> None:
     size = (4 * pair.image_size[0], 4 * pair.image_size[1])
     large = RectifiedPair(focal_px, cx_left_px, cx_right_px, cy_px, pair.baseline_m, size)
     frame = StereoFrame("pair", enlarged(small.frame.left), enlarged(small.frame.right))
-    plain, found = Matcher(large, CONFIG).match(frame), DetailMatcher(large, CONFIG).match(frame)
+    plain = Matcher(large, CONFIG).match(frame)
+    assert np.array_equal(DetailMatcher(large, CONFIG).match(frame).range_m, plain.range_m, equal_nan=True), "too small for it"
+    monkeypatch.setattr(reduced, "LEAST_PIXELS", small.depth_m.size)
+    found = DetailMatcher(large, CONFIG).match(frame)
     assert np.isfinite(plain.range_m).mean() + 0.1 < np.isfinite(found.range_m).mean()
     assert "matched at 1/2 of it" in found.warnings[-1]
     depth_m = cv2.resize(small.depth_m, size, interpolation=cv2.INTER_NEAREST)
