@@ -55,7 +55,10 @@ class RectifiedPair:
         width, height = self.image_size
         x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
         y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
-        return np.sqrt(1 + x**2 + y**2).astype(np.float32)
+        lengths = np.empty((height, width), np.float32)
+        for row in range(height):  # one by one: sums of whole images in double precision are four times the result
+            lengths[row] = np.sqrt(1 + x[0] ** 2 + y[row] ** 2)
+        return lengths
 
     def depth_from_disparity(self, disparity: Map) -> Map:
         """Z = f B / (d - (cx_left - cx_right)), meters; NaN where the disparity is unknown or at or beyond infinity."""
@@ -83,8 +86,11 @@ class RectifiedPair:
         width, height = self.image_size
         x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
         y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
-        directions = np.stack(np.broadcast_arrays(x, y, 1.0), axis=-1)
-        return np.asarray(directions / np.linalg.norm(directions, axis=-1, keepdims=True), np.float32)
+        rays = np.empty((height, width, 3), np.float32)
+        for row in range(height):  # as in ray_length
+            directions = np.stack(np.broadcast_arrays(x[0], y[row], 1.0), axis=-1)
+            rays[row] = directions / np.linalg.norm(directions, axis=-1, keepdims=True)
+        return rays
 
     def points_from_range(self, range_m: Map) -> NDArray[np.float32]:
         """(H, W, 3) points in the rectified left camera, meters; NaN where the range is unknown."""

@@ -6,6 +6,7 @@ range; the water is taken out (``correct``). ``process`` is these steps in memor
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +31,9 @@ from stereo_seecolor.version import __version__
 
 Match = Callable[[StereoFrame], RangeMap]
 """The range map of a rectified pair."""
+
+PAIR_BYTES_A_PIXEL = 60
+"""Of memory, while a pair is measured or corrected, most while it is matched: measured at 21 megapixels (benchmarks/growth.py)."""
 
 
 class Pipeline:
@@ -62,6 +66,12 @@ class Pipeline:
         sections = (self.reader.settings, config.matching.model_dump(), config.output.range_std, config.output.preset)
         return content_key(__version__, self.geometry, *tables, *sections)
 
+    @property
+    def pixels(self) -> int:
+        """Of a rectified image."""
+        width, height = self.rectification.matching_pair.image_size
+        return width * height
+
     def inputs(self, pair: Pair) -> dict[str, Path]:
         """The files of a pair, by side; a video or a bag that they lie in is opened."""
         open_around(pair.left)
@@ -85,18 +95,19 @@ class Pipeline:
 
     def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
         """The rectified left image of a pair, upright, and its range map. Raises InputError, MatchingError, CalibrationError."""
-        with clock("read"):
-            raw = self.read(pair)
-        rectified, range_map = self._ranged(raw, clock, self.match)
+        rectified, range_map = self._ranged(partial(self.read, pair), clock, self.match)
         return rectified.left, range_map
 
-    def _ranged(self, raw: StereoFrame, clock: Clock, match: Match) -> tuple[StereoFrame, RangeMap]:
+    def _ranged(self, raw: Callable[[], StereoFrame], clock: Clock, match: Match) -> tuple[StereoFrame, RangeMap]:
         """Rectify and match a pair as the cameras gave it; both are turned upright, as the left camera saw the scene."""
+        with clock("read"):
+            frame = raw()
         with clock("rectify"):
-            rectified = self.rectify(raw)
+            rectified = self.rectify(frame)
+        del frame
         with clock("match"):
             range_map = match(rectified)
-            self.check_pair(raw, range_map)
+            self.check_pair(rectified.name, range_map, raw)
         with clock("rectify"):
             upright = self.rectification.upright
             left, right = upright(rectified.left), upright(rectified.right)
@@ -123,7 +134,7 @@ class Pipeline:
         the pipeline's own.
         """
         clock = Clock()
-        rectified, range_map = self._ranged(frame, clock, match or self.match)
+        rectified, range_map = self._ranged(lambda: frame, clock, match or self.match)
         with clock("color"):
             if callable(water):
                 water = water(rectified.left, range_map)
@@ -206,6 +217,6 @@ def ranges_for_color(image: Image, range_map: RangeMap, config: RunConfig, seen:
 
 def ranges_alone(range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> RangeMap:
     """A range map of which nothing but the ranges is known, and which of them were measured: the rest is NaN."""
-    nothing = np.full_like(range_m, np.nan)
+    nothing = np.broadcast_to(np.float32(np.nan), range_m.shape)  # no map of a whole picture
     known = np.isfinite(range_m)
     return RangeMap(nothing, nothing, range_m, nothing, (known & measured).astype(np.float32), known & ~measured, warnings)

@@ -4,10 +4,11 @@ import logging
 import re
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, Protocol
 
+from stereo_seecolor.compute.free_memory import at_once
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.compute.threads import Threads
@@ -103,6 +104,15 @@ class RunOptions:
     water: Path | None = None
     page: PageTime = "end"
     notice: Callable[[str], None] = log.info
+
+    def within_memory(self, pair_bytes: float) -> "RunOptions":
+        """With no more pairs under way at once than fit into the free memory; says so. A cluster's workers look after their own."""
+        fitting = self.workers if self.cluster else at_once(self.workers, pair_bytes)
+        if fitting == self.workers:
+            return self
+        size = f"a pair takes about {pair_bytes / 1e9:.1f} GB while it is worked on"
+        self.notice(f"memory: {size}: {fitting} at once instead of {self.workers}, for more are not free")
+        return replace(self, workers=fitting)
 
     @property
     def compute(self) -> Compute:

@@ -112,7 +112,7 @@ class RangeMap:
     @cached_property  # asked for up to four times a map
     def measured_m(self) -> Map:
         """range_m with everything that was filled in taken out again."""
-        return np.where(self.filled, np.float32(np.nan), self.range_m)
+        return np.where(self.filled, np.float32(np.nan), self.range_m) if self.filled.any() else self.range_m
 
 
 @dataclass(frozen=True, eq=False, repr=False)

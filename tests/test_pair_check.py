@@ -1,3 +1,5 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -37,23 +39,23 @@ def test_coverage_counts_known_ranges() -> None:
 
 def test_a_pair_that_matches_well_passes_without_more_matching() -> None:
     swapped = Swapped(0.9)
-    PairCheck(swapped)(pair("a"), matched(0.4))
+    PairCheck(swapped)("a", matched(0.4), partial(pair, "a"))
     assert swapped.names == []
 
 
 def test_a_pair_of_which_little_matches_passes() -> None:
-    PairCheck(Swapped(0.05))(pair("a"), matched(0.2))
+    PairCheck(Swapped(0.05))("a", matched(0.2), partial(pair, "a"))
 
 
 def test_images_of_different_scenes_fail() -> None:
     with pytest.raises(MatchingError, match=r"^a: only 2\.0% of the pixels match: the two images do not show the same thing"):
-        PairCheck(Swapped(0.02))(pair("a"), matched(0.02))
+        PairCheck(Swapped(0.02))("a", matched(0.02), partial(pair, "a"))
 
 
 def test_an_image_that_cannot_be_matched_fails_with_the_reason() -> None:
     swapped = Swapped(0.9)
     with pytest.raises(MatchingError, match=r"^a: the left image is black$"):
-        PairCheck(swapped)(pair("a"), matched(0, "the left image is black"))
+        PairCheck(swapped)("a", matched(0, "the left image is black"), partial(pair, "a"))
     assert swapped.names == []
 
 
@@ -62,7 +64,7 @@ def test_swapped_sides_are_named_for_every_pair_after_one_trial() -> None:
     check = PairCheck(swapped)
     for name in "abcd":
         with pytest.raises(MatchingError, match=f"^{name}: left and right look swapped: 10% .*: exchange --left and --right$"):
-            check(pair(name), matched(0.1))
+            check(name, matched(0.1), partial(pair, name))
     assert swapped.names == ["a"]
 
 
@@ -70,5 +72,5 @@ def test_a_dive_of_poor_pairs_is_not_matched_twice() -> None:
     swapped = Swapped(0.1)
     check = PairCheck(swapped)
     for number in range(20):
-        check(pair(str(number)), matched(0.2))
+        check(str(number), matched(0.2), partial(pair, str(number)))
     assert len(swapped.names) == CONSTANTS.swap_tries

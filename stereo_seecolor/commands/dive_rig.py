@@ -1,6 +1,7 @@
 """The rig of a dive: read for its images, held against its first pairs, and refined with pairs spread over it."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -104,7 +105,7 @@ def _refuse_swapped(pipeline: Pipeline, pairs: Sequence[Pair]) -> None:
     for left, right in first_images(pairs, pipeline.config.input, 1):
         raw = StereoFrame(pairs[0].name, left, right)
         try:
-            pipeline.check_pair(raw, pipeline.match(pipeline.rectify(raw)))
+            pipeline.check_pair(raw.name, pipeline.match(pipeline.rectify(raw)), partial(StereoFrame, raw.name, left, right))
         except SwappedError as error:
             raise InputError(str(error)) from error
         except (MatchingError, CalibrationError):

@@ -13,6 +13,7 @@ from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
 from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.disk_need import Room, need_bytes
@@ -86,17 +87,17 @@ class StereoCommand:
             if isinstance(inputs, StereoInputs) and opened is None:
                 opened = inputs.open_videos(folder, self.config)
             assert opened
-            with self.options.compute.sharing(state(folder.root), inputs.paths):
-                opened = self._with_room(opened.for_dive(folder, self.options).part(shard), folder)
-                compile_for(self.config, self.options)
-                return stereo_job(opened, self, passes).conduct(folder, self.options)
+            options = self.options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
+            with options.compute.sharing(state(folder.root), inputs.paths):
+                opened = self._with_room(opened.for_dive(folder, options).part(shard), folder)
+                compile_for(self.config, options)
+                return stereo_job(opened, self, passes).conduct(folder, options)
 
     def _with_room(self, opened: Opened, folder: RunFolder) -> Opened:
         """The same; says how much of the disk the pairs take that OUT does not hold yet, and notes where that may be too much."""
         known = set(folder.manifest.names())
         new = sum(pair.name not in known for pair in opened.pairing.pairs)
-        width, height = opened.pipeline.rectification.matching_pair.image_size
-        room = Room.checked(folder.root, new, need_bytes(self.config.output, width * height, self.last == "corrected"))
+        room = Room.checked(folder.root, new, need_bytes(self.config.output, opened.pipeline.pixels, self.last == "corrected"))
         if new:
             self.options.notice(room.line)
         return replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_tight else opened

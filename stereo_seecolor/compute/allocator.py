@@ -3,10 +3,12 @@
 import ctypes
 import sys
 
-TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX = -1, -3, -8
+TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX, MMAP_MAX = -1, -3, -8, -4
 """Parameters of mallopt(3)."""
-LARGEST_KEPT, MOST_KEPT = 1 << 25, 1 << 30
-"""Bytes: the GNU C library lets no larger block than 32 MiB come from memory it keeps."""
+LARGEST_KEPT, MOST_KEPT = 1 << 25, (1 << 31) - 1
+"""Bytes, the largest that the GNU C library takes. Larger blocks than 32 MiB come from the memory it keeps only where none at all
+(MMAP_MAX) may come from elsewhere: clearing them anew was 40 % of the processor time of images of 21 megapixels.
+"""
 
 
 def keep_freed_memory() -> None:
@@ -19,5 +21,5 @@ def keep_freed_memory() -> None:
         return
     mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
-        for parameter, value in ((ARENA_MAX, 1), (MMAP_THRESHOLD, LARGEST_KEPT), (TRIM_THRESHOLD, MOST_KEPT)):
+        for parameter, value in ((ARENA_MAX, 1), (MMAP_THRESHOLD, LARGEST_KEPT), (TRIM_THRESHOLD, MOST_KEPT), (MMAP_MAX, 0)):
             mallopt(parameter, value)

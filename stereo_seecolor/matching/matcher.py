@@ -112,7 +112,7 @@ class Matcher:
 
         def judge(rows: slice) -> None:
             disparity = maps.disparity[rows]
-            support, relief = refine_rows(pair, gain, found, rows.start, disparity, maps.std[rows])
+            support, relief = refine_rows(pair, gain, found, rows.start, disparity, maps.range_std_m[rows])
             if self._engine.refined:
                 disparity[:] = found.best[rows]
             odds = maps.confidence[rows]

@@ -46,31 +46,35 @@ class PairCheck:
         self._swapped_pair: str | None = None
         self._lock = Lock()
 
-    def __call__(self, raw: StereoFrame, range_map: RangeMap) -> None:
-        """Raise MatchingError if the sides look swapped, or if so little matched that these are not images of one scene."""
+    def __call__(self, name: str, range_map: RangeMap, raw: Callable[[], StereoFrame]) -> None:
+        """Raise MatchingError if the sides look swapped, or if so little matched that these are not images of one scene.
+
+        raw: gives the pair as the cameras gave it, which is hardly ever needed and need not stay in memory until here.
+        """
         matched = coverage(range_map)
         if matched >= CONSTANTS.swap_coverage:
             return
         if matched == 0 and range_map.warnings:
-            raise MatchingError(f"{raw.name}: {'; '.join(range_map.warnings)}")
-        self._check_swapped(raw, matched)
+            raise MatchingError(f"{name}: {'; '.join(range_map.warnings)}")
+        self._check_swapped(name, matched, raw)
         if matched < CONSTANTS.least_coverage:
             raise MatchingError(
-                f"{raw.name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of one pair?), or "
+                f"{name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of one pair?), or "
                 "all of it lies outside matching.min_range_m to matching.max_range_m"
             )
 
-    def _check_swapped(self, raw: StereoFrame, matched: float) -> None:
+    def _check_swapped(self, name: str, matched: float, raw: Callable[[], StereoFrame]) -> None:
         with self._lock:
             if self._swapped_pair is None and self._tries_left:
                 self._tries_left -= 1
-                other = coverage(self._match(StereoFrame(raw.name, raw.right, raw.left)))
+                frame = raw()
+                other = coverage(self._match(StereoFrame(name, frame.right, frame.left)))
                 if other > 3 * matched + 0.1:
-                    self._swapped_pair = raw.name
+                    self._swapped_pair = name
                     numbers = f"{matched:.0%} of the pixels match as given and {other:.0%} the other way round"
-                    raise SwappedError(f"{raw.name}: left and right look swapped: {numbers}: exchange --left and --right")
+                    raise SwappedError(f"{name}: left and right look swapped: {numbers}: exchange --left and --right")
         if self._swapped_pair is not None:
             raise SwappedError(
-                f"{raw.name}: left and right look swapped: {matched:.0%} of the pixels match as given, and {self._swapped_pair} "
+                f"{name}: left and right look swapped: {matched:.0%} of the pixels match as given, and {self._swapped_pair} "
                 "matched better the other way round: exchange --left and --right"
             )

@@ -46,16 +46,24 @@ class ReducedMatcher:
 
     def match(self, frame: StereoFrame) -> RangeMap:
         """The range map of a rectified pair, at its size."""
-        return self.matched(frame)[0]
+        return self.enlarged(self.matched(frame)[0])
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
-        """As Matcher.matched; detail is that of the smaller images."""
+        """As Matcher.matched, of the smaller images."""
         small = StereoFrame(frame.name, self._smaller(frame.left), self._smaller(frame.right), frame.timestamp_s)
-        found, detail = self._matcher.matched(small)
-        found = found.each(self._larger)
-        disparity, vertical_px = found.disparity * np.float32(self._shrink), found.vertical_px * self._shrink
-        confidence = np.nan_to_num(found.confidence, copy=False)
-        return replace(found, disparity=disparity, vertical_px=vertical_px, confidence=confidence), detail
+        return self._matcher.matched(small)
+
+    def known(self, found: RangeMap) -> float:
+        """The fraction of the pixels at full size that ``matched`` knows."""
+        width, height = self._size
+        return int(np.isfinite(found.disparity).sum()) * self._shrink**2 / (width * height)
+
+    def enlarged(self, found: RangeMap) -> RangeMap:
+        """What ``matched`` gave, at the size of the pair."""
+        pixels = replace(found, disparity=found.disparity * np.float32(self._shrink))
+        large = pixels.each(self._larger)
+        np.nan_to_num(large.confidence, copy=False)
+        return replace(large, vertical_px=found.vertical_px * self._shrink)
 
     def _blocks(self, mask: Mask) -> NDArray[np.bool_]:
         rows, columns = (length // self._shrink for length in mask.shape)
@@ -99,12 +107,25 @@ class DetailMatcher:
     def match(self, frame: StereoFrame) -> RangeMap:
         """The range map of a rectified pair; its warnings say where it was matched at a smaller size."""
         found, detail = self._full.matched(frame)
+        if detail >= LEAST_DETAIL or not self._sizes:
+            return found
+        known = float(np.isfinite(found.disparity).mean())
+        del found  # half the memory of a large pair; where no smaller size knows more, which is rare, it is made anew
+        return self._at_smaller_size(frame, known) or self._full.match(frame)
+
+    def _at_smaller_size(self, frame: StereoFrame, known: float) -> RangeMap | None:
+        """The range map at a size that knows more than this fraction of the pixels; None if there is none."""
+        best: tuple[ReducedMatcher, RangeMap, int] | None = None
         for shrink in self._sizes:
+            matcher = self._built.setdefault(shrink, self._smaller(shrink))
+            found, detail = matcher.matched(frame)
+            if matcher.known(found) <= known:
+                break
+            best, known = (matcher, found, shrink), matcher.known(found)
             if detail >= LEAST_DETAIL:
                 break
-            smaller, detail = self._built.setdefault(shrink, self._smaller(shrink)).matched(frame)
-            if np.isfinite(smaller.disparity).mean() <= np.isfinite(found.disparity).mean():
-                break
-            said = f"the images show little detail at their full size: matched at 1/{shrink} of it"
-            found = replace(smaller, warnings=(*smaller.warnings, said))
-        return found
+        if best is None:
+            return None
+        matcher, found, shrink = best
+        said = f"the images show little detail at their full size: matched at 1/{shrink} of it"
+        return replace(matcher.enlarged(found), warnings=(*found.warnings, said))

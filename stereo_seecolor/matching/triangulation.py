@@ -12,11 +12,12 @@ from stereo_seecolor.records import Map, Mask, RangeMap
 
 @dataclass(frozen=True, eq=False)
 class RangeMaps:
-    """The maps of a pair while they are filled, strip by strip. std: standard error of the disparity, pixels; others: RangeMap."""
+    """The maps of a pair while they are filled, strip by strip; as in RangeMap, but until ``measure`` has turned it into meters
+    range_std_m holds the standard error of the disparity, pixels.
+    """
 
     disparity: Map
     confidence: Map
-    std: Map
     depth_m: Map
     range_m: Map
     range_std_m: Map
@@ -26,19 +27,18 @@ class RangeMaps:
     def empty(cls, shape: tuple[int, ...]) -> "RangeMaps":
         """Maps yet to be filled; nothing is interpolated."""
         # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it anew.
-        disparity, confidence, std, depth_m, range_m, range_std_m = np.empty((6, *shape), np.float32)
-        return cls(disparity, confidence, std, depth_m, range_m, range_std_m, np.zeros(shape, np.bool_))
+        disparity, confidence, depth_m, range_m, range_std_m = np.empty((5, *shape), np.float32)
+        return cls(disparity, confidence, depth_m, range_m, range_std_m, np.zeros(shape, np.bool_))
 
     def measure(self, pair: RectifiedPair, limits_m: tuple[float, float], rows: slice) -> None:
-        """Fill depth, range and its standard error in these rows from disparity, std and filled.
+        """Fill depth, range and its standard error in these rows from disparity, its standard error and filled.
 
         What lies outside the limits of range becomes unknown; what was not measured has no confidence and no standard error.
         """
         shift_px, scale = np.float32(pair.cx_left_px - pair.cx_right_px), np.float32(pair.focal_px * pair.baseline_m)
-        given = self.disparity[rows], self.std[rows], pair.ray_length[rows]
-        given_and_changed = self.confidence[rows], self.filled[rows]
-        found = self.depth_m[rows], self.range_m[rows], self.range_std_m[rows]
-        _measure(given, given_and_changed, found, (shift_px, scale), (np.float32(limits_m[0]), np.float32(limits_m[1])))
+        changed = self.disparity[rows], self.confidence[rows], self.filled[rows], self.range_std_m[rows]
+        found, limits = (self.depth_m[rows], self.range_m[rows]), (np.float32(limits_m[0]), np.float32(limits_m[1]))
+        _measure(pair.ray_length[rows], changed, found, (shift_px, scale), limits)
 
     def range_map(self) -> RangeMap:
         """The finished maps."""
@@ -46,16 +46,15 @@ class RangeMaps:
 
 
 @compiled
-def _measure(given: Any, changed: Any, found: Any, geometry: Any, limits_m: Any) -> None:
-    disparity, std, rays = given
-    confidence, filled = changed
-    depth_m, range_m, range_std_m = found
+def _measure(rays: Any, changed: Any, found: Any, geometry: Any, limits_m: Any) -> None:
+    disparity, confidence, filled, std = changed
+    depth_m, range_m = found
     shift_px, scale = geometry
     nearest, farthest = limits_m
     none, unknown, per_px = np.float32(0), np.float32(np.nan), np.float32(1) / scale
     for y in range(disparity.shape[0]):
         d, c, s, f, ray = disparity[y], confidence[y], std[y], filled[y], rays[y]
-        depth_row, range_row, error_row = depth_m[y], range_m[y], range_std_m[y]
+        depth_row, range_row = depth_m[y], range_m[y]
         for x in range(d.size):
             shifted = d[x] - shift_px
             depth = scale / shifted
@@ -67,7 +66,6 @@ def _measure(given: Any, changed: Any, found: Any, geometry: Any, limits_m: Any)
             d[x] = d[x] if known else unknown
             f[x] = f[x] & known
             c[x] = c[x] if measured else none
-            s[x] = error
+            s[x] = distance * depth * error * per_px
             depth_row[x] = depth
             range_row[x] = distance
-            error_row[x] = distance * depth * error * per_px

@@ -29,6 +29,8 @@ class RangeCode:
 
 
 CODE = RangeCode()
+STRIP = 64 * CODE.std_block_px
+"""Rows whose blocks are sorted together, while they are in the processor's cache."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +87,11 @@ def std_from_codes(codes: NDArray[np.uint8]) -> Map:
 
 def std_blocks(range_std_m: Map) -> Map:
     """The median of the known ones of each block of 4x4 pixels, the lower of two, NaN where there is none."""
+    strips = range(0, len(range_std_m), STRIP)
+    return np.concatenate([_medians(range_std_m[first : first + STRIP]) for first in strips])
+
+
+def _medians(range_std_m: Map) -> Map:
     step = CODE.std_block_px
     height, width = range_std_m.shape
     rows, columns = -(-height // step), -(-width // step)

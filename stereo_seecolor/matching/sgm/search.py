@@ -107,4 +107,7 @@ class _Strips:
         images = self._left, self._right, self._before
         costs = self._p2, PENALTIES.p1, PENALTIES.p2, CONSTANTS.ambiguous
         found = self.disparity, self.best, self.uniqueness
-        match_rows(images, (band.lowest, band.count), rows, costs, found, self._on_edge)
+        widths = TILE * band.count.sum(axis=1)
+        # By numpy, which asks for large pages: of a wide image this is the largest block, and small ones take long to clear
+        total = np.empty(int(widths[np.arange(first, end) // TILE].sum()), np.uint8)
+        match_rows(images, (band.lowest, band.count), rows, costs, found, self._on_edge, total)

@@ -40,6 +40,7 @@ def match_rows(
     penalties: tuple[NDArray[np.uint8], int, int, float],
     found: tuple[Map, Map, Map],
     on_edge: NDArray[np.int32],
+    total: NDArray[np.uint8],
 ) -> None:
     """Fill rows[1]..rows[2]-1 of the maps ``found`` from rows[0]..rows[3]-1 of the census images; rows[0] starts a tile.
 
@@ -50,6 +51,7 @@ def match_rows(
     is not unique, or where the pixel of the right image that it meets chose, from the same costs, another by more than one pixel.
     Then the same with these latter two; then uniqueness: how much worse the best disparity beyond +-1 is, as a fraction of P2.
     on_edge: added to for each tile, how many pixels' best lie on the edge of its band.
+    total: room for a sum a disparity that the bands of rows[1]..rows[2]-1 hold, one row after the other.
     """
     left, right, before_left = images
     lowest, count = band
@@ -60,7 +62,6 @@ def match_rows(
     row_places = np.zeros(end - first + 1, np.int64)
     for row in range(end - first):
         row_places[row + 1] = row_places[row] + lengths[(first + row) // TILE - tile_row]
-    total = np.empty(row_places[-1], np.uint8)
     cost, along = np.empty(TILE * most, np.uint8), np.empty(TILE * most, np.uint8)
     sums, winner = np.empty(most + 2 * TILE * LANES, np.uint16), np.empty((6, left.shape[1] + TILE), np.int16)
     claims = np.empty(TILE + right.shape[1] + WINDOW, np.uint32)

@@ -1,0 +1,50 @@
+"""No more pairs at once than fit into the memory that is free."""
+
+from pathlib import Path
+
+import pytest
+
+from stereo_seecolor.compute import free_memory
+from stereo_seecolor.compute.free_memory import at_once, free_bytes
+from stereo_seecolor.progress import RunOptions
+
+GIB = 1 << 30
+
+
+@pytest.fixture
+def machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A machine with 16 GiB to be had; its control groups lie in the folder given."""
+    meminfo = tmp_path / "meminfo"
+    meminfo.write_text("MemTotal:       33554432 kB\nMemFree:         1048576 kB\nMemAvailable:   16777216 kB\n")
+    monkeypatch.setattr(free_memory, "_MEMINFO", meminfo)
+    monkeypatch.setattr(free_memory, "_GROUPS", tmp_path)
+    return tmp_path
+
+
+def test_memory_is_that_of_the_machine_or_of_its_container(machine: Path) -> None:
+    assert free_bytes() == 16 * GIB
+    (machine / "memory.max").write_text("max\n")
+    assert free_bytes() == 16 * GIB
+    (machine / "memory.max").write_text(f"{4 * GIB}\n")
+    assert free_bytes() == 4 * GIB
+
+
+@pytest.mark.usefixtures("machine")
+def test_so_many_pieces_of_work_as_fit_and_at_least_one() -> None:
+    assert [at_once(8, size * GIB) for size in (1, 3, 5, 100)] == [8, 4, 2, 1]
+
+
+@pytest.mark.usefixtures("machine")
+def test_fewer_pairs_at_once_are_said_once_and_enough_memory_nothing() -> None:
+    said: list[str] = []
+    options = RunOptions(workers=4, notice=said.append)
+    assert options.within_memory(1e9) is options
+    assert said == []
+    assert options.within_memory(5 * GIB).workers == 2
+    assert said == ["memory: a pair takes about 5.4 GB while it is worked on: 2 at once instead of 4, for more are not free"]
+
+
+def test_where_the_system_does_not_say_all_are_done_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(free_memory, "_MEMINFO", tmp_path / "absent")
+    monkeypatch.setattr(free_memory, "_GROUPS", tmp_path)
+    assert at_once(6, 1e15) == 6
