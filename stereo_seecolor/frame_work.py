@@ -12,7 +12,7 @@ from stereo_seecolor.frame_stages import FrameStages
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import Stage
+from stereo_seecolor.run_folder.layout import SET_ASIDE, Stage
 
 Result = TypeVar("Result")
 Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
@@ -47,8 +47,8 @@ class FrameWork(Generic[Result]):
         except (OutputError, DeviceError, ClusterError):
             raise
         except (SeeColorError, CalibrationError) as error:
-            row, failure = FrameRow(pair.name, status="failed", error=str(error)), error.with_traceback(None)
-            self.folder.discard(pair.name)
+            kept = f" (what an earlier run made of it is in {SET_ASIDE})" if self.folder.retire(pair.name) else ""
+            row, failure = FrameRow(pair.name, status="failed", error=f"{error}{kept}"), error.with_traceback(None)
         named = replace(row, left=str(pair.left), right=str(pair.right), timestamp_s=pair.timestamp_s, seconds=clock.seconds)
         written = tuple(stage for stage, names in self.folder.written.items() if pair.name in names)
         return Outcome(named, result, failure, written, tuple(self.folder.set_aside))

@@ -23,6 +23,7 @@ from stereo_seecolor.files import atomic
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.layout import PRODUCTS
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
@@ -274,22 +275,39 @@ def test_a_changed_format_leaves_nothing_of_the_old_one(dive: Dive, tmp_path: Pa
     assert products == {"range", "confidence", "corrected", "mask"}
 
 
-def test_a_pair_that_fails_now_keeps_no_old_products(dive: Dive, tmp_path: Path) -> None:
+def products_of(folder: Path, name: str) -> dict[str, bytes]:
+    """Files of a frame in a run's folders of products: path -> content."""
+    files = (file for product in PRODUCTS for file in folder.glob(f"{product}/{name}.*"))
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in files}
+
+
+def test_old_products_of_a_pair_that_fails_now_are_kept_aside(dive: Dive, tmp_path: Path) -> None:
+    """A disk that fails, or is not mounted, must not cost the results of a dive whose images cannot be read any more."""
     out = tmp_path / "out"
     go(dive, out)
+    before = products_of(out, "0001")
     (dive.root / "R/0001.png").write_bytes(b"broken")
-    assert not go(dive, out).all_done
+    summary = go(dive, out)
+    assert [row.error.endswith("(what an earlier run made of it is in set_aside)") for row in summary.rows] == [False, True, False]
     assert not list(out.glob("*/0001.*"))
+    assert products_of(out / "set_aside", "0001") == before and len(before) == 6
     assert statuses(out) == {"0000": "ok", "0001": "failed", "0002": "ok"}
+    again = go(dive, out)
+    assert not again.rows[1].error.endswith("set_aside)") and products_of(out / "set_aside", "0001") == before
 
 
-def test_a_removed_pair_takes_its_products_with_it(dive: Dive, tmp_path: Path) -> None:
+def test_products_of_a_pair_that_was_removed_are_kept_aside(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
+    before = products_of(out, "0001")
     for side in "LR":
         (dive.root / side / "0001.png").unlink()
-    assert go(dive, out).all_done
+    summary = go(dive, out)
+    assert summary.all_done
+    assert f"1 frame of an earlier run, no longer in the dive: what was made of it is kept in {out / 'set_aside'}" in summary.notes
     assert not list(out.glob("*/0001.*"))
+    assert products_of(out / "set_aside", "0001") == before
+    assert "no longer in the dive" not in " ".join(go(dive, out).notes)
 
 
 def test_ranges_by_another_calibration_leave_no_old_colors(dive: Dive, tmp_path: Path) -> None:

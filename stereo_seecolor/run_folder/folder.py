@@ -217,8 +217,20 @@ class RunFolder:
         self.manifest.save_frame(replace(frame, files={**frame.files, **files}))
         self._files.move_into_place(temporaries, files)
 
+    def retire(self, name: str) -> bool:
+        """Take a frame out that fails now, or is no longer in the dive. Raises OutputError.
+
+        What an earlier run made of it is moved aside, since it cannot be made again without its images; True if there was any.
+        """
+        frame = self.manifest.frame(name)
+        earlier = frame is not None and not any(name in names for names in self.written.values())
+        products = [path for path in frame.files if not path.startswith(f"{PAGE}/")] if frame and earlier else []
+        kept = self._files.retire(products)
+        self.discard(name)
+        return kept
+
     def discard(self, name: str) -> None:
-        """Delete all that the program wrote of a frame: it failed, or its input is gone."""
+        """Delete all that the program wrote of a frame."""
         frame = self.manifest.frame(name)
         if frame is not None:
             self._files.delete(frame.files, frame.files)

@@ -59,6 +59,17 @@ class OwnedFiles:
 
         place: where it is now. path: what it is called in OUT.
         """
+        self.set_aside.append(self._aside(place, path))
+
+    def retire(self, paths: Iterable[str]) -> bool:
+        """Move files of ours, as far as they are there, to where nothing overwrites them; True if one was. Raises OutputError."""
+        there = [path for path in paths if (self.root / path).exists()]
+        for path in there:
+            self._aside(self.root / path, path)
+        return bool(there)
+
+    def _aside(self, place: Path, path: str) -> Path:
+        """Where the file is then."""
         target = self.root / SET_ASIDE / path
         number = 1
         while target.exists() or target.is_symlink():
@@ -67,7 +78,7 @@ class OwnedFiles:
         with output_errors(target):
             target.parent.mkdir(parents=True, exist_ok=True)
             place.rename(target)
-        self.set_aside.append(target)
+        return target
 
 
 def remove_empty_folders(folder: Path) -> None:

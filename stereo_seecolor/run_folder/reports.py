@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from calibration import Rectification
+from calibration.wording import counted
 from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.json_values import plain
@@ -28,6 +29,7 @@ from stereo_seecolor.run_folder.layout import (
     MEASURED_WATER,
     PRODUCTS,
     RUN,
+    SET_ASIDE,
     WHAT_IS_WHERE,
     Stage,
 )
@@ -84,11 +86,13 @@ def renew_frames_table(folder: RunFolder) -> None:
 
 
 def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
-    """End a run. What belongs to no pair of a complete run, or was made from frames that changed since, is deleted."""
+    """End a run. What belongs to no pair of a complete run is moved aside; what was made from frames that changed is deleted."""
     if complete:
         folder.remove_leftovers()  # of workers that were lost
-        for name in set(folder.manifest.names()) - {*run.names}:
-            folder.discard(name)
+        retired = sum(folder.retire(name) for name in set(folder.manifest.names()) - {*run.names})
+        if retired:
+            gone = f"{counted(retired, 'frame')} of an earlier run, no longer in the dive"
+            folder.removed.append(f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}")
         sources = {name: folder.digest("corrected") for name in (MAP, FIRST_LOOK, INDEX)} | {MEASURED_WATER: folder.digest("range")}
         stale = [name for name, source in sources.items() if folder.dive.made_from.get(name, source) != source]
         folder.remove(*stale)
