@@ -1,6 +1,7 @@
 """Inputs that are wrong in part or as a whole: one line that says what, where, and what to do; the rest goes on."""
 
 import csv
+import json
 import re
 from pathlib import Path
 
@@ -237,3 +238,22 @@ def test_range_map_of_another_size(cli, tmp_path) -> None:
     )
     assert code == 3
     assert "the range map is 9x8 px but its image a.png is 9x9" in printed
+
+
+def test_a_dive_that_begins_with_black_frames_settles_its_calibration_later(make_dive, cli, tmp_path) -> None:
+    """Three pairs of the descent decided how an ambiguous file is read, and the dive was refused for them."""
+    dive = make_dive(5)
+    for number in range(3):
+        for side in "LR":
+            black = dive.root / side / f"{number:04d}.png"
+            cv2.imwrite(str(black), np.zeros_like(read(black)))
+    rig = load_rig(dive.root / "cam.yaml")
+    lens = np.array([0.001, 0, 0, 0])
+    content = {"K1": rig.left.K, "K2": rig.right.K, "D1": lens, "D2": lens, "R": rig.R, "T": rig.T_right_left[:3, 3]}
+    ambiguous = dive.root / "opencv.json"  # four coefficients: of a pinhole or of a fisheye
+    ambiguous.write_text(json.dumps({key: value.tolist() for key, value in content.items()}))
+    words = ["--left", str(dive.root / "L"), "--right", str(dive.root / "R"), "--calib", str(ambiguous)]
+    code, printed, said = cli("range", *words, "--out", str(tmp_path / "out"))
+    assert code == 3
+    assert "2 pairs done, 3 failed" in printed
+    assert "images decide" in printed + said

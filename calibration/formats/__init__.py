@@ -7,7 +7,9 @@ from typing import Literal, get_args
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
 from calibration.formats import (
+    basalt,
     bouguet,
+    depthai,
     euroc,
     kalibr,
     kitti,
@@ -20,6 +22,7 @@ from calibration.formats import (
     ros,
     seagis,
     viame,
+    zed,
 )
 from calibration.formats.document import load_document
 from calibration.formats.folder import calibration_files, left_first, merged
@@ -29,8 +32,8 @@ from calibration.rig import StereoRig
 __all__ = ["WritableFormat", "format_name", "load_rig", "parse_size", "write_rig"]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
-SIZED = (native, kalibr, oplab, orbslam)  # these store the size of the images
-WHOLE_RIG = (*SIZED, middlebury, kitti, matlab, bouguet, viame)  # these hold a rig in one file
+SIZED = (native, kalibr, oplab, orbslam, basalt, depthai)  # these store the size of the images
+WHOLE_RIG = (*SIZED, middlebury, kitti, matlab, bouguet, viame, zed)  # these hold a rig in one file
 ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}  # these hold a camera in each of two files
 Size = tuple[int, int]
 

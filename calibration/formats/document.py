@@ -1,9 +1,10 @@
-"""A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML, JSON, ``key=value``, or binary.
+"""A calibration file as keys and values, whatever it is written in: YAML, OpenCV's YAML, XML, JSON, INI, ``key=value``, or binary.
 
 Bounded on purpose: a calibration is a few kilobytes, so larger files, deep nesting and alias bombs are refused before they
 cost time, and only plain data is ever built (no tags that run code, no XML entities).
 """
 
+import configparser
 import json
 import re
 from collections import Counter
@@ -80,6 +81,8 @@ def _parse(text: str) -> dict[str, Any]:
         content = _parse_lines(text, "=")
     elif re.search(r"^P(_rect_0)?[0-3]:\s*[-+.\d]", text, re.MULTILINE):
         content = _parse_lines(text, ":")
+    elif re.search(r"^\[STEREO\]\s*$", text, re.MULTILINE):
+        content = _parse_ini(text)
     else:
         content = _parse_yaml(_repair(text))
     if not isinstance(content, dict):
@@ -170,6 +173,16 @@ def _parse_lines(text: str, mark: str) -> dict[str, Any]:
     """Middlebury's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0: 718.8 0 607.1 ...``."""
     pairs = (line.split(mark, 1) for line in text.splitlines() if mark in line)
     return {key.strip(): value.strip().strip("[]").replace(";", " ").replace(",", " ").split() for key, value in pairs}
+
+
+def _parse_ini(text: str) -> dict[str, Any]:
+    parser = configparser.RawConfigParser()
+    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    try:
+        parser.read_string(text)
+    except configparser.Error as error:
+        raise CalibrationError(f"cannot be parsed: {_one_line(error)}") from error
+    return {name: dict(parser.items(name)) for name in parser.sections()}
 
 
 def _check_bounded(content: Any) -> None:

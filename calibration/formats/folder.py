@@ -8,7 +8,7 @@ from calibration.errors import CalibrationError
 from calibration.formats import opencv
 from calibration.formats.section import Section
 
-SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".mat", ".npz", ".cam")
+SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".mat", ".npz", ".cam", ".conf")
 MAX_FILES = 100  # read of one folder: a rig is a few files
 SIDE_WORDS = {"left": "1", "right": "2", "l": "1", "r": "2", "1": "1", "2": "2", "cam1": "1", "cam2": "2", "cam0": "1"}
 

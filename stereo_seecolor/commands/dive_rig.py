@@ -30,6 +30,9 @@ DECIDING_PAIRS = 3
 REFINING_PAIRS = 8
 """Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as twelve, in half the time."""
 
+LOOKED_AT = 4
+"""Pairs over the dive of which the first that shows enough is looked at before a run: a descent may last a quarter of a dive."""
+
 
 def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
     """The rig, for images as large as the first that can be read (some calibration files do not say).
@@ -64,21 +67,32 @@ def _size(image: Image) -> tuple[int, int]:
 
 
 def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
-    """As load_unsettled; where the file can be read in several ways, the first pairs decide."""
-    return settle_reading(load_unsettled(calib, pairs, images), first_images(pairs, images))
+    """As load_unsettled; where the file can be read in several ways, the first pairs decide, or pairs spread over the dive where
+    these show too little (a descent, black frames).
+    """
+    rig = load_unsettled(calib, pairs, images)
+    try:
+        return settle_reading(rig, first_images(pairs, images))
+    except CalibrationError:
+        return settle_reading(rig, first_images(spread(pairs, REFINING_PAIRS), images, REFINING_PAIRS))
 
 
 def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """What the first pair says before a run starts: of rows that disagree by over half a pixel, and of ranges not looked for.
+    """What the first pair that shows enough says before a run: of rows that disagree by over half a pixel, and of ranges not looked
+    for.
 
     A quick look is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked at only where
     rows disagree. Raises InputError where left and right are swapped: no pair could be matched.
     """
     try:
-        looks = [quick_look(pipeline.rectification, both) for both in first_images(pairs, pipeline.config.input, 1)]
-        if all(look.rows_agree for look in looks):
-            limits = [limit for look in looks for limit in range_limits(look.range_m, pipeline.config.matching)]
-            return tuple(f"range: in the first pair, {limit.note}" for limit in limits)
+        for pair in spread(pairs, LOOKED_AT):
+            for both in first_images([pair], pipeline.config.input):
+                look = quick_look(pipeline.rectification, both)
+                if look.rows_agree:
+                    limits = range_limits(look.range_m, pipeline.config.matching)
+                    return tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
+                if look.range_m.size:
+                    return _rows_note(pipeline, pairs[pairs.index(pair) :])
         return _rows_note(pipeline, pairs)
     except CalibrationError:  # too few points to tell
         _refuse_swapped(pipeline, pairs)

@@ -9,10 +9,12 @@ from itertools import zip_longest
 from math import inf
 from pathlib import Path
 
+from calibration.wording import counted
 from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, short_hash
+from stereo_seecolor.inputs.clock_offset import clock_offset_s
 from stereo_seecolor.inputs.listing import Listing, Unpaired, list_images
 from stereo_seecolor.inputs.name_keys import Keys, affix_keys, side_keys, stem_keys
 from stereo_seecolor.inputs.timestamps import timestamp_from_name
@@ -84,9 +86,9 @@ class _Matching:
         """One pair."""
         self.pairs.append(Pair(product_name(name), left, right, timestamp_from_name(left.stem)))
 
-    def settle_by_time(self, tolerance_s: float) -> None:
-        """Pair mutually nearest time stamps that differ by at most the tolerance."""
-        lefts, rights = _timed(self.lefts), _timed(self.rights)
+    def settle_by_time(self, tolerance_s: float, offset_s: float = 0.0) -> None:
+        """Pair mutually nearest time stamps that differ by at most the tolerance; the right clock is ahead by the offset."""
+        lefts, rights = _timed(self.lefts), [(time_s - offset_s, path) for time_s, path in _timed(self.rights)]
         left_times, right_times = [t for t, _ in lefts], [t for t, _ in rights]
         for i, (time_s, left) in enumerate(lefts):
             j = _nearest(right_times, time_s)
@@ -146,8 +148,10 @@ def pair_files(lefts: Sequence[Path], rights: Sequence[Path], config: InputConfi
 def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
     if config.pairing != "timestamp":
         _settle_by_name(matching)
+    notes: tuple[str, ...] = ()
     if config.pairing != "name":
         matching.settle_by_time(config.timestamp_tolerance_s)
+        notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
     if not matching.pairs:
         example = (
             f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if matching.lefts and matching.rights else ""
@@ -156,7 +160,21 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
             f"{where}: no left image matches a right one by name or time stamp{example}: give both the same stem, or set "
             "input.timestamp_tolerance_s"
         )
-    return _pairing(matching, "no right image matches", "no left image matches")
+    return _pairing(matching, "no right image matches", "no left image matches").with_notes(notes)
+
+
+def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...]:
+    """Where nothing else paired, by clocks that differ by a constant."""
+    if matching.pairs:
+        return ()
+    lefts, rights = ([time_s for time_s, _ in _timed(side)] for side in (matching.lefts, matching.rights))
+    offset_s = clock_offset_s(lefts, rights, tolerance_s)
+    if offset_s is None:
+        return ()
+    matching.settle_by_time(tolerance_s, offset_s)
+    ahead = f"{abs(offset_s):.3f} s {'ahead of' if offset_s > 0 else 'behind'}"
+    found = f"{counted(len(matching.pairs), 'pair')} of {len(lefts)} left and {len(rights)} right images"
+    return (f"the right clock is {ahead} the left one: {found} were brought together by that",)
 
 
 def pair_by_stem(images: Path, ranges: Path) -> Pairing:
