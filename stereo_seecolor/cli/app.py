@@ -23,6 +23,7 @@ from stereo_seecolor.cli import (
 )
 from stereo_seecolor.cli.errors import exit_code_of
 from stereo_seecolor.cli.examples import epilog
+from stereo_seecolor.cli.grouped import one_by_one
 from stereo_seecolor.cli.quiet import quiet_libraries
 from stereo_seecolor.cli.streams import prepare_streams, write_out
 from stereo_seecolor.compute.allocator import keep_freed_memory
@@ -74,7 +75,7 @@ app = typer.Typer(
 )
 for panel, commands in COMMANDS.items():
     for name, command in commands.items():
-        app.command(name, epilog=epilog(name), rich_help_panel=panel)(command)
+        app.command(name, epilog=epilog(name), rich_help_panel=panel)(one_by_one(name, command))
 
 
 @app.callback(invoke_without_command=True)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration.wording import counted
+from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
-from stereo_seecolor.cli.options import AsJson, LogFile, Topics, Verbose
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.report import LoggedReport
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.bag_info import BagFacts
@@ -17,16 +17,13 @@ if TYPE_CHECKING:
 BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with those of one bag.")]
 
 
-def bag_info(
-    bag: BagArgument, topics: Topics = "", as_json: AsJson = False, verbose: Verbose = False, log_file: LogFile = None
-) -> None:
+def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport) -> None:
     """List a ROS bag's topics and the pairs that run would take from it; exit code 3 if it would take none."""
     from stereo_seecolor.commands.bag_info import bag_info as look
 
-    report = Report("bag-info", as_json, "none", verbose, log_file)
     with report.working():
         found = look(bag, topics)
-    report.end(dict(vars(found)), bag_text(found), EXIT_DONE if found.pairs else EXIT_SOME_FAILED)
+    report.end(vars(found), bag_text(found), EXIT_DONE if found.pairs else EXIT_SOME_FAILED)
 
 
 def bag_text(found: "BagFacts") -> str:

@@ -9,7 +9,6 @@ from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
 if TYPE_CHECKING:
     from stereo_seecolor.commands.calibrate import CalibrationResult
     from stereo_seecolor.commands.check import CheckResult
-    from stereo_seecolor.evaluation.charts import ChartReport
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.run_folder.frames_table import RunSummary
 
@@ -33,22 +32,12 @@ def run_exit_code(summary: "RunSummary") -> int:
     return EXIT_DONE if summary.all_done else EXIT_SOME_FAILED
 
 
-def map_content(made: "MapSummary") -> Content:
-    """A map: frames, those that are not placed with the reason, warnings, files."""
-    return dict(vars(made))
-
-
 def map_exit_code(made: "MapSummary") -> int:
     """Done; or frames are missing from the map, poses were given that contradict the pictures or could not be measured, or lengths
     of markers that cannot be right."""
     contradicted = made.navigation is not None and not (made.navigation.fits and made.navigation.relative_poses)
     refused = made.markers is not None and made.markers.refused
     return EXIT_SOME_FAILED if made.unplaced or contradicted or refused else EXIT_DONE
-
-
-def charts_content(report: "ChartReport") -> Content:
-    """Methods on color targets: every row, and the mean of each method."""
-    return {**vars(report), "means": report.means()}
 
 
 def calibration_content(result: "CalibrationResult") -> Content:

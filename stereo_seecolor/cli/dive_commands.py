@@ -9,39 +9,9 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from stereo_seecolor.cli.contents import map_content, map_exit_code, run_content, run_exit_code
-from stereo_seecolor.cli.options import (
-    DEFAULT_WORKERS,
-    AsJson,
-    Bag,
-    Calib,
-    ClusterName,
-    ConfigFile,
-    Left,
-    LivePage,
-    LogFile,
-    OneCalib,
-    OneLeft,
-    OneRight,
-    Out,
-    OutMcap,
-    Overwrite,
-    PosesFile,
-    Progress,
-    RefineRig,
-    Right,
-    Settings,
-    ShardOption,
-    Strict,
-    Topics,
-    Verbose,
-    Verify,
-    WaterFile,
-    Workers,
-    shard_of,
-    with_refine,
-)
-from stereo_seecolor.cli.report import Report, computing, run_options
+from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.contents import map_exit_code, run_content, run_exit_code
+from stereo_seecolor.cli.report import Report, computing
 from stereo_seecolor.cli.run_text import map_text, page_text, run_text
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.run_folder.layout import INDEX
@@ -53,55 +23,47 @@ if TYPE_CHECKING:
 
 
 def run(
-    left: OneLeft = None,
-    right: OneRight = None,
-    calib: OneCalib = None,
-    bag: Bag = None,
-    out: Out = Path("out"),
-    refine: RefineRig = False,
-    fuse: Annotated[bool, typer.Option("--fuse", metavar="", help="Fuse the frames into one map of the dive, OUT/map.")] = False,
-    poses: PosesFile = None,
-    water: WaterFile = None,
-    out_mcap: OutMcap = None,
-    topics: Topics = "",
-    config: ConfigFile = None,
-    settings: Settings = None,
-    workers: Workers = DEFAULT_WORKERS,
-    shard: ShardOption = "",
-    cluster: ClusterName = "",
-    overwrite: Overwrite = False,
-    strict: Strict = False,
-    verify: Verify = False,
-    page: LivePage = False,
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    left: opt.OneLeft = None,
+    right: opt.OneRight = None,
+    calib: opt.OneCalib = None,
+    bag: opt.Bag = None,
+    out: opt.Out = Path("out"),
+    refine: opt.RefineRig = False,
+    fuse: Annotated[bool, opt.flag("--fuse", "Fuse the frames into one map of the dive, OUT/map.")] = False,
+    poses: opt.PosesFile = None,
+    water: opt.WaterFile = None,
+    out_mcap: opt.OutMcap = None,
+    topics: opt.Topics = "",
+    *,
+    settings: opt.Settings,
+    workers: opt.Workers = opt.DEFAULT_WORKERS,
+    shard: opt.ShardOption = "",
+    cluster: opt.ClusterName = "",
+    execution: opt.Execution,
+    page: opt.LivePage = False,
+    report: Report,
 ) -> None:
     """The whole job: stereo pairs in; range maps, true-color images and colored clouds out."""
-    from stereo_seecolor.config_file import load_config
-
     check_sources(left, right, calib, bag, topics)
     if poses and not fuse:
         raise typer.BadParameter("--poses places the frames of a map: give --fuse too")
     if shard and out_mcap:
         raise typer.BadParameter("--out-mcap records a whole run made here: merge first, then export --to mcap")
     part = _part(shard, fuse)
-    report = Report("run", as_json, progress, verbose, log_file)
     with ExitStack() as both_steps:  # the workers stay for the map
         with report.working() as listener:
             compute = both_steps.enter_context(computing(cluster))
-            loaded = load_config(config, with_refine(settings, refine))
+            loaded = settings.load(refine)
             if out_mcap:
                 from stereo_seecolor.commands.out_mcap import check_mcap
 
-                check_mcap(out_mcap, overwrite)
+                check_mcap(out_mcap, execution.overwrite)
             if fuse:
                 from stereo_seecolor.commands.fuse import check_fusion  # loads what only a map needs
                 from stereo_seecolor.commands.fuse import fuse as fuse_frames
 
                 check_fusion(poses, loaded)
-            chosen = run_options(workers, overwrite, strict, verify, config, listener)
+            chosen = execution.options(workers, settings.config, listener)
             when: PageTime = "live" if page else "none" if fuse else "end"
             options = replace(chosen, shard=part, cluster=compute, water=water, page=when, notice=report.notice)
             summary = _run(left, right, calib, bag, topics)(out, loaded, options)
@@ -115,7 +77,7 @@ def run(
 def _part(shard: str, fuse: bool) -> Shard:
     if shard and fuse:
         raise typer.BadParameter("--shard does a part of the dive, and --fuse needs all of it: merge first, then fuse")
-    return shard_of(shard)
+    return opt.shard_of(shard)
 
 
 def check_sources(left: str | Path | None, right: str | Path | None, calib: str | None, bag: Path | None, topics: str) -> None:
@@ -141,87 +103,64 @@ def _run(left: Path | None, right: Path | None, calib: str | None, bag: Path | N
 
 
 def correct(
-    images: Annotated[Path, typer.Option("--images", metavar="FOLDER", help="Folder of images.")],
-    ranges: Annotated[
-        Path, typer.Option("--range", metavar="FOLDER", help="Folder of range maps: float32 TIFF in meters, or 16-bit PNG in mm.")
-    ],
-    out: Out = Path("out"),
-    water: WaterFile = None,
-    config: ConfigFile = None,
-    settings: Settings = None,
-    workers: Workers = DEFAULT_WORKERS,
-    overwrite: Overwrite = False,
-    strict: Strict = False,
-    verify: Verify = False,
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    images: Annotated[Path, opt.option("--images", "FOLDER", "Folder of images.")],
+    ranges: Annotated[Path, opt.option("--range", "FOLDER", "Folder of range maps: float32 TIFF in meters, or 16-bit PNG in mm.")],
+    out: opt.Out = Path("out"),
+    water: opt.WaterFile = None,
+    *,
+    settings: opt.Settings,
+    workers: opt.Workers = opt.DEFAULT_WORKERS,
+    execution: opt.Execution,
+    report: Report,
 ) -> None:
     """Color correction alone, for images that already have range maps."""
     from stereo_seecolor.commands.correct import correct as correct_images
-    from stereo_seecolor.config_file import load_config
 
-    report = Report("correct", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        options = replace(run_options(workers, overwrite, strict, verify, config, listener), water=water)
-        summary = correct_images(images, ranges, out, load_config(config, settings or []), options)
+        options = replace(execution.options(workers, settings.config, listener), water=water)
+        summary = correct_images(images, ranges, out, settings.load(), options)
     _end_with_page(report, summary, out, None)
 
 
 def range_(
-    left: Left,
-    right: Right,
-    calib: Calib,
-    out: Out = Path("out"),
-    refine: RefineRig = False,
-    config: ConfigFile = None,
-    settings: Settings = None,
-    workers: Workers = DEFAULT_WORKERS,
-    overwrite: Overwrite = False,
-    strict: Strict = False,
-    verify: Verify = False,
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    left: opt.Left,
+    right: opt.Right,
+    calib: opt.Calib,
+    out: opt.Out = Path("out"),
+    refine: opt.RefineRig = False,
+    *,
+    settings: opt.Settings,
+    workers: opt.Workers = opt.DEFAULT_WORKERS,
+    execution: opt.Execution,
+    report: Report,
 ) -> None:
     """Range maps alone: stereo pairs in, meters along the ray out."""
     from stereo_seecolor.commands.run import range_maps
-    from stereo_seecolor.config_file import load_config
 
-    report = Report("range", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        options = replace(run_options(workers, overwrite, strict, verify, config, listener), notice=report.notice)
-        summary = range_maps(left, right, calib, out, load_config(config, with_refine(settings, refine)), options)
+        options = replace(execution.options(workers, settings.config, listener), notice=report.notice)
+        summary = range_maps(left, right, calib, out, settings.load(refine), options)
     _end(report, summary, out)
 
 
 def rectify(
-    left: Left,
-    right: Right,
-    calib: Calib,
-    out: Out = Path("out"),
-    refine: RefineRig = False,
-    config: ConfigFile = None,
-    settings: Settings = None,
-    workers: Workers = DEFAULT_WORKERS,
-    overwrite: Overwrite = False,
-    strict: Strict = False,
-    verify: Verify = False,
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    left: opt.Left,
+    right: opt.Right,
+    calib: opt.Calib,
+    out: opt.Out = Path("out"),
+    refine: opt.RefineRig = False,
+    *,
+    settings: opt.Settings,
+    workers: opt.Workers = opt.DEFAULT_WORKERS,
+    execution: opt.Execution,
+    report: Report,
 ) -> None:
     """Rectified images alone, and the calibration that they have."""
     from stereo_seecolor.commands.rectify import rectify as rectify_pairs
-    from stereo_seecolor.config_file import load_config
 
-    report = Report("rectify", as_json, progress, verbose, log_file)
     with report.working() as listener:
-        options = run_options(workers, overwrite, strict, verify, config, listener)
-        summary = rectify_pairs(left, right, calib, out, load_config(config, with_refine(settings, refine)), options)
+        options = execution.options(workers, settings.config, listener)
+        summary = rectify_pairs(left, right, calib, out, settings.load(refine), options)
     _end(report, summary, out)
 
 
@@ -258,5 +197,5 @@ def _end_with_map(
         made = fuse(listener)
         page = write_page(out, listener, brief=True).page
         recorded = _record(out, out_mcap)
-    content = {**run_content(summary, out), "page": page, "map": map_content(made)}
+    content = {**run_content(summary, out), "page": page, "map": made}
     report.end(content, map_text(made) + page_text(page) + recorded, max(run_exit_code(summary), map_exit_code(made)))

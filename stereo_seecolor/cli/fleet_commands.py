@@ -6,52 +6,33 @@ from typing import Annotated
 
 import typer
 
+from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.contents import run_content, run_exit_code
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.fleet_text import campaign_text, plan_text, status_text
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
-from stereo_seecolor.cli.options import (
-    DEFAULT_WORKERS,
-    AsJson,
-    Calib,
-    ClusterName,
-    ConfigFile,
-    Left,
-    LogFile,
-    Out,
-    Overwrite,
-    Progress,
-    Right,
-    Settings,
-    Verbose,
-    Workers,
-)
-from stereo_seecolor.cli.report import Report, computing, run_options
+from stereo_seecolor.cli.report import BareReport, LoggedReport, Report, computing
 from stereo_seecolor.cli.run_text import page_text, run_text
 from stereo_seecolor.run_folder.layout import INDEX
 
 
 def merge(
     parts: Annotated[list[Path], typer.Argument(metavar="PART...", help="Output folders of run --shard.")],
-    out: Out = Path("out"),
+    out: opt.Out = Path("out"),
     fit_only: Annotated[
-        bool,
-        typer.Option("--fit-only", metavar="", help="Stop when water.json is there: run --shard --water corrects on all machines."),
+        bool, opt.flag("--fit-only", "Stop when water.json is there: run --shard --water corrects on all machines.")
     ] = False,
-    workers: Workers = DEFAULT_WORKERS,
-    cluster: ClusterName = "",
-    overwrite: Overwrite = False,
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    workers: opt.Workers = opt.DEFAULT_WORKERS,
+    cluster: opt.ClusterName = "",
+    overwrite: opt.Overwrite = False,
+    *,
+    report: Report,
 ) -> None:
     """Join the results of a dive's shards: one water, one manifest, one frames.csv; fuse then makes the map."""
     from stereo_seecolor.commands.merge import merge as join
 
-    report = Report("merge", as_json, progress, verbose, log_file)
     with report.working() as listener, computing(cluster) as compute:
-        options = replace(run_options(workers, overwrite, False, False, None, listener), cluster=compute)
+        options = replace(opt.Execution(overwrite).options(workers, None, listener), cluster=compute)
         summary = join(parts, out, options, fit_only=fit_only)
     page = "" if fit_only or summary.stopped else page_text(out / INDEX)
     report.end(run_content(summary, out), run_text(summary, out) + page, run_exit_code(summary))
@@ -59,33 +40,28 @@ def merge(
 
 def status(
     outs: Annotated[list[Path], typer.Argument(metavar="OUT...", help="Output folders of runs, finished or under way.")],
-    as_json: AsJson = False,
+    report: BareReport,
 ) -> None:
     """How far runs are, wherever they run: pairs done, failed and why, left, and when the pass ends."""
     from stereo_seecolor.commands.status import status as look
 
     found = [look(out) for out in outs]
-    Report("status", as_json).end({"runs": found}, status_text(found))
+    report.end({"runs": found}, status_text(found))
 
 
 def campaign(
     file: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="YAML file that lists the dives (docs/fleets.md).")],
-    only_failed: Annotated[
-        bool, typer.Option("--only-failed", metavar="", help="Skip dives all of whose pairs went through.")
-    ] = False,
-    workers: Workers = DEFAULT_WORKERS,
-    cluster: ClusterName = "",
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    only_failed: Annotated[bool, opt.flag("--only-failed", "Skip dives all of whose pairs went through.")] = False,
+    workers: opt.Workers = opt.DEFAULT_WORKERS,
+    cluster: opt.ClusterName = "",
+    *,
+    report: Report,
 ) -> None:
     """Run many dives, one after the other; what is wrong with one does not end the others."""
     from stereo_seecolor.commands.campaign import campaign as run_all
 
-    report = Report("campaign", as_json, progress, verbose, log_file)
     with report.working() as listener, computing(cluster) as compute:
-        options = replace(run_options(workers, False, False, False, None, listener), cluster=compute)
+        options = replace(opt.Execution().options(workers, None, listener), cluster=compute)
         result = run_all(file, options, only_failed=only_failed)
     stopped = any(dive.state == "stopped" for dive in result.dives)
     code = EXIT_INTERRUPTED if stopped else EXIT_DONE if result.all_done else EXIT_SOME_FAILED
@@ -93,24 +69,19 @@ def campaign(
 
 
 def plan(
-    left: Left,
-    right: Right,
-    calib: Calib,
+    left: opt.Left,
+    right: opt.Right,
+    calib: opt.Calib,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", metavar="FOLDER", help="Keep the plan there, so that the run into it says what it took against it."),
+        Path | None, opt.option("--out", "FOLDER", "Keep the plan there, so that the run into it says what it took against it.")
     ] = None,
-    config: ConfigFile = None,
-    settings: Settings = None,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    *,
+    settings: opt.Settings,
+    report: LoggedReport,
 ) -> None:
     """What a dive will cost, from ten of its pairs: core-hours, wall time by workers, disk, memory."""
     from stereo_seecolor.commands.plan import plan as measure
-    from stereo_seecolor.config_file import load_config
 
-    report = Report("plan", as_json, "none", verbose, log_file)
     with report.working():
-        found = measure(left, right, calib, load_config(config, settings or []), out)
+        found = measure(left, right, calib, settings.load(), out)
     report.end({**vars(found), "core_hours": found.core_hours}, plan_text(found))

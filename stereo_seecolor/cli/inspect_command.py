@@ -8,8 +8,7 @@ import typer
 from calibration.wording import counted
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
-from stereo_seecolor.cli.options import AsJson, LogFile, Verbose
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.report import LoggedReport
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.inspect import CalibrationFacts, Inspection
@@ -19,14 +18,13 @@ if TYPE_CHECKING:
 Places = Annotated[list[Path], typer.Argument(help="Folders and files of the dive: images or videos, and the calibration.")]
 
 
-def inspect(places: Places, as_json: AsJson = False, verbose: Verbose = False, log_file: LogFile = None) -> None:
+def inspect(places: Places, report: LoggedReport) -> None:
     """Look at the files of a dive, say what they are, and print the run command that fits; exit code 3 if pairs do not fit."""
     from stereo_seecolor.commands.inspect import inspect as look
 
-    report = Report("inspect", as_json, "none", verbose, log_file)
     with report.working():
         found = look(places)
-    report.end(dict(vars(found)), inspection_text(found), EXIT_SOME_FAILED if found.misfits else EXIT_DONE)
+    report.end(vars(found), inspection_text(found), EXIT_SOME_FAILED if found.misfits else EXIT_DONE)
 
 
 def inspection_text(found: "Inspection") -> str:

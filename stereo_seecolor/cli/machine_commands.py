@@ -4,29 +4,25 @@ from collections.abc import Sequence
 from itertools import groupby
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
+from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_KNOWN_ERROR
-from stereo_seecolor.cli.options import AsJson, ConfigFile, Settings
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.report import BareReport
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.doctor import Finding
     from stereo_seecolor.config_file import Setting
 
-Show = Annotated[
-    bool, typer.Option("--show", metavar="", help="Print every setting with its origin (what this command does anyway).")
-]
+Show = Annotated[bool, opt.flag("--show", "Print every setting with its origin (what this command does anyway).")]
 
 
-def doctor(as_json: AsJson = False) -> None:
+def doctor(report: BareReport) -> None:
     """What this machine has, what it lacks, what is lost without, and the command that installs it."""
     from stereo_seecolor.commands.doctor import doctor as examine
 
-    report = examine()
-    content = {"ready": report.ready, "findings": report.findings}
-    Report("doctor", as_json).end(content, doctor_text(report.findings), EXIT_DONE if report.ready else EXIT_KNOWN_ERROR)
+    found = examine()
+    content = {"ready": found.ready, "findings": found.findings}
+    report.end(content, doctor_text(found.findings), EXIT_DONE if found.ready else EXIT_KNOWN_ERROR)
 
 
 def doctor_text(findings: "Sequence[Finding]") -> str:
@@ -41,12 +37,12 @@ def doctor_text(findings: "Sequence[Finding]") -> str:
     return lines(said)
 
 
-def config(show: Show = True, file: ConfigFile = None, settings: Settings = None, as_json: AsJson = False) -> None:
+def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> None:
     """Print the merged settings as YAML, each with its origin: the default, the file, or --set."""
     from stereo_seecolor.config_file import load_settings
 
-    merged = load_settings(file, settings or [])
-    Report("config", as_json).end({"settings": merged}, config_text(merged))
+    merged = load_settings(settings.config, settings.settings or [])
+    report.end({"settings": merged}, config_text(merged))
 
 
 def config_text(settings: "Sequence[Setting]") -> str:

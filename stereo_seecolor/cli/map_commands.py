@@ -5,69 +5,53 @@ from typing import Annotated
 
 import typer
 
-from stereo_seecolor.cli.contents import map_content, map_exit_code
+from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.contents import map_exit_code
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.export_text import export_text, formats_text
-from stereo_seecolor.cli.options import AsJson, ClusterName, ConfigFile, Finished, LogFile, PosesFile, Progress, Settings, Verbose
-from stereo_seecolor.cli.report import Report, computing
+from stereo_seecolor.cli.report import BareReport, Report, computing
 from stereo_seecolor.cli.run_text import map_text, measures_text, page_text, report_text
 
 
 def fuse(
-    out: Finished,
-    poses: PosesFile = None,
-    config: ConfigFile = None,
-    settings: Settings = None,
-    cluster: ClusterName = "",
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    out: opt.Finished, poses: opt.PosesFile = None, *, settings: opt.Settings, cluster: opt.ClusterName = "", report: Report
 ) -> None:
     """Fuse a finished run into one map of the dive, OUT/map."""
     from stereo_seecolor.commands.fuse import fuse as fuse_frames
     from stereo_seecolor.commands.report import report as write_page
-    from stereo_seecolor.config_file import load_config
-    from stereo_seecolor.run_folder.finished_run import settings_file
 
-    report = Report("fuse", as_json, progress, verbose, log_file)
     with report.working() as listener, computing(cluster) as compute:
-        made = fuse_frames(out, poses, load_config(config or settings_file(out), settings or []), listener, compute)
+        made = fuse_frames(out, poses, settings.load(run=out), listener, compute)
         page = write_page(out, listener, brief=True).page
     text = map_text(made) + page_text(page)
-    report.end({"out": out, "page": page, "map": map_content(made)}, text, map_exit_code(made))
+    report.end({"out": out, "page": page, "map": made}, text, map_exit_code(made))
 
 
 def report(
-    out: Finished,
+    out: opt.Finished,
     charts: Annotated[
-        bool,
-        typer.Option("--charts", metavar="", help="Look for color charts in all frames (seconds a frame), and compare views."),
+        bool, opt.flag("--charts", "Look for color charts in all frames (seconds a frame), and compare views.")
     ] = False,
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    *,
+    report: Report,
 ) -> None:
     """Write the page of a finished run, OUT/index.html, with everything of every frame."""
     from stereo_seecolor.commands.report import report as write_page
 
-    console = Report("report", as_json, progress, verbose, log_file)
-    with console.working() as listener:
+    with report.working() as listener:
         result = write_page(out, listener, charts=charts)
     code = EXIT_SOME_FAILED if result.left_out else EXIT_DONE
-    console.end({"out": out, **vars(result)}, report_text(result), code)
+    report.end({"out": out, **vars(result)}, report_text(result), code)
 
 
 def measure(
-    out: Finished,
+    out: opt.Finished,
     points: Annotated[
         Path, typer.Argument(metavar="POINTS", help="CSV with measure, frame, kind, label, x_px, y_px, as the page saves it.")
     ],
-    lengths: Annotated[
-        bool, typer.Option("--lengths", metavar="", help="Print the lengths in frames as a table like EventMeasure's instead.")
-    ] = False,
-    as_json: AsJson = False,
+    lengths: Annotated[bool, opt.flag("--lengths", "Print the lengths in frames as a table like EventMeasure's instead.")] = False,
+    *,
+    report: BareReport,
 ) -> None:
     """Measure points, lengths and areas in the frames of a run; prints a CSV with standard errors."""
     from stereo_seecolor.commands.length_table import length_table
@@ -75,38 +59,39 @@ def measure(
 
     if lengths:
         table = length_table(out, points)
-        Report("measure", as_json).end({"out": out, "table": table}, table)
+        report.end({"out": out, "table": table}, table)
     results = measure_points(out, points)
     unknown = any(each.value is None for each in results)
     content = {"out": out, "measures": results}
-    Report("measure", as_json).end(content, measures_text(results), EXIT_SOME_FAILED if unknown else EXIT_DONE)
+    report.end(content, measures_text(results), EXIT_SOME_FAILED if unknown else EXIT_DONE)
 
 
 def view(
-    out: Finished,
-    window: Annotated[bool, typer.Option("--window", metavar="", help="Open the map in a window instead of the page.")] = False,
-    as_json: AsJson = False,
+    out: opt.Finished,
+    window: Annotated[bool, opt.flag("--window", "Open the map in a window instead of the page.")] = False,
+    *,
+    report: BareReport,
 ) -> None:
     """Open the page of a run in the browser; without a page, or with --window, its map in a window."""
     from stereo_seecolor.commands.view import view as show
     from stereo_seecolor.commands.view import view_map
 
     result = (view_map if window else show)(out)
-    Report("view", as_json).end({"out": out, **vars(result)}, "")
+    report.end({"out": out, **vars(result)}, "")
 
 
 def export(
     out: Annotated[Path | None, typer.Argument(metavar="OUT", help="Output folder of a run that was fused.")] = None,
-    to: Annotated[str, typer.Option("--to", metavar="FORMAT", help="What to write; --list says what there is.")] = "",
-    folder: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="A new or empty folder for it.")] = None,
-    listed: Annotated[bool, typer.Option("--list", help="List the formats, and the programs that open them.")] = False,
-    as_json: AsJson = False,
+    to: Annotated[str, opt.option("--to", "FORMAT", "What to write; --list says what there is.")] = "",
+    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for it.")] = None,
+    listed: Annotated[bool, opt.option("--list", None, "List the formats, and the programs that open them.")] = False,
+    *,
+    report: BareReport,
 ) -> None:
     """Write a fused run in the form that another program opens."""
     from stereo_seecolor.commands.export import export as write
     from stereo_seecolor.export.formats import EXPORT_FORMATS
 
-    report = Report("export", as_json)
     if listed:
         report.end({"formats": {name: format.opens for name, format in EXPORT_FORMATS.items()}}, formats_text(EXPORT_FORMATS))
     if out is None or folder is None or not to:

@@ -1,177 +1,130 @@
-"""Options that several commands share, each declared once: its type, its name and its help text.
+"""Options that several commands share, each declared once: its type, its name and its help text; and groups of them.
 
 Options without a panel come first in the help of a command: those that everybody needs. The panels hold the rest.
 """
 
+import sys
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.compute.threads import cores
 
-ProgressKind = Literal["auto", "bar", "lines", "json", "none"]
+if TYPE_CHECKING:
+    from stereo_seecolor.config import RunConfig
+    from stereo_seecolor.progress import Listener, RunOptions
+
 DEFAULT_WORKERS = min(cores(), 8)
 
 COLOR, SETTINGS, EXECUTION, REPORTING = "Color and map", "Settings", "Execution", "Reporting"
 
-Left = Annotated[
-    Path, typer.Option("--left", metavar="FOLDER", help="Folder of left images, a quoted pattern ('DIVE/*_L.png'), or a video.")
-]
-Right = Annotated[
-    Path,
-    typer.Option("--right", metavar="FOLDER", help="The same of the right side; the left video again if it shows both."),
-]
-Calib = Annotated[
-    str, typer.Option("--calib", metavar="FILE", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")
-]
-OneLeft = Annotated[
-    Path | None,
-    typer.Option("--left", metavar="FOLDER", help="Folder of left images, a quoted pattern ('DIVE/*_L.png'), or a video."),
-]
-OneRight = Annotated[
-    Path | None,
-    typer.Option("--right", metavar="FOLDER", help="The same of the right side; the left video again if it shows both."),
-]
-OneCalib = Annotated[
-    str | None,
-    typer.Option("--calib", metavar="FILE", help="Calibration of the rig: cam.yaml, or any format of docs/calibration.md."),
-]
+
+def option(name: str, metavar: str | None, help: str, panel: str | None = None, **limits: Any) -> Any:
+    """An option that takes a value. metavar: None for a choice of words. limits: min and max, of a number."""
+    return typer.Option(name, metavar=metavar, help=help, rich_help_panel=panel, **limits)
+
+
+def flag(name: str, help: str, panel: str | None = None) -> Any:
+    """An option that takes no value."""
+    return option(name, "", help, panel)
+
+
+_LEFT = option("--left", "FOLDER", "Folder of left images, a quoted pattern ('DIVE/*_L.png'), or a video.")
+_RIGHT = option("--right", "FOLDER", "The same of the right side; the left video again if it shows both.")
+_CALIB = option("--calib", "FILE", "Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")
+Left = Annotated[Path, _LEFT]
+Right = Annotated[Path, _RIGHT]
+Calib = Annotated[str, _CALIB]
+OneLeft = Annotated[Path | None, _LEFT]
+OneRight = Annotated[Path | None, _RIGHT]
+OneCalib = Annotated[str | None, _CALIB]
 Bag = Annotated[
     Path | None,
-    typer.Option(
+    option(
         "--bag",
-        metavar="BAG",
-        help="ROS bag instead of two folders: .bag, .db3, .mcap, or a folder of a split one. Without a calibration its own "
-        "camera_info is used.",
+        "BAG",
+        "ROS bag instead of two folders: .bag, .db3, .mcap, or a folder of a split one. Without a calibration its own camera_info "
+        "is used.",
     ),
 ]
 Topics = Annotated[
-    str,
-    typer.Option(
-        "--topics",
-        metavar="LIST",
-        help="Image topics of the bag, where they are not found: left=NAME,right=NAME.",
-        rich_help_panel=SETTINGS,
-    ),
+    str, option("--topics", "LIST", "Image topics of the bag, where they are not found: left=NAME,right=NAME.", SETTINGS)
 ]
-Out = Annotated[
-    Path, typer.Option("--out", metavar="FOLDER", help="Output folder. Run again with the same folder to resume a stopped run.")
-]
+Out = Annotated[Path, option("--out", "FOLDER", "Output folder. Run again with the same folder to resume a stopped run.")]
 OutMcap = Annotated[
-    Path | None,
-    typer.Option(
-        "--out-mcap",
-        metavar="FILE",
-        help="Record the finished frames as ROS 2 messages in an MCAP file too.",
-        rich_help_panel=EXECUTION,
-    ),
+    Path | None, option("--out-mcap", "FILE", "Record the finished frames as ROS 2 messages in an MCAP file too.", EXECUTION)
 ]
 Finished = Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of a finished run.")]
 RefineRig = Annotated[
-    bool,
-    typer.Option(
-        "--refine",
-        metavar="",
-        help="First estimate what has moved in the rig since its calibration, from pairs of the dive (input.refine).",
-    ),
+    bool, flag("--refine", "First estimate what has moved in the rig since its calibration, from pairs of the dive (input.refine).")
 ]
 WaterFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--water", metavar="FILE", help="water.json of an earlier run, used instead of fitting the water.", rich_help_panel=COLOR
-    ),
+    Path | None, option("--water", "FILE", "water.json of an earlier run, used instead of fitting the water.", COLOR)
 ]
 PosesFile = Annotated[
-    Path | None,
-    typer.Option(
-        "--poses",
-        metavar="FILE",
-        help="Trajectory of the dive: TUM, KITTI, COLMAP, AUV tables, or a ROS bag.",
-        rich_help_panel=COLOR,
-    ),
+    Path | None, option("--poses", "FILE", "Trajectory of the dive: TUM, KITTI, COLMAP, AUV tables, or a ROS bag.", COLOR)
 ]
 LivePage = Annotated[
     bool,
-    typer.Option(
-        "--page",
-        metavar="",
-        help="Write OUT/index.html already while the run works; a browser that shows it renews it by itself.",
-        rich_help_panel=REPORTING,
-    ),
+    flag("--page", "Write OUT/index.html already while the run works; a browser that shows it renews it by itself.", REPORTING),
 ]
-ConfigFile = Annotated[
-    Path | None,
-    typer.Option("--config", metavar="FILE", help="YAML file of settings (docs/configuration.md).", rich_help_panel=SETTINGS),
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set", metavar="KEY=VALUE", help="One setting, written section.key=value. May be repeated.", rich_help_panel=SETTINGS
-    ),
-]
-Workers = Annotated[
-    int,
-    typer.Option("--workers", metavar="N", min=1, help="Number of pairs processed at the same time.", rich_help_panel=EXECUTION),
-]
+Workers = Annotated[int, option("--workers", "N", "Number of pairs processed at the same time.", EXECUTION, min=1)]
 ClusterName = Annotated[
     str,
-    typer.Option(
-        "--cluster",
-        metavar="WHERE",
-        help="Work on a cluster: local:N, tcp://HOST:PORT, or slurm:cluster.yaml (docs/fleets.md).",
-        rich_help_panel=EXECUTION,
-    ),
+    option("--cluster", "WHERE", "Work on a cluster: local:N, tcp://HOST:PORT, or slurm:cluster.yaml (docs/fleets.md).", EXECUTION),
 ]
 ShardOption = Annotated[
     str,
-    typer.Option(
+    option(
         "--shard",
-        metavar="I/N",
-        help="Do only part I of N of the pairs, into an output folder of its own; merge joins them (docs/fleets.md).",
-        rich_help_panel=EXECUTION,
+        "I/N",
+        "Do only part I of N of the pairs, into an output folder of its own; merge joins them (docs/fleets.md).",
+        EXECUTION,
     ),
 ]
-Overwrite = Annotated[
-    bool,
-    typer.Option(
-        "--overwrite",
-        metavar="",
-        help="Remove the results that an earlier run wrote into the output folder.",
-        rich_help_panel=EXECUTION,
-    ),
-]
-Verify = Annotated[
-    bool,
-    typer.Option(
-        "--verify",
-        metavar="",
-        help="Read every input again, also those whose size and time have not changed.",
-        rich_help_panel=EXECUTION,
-    ),
-]
-Strict = Annotated[bool, typer.Option("--strict", metavar="", help="Stop at the first pair that fails.", rich_help_panel=EXECUTION)]
-AsJson = Annotated[
-    bool, typer.Option("--json", metavar="", help="Print the result as one JSON object (docs/json.md).", rich_help_panel=REPORTING)
-]
-Progress = Annotated[
-    ProgressKind,
-    typer.Option(
-        "--progress",
-        help="Progress on standard error. auto: a bar on a terminal, elsewhere JSON lines with --json and plain lines without.",
-        rich_help_panel=REPORTING,
-    ),
-]
-Verbose = Annotated[
-    bool,
-    typer.Option(
-        "--verbose", metavar="", help="Write the log to standard error, debugging messages included.", rich_help_panel=REPORTING
-    ),
-]
-LogFile = Annotated[
-    Path | None, typer.Option("--log-file", metavar="FILE", help="Append the log to this file.", rich_help_panel=REPORTING)
-]
+Overwrite = Annotated[bool, flag("--overwrite", "Remove the results that an earlier run wrote into the output folder.", EXECUTION)]
+AsJson = Annotated[bool, flag("--json", "Print the result as one JSON object (docs/json.md).", REPORTING)]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The group of options that name settings."""
+
+    config: Annotated[Path | None, option("--config", "FILE", "YAML file of settings (docs/configuration.md).", SETTINGS)] = None
+    settings: Annotated[
+        list[str] | None, option("--set", "KEY=VALUE", "One setting, written section.key=value. May be repeated.", SETTINGS)
+    ] = None
+
+    def load(self, refine: bool = False, run: Path | None = None) -> "RunConfig":
+        """The configuration that they give. refine: with ``--refine``. run: a folder whose settings hold where no file is named."""
+        from stereo_seecolor.config_file import load_config
+
+        file = self.config
+        if run and not file:
+            from stereo_seecolor.run_folder.finished_run import settings_file
+
+            file = settings_file(run)
+        return load_config(file, [*(self.settings or []), *(["input.refine=true"] if refine else [])])
+
+
+@dataclass(frozen=True)
+class Execution:
+    """The group of options that say how a command over pairs goes about it."""
+
+    overwrite: Overwrite = False
+    strict: Annotated[bool, flag("--strict", "Stop at the first pair that fails.", EXECUTION)] = False
+    verify: Annotated[
+        bool, flag("--verify", "Read every input again, also those whose size and time have not changed.", EXECUTION)
+    ] = False
+
+    def options(self, workers: int, config_file: Path | None, listener: "Listener") -> "RunOptions":
+        """The same for the command."""
+        from stereo_seecolor.progress import RunOptions
+
+        return RunOptions(workers, self.overwrite, self.strict, self.verify, config_file, tuple(sys.argv), listener)
 
 
 def shard_of(text: str) -> Shard:
@@ -180,8 +133,3 @@ def shard_of(text: str) -> Shard:
         return Shard.parse(text) if text else Shard()
     except ValueError as error:
         raise typer.BadParameter(f"--shard: {error}") from error
-
-
-def with_refine(settings: list[str] | None, refine: bool) -> list[str]:
-    """The settings of a command line with ``--refine``."""
-    return [*(settings or []), *(["input.refine=true"] if refine else [])]

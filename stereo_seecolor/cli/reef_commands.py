@@ -5,25 +5,24 @@ from typing import Annotated
 
 import typer
 
+from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
-from stereo_seecolor.cli.options import AsJson, Finished
 from stereo_seecolor.cli.reef_text import comparison_text, markers_text, metrics_text
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.report import BareReport
 
 
 def metrics(
-    out: Finished,
+    out: opt.Finished,
     polygons: Annotated[
-        Path | None,
-        typer.Option("--polygons", metavar="FILE", help="Outlines of colonies or bottom types: GeoJSON, or a TagLab project."),
+        Path | None, opt.option("--polygons", "FILE", "Outlines of colonies or bottom types: GeoJSON, or a TagLab project.")
     ] = None,
-    folder: Annotated[Path | None, typer.Option("--out", metavar="FOLDER", help="A new or empty folder for CSV tables.")] = None,
-    as_json: AsJson = False,
+    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for CSV tables.")] = None,
+    *,
+    report: BareReport,
 ) -> None:
     """Structure, colonies and cover of a fused run, with standard errors."""
     from stereo_seecolor.commands.metrics import metrics as measure
 
-    report = Report("metrics", as_json)
     with report.working():
         result = measure(out, polygons, folder)
     code = EXIT_SOME_FAILED if result.unseen else EXIT_DONE
@@ -33,20 +32,17 @@ def metrics(
 def compare(
     first: Annotated[Path, typer.Argument(metavar="FIRST", help="Output folder of a run that was fused.")],
     second: Annotated[Path, typer.Argument(metavar="SECOND", help="The same of a later dive at the same site.")],
-    folder: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="A new or empty folder for rasters, table and picture.")
-    ] = None,
+    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for rasters, table and picture.")] = None,
     joint: Annotated[
-        bool,
-        typer.Option("--joint", help="The second track in one graph with the first too: second_track.tum, to fuse it by."),
+        bool, opt.option("--joint", None, "The second track in one graph with the first too: second_track.tum, to fuse it by.")
     ] = False,
-    as_json: AsJson = False,
+    *,
+    report: BareReport,
 ) -> None:
     """Find what changed between two fused runs of one site: growth, loss and color, with standard errors."""
     from stereo_seecolor.commands.compare import compare as compare_runs
     from stereo_seecolor.comparing.change_files import description
 
-    report = Report("compare", as_json)
     with report.working():
         found = compare_runs(first, second, folder, joint)
     bent = {"pairs": found.joint.pairs, "bent_m": found.joint.bent_m} if found.joint else None
@@ -55,29 +51,19 @@ def compare(
 
 
 def markers(
-    out: Finished,
-    size: Annotated[
-        float | None, typer.Option("--size", metavar="METERS", help="Edge of the black border that all markers have.")
-    ] = None,
-    family: Annotated[
-        str, typer.Option("--family", metavar="NAME", help="36h11 (AprilTag), aruco-4x4, ...; a wrong one lists them.")
-    ] = "36h11",
-    bars: Annotated[
-        Path | None, typer.Option("--bars", metavar="FILE", help="Scale bars: CSV with first, second, length_m.")
-    ] = None,
-    points: Annotated[
-        Path | None, typer.Option("--points", metavar="FILE", help="Surveyed places: CSV with marker, x_m, y_m, z_m.")
-    ] = None,
-    folder: Annotated[
-        Path | None, typer.Option("--out", metavar="FOLDER", help="A new or empty folder for table and track.")
-    ] = None,
-    as_json: AsJson = False,
+    out: opt.Finished,
+    size: Annotated[float | None, opt.option("--size", "METERS", "Edge of the black border that all markers have.")] = None,
+    family: Annotated[str, opt.option("--family", "NAME", "36h11 (AprilTag), aruco-4x4, ...; a wrong one lists them.")] = "36h11",
+    bars: Annotated[Path | None, opt.option("--bars", "FILE", "Scale bars: CSV with first, second, length_m.")] = None,
+    points: Annotated[Path | None, opt.option("--points", "FILE", "Surveyed places: CSV with marker, x_m, y_m, z_m.")] = None,
+    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for table and track.")] = None,
+    *,
+    report: BareReport,
 ) -> None:
     """Find markers in a fused run: its scale, checked by their size and by scale bars; its place, by surveyed markers."""
     from stereo_seecolor.commands.markers import Known
     from stereo_seecolor.commands.markers import markers as find
 
-    report = Report("markers", as_json)
     with report.working() as listener:
         found = find(out, Known(size, family, bars, points), folder, listener)
     report.end({"out": out, **vars(found)}, markers_text(found), EXIT_SOME_FAILED if found.wrong else EXIT_DONE)

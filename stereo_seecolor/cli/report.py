@@ -4,32 +4,25 @@ import logging
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 
 import typer
 
 from stereo_seecolor.cli.errors import EXIT_DONE, is_known
 from stereo_seecolor.cli.json_output import json_line
 from stereo_seecolor.cli.logs import logging_to
+from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
 from stereo_seecolor.cli.streams import write_error, write_out
 
 if TYPE_CHECKING:
-    from stereo_seecolor.cli.options import ProgressKind
     from stereo_seecolor.compute.interface import Compute
-    from stereo_seecolor.progress import Listener, RunOptions
+    from stereo_seecolor.progress import Listener
+
+ProgressKind = Literal["auto", "bar", "lines", "json", "none"]
 
 log = logging.getLogger("stereo_seecolor.cli")
-
-
-def run_options(
-    workers: int, overwrite: bool, strict: bool, verify: bool, config_file: Path | None, listener: "Listener"
-) -> "RunOptions":
-    """How a command over pairs goes about it, from its options."""
-    from stereo_seecolor.progress import RunOptions
-
-    return RunOptions(workers, overwrite, strict, verify, config_file, tuple(sys.argv), listener)
 
 
 @contextmanager
@@ -49,10 +42,18 @@ class Report:
     """The options of the panel Reporting, for one command."""
 
     command: str
-    as_json: bool = False
-    progress: "ProgressKind" = "auto"
-    verbose: bool = False
-    log_file: Path | None = None
+    as_json: AsJson = False
+    progress: Annotated[
+        ProgressKind,
+        option(
+            "--progress",
+            None,
+            "Progress on standard error. auto: a bar on a terminal, elsewhere JSON lines with --json and plain lines without.",
+            REPORTING,
+        ),
+    ] = "auto"
+    verbose: Annotated[bool, flag("--verbose", "Write the log to standard error, debugging messages included.", REPORTING)] = False
+    log_file: Annotated[Path | None, option("--log-file", "FILE", "Append the log to this file.", REPORTING)] = None
 
     @contextmanager
     def working(self) -> "Iterator[Listener]":
@@ -110,3 +111,19 @@ class Report:
         if sys.stderr.isatty():
             return "bar"
         return "json" if self.as_json else "lines"
+
+
+@dataclass(frozen=True)
+class LoggedReport(Report):
+    """Of a command that shows no progress."""
+
+    progress: ProgressKind = field(default="none", init=False)
+
+
+@dataclass(frozen=True)
+class BareReport(Report):
+    """Of a command that has no option but ``--json``."""
+
+    progress: ProgressKind = field(default="auto", init=False)
+    verbose: bool = field(default=False, init=False)
+    log_file: Path | None = field(default=None, init=False)

@@ -5,67 +5,40 @@ from typing import Annotated, Literal
 
 import typer
 
+from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.contents import calibration_content, check_content
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
-from stereo_seecolor.cli.options import (
-    DEFAULT_WORKERS,
-    SETTINGS,
-    AsJson,
-    Calib,
-    ConfigFile,
-    Left,
-    LogFile,
-    Progress,
-    Right,
-    Settings,
-    Verbose,
-    Workers,
-)
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.report import BareReport, LoggedReport, Report
 from stereo_seecolor.cli.rig_text import calibration_text, check_text
 
 Target = Annotated[
     str,
-    typer.Option(
-        "--target",
-        metavar="TARGET",
-        help="chessboard:9x6:24.23mm (inner corners) or charuco:5X5_100:11x8:30mm:22mm (squares, marker).",
-    ),
+    opt.option("--target", "TARGET", "chessboard:9x6:24.23mm (inner corners) or charuco:5X5_100:11x8:30mm:22mm (squares, marker)."),
 ]
-TargetLeft = Annotated[Path | None, typer.Option("--left", metavar="FOLDER", help="Folder of left images of the target.")]
-TargetRight = Annotated[Path | None, typer.Option("--right", metavar="FOLDER", help="Folder of right images of the target.")]
+TargetLeft = Annotated[Path | None, opt.option("--left", "FOLDER", "Folder of left images of the target.")]
+TargetRight = Annotated[Path | None, opt.option("--right", "FOLDER", "Folder of right images of the target.")]
 CalibrationOut = Annotated[
-    Path, typer.Option("--out", metavar="FILE", help="Calibration file to write; a picture of the coverage is written beside it.")
+    Path, opt.option("--out", "FILE", "Calibration file to write; a picture of the coverage is written beside it.")
 ]
-Medium = Annotated[Literal["water", "air"], typer.Option("--medium", help="Where the images were taken; water is best.")]
+Medium = Annotated[Literal["water", "air"], opt.option("--medium", None, "Where the images were taken; water is best.")]
 PrintTarget = Annotated[
-    Path | None,
-    typer.Option(
-        "--print-target", metavar="FILE", help="Draw the target into this .pdf or .png and stop.", rich_help_panel=SETTINGS
-    ),
+    Path | None, opt.option("--print-target", "FILE", "Draw the target into this .pdf or .png and stop.", opt.SETTINGS)
 ]
-Dpi = Annotated[int, typer.Option("--dpi", metavar="N", min=10, help="Resolution of a .png target.", rich_help_panel=SETTINGS)]
-Pairs = Annotated[int, typer.Option("--pairs", metavar="N", min=1, help="How many pairs to test, spread evenly over the dive.")]
+Dpi = Annotated[int, opt.option("--dpi", "N", "Resolution of a .png target.", opt.SETTINGS, min=10)]
+Pairs = Annotated[int, opt.option("--pairs", "N", "How many pairs to test, spread evenly over the dive.", min=1)]
 Refine = Annotated[
     Path | None,
-    typer.Option(
-        "--refine",
-        metavar="FILE",
-        help="Estimate what has moved since the calibration, and write the refined rig to this file.",
-    ),
+    opt.option("--refine", "FILE", "Estimate what has moved since the calibration, and write the refined rig to this file."),
 ]
 Source = Annotated[
     str, typer.Argument(metavar="SOURCE", help="Any calibration of docs/calibration.md: a file, a folder, or left.yaml,right.yaml.")
 ]
 Converted = Annotated[str, typer.Argument(metavar="OUT", help="File to write; for ros a folder, or left.yaml,right.yaml.")]
-Format = Annotated[Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"], typer.Option("--to", help="Format to write.")]
-Size = Annotated[
-    str | None, typer.Option("--size", metavar="WIDTHxHEIGHT", help="WIDTHxHEIGHT, for a source that does not state it (OpenCV).")
-]
+Format = Annotated[Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"], opt.option("--to", None, "Format to write.")]
+Size = Annotated[str | None, opt.option("--size", "WIDTHxHEIGHT", "WIDTHxHEIGHT, for a source that does not state it (OpenCV).")]
 Resize = Annotated[
-    str | None,
-    typer.Option("--resize", metavar="WIDTHxHEIGHT", help="Size of the images where they were binned or resized since."),
+    str | None, opt.option("--resize", "WIDTHxHEIGHT", "Size of the images where they were binned or resized since.")
 ]
 
 
@@ -77,17 +50,14 @@ def calibrate(
     medium: Medium = "water",
     print_target: PrintTarget = None,
     dpi: Dpi = 300,
-    workers: Workers = DEFAULT_WORKERS,
-    as_json: AsJson = False,
-    progress: Progress = "auto",
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    workers: opt.Workers = opt.DEFAULT_WORKERS,
+    *,
+    report: Report,
 ) -> None:
     """Calibrate a rig from image pairs of a chessboard or ChArUco board (docs/calibration.md)."""
     from stereo_seecolor.commands import calibrate as commands
     from stereo_seecolor.progress import RunOptions
 
-    report = Report("calibrate", as_json, progress, verbose, log_file)
     if print_target:
         commands.print_target(target, print_target, dpi)
         report.end({"target": print_target}, f"{print_target}: print it at 100 %, glue it flat, and measure it\n")
@@ -99,36 +69,31 @@ def calibrate(
 
 
 def check(
-    left: Left,
-    right: Right,
-    calib: Calib,
+    left: opt.Left,
+    right: opt.Right,
+    calib: opt.Calib,
     pairs: Pairs = 12,
     refine: Refine = None,
-    config: ConfigFile = None,
-    settings: Settings = None,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    *,
+    settings: opt.Settings,
+    report: LoggedReport,
 ) -> None:
     """Test a calibration against the images of a dive; exit code 3 if they disagree."""
     from stereo_seecolor.commands.check import check as test
-    from stereo_seecolor.config_file import load_config
 
-    report = Report("check", as_json, "none", verbose, log_file)
     with report.working():
-        result = test(left, right, calib, pairs, refine, load_config(config, settings or []).input)
+        result = test(left, right, calib, pairs, refine, settings.load().input)
     code = EXIT_DONE if result.acceptable else EXIT_SOME_FAILED
     report.end(check_content(result), check_text(result), code)
 
 
 def convert_calib(
-    source: Source, out: Converted, to: Format = "native", size: Size = None, resize: Resize = None, as_json: AsJson = False
+    source: Source, out: Converted, to: Format = "native", size: Size = None, resize: Resize = None, *, report: BareReport
 ) -> None:
     """Convert a calibration into another format; the rays of all pixels stay the same."""
     from stereo_seecolor.commands.convert_calib import convert_calib as convert
 
     result = convert(source, out, to, size, resize)
-    report = Report("convert-calib", as_json)
     said = [
         f"{result.out}: {result.format}, baseline {result.baseline_m * 1000:.1f} mm",
         *(f"note: {note}" for note in result.notes),

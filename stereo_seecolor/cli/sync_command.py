@@ -6,30 +6,21 @@ from typing import Annotated
 import typer
 
 from calibration.wording import counted
+from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.console import lines
-from stereo_seecolor.cli.options import AsJson, LogFile, Verbose
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.report import LoggedReport
 
 LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
 Rig = Annotated[
-    str | None,
-    typer.Option("--calib", metavar="FILE", help="Calibration of the rig: rows of rectified pairs then tell the offset too."),
+    str | None, opt.option("--calib", "FILE", "Calibration of the rig: rows of rectified pairs then tell the offset too.")
 ]
 RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the right camera.")]
 
 
-def sync(
-    left: LeftVideo,
-    right: RightVideo,
-    calib: Rig = None,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    log_file: LogFile = None,
-) -> None:
+def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
     """Find offset and drift of two cameras without a wire, from sound, a flash and the motion of the picture."""
     from stereo_seecolor.commands.sync import sync as find
 
-    report = Report("sync", as_json, "none", verbose, log_file)
     with report.working():
         found = find(left, right, calib or "")
     said = [found.text]
@@ -39,4 +30,4 @@ def sync(
         "",
         f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out",
     ]
-    report.end(dict(vars(found)), lines(said))
+    report.end(vars(found), lines(said))

@@ -4,53 +4,38 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
+from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.console import lines
-from stereo_seecolor.cli.options import AsJson, ConfigFile, Finished, LogFile, Settings, Verbose
-from stereo_seecolor.cli.report import Report
+from stereo_seecolor.cli.report import LoggedReport
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.water import MeasuredWater
 
-Poses = Annotated[
-    Path | None, typer.Option("--poses", metavar="FILE", help="Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")
-]
-Chart = Annotated[
-    bool, typer.Option("--chart", metavar="", help="White point and color matrix from color charts and white cards in the frames.")
-]
+Poses = Annotated[Path | None, opt.option("--poses", "FILE", "Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")]
+Chart = Annotated[bool, opt.flag("--chart", "White point and color matrix from color charts and white cards in the frames.")]
 Targets = Annotated[
-    Path | None,
-    typer.Option("--targets", metavar="FILE", help="JSON of chart corners and polygons; without it charts are found."),
+    Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons; without it charts are found.")
 ]
 
 
 def water(
-    out: Finished,
+    out: opt.Finished,
     poses: Poses = None,
     chart: Chart = False,
     targets: Targets = None,
-    config: ConfigFile = None,
-    settings: Settings = None,
-    as_json: AsJson = False,
-    verbose: Verbose = False,
-    log_file: LogFile = None,
+    *,
+    settings: opt.Settings,
+    report: LoggedReport,
 ) -> None:
     """Measure the water from places that several frames see (--poses), or its white point and the camera's colors (--chart), for
     run --water."""
     from stereo_seecolor.commands.water import measure_water, measure_white
-    from stereo_seecolor.config_file import load_config
     from stereo_seecolor.errors import InputError
-    from stereo_seecolor.run_folder.finished_run import settings_file
 
-    report = Report("water", as_json, "none", verbose, log_file)
     with report.working():
         if (poses is None) != chart:
             raise InputError("water: give --poses FILE for attenuation and backscatter, or --chart for the white point")
-        if poses:
-            result = measure_water(out, poses, load_config(config or settings_file(out), settings or []))
-        else:
-            result = measure_white(out, targets)
+        result = measure_water(out, poses, settings.load(run=out)) if poses else measure_white(out, targets)
     report.end({"out": out, **vars(result)}, water_text(result))
 
 
@@ -64,12 +49,7 @@ def water_text(result: "MeasuredWater") -> str:
         f"{name} {rate:.3f} +- {error:.3f}"
         for name, rate, error in zip(("red", "green", "blue"), result.water.y, errors, strict=True)
     )
-    return lines(
-        [
-            f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)",
-            use,
-        ]
-    )
+    return lines([f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)", use])
 
 
 def _white_lines(result: "MeasuredWater") -> list[str]:
