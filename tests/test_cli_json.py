@@ -16,9 +16,8 @@ from json_shapes import ERROR, SHAPES, mismatch
 from video_writers import write_pair
 
 from stereo_seecolor.cli.app import COMMANDS
-from stereo_seecolor.cli.json_output import json_line
 from stereo_seecolor.commands.demo import DemoResult
-from stereo_seecolor.files.json_values import plain
+from stereo_seecolor.files.json_values import json_line, plain
 
 ROOT = Path(__file__).resolve().parents[1]
 TRACK = "# timestamp tx ty tz qx qy qz qw\n" + "".join(f"{i:04d} {0.01 * i} 0 0 1 0 0 0\n" for i in range(2))

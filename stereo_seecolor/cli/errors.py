@@ -11,9 +11,9 @@ from typing import Any
 import typer
 
 from stereo_seecolor.cli.interrupts import EXIT_INTERRUPTED
-from stereo_seecolor.cli.json_output import json_line
 from stereo_seecolor.cli.streams import write_error, write_out
 from stereo_seecolor.errors import OutputError
+from stereo_seecolor.files.json_values import json_line
 
 EXIT_DONE, EXIT_KNOWN_ERROR, EXIT_USAGE, EXIT_SOME_FAILED = 0, 1, 2, 3
 

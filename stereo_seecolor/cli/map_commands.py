@@ -1,16 +1,20 @@
 """Commands on a finished run: fuse, report, view, export."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from calibration.wording import counted
 from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.contents import map_exit_code
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
-from stereo_seecolor.cli.export_text import export_text, formats_text
 from stereo_seecolor.cli.report import BareReport, Report, computing
 from stereo_seecolor.cli.run_text import map_text, measures_text, page_text, report_text
+
+if TYPE_CHECKING:
+    from stereo_seecolor.commands.export import ExportResult
 
 
 def fuse(
@@ -93,9 +97,18 @@ def export(
     from stereo_seecolor.export.formats import EXPORT_FORMATS
 
     if listed:
-        report.end({"formats": {name: format.opens for name, format in EXPORT_FORMATS.items()}}, formats_text(EXPORT_FORMATS))
+        report.end(
+            {"formats": {name: format.opens for name, format in EXPORT_FORMATS.items()}},
+            lines(f"{name:<12} {format.what}: {format.opens}" for name, format in EXPORT_FORMATS.items()),
+        )
     if out is None or folder is None or not to:
         raise typer.BadParameter("give OUT, --to FORMAT and --out FOLDER, or --list")
     with report.working():
         written = write(out, to, folder)
     report.end({"out": out, **vars(written)}, export_text(written))
+
+
+def export_text(result: "ExportResult") -> str:
+    """What was written, and where."""
+    size = f"{counted(result.frames, 'frame')}, {counted(result.files, 'file')}, {result.bytes / 1e6:.1f} MB"
+    return lines([size, *([result.note] if result.note else []), f"  {result.folder}: {result.format}"])

@@ -2,8 +2,8 @@
 
 import time
 
-from stereo_seecolor.cli.json_output import json_line
 from stereo_seecolor.cli.streams import write_error
+from stereo_seecolor.files.json_values import json_line
 from stereo_seecolor.records import FrameRow
 
 LINE_EVERY_S = 10.0

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NoReturn
 import typer
 
 from stereo_seecolor.cli.errors import EXIT_DONE, is_known
-from stereo_seecolor.cli.json_output import json_line
 from stereo_seecolor.cli.logs import logging_to
 from stereo_seecolor.cli.options import REPORTING, AsJson, flag, option
 from stereo_seecolor.cli.streams import write_error, write_out
+from stereo_seecolor.files.json_values import json_line
 
 if TYPE_CHECKING:
     from stereo_seecolor.compute.interface import Compute

@@ -1,6 +1,7 @@
 """Values as JSON holds them."""
 
 import dataclasses
+import json
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -21,3 +22,8 @@ def plain(value: Any) -> Any:
     if hasattr(value, "tolist"):  # numpy arrays and numbers, which this module does not import
         return plain(value.tolist())
     return str(value)
+
+
+def json_line(content: Mapping[str, Any]) -> str:
+    """One object on one line of ASCII text."""
+    return json.dumps(plain(content), allow_nan=False) + "\n"
