@@ -13,7 +13,7 @@ from json_shapes import SHAPES, mismatch
 from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, track, write_run
 from numpy.typing import NDArray
 
-from stereo_seecolor.commands.compare import Comparison, compare, opened
+from stereo_seecolor.commands.compare import Comparison, compare
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.comparing import m3c2
 from stereo_seecolor.comparing.color_change import color_change
@@ -32,6 +32,7 @@ from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transf
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.site.mesh import SiteMesh
+from stereo_seecolor.site.mesh import open_site
 from stereo_seecolor.site.terrain import Terrain
 from stereo_seecolor.synthetic.changes import Change, changed_reef
 from stereo_seecolor.synthetic.reef import Reef
@@ -132,7 +133,7 @@ def test_growth_and_loss_are_found_and_nothing_else(dives: tuple[Path, Path, Ree
 def test_a_bent_track_is_straightened_by_what_frames_of_both_dives_share(
     dives: tuple[Path, Path, Reef, Reef], found: Comparison
 ) -> None:
-    first, second = (opened(out) for out in dives[:2])
+    first, second = (open_site(out) for out in dives[:2])
     true = ReefFrames(SECOND).trajectory.T_world_camera
     T = second.posed.T_map_camera.copy()
     T[:, 2, 3] += 0.02 * np.sin(np.arange(len(T)))

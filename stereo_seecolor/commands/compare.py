@@ -6,18 +6,15 @@ from pathlib import Path
 
 from stereo_seecolor.comparing.change_files import write_change
 from stereo_seecolor.comparing.joint_track import JointTrack, joint_track
-from stereo_seecolor.comparing.registration import Surveyed
 from stereo_seecolor.comparing.site_change import SiteChange, compare_sites
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.export.posed_run import open_posed_run
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.new_folder import new_folder, refuse_filled
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.report.change_page import write_change_page
-from stereo_seecolor.run_folder.finished_map import open_map
-from stereo_seecolor.site.mesh import read_mesh
+from stereo_seecolor.site.mesh import open_site
 
 SECOND_TRACK = "second_track.tum"
 
@@ -43,8 +40,8 @@ def compare(first: Path, second: Path, folder: Path | None = None, joint: bool =
         refuse_filled(folder)
     elif joint:
         raise InputError("--joint: writes the second's track: give --out, a new or empty folder")
-    a, b = opened(first), opened(second)
-    change = compare_sites(a, b, max(_cell_m(first), _cell_m(second)))
+    a, b = open_site(first), open_site(second)
+    change = compare_sites(a, b, max(site.posed.map.cell_m["dem_m"] for site in (a, b)))
     if folder is None:
         return Comparison(change, ())
     track = joint_track(a, b, change.registration, Threads(cores())) if joint else None
@@ -62,18 +59,3 @@ def _names(first: Path, second: Path) -> tuple[str, str]:
     if first.name != second.name:
         return first.name, second.name
     return f"{first.parent.name}/{first.name}", f"{second.parent.name}/{second.name}"
-
-
-def opened(out: Path) -> Surveyed:
-    """A fused run. Raises InputError for one without a map, or with an empty one."""
-    posed = open_posed_run(out)
-    mesh, made = read_mesh(out), open_map(out)
-    if not len(mesh.triangles) or made is None:
-        raise InputError(f"{out}: its map is empty: fuse it again with more frames or a larger mapping.voxel_m")
-    return Surveyed(posed, mesh, made.cell_m["voxel_m"])
-
-
-def _cell_m(out: Path) -> float:
-    made = open_map(out)
-    assert made is not None, "it was opened before"
-    return made.cell_m["dem_m"]

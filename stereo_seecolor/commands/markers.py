@@ -77,7 +77,7 @@ def markers(out: Path, known: Known, folder: Path | None = None, listener: Liste
 
 
 def _sightings(posed: PosedRun, detector: MarkerDetector, listener: Listener) -> list[PlacedSighting]:
-    frames, placed = SurveyFrames(posed.run, posed.range_scale), []
+    frames, placed = SurveyFrames(posed.run, posed.map.range_scale), []
     listener.begin("markers", len(frames))
     for number in range(len(frames)):
         try:

@@ -3,8 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-from stereo_seecolor.errors import InputError
-from stereo_seecolor.export.posed_run import open_posed_run
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.files.new_folder import new_folder
 from stereo_seecolor.metrics.colony import measure_outlines
@@ -13,8 +11,7 @@ from stereo_seecolor.metrics.outline_files import read_outlines
 from stereo_seecolor.metrics.site_metrics import SiteMetrics
 from stereo_seecolor.metrics.structure import structure
 from stereo_seecolor.metrics.tables import tables, write_tables
-from stereo_seecolor.run_folder.finished_map import open_map
-from stereo_seecolor.site.mesh import read_mesh
+from stereo_seecolor.site.mesh import open_site
 from stereo_seecolor.site.terrain import grid_of, terrain_of
 from stereo_seecolor.site.terrain_errors import terrain_errors
 
@@ -25,15 +22,10 @@ def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None)
     polygons: GeoJSON, or a project of TagLab. folder: new or empty, for the tables; None writes none.
     Raises InputError for a run without a map, or a polygon file that cannot be used; OutputError.
     """
-    posed = open_posed_run(out)
-    made = open_map(out)
-    assert made is not None, "a posed run has a map"
-    outlines = read_outlines(polygons, posed) if polygons else []
-    mesh = read_mesh(out)
-    if not len(mesh.triangles):
-        raise InputError(f"{out}: its map is empty: fuse it again with more frames or a larger mapping.voxel_m")
-    terrain = terrain_of(mesh, grid_of(mesh, made.cell_m["dem_m"]))
-    errors = terrain_errors(posed, terrain, made.cell_m["voxel_m"])
+    site = open_site(out)
+    outlines, mesh = read_outlines(polygons, site.posed) if polygons else [], site.mesh
+    terrain = terrain_of(mesh, grid_of(mesh, site.posed.map.cell_m["dem_m"]))
+    errors = terrain_errors(site.posed, terrain)
     measured = measure_outlines(outlines, mesh, terrain, errors)
     colonies = tuple(colony for colony in measured if colony is not None)
     result = SiteMetrics(

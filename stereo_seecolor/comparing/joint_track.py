@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.comparing.registration import Registration, Surveyed
+from stereo_seecolor.comparing.registration import Registration
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import ComparingError
@@ -22,7 +22,7 @@ from stereo_seecolor.mapping.track import loop_closure, odometry, pose_graph
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.refinement import refined
 from stereo_seecolor.records import SurveyFrame, Trajectory
-from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.site.mesh import Site
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class JointTrack:
     bent_m: float
 
 
-def joint_track(a: Surveyed, b: Surveyed, registration: Registration, compute: Compute) -> JointTrack:
+def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) -> JointTrack:
     """Raises ComparingError where too few frames of one dive see what those of the other saw; DeviceError if GTSAM is missing."""
     T_b, count = registration.T_a_b @ b.posed.T_map_camera, len(a.posed.frames)
     frames, T = RecoveredFrames(_BothDives(a.posed, b.posed)), np.concatenate([a.posed.T_map_camera, T_b])
@@ -84,15 +84,11 @@ class _BothDives(Lazy[SurveyFrame]):
     """The frames of two maps, one after the other, with their maps' ranges."""
 
     def __init__(self, a: PosedRun, b: PosedRun) -> None:
-        self._frames = []
-        for posed in (a, b):
-            frames, number = SurveyFrames(posed.run, posed.range_scale), {f.name: i for i, f in enumerate(posed.run.frames)}
-            self._frames += [(frames, number[frame.name]) for frame in posed.frames]
+        self._a, self._b = a.survey, b.survey
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return len(self._a) + len(self._b)
 
     def item(self, number: int) -> SurveyFrame:
         """A frame. Raises FrameError if one of its files is gone or damaged."""
-        frames, own = self._frames[number]
-        return frames[own]
+        return self._a[number] if number < len(self._a) else self._b[number - len(self._a)]

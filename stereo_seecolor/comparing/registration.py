@@ -9,9 +9,8 @@ from stereo_seecolor.comparing.landmarks import Landmarks, landmarks, matched
 from stereo_seecolor.comparing.rigid import RigidFit, rigid_fit
 from stereo_seecolor.comparing.surface_fit import SurfaceFit, surface_fit
 from stereo_seecolor.errors import ComparingError
-from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.geometry import transformed
-from stereo_seecolor.site.mesh import SiteMesh
+from stereo_seecolor.site.mesh import Site
 from stereo_seecolor.site.orthophoto import orthophoto
 from stereo_seecolor.site.terrain import grid_of, terrain_of
 
@@ -61,23 +60,9 @@ class Registration:
         return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", J, self.covariance, J)))
 
 
-@dataclass(frozen=True, eq=False)
-class Surveyed:
-    """A fused run, its mesh, and the edge of its voxels."""
-
-    posed: PosedRun
-    mesh: SiteMesh
-    voxel_m: float
-
-    def landmarks(self, cell_m: float) -> Landmarks:
-        """What it can be recognized by."""
-        terrain = terrain_of(self.mesh, grid_of(self.mesh, cell_m))
-        return landmarks(orthophoto(self.posed, terrain, self.voxel_m), terrain)
-
-
-def register(a: Surveyed, b: Surveyed, cell_m: float) -> Registration:
+def register(a: Site, b: Site, cell_m: float) -> Registration:
     """Place b in a's coordinates. Raises ComparingError, with the evidence, where it cannot be relied on."""
-    found = matched(a.landmarks(cell_m), b.landmarks(cell_m))
+    found = matched(_landmarks(a, cell_m), _landmarks(b, cell_m))
     count = len(found[0])
     coarse = rigid_fit(*found, SETTINGS.tolerance_cells * cell_m)
     agreeing = int(coarse.inliers.sum()) if coarse else 0
@@ -89,6 +74,12 @@ def register(a: Surveyed, b: Surveyed, cell_m: float) -> Registration:
         )
     fine = surface_fit(a.mesh, b.mesh, coarse.T, SETTINGS.apart_cells * cell_m)
     return _checked(coarse, fine, found[0][coarse.inliers], count, cell_m)
+
+
+def _landmarks(site: Site, cell_m: float) -> Landmarks:
+    """What it can be recognized by."""
+    terrain = terrain_of(site.mesh, grid_of(site.mesh, cell_m))
+    return landmarks(orthophoto(site.posed, terrain), terrain)
 
 
 def _checked(coarse: RigidFit, fine: SurfaceFit | None, places: Array, count: int, cell_m: float) -> Registration:

@@ -10,10 +10,10 @@ from stereo_seecolor.comparing.color_change import ColorChange, color_change
 from stereo_seecolor.comparing.difference import Difference, difference, relearned
 from stereo_seecolor.comparing.m3c2 import SurfaceDistances, distances
 from stereo_seecolor.comparing.patches import Kind, Mask, Patch, color_patches, height_patches, volume_l
-from stereo_seecolor.comparing.registration import Registration, Surveyed, register
+from stereo_seecolor.comparing.registration import Registration, register
 from stereo_seecolor.errors import ComparingError
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.site.mesh import SiteMesh
+from stereo_seecolor.site.mesh import Site, SiteMesh
 from stereo_seecolor.site.terrain import Terrain, terrain_of
 from stereo_seecolor.site.terrain_errors import TerrainErrors, terrain_errors
 
@@ -52,14 +52,14 @@ class SiteChange:
         return float((np.abs(self.difference.dz_m) > self.difference.lod_m)[known].mean())
 
 
-def compare_sites(a: Surveyed, b: Surveyed, cell_m: float) -> SiteChange:
+def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
     """Raises ComparingError where the surveys cannot be registered, or hardly overlap; InputError if a run cannot be read."""
     registration = register(a, b, cell_m)
     moved = b.mesh.moved(registration.T_a_b)
     grid = _shared_grid(a.mesh, moved, cell_m)
     before, after = terrain_of(a.mesh, grid), terrain_of(moved, grid)
-    a_errors = terrain_errors(a.posed, before, a.voxel_m)
-    b_errors = terrain_errors(b.posed, after, b.voxel_m, registration.T_a_b)
+    a_errors = terrain_errors(a.posed, before)
+    b_errors = terrain_errors(b.posed, after, registration.T_a_b)
     found = difference(before, after, a_errors, b_errors, registration)
     if np.isfinite(found.dz_m).sum() < LEAST_OVERLAP_CELLS:
         raise ComparingError("the surveys hardly overlap: errors are learned from ground that both saw, and here is too little")

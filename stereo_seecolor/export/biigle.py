@@ -1,34 +1,27 @@
 """Corrected images, and the table of metadata that BIIGLE imports with a volume."""
 
 import csv
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.export.images import write_image
+from stereo_seecolor.export.images import write_images
 from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 
-YEAR_2000 = 946_684_800
-"""Time stamps before it are counters, and no dates."""
 COLUMNS = ("filename", "taken_at", "lng", "lat", "gps_altitude", "distance_to_ground", "area", "yaw")
 """BIIGLE's names: UTC, degrees, meters (depths negative), square meters, degrees clockwise from north."""
 
 
 def write(posed: PosedRun, folder: Path) -> None:
     """``images/`` and metadata.csv; what is not known stays empty."""
-    (folder / "images").mkdir()
+    images = write_images(posed.frames, folder)
     with (folder / "metadata.csv").open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(COLUMNS)
-        for number, frame in enumerate(posed.frames):
-            name = write_image(frame, folder / "images")
-            stamp = frame.timestamp_s
-            dated = stamp is not None and stamp > YEAR_2000
-            taken = datetime.fromtimestamp(stamp or 0, UTC).strftime("%Y-%m-%d %H:%M:%S") if dated else ""
-            ground = _ground(posed, posed.measured_range_m(frame))
-            writer.writerow([name, taken, *_place(posed, posed.T_map_camera[number]), *ground])
+        for frame, image, T in zip(posed.frames, images, posed.T_map_camera, strict=True):
+            taken = frame.taken.strftime("%Y-%m-%d %H:%M:%S") if frame.taken else ""
+            writer.writerow([image.name, taken, *_place(posed, T), *_ground(posed, posed.measured_range_m(frame))])
 
 
 def _place(posed: PosedRun, T: np.ndarray) -> list[str]:

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.export.images import write_image
+from stereo_seecolor.export.images import write_images
 from stereo_seecolor.export.observations import Observations, observe
-from stereo_seecolor.export.posed_run import PosedRun
+from stereo_seecolor.export.posed_run import PosedRun, spaced
 from stereo_seecolor.geometry import quaternion
 
 CENTER_PX = 0.5
@@ -29,10 +29,9 @@ PointTrack = list[tuple[int, int]]
 
 def write(posed: PosedRun, folder: Path) -> None:
     """``images/`` and ``sparse/0/`` with cameras, images and points3D, each as .txt and .bin."""
-    images, model = folder / "images", folder / "sparse" / "0"
-    images.mkdir()
+    model = folder / "sparse" / "0"
     model.mkdir(parents=True)
-    names = [write_image(frame, images) for frame in posed.frames]
+    names = [image.name for image in write_images(posed.frames, folder)]
     observations = observe(posed)
     tracks = _tracks(observations)
     (model / "cameras.txt").write_text(_camera_text(posed), encoding="utf-8")
@@ -48,7 +47,7 @@ def write(posed: PosedRun, folder: Path) -> None:
 def _camera_text(posed: PosedRun) -> str:
     g = posed.geometry
     numbers = (g.focal_px, g.focal_px, *posed.principal_point_px)
-    return f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE {g.image_size[0]} {g.image_size[1]} {_text(numbers)}\n"
+    return f"# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n1 PINHOLE {g.image_size[0]} {g.image_size[1]} {spaced(numbers, 9)}\n"
 
 
 def _images_text(posed: PosedRun, names: Sequence[str], observations: Observations) -> str:
@@ -56,7 +55,7 @@ def _images_text(posed: PosedRun, names: Sequence[str], observations: Observatio
     rows = zip(names, posed.T_camera_map, observations.of_frame, strict=True)
     for number, (name, T, (points, pixels)) in enumerate(rows, 1):
         x, y, z, w = quaternion(T[:3, :3])
-        lines.append(f"{number} {_text((w, x, y, z, *T[:3, 3]))} 1 {name}")
+        lines.append(f"{number} {spaced((w, x, y, z, *T[:3, 3]), 9)} 1 {name}")
         seen = zip(pixels + CENTER_PX, points + 1, strict=True)
         lines.append(" ".join(f"{column:.2f} {row:.2f} {point}" for (column, row), point in seen))
     return "\n".join(lines) + "\n"
@@ -66,7 +65,7 @@ def _points_text(observations: Observations, tracks: Sequence[PointTrack]) -> st
     lines = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
     for number, (position, color, track) in enumerate(zip(observations.position, observations.color, tracks, strict=True), 1):
         seen = " ".join(f"{image} {place}" for image, place in track)
-        lines.append(f"{number} {_text(position)} {' '.join(map(str, color))} {UNKNOWN_ERROR} {seen}")
+        lines.append(f"{number} {spaced(position, 9)} {' '.join(map(str, color))} {UNKNOWN_ERROR} {seen}")
     return "\n".join(lines) + "\n"
 
 
@@ -101,7 +100,3 @@ def _points_binary(observations: Observations, tracks: Sequence[PointTrack]) -> 
     for number, (position, color, track) in enumerate(rows, 1):
         yield struct.pack("<Q3d3BdQ", number, *position, *color, UNKNOWN_ERROR, len(track))
         yield np.array(track, "<u4").tobytes()
-
-
-def _text(numbers: Sequence[float] | np.ndarray) -> str:
-    return " ".join(f"{number:.9g}" for number in numbers)

@@ -3,29 +3,25 @@
 import hashlib
 import uuid
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
 
-from stereo_seecolor.export.images import write_image
+from stereo_seecolor.export.images import write_images
 from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 from stereo_seecolor.version import __version__
 
 VERSION = "v2.1.0"
-YEAR_2000 = 946_684_800
-"""Time stamps before it are counters, and no dates."""
 HANDLE = "unknown: fill in the handle or DOI when it is published"
 
 
 def write(posed: PosedRun, folder: Path) -> None:
     """``images/`` and image-set.ifdo.yaml. What the program cannot know (project, licence, creators) is left out: add it."""
-    (folder / "images").mkdir()
-    images = [folder / "images" / write_image(frame, folder / "images") for frame in posed.frames]
+    images = write_images(posed.frames, folder)
     (folder / "image-set.ifdo.yaml").write_bytes(document(posed, images, folder / "images", "images"))
 
 
@@ -74,8 +70,8 @@ def _item(posed: PosedRun, frame: FinishedFrame, image: Path, T: np.ndarray) -> 
         "image-uuid": str(uuid.uuid5(uuid.NAMESPACE_OID, frame.sha256)),
         "image-hash-sha256": hashlib.sha256(image.read_bytes()).hexdigest(),
     }
-    if frame.timestamp_s is not None and frame.timestamp_s > YEAR_2000:
-        item["image-datetime"] = datetime.fromtimestamp(frame.timestamp_s, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")
+    if frame.taken:
+        item["image-datetime"] = frame.taken.strftime("%Y-%m-%d %H:%M:%S.%f")
     position_m = T[:3, 3] + posed.offset_m
     if posed.origin:
         latitude_deg, longitude_deg = degrees_from_north_east(float(position_m[1]), float(position_m[0]), posed.origin)

@@ -1,6 +1,7 @@
 """Corrected images as any other program reads them: 8 bits a channel."""
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,16 +13,20 @@ from stereo_seecolor.run_folder.finished_run import FinishedFrame
 READABLE = (".png", ".jpg")
 
 
-def write_image(frame: FinishedFrame, folder: Path) -> str:
-    """Put a frame's corrected image into ``folder``; its file name. 8-bit files are copied, others become 8-bit PNG.
+def write_images(frames: Sequence[FinishedFrame], folder: Path) -> list[Path]:
+    """Make ``folder/images``, and put the corrected image of each frame into it; the files, of 8 bits as they are, else as PNG.
 
-    Raises InputError if the image is gone or damaged.
+    Raises InputError if an image is gone or damaged.
     """
+    (folder / "images").mkdir()
+    return [_write_image(frame, folder / "images") for frame in frames]
+
+
+def _write_image(frame: FinishedFrame, folder: Path) -> Path:
     pixels = frame.read("corrected")
     source = frame.products["corrected"]
     if pixels.dtype == np.uint8 and source.suffix in READABLE:
-        shutil.copyfile(source, folder / source.name)
-        return source.name
-    name = f"{frame.name}.png"
-    (folder / name).write_bytes(encode_image(eight_bit(pixels), "png"))
-    return name
+        return Path(shutil.copyfile(source, folder / source.name))
+    path = folder / f"{frame.name}.png"
+    path.write_bytes(encode_image(eight_bit(pixels), "png"))
+    return path

@@ -26,7 +26,7 @@ def write(posed: PosedRun, folder: Path) -> None:
     with McapRecording(folder / FILE, posed.geometry) as recording:
         for i, frame in enumerate(posed.frames):
             pair = recorded(frame, i, posed.T_map_camera[i])
-            recording.add(replace(pair, range_m=np.float32(posed.range_scale) * pair.range_m))
+            recording.add(replace(pair, range_m=np.float32(posed.map.range_scale) * pair.range_m))
 
 
 def recorded(frame: FinishedFrame, number: int, T_map_camera: NDArray[np.float64] | None) -> RecordedPair:

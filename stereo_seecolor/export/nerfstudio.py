@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stereo_seecolor.export.images import write_image
+from stereo_seecolor.export.images import write_images
 from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.files.encode import encode_depth_mm
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
@@ -22,9 +22,8 @@ METERS_PER_UNIT = 0.001
 
 def write(posed: PosedRun, folder: Path) -> None:
     """transforms.json, ``images/``, ``depth/`` (along the optical axis; 0 unknown) and points.ply."""
-    for name in ("images", "depth"):
-        (folder / name).mkdir()
-    g = posed.geometry
+    (folder / "depth").mkdir()
+    g, images = posed.geometry, write_images(posed.frames, folder)
     shutil.copyfile(posed.map_folder / CLOUD, folder / "points.ply")
     content = {
         "camera_model": "OPENCV",
@@ -35,11 +34,11 @@ def write(posed: PosedRun, folder: Path) -> None:
         "depth_unit_scale_factor": METERS_PER_UNIT,
         "frames": [
             {
-                "file_path": f"images/{write_image(frame, folder / 'images')}",
+                "file_path": f"images/{image.name}",
                 "depth_file_path": f"depth/{_write_depth(posed, frame, folder / 'depth')}",
                 "transform_matrix": (T @ OPENGL_FROM_OPENCV).tolist(),
             }
-            for frame, T in zip(posed.frames, posed.T_map_camera, strict=True)
+            for frame, image, T in zip(posed.frames, images, posed.T_map_camera, strict=True)
         ],
     }
     (folder / "transforms.json").write_text(json.dumps(content, indent=1), encoding="utf-8")

@@ -1,5 +1,6 @@
 """What every export is made from: corrected frames, the camera they share, and where it stood for each of them."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -12,9 +13,10 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.inputs.trajectories.axes import poses, rotation_from_quaternion
 from stereo_seecolor.records import GeoOrigin, Map
-from stereo_seecolor.run_folder.finished_map import open_map
+from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
 from stereo_seecolor.run_folder.layout import CLOUD, MAP, MESH
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 SOME = 20
 """Frames that tell how large a pixel is."""
@@ -26,27 +28,43 @@ class PosedRun:
 
     geometry: of the corrected images, pinhole without distortion; pixel (0, 0) is the center of the top left one.
     frames: those that are in the map. T_map_camera: (N, 4, 4), meters, from the rectified left camera (x right, y down, z forward)
-    to the map's own coordinates (z up), which are those of cloud.ply and mesh.ply. offset_m: (3,), what to add to them to get
-    world coordinates. origin: where the world's origin lies on Earth, or None. range_scale: how many times as long the map takes
-    the ranges of the frames' files.
+    to the map's own coordinates (z up), which are those of cloud.ply and mesh.ply.
     """
 
     run: FinishedRun
+    map: FinishedMap
     geometry: RectifiedPair
     frames: tuple[FinishedFrame, ...]
     T_map_camera: NDArray[np.float64]
-    offset_m: NDArray[np.float64]
-    origin: GeoOrigin | None
-    range_scale: float = 1.0
 
     def measured_range_m(self, frame: FinishedFrame) -> Map:
         """(H, W) measured ranges of a frame as the map takes them, NaN where there are none. Raises InputError."""
-        return np.float32(self.range_scale) * frame.measured_range_m()
+        return np.float32(self.map.range_scale) * frame.measured_range_m()
+
+    @property
+    def survey(self) -> SurveyFrames:
+        """The frames with their ranges as the map takes them, each read when asked for. Raises InputError."""
+        return SurveyFrames(self.run, self.map.range_scale, self.frames)
 
     @property
     def map_folder(self) -> Path:
         """OUT/map."""
-        return self.run.root / MAP
+        return self.map.folder
+
+    @property
+    def offset_m(self) -> NDArray[np.float64]:
+        """(3,), what to add to the map's own coordinates to get those of its world."""
+        return np.array(self.map.offset_m, np.float64)
+
+    @property
+    def origin(self) -> GeoOrigin | None:
+        """Where the world's origin lies on Earth."""
+        return self.map.origin
+
+    @property
+    def voxel_m(self) -> float:
+        """Edge of the map's voxels."""
+        return self.map.cell_m["voxel_m"]
 
     @property
     def principal_point_px(self) -> tuple[float, float]:
@@ -67,22 +85,24 @@ class PosedRun:
         return inverse(self.T_map_camera)
 
 
+def spaced(numbers: Iterable[float], digits: int = 12) -> str:
+    """Numbers with that many significant digits, in a line."""
+    return " ".join(f"{number:.{digits}g}" for number in numbers)
+
+
 def open_posed_run(out: Path) -> PosedRun:
     """The run in ``out`` with the poses of its map. Raises InputError if it has no map, or one that is damaged."""
-    run = open_run(out)
-    folder = out / MAP
-    if run.geometry is None or not all((folder / name).is_file() for name in ("map.json", CLOUD, MESH)):
+    run, folder = open_run(out), out / MAP
+    made = open_map(out) if all((folder / name).is_file() for name in (CLOUD, MESH)) else None
+    if run.geometry is None or made is None:
         raise InputError(f"{out}: holds no map, which knows where the frames were taken: make it with stereo-seecolor fuse {out}")
-    made = open_map(out)
-    assert made is not None, "map.json is there"
-    names, offset_m = [point.name for point in made.track], np.array(made.offset_m, np.float64)
     try:
         rows = np.loadtxt(folder / "trajectory.tum", ndmin=2)
-        T = poses(rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - offset_m)
+        T = poses(rotation_from_quaternion(rows[:, 4:]), rows[:, 1:4] - np.array(made.offset_m))
     except (OSError, ValueError, IndexError) as error:
         raise InputError(f"{folder}: is damaged ({error}): make the map again with stereo-seecolor fuse {out}") from error
-    if len(names) != len(T):
+    if len(made.track) != len(T):
         raise InputError(f"{folder}: trajectory.tum and poses.csv differ: make the map again with stereo-seecolor fuse {out}")
     current = {frame.name: frame for frame in run.frames}
-    chosen = [i for i, name in enumerate(names) if name in current]
-    return PosedRun(run, run.geometry, tuple(current[names[i]] for i in chosen), T[chosen], offset_m, made.origin, made.range_scale)
+    chosen = [i for i, point in enumerate(made.track) if point.name in current]
+    return PosedRun(run, made, run.geometry, tuple(current[made.track[i].name] for i in chosen), T[chosen])

@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from stereo_seecolor.export.ifdo import YEAR_2000
 from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
@@ -52,11 +51,7 @@ def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
         "id": name,
         "geometry": _polygon(box) if box else None,
         **({"bbox": box} if box else {}),
-        "properties": {
-            **_times(run),
-            "title": name,
-            "description": what,
-        },
+        "properties": {**_times(run), "title": name, "description": what},
         "links": up,
         "collection": "dives",
         "assets": {
@@ -88,14 +83,9 @@ def collection(items: Sequence[dict[str, Any]], title: str) -> dict[str, Any]:
 
 def _times(run: FinishedRun) -> dict[str, str | None]:
     """When the frames were taken; when they were processed, where they tell no date."""
-    taken = [frame.timestamp_s for frame in run.frames if frame.timestamp_s is not None and frame.timestamp_s > YEAR_2000]
-    made = datetime.fromisoformat(run.made).timestamp()
-    first, last = (min(taken), max(taken)) if taken else (made, made)
-    return {"datetime": None, "start_datetime": _text(first), "end_datetime": _text(last)}
-
-
-def _text(time_s: float) -> str:
-    return datetime.fromtimestamp(time_s, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+    times = [frame.taken for frame in run.frames if frame.taken] or [datetime.fromisoformat(run.made)]
+    first, last = (time.astimezone(UTC).isoformat(timespec="milliseconds") for time in (min(times), max(times)))
+    return {"datetime": None, "start_datetime": first.replace("+00:00", "Z"), "end_datetime": last.replace("+00:00", "Z")}
 
 
 def _box(made: FinishedMap) -> list[float] | None:

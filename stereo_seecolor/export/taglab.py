@@ -5,7 +5,6 @@ Names and limits are those of TagLab's project files; corals outlined there come
 
 import json
 from collections.abc import Iterator
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,6 @@ MOST_PX = 32767
 """A side, at most."""
 NO_DATA = -9999.0
 BLOCK_PX = 2048
-YEAR_2000 = 946_684_800
-"""Time stamps before it are counters, and no dates."""
 
 
 def write(posed: PosedRun, folder: Path) -> None:
@@ -112,5 +109,4 @@ def _project(posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: s
 
 def _date(posed: PosedRun) -> str:
     """Of the first frame, else of the run: the format asks for one."""
-    stamps = [frame.timestamp_s for frame in posed.frames if frame.timestamp_s is not None and frame.timestamp_s > YEAR_2000]
-    return datetime.fromtimestamp(stamps[0], UTC).date().isoformat() if stamps else posed.run.made[:10]
+    return next((frame.taken.date().isoformat() for frame in posed.frames if frame.taken), posed.run.made[:10])

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +22,7 @@ from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
 
 RUN_FORMAT, RUN_VERSION = "stereo-seecolor/run", 2
+YEAR_2000 = 946_684_800
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,12 @@ class FinishedFrame:
     sha256: str
     products: dict[str, Path]
     facts: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def taken(self) -> datetime | None:
+        """When, in UTC; None without a time stamp, and for one before the year 2000, which is a counter and no date."""
+        stamp_s = self.timestamp_s or 0.0
+        return datetime.fromtimestamp(stamp_s, UTC) if stamp_s > YEAR_2000 else None
 
     def read(self, product: str) -> NDArray[Any]:
         """The pixels of a product as stored, (H, W) or (H, W, 3) RGB. Raises InputError if it was not written, or is damaged."""

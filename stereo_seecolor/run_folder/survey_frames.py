@@ -1,5 +1,6 @@
 """A finished run's frames as the map takes them, each read when asked for."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -16,14 +17,14 @@ from stereo_seecolor.run_folder.products import MASK_CODES
 
 
 class SurveyFrames(Lazy[SurveyFrame]):
-    """The current frames of a run, in the dive's order.
+    """The current frames of a run, in the dive's order, or those that are given.
 
     geometry: of the rectified images. T_rectified_left: (4, 4), from the raw left camera's axes. range_scale: how many times as
     long to take their ranges.
     Raises InputError if the run knows no camera, holds no finished frame, or holds frames of two settings.
     """
 
-    def __init__(self, run: FinishedRun, range_scale: float = 1.0) -> None:
+    def __init__(self, run: FinishedRun, range_scale: float = 1.0, frames: Sequence[FinishedFrame] | None = None) -> None:
         if run.geometry is None or run.T_rectified_left is None:
             raise InputError(f"{run.root}: the run knows no camera (made by correct?): a map needs the output of run")
         if run.stale:
@@ -35,7 +36,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
             raise InputError(f"{run.root}: holds no frame that went through all stages: run it to its end first")
         self.geometry: RectifiedPair = run.geometry
         self.T_rectified_left: NDArray[np.float64] = run.T_rectified_left
-        self._frames, self._range_scale = run.frames, range_scale
+        self._frames, self._range_scale = run.frames if frames is None else frames, range_scale
 
     def __len__(self) -> int:
         return len(self._frames)

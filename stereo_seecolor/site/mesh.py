@@ -1,4 +1,4 @@
-"""The mesh of a fused run in memory, in coordinates of one's choice."""
+"""A fused run with its mesh in memory, in coordinates of one's choice."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.export.posed_run import PosedRun, open_posed_run
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.run_folder.layout import MAP, MESH
@@ -44,3 +46,19 @@ def read_mesh(out: Path) -> SiteMesh:
     vertices = read_vertices(path)
     points, normals = (np.asarray(vertices[name], np.float64) for name in ("position", "normal"))
     return SiteMesh(points, normals, np.array(vertices["color"]), np.array(read_triangles(path)["indices"]))
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A fused run and its mesh, in the map's own coordinates."""
+
+    posed: PosedRun
+    mesh: SiteMesh
+
+
+def open_site(out: Path) -> Site:
+    """A fused run. Raises InputError for one without a map, or with an empty one."""
+    posed, mesh = open_posed_run(out), read_mesh(out)
+    if not len(mesh.triangles):
+        raise InputError(f"{out}: its map is empty: fuse it again with more frames or a larger mapping.voxel_m")
+    return Site(posed, mesh)

@@ -27,7 +27,7 @@ class Orthophoto:
     grid: Grid
 
 
-def orthophoto(posed: PosedRun, terrain: Terrain, voxel_m: float) -> Orthophoto:
+def orthophoto(posed: PosedRun, terrain: Terrain) -> Orthophoto:
     """Of a fused run. Raises InputError if its orthomosaic is damaged."""
     path = posed.map_folder / MOSAIC
     if not georeference.available() or not path.is_file():
@@ -39,7 +39,7 @@ def orthophoto(posed: PosedRun, terrain: Terrain, voxel_m: float) -> Orthophoto:
     try:
         with rasterio.open(path) as file:
             cell_m, corner = file.res[0], (file.bounds.left - posed.offset_m[0], file.bounds.top - posed.offset_m[1])
-            step = max(FINEST_OF_VOXEL * voxel_m / cell_m, float(np.sqrt(file.width * file.height / MOST_PX)), 1.0)
+            step = max(FINEST_OF_VOXEL * posed.voxel_m / cell_m, float(np.sqrt(file.width * file.height / MOST_PX)), 1.0)
             shape = max(int(file.height / step), 1), max(int(file.width / step), 1)
             bands = file.read(out_shape=(4, *shape), resampling=Resampling.average)
             grid = Grid(corner[0], corner[1], cell_m * file.width / shape[1], shape)

@@ -16,7 +16,6 @@ from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.geometry import inverse, transformed
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.records import SurveyFrame
-from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 from stereo_seecolor.site.terrain import Terrain
 
 Array = NDArray[np.float64]
@@ -52,18 +51,16 @@ class TerrainErrors:
         return float(np.nanmedian(self.std_m)) if np.isfinite(self.std_m).any() else float("nan")
 
 
-def terrain_errors(posed: PosedRun, terrain: Terrain, voxel_m: float, T_terrain_map: Array | None = None) -> TerrainErrors:
+def terrain_errors(posed: PosedRun, terrain: Terrain, T_terrain_map: Array | None = None) -> TerrainErrors:
     """The standard errors of the terrain of a run. T_terrain_map: (4, 4), where the terrain is not in the map's own coordinates.
 
     Raises InputError if the run cannot be read; a frame whose files are gone is left out.
     """
     T = np.eye(4) if T_terrain_map is None else T_terrain_map
-    frames = SurveyFrames(posed.run, posed.range_scale)
-    number = {frame.name: i for i, frame in enumerate(posed.run.frames)}
-    sums = _Sums(terrain, posed.geometry, voxel_m)
-    for frame, T_map_camera in zip(posed.frames, posed.T_map_camera, strict=True):
+    frames, sums = posed.survey, _Sums(terrain, posed.geometry, posed.voxel_m)
+    for number, T_map_camera in enumerate(posed.T_map_camera):
         try:
-            sums.add(frames[number[frame.name]], T @ T_map_camera)
+            sums.add(frames[number], T @ T_map_camera)
         except FrameError:
             continue
     return sums.errors()

@@ -48,13 +48,13 @@ class Surface:
         )
 
 
-def read_surface(posed: PosedRun, voxel_m: float) -> Surface:
+def read_surface(posed: PosedRun) -> Surface:
     """The run's mesh, simplified within half a voxel."""
     longest_m = longest_edge_m(posed)
     path = posed.map_folder / MESH
     vertices, triangles = read_vertices(path), np.array(read_triangles(path)["indices"], np.int32)
     arrays = np.array(vertices["position"], np.float64), np.array(vertices["normal"]), np.array(vertices["color"])
-    return Surface(*arrays, triangles, 0.0, 0.0, 0.0, len(triangles)).simplified(BOUND_VOXELS * voxel_m, longest_m)
+    return Surface(*arrays, triangles, 0.0, 0.0, 0.0, len(triangles)).simplified(BOUND_VOXELS * posed.voxel_m, longest_m)
 
 
 def longest_edge_m(posed: PosedRun) -> float:

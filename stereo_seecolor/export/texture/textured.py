@@ -15,7 +15,6 @@ from stereo_seecolor.export.texture.leveling import level
 from stereo_seecolor.export.texture.painting import paint
 from stereo_seecolor.export.texture.surface import Surface, neighbors, read_surface
 from stereo_seecolor.export.texture.views import Views, candidates
-from stereo_seecolor.run_folder.finished_map import open_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,9 +55,7 @@ class Textured:
 
 def open_surface(posed: PosedRun) -> Surface:
     """The run's mesh, with as few triangles as the bound allows. Raises InputError if it is empty."""
-    made = open_map(posed.run.root)
-    assert made is not None, "a posed run has a map"
-    surface = read_surface(posed, made.cell_m["voxel_m"])
+    surface = read_surface(posed)
     if not len(surface.triangles):
         raise InputError(f"{posed.map_folder}: its mesh has no triangles")
     return surface

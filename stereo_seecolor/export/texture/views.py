@@ -1,7 +1,7 @@
 """The images as views of the surface: where they show it, and how well."""
 
-from collections import OrderedDict
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -35,24 +35,15 @@ LIMITS = ViewLimits()
 
 
 class Views:
-    """The corrected images of a run, (H, W, 3) uint8; the last few are kept."""
+    """The corrected images of a run; the last few are kept."""
 
     def __init__(self, posed: PosedRun, kept: int = 4) -> None:
         self.posed = posed
-        self._kept = kept
-        self._images: OrderedDict[int, NDArray[np.uint8]] = OrderedDict()
+        self.image = lru_cache(kept)(self._read)
 
-    def __len__(self) -> int:
-        return len(self.posed.frames)
-
-    def image(self, number: int) -> NDArray[np.uint8]:
-        """Raises InputError if it is gone or damaged."""
-        if number not in self._images:
-            while len(self._images) >= self._kept:
-                self._images.popitem(last=False)
-            self._images[number] = eight_bit(self.posed.frames[number].read("corrected"))
-        self._images.move_to_end(number)
-        return self._images[number]
+    def _read(self, number: int) -> NDArray[np.uint8]:
+        """(H, W, 3). Raises InputError if it is gone or damaged."""
+        return eight_bit(self.posed.frames[number].read("corrected"))
 
     def project(self, number: int, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Pixels (..., 2), with (0, 0) in the center of the top left one, and depths (...) of points (..., 3) of the map."""
