@@ -22,10 +22,8 @@ from scipy.spatial import cKDTree
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
-from stereo_seecolor.evaluation.cloud import surface_points
+from stereo_seecolor.evaluation.maps import nearest_distance_m, surface_points, trajectory_error
 from stereo_seecolor.evaluation.measures import angle_deg
-from stereo_seecolor.evaluation.nearest import nearest_distance_m
-from stereo_seecolor.evaluation.trajectory import trajectory_error
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.geometry import rigid_alignment

@@ -31,8 +31,7 @@ from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.site.mesh import SiteMesh
-from stereo_seecolor.site.mesh import open_site
+from stereo_seecolor.site.mesh import SiteMesh, open_site
 from stereo_seecolor.site.terrain import Terrain
 from stereo_seecolor.synthetic.changes import Change, changed_reef
 from stereo_seecolor.synthetic.reef import Reef

@@ -5,9 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stereo_seecolor.evaluation.cloud import surface_points
-from stereo_seecolor.evaluation.nearest import nearest_distance_m
-from stereo_seecolor.evaluation.trajectory import trajectory_error
+from stereo_seecolor.evaluation.maps import nearest_distance_m, surface_points, trajectory_error
 from stereo_seecolor.geometry import rigid_alignment, rotation_from_vector, transformed
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, OutputError
-from stereo_seecolor.evaluation.nearest import nearest_distance_m
+from stereo_seecolor.evaluation.maps import nearest_distance_m
 from stereo_seecolor.files import raw_arrays
 from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.mapping import kept_frames

@@ -10,7 +10,7 @@ from mapping_scene import ReefFrames
 
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
-from stereo_seecolor.evaluation.trajectory import trajectory_error
+from stereo_seecolor.evaluation.maps import trajectory_error
 from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey

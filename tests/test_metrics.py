@@ -23,7 +23,7 @@ from stereo_seecolor.metrics.colony import Colony, Measured, measure_outlines
 from stereo_seecolor.metrics.cover import cover
 from stereo_seecolor.metrics.outline_files import read_outlines
 from stereo_seecolor.metrics.outlines import Outline
-from stereo_seecolor.metrics.rdh import mean_height_range, plane_dimension, rdh
+from stereo_seecolor.metrics.rdh import mean_height_range, rdh
 from stereo_seecolor.metrics.structure import structure
 from stereo_seecolor.records import GeoOrigin
 from stereo_seecolor.site.mesh import SiteMesh, read_mesh
@@ -84,15 +84,6 @@ def test_the_dimension_of_a_fractal_surface_is_found(dimension: float, tolerance
     spectrum = np.fft.rfft2(rng.standard_normal((n, n))) * frequency ** -(3 - dimension + 1)
     heights = np.fft.irfft2(spectrum)[:512, :512]
     assert rdh(heights / heights.std(), 0.01).fractal_dimension == pytest.approx(dimension, abs=tolerance)
-
-
-def test_the_three_numbers_lie_on_their_plane() -> None:
-    edges, finest_range_m, dimension = (2.0, 0.125), 0.09, 2.24
-    height_range_m = finest_range_m * (edges[0] / edges[1]) ** (3 - dimension)
-    rugosity = np.sqrt(finest_range_m**2 / (2 * edges[1] ** 2) + 1)
-    assert plane_dimension(rugosity, height_range_m, *edges) == pytest.approx(dimension, abs=1e-12)
-    # the example of habtools' rdh_theory: R = 4, H = 1, L = 1, L0 = 0.01 give D = 2.36928
-    assert plane_dimension(4, 1, 1, 0.01) == pytest.approx(2.36928, abs=5e-6)
 
 
 def test_height_ranges_leave_out_squares_that_were_hardly_seen() -> None:

@@ -1,13 +1,11 @@
 """What became of a run and of a fusion, as text for a person."""
 
-import csv
-import io
-from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from calibration.wording import counted
 from stereo_seecolor.cli.console import duration, lines, table
+from stereo_seecolor.files.csv_table import csv_text
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.measure import Measurement
@@ -79,13 +77,7 @@ def report_text(result: "ReportResult") -> str:
 
 def measures_text(results: "list[Measurement]") -> str:
     """Measures as CSV, meters and square meters."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(field.name for field in fields(results[0])) if results else None
-    for result in results:
-        values = (getattr(result, field.name) for field in fields(result))
-        writer.writerow("" if value is None else f"{value:.6g}" if isinstance(value, float) else value for value in values)
-    return text.getvalue()
+    return csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""
 
 
 def map_text(made: "MapSummary") -> str:

@@ -1,6 +1,5 @@
 """``measure --lengths``: lengths in frames as a table like EventMeasure's (SeaGIS), for the scripts that read those."""
 
-from dataclasses import astuple, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,40 +10,16 @@ from stereo_seecolor.measuring.picking import Surface
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.run_folder.finished_run import open_run
 
-COLUMNS = (
-    *("OpCode", "Frame", "Time (mins)", "Family", "Genus", "Species", "Number", "Comment"),
+ABOUT = ("OpCode", "Frame", "Time (mins)", "Family", "Genus", "Species", "Number", "Comment")
+NUMBERS = (
     *("Length (mm)", "Precision (mm)", "RMS (mm)", "Range (mm)", "Direction (deg)", "Horz. Dir. (deg)", "Vert. Dir. (deg)"),
     *("Mid X (mm)", "Mid Y (mm)", "Mid Z (mm)"),
 )
+"""Empty where they are not known. Precision is one standard error. Range: from the rectified left camera to the middle.
 
-
-@dataclass(frozen=True)
-class LengthRow:
-    """A length in COLUMNS' order, as text; empty where it is not known.
-
-    Precision is one standard error. Range: from the rectified left camera to the middle. Direction: of the middle from the optical
-    axis, and its parts, to the right and down. Mid: x right, y down, z forward. RMS stays empty: range maps have no residual of
-    two rays.
-    """
-
-    op_code: str
-    frame: str
-    time: str
-    family: str
-    genus: str
-    species: str
-    number: str
-    comment: str
-    length: str = ""
-    precision: str = ""
-    rms: str = ""
-    range: str = ""
-    direction: str = ""
-    horizontal: str = ""
-    vertical: str = ""
-    x: str = ""
-    y: str = ""
-    z: str = ""
+Direction: of the middle from the optical axis, and its parts, to the right and down. Mid: x right, y down, z forward. RMS stays
+empty: range maps have no residual of two rays.
+"""
 
 
 def length_table(out: Path, points: Path) -> str:
@@ -53,7 +28,7 @@ def length_table(out: Path, points: Path) -> str:
     Labels of three words are family, genus and species, of two genus and species, others go into the comment.
     Raises InputError as ``measure``.
     """
-    run, rows = open_run(out), ["\t".join(COLUMNS)]
+    run, rows = open_run(out), ["\t".join((*ABOUT, *NUMBERS))]
     calibration, stamps = calibration_std(run).total, [frame.timestamp_s for frame in run.frames if frame.timestamp_s is not None]
     for wanted in read_wanted(points):
         if wanted.kind != "length" or not wanted.frame:
@@ -62,9 +37,10 @@ def length_table(out: Path, points: Path) -> str:
         found = measured(surface, wanted, calibration)
         stamp = run.frame(wanted.frame).timestamp_s
         time = "" if stamp is None else f"{(stamp - min(stamps)) / 60:.5f}"
-        known = () if found.value is None or found.std is None else _numbers(surface, wanted.places, found.value, found.std)
-        name = out.resolve().name
-        rows.append("\t".join(astuple(LengthRow(name, wanted.frame, time, *_label(wanted.label), *known))))
+        numbers: tuple[str, ...] = ("",) * len(NUMBERS)
+        if found.value is not None and found.std is not None:
+            numbers = _numbers(surface, wanted.places, found.value, found.std)
+        rows.append("\t".join((out.resolve().name, wanted.frame, time, *_label(wanted.label), *numbers)))
     return "\n".join(rows) + "\n"
 
 

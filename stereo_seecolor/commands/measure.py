@@ -1,7 +1,5 @@
 """``measure``: points, lengths and areas in the frames and on the map of a finished run, from a table of places."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files import csv_table
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.measuring.measures import (
     Measured,
@@ -175,18 +173,14 @@ def _area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, Measured]:
 
 def read_wanted(path: Path) -> list[Wanted]:
     """The table of places. Raises InputError, naming the line, if it cannot be used."""
-    table = csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")))
-    names = table.fieldnames or ()
+    names = csv_table.header(path)
     places = FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
-    missing = [name for name in (*COLUMNS, *places) if name not in names]
-    if missing:
-        raise InputError(f"{path}: has no column {missing[0]!r}: give the columns {', '.join((*COLUMNS, *places))}")
     found: dict[str, Wanted] = {}
-    for number, row in enumerate(table, start=2):
-        each = _wanted(row, f"{path}: line {number}")
+    for where, row in csv_table.rows(path, (*COLUMNS, *places)):
+        each = _wanted(row, where)
         earlier = found.get(each.measure)
         if earlier and (earlier.frame, earlier.kind) != (each.frame, each.kind):
-            raise InputError(f"{path}: line {number}: measure {each.measure!r} has another frame or kind than before")
+            raise InputError(f"{where}: measure {each.measure!r} has another frame or kind than before")
         found[each.measure] = each if earlier is None else _joined(earlier, each)
     for each in found.values():
         if len(each.places) + len(each.spots) < LEAST_POINTS[each.kind]:

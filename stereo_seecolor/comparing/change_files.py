@@ -1,9 +1,8 @@
 """What changed as files: GeoTIFFs, a table of the patches, a picture, JSON."""
 
-import csv
 import json
 from collections.abc import Iterator
-from dataclasses import asdict, fields
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.comparing.change_picture import picture
 from stereo_seecolor.comparing.patches import Patch
 from stereo_seecolor.comparing.site_change import SiteChange
-from stereo_seecolor.files.atomic import atomic_path, write_atomic
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.csv_table import csv_text
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.georeference import Georeference
@@ -26,10 +26,8 @@ def write_change(folder: Path, change: SiteChange, place: Georeference) -> None:
     """All files of a change, in the first survey's coordinates; GeoTIFFs where rasterio can be imported. Raises OutputError."""
     write_atomic(folder / "change.png", cv2.imencode(".png", picture(change)[..., ::-1])[1].tobytes())
     write_atomic(folder / "change.json", (json.dumps(description(change), indent=2) + "\n").encode())
-    with atomic_path(folder / "patches.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(field.name for field in fields(Patch))
-        writer.writerows([_cell(value) for value in asdict(patch).values()] for patch in change.patches)
+    names = [field.name for field in fields(Patch)]
+    write_atomic(folder / "patches.csv", csv_text(names, (vars(patch).values() for patch in change.patches)).encode())
     if georeference.available():
         for name, bands in _rasters(change):
             _write_raster(folder, name, bands, change, place)
@@ -87,9 +85,3 @@ def _write_raster(folder: Path, name: str, bands: dict[str, NDArray[Any]], chang
     rows, columns = change.before.grid.shape
     raster.write(slice(0, rows), slice(0, columns), np.stack([band.astype(np.float32) for band in bands.values()]))
     georeference.write_geotiff(folder / name, raster, place, tuple(bands))
-
-
-def _cell(value: Any) -> Any:
-    if isinstance(value, float):
-        return f"{value:.6g}" if np.isfinite(value) else ""
-    return value

@@ -1,7 +1,5 @@
 """The map brought to surveyed places of markers, by one rigid motion: its scale is the rig's, and is checked, not fitted."""
 
-import csv
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.files import csv_table
 from stereo_seecolor.geometry import rigid_alignment, transformed
 from stereo_seecolor.markers.marker_map import PlacedMarker
 
@@ -39,8 +37,7 @@ def read_control_points(path: Path) -> dict[int, Array]:
 
 def read_stds(path: Path) -> dict[int, float]:
     """Standard errors of the control points, meters, by marker: of the column std_m, or the usual one. Raises InputError."""
-    first = next(iter(read_bytes(path).decode("utf-8-sig", errors="replace").splitlines()), "")
-    if "std_m" not in [name.strip() for name in first.split(",")]:
+    if "std_m" not in csv_table.header(path):
         return dict.fromkeys(read_control_points(path), USUAL_STD_M)
     return {int(row[0]): float(row[1]) for row in _rows(path, ("marker", "std_m"))}
 
@@ -65,14 +62,10 @@ def control_fit(markers: Sequence[PlacedMarker], points: dict[int, Array]) -> Co
 
 
 def _rows(path: Path, columns: tuple[str, ...]) -> list[Array]:
-    table = csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")))
-    missing = [name for name in columns if name not in (table.fieldnames or ())]
-    if missing:
-        raise InputError(f"{path}: has no column {missing[0]!r}: give the columns {', '.join(columns)}")
     found = []
-    for number, row in enumerate(table, start=2):
+    for where, row in csv_table.rows(path, columns):
         try:
             found.append(np.array([float(row[name]) for name in columns]))
         except (TypeError, ValueError) as error:
-            raise InputError(f"{path}: line {number}: {error}: give numbers in {', '.join(columns)}") from error
+            raise InputError(f"{where}: {error}: give numbers in {', '.join(columns)}") from error
     return found

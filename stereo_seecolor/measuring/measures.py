@@ -136,7 +136,7 @@ def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, flo
                     relative += pick.range_std_m / pick.range_m
     if known == 0:
         return UNKNOWN, 0.0
-    area_m2 = areas_m2 / known * _polygon_px(outline)
+    area_m2 = areas_m2 / known * polygon_area(outline)
     planar = planar_area(picks)
     by_outline = planar.std / planar.value if planar.value > 0 else float("nan")
     by_range = 2 * relative / known / np.sqrt(max(1.0, known * step**2 / (2 * LIMITS.half_window_px + 1) ** 2))
@@ -150,8 +150,8 @@ def _pixel_area_m2(pick: Pick, focal_px: float, cx_px: float, cy_px: float) -> f
     return float(depth_m**3 * np.linalg.norm(k) / focal_px**2)
 
 
-def _polygon_px(outline: Array) -> float:
-    """The area of a polygon in square pixels (shoelace formula)."""
+def polygon_area(outline: Array) -> float:
+    """The area of a polygon (N, 2) (shoelace formula)."""
     x, y = outline.T
     return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
 

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.measuring.measures import Measured, inside, planar_area
+from stereo_seecolor.measuring.measures import Measured, inside, planar_area, polygon_area
 from stereo_seecolor.records import Map
 
 Array = NDArray[np.float64]
@@ -118,7 +118,7 @@ class Ground:
     def area(self, spots: Sequence[Spot]) -> Measured | None:
         """Area of the ground inside an outline; None where that stands too steep to be seen from above, or nothing is known."""
         outline = np.array([self.cell(*spot.point_m[:2]) for spot in spots])
-        level_m2 = _polygon(outline) * self.cell_m**2
+        level_m2 = polygon_area(outline) * self.cell_m**2
         planar = planar_area(spots)
         if not level_m2 >= TERRAIN.steepest * planar.value or not all(self._is_on(spot) for spot in spots):
             return None
@@ -139,8 +139,3 @@ def _plane(cells: Array) -> tuple[float, float, float]:
         return float(cells[:, 2].mean()), 0.0, 0.0
     height_m, east, north = np.linalg.solve(normal, A.T @ cells[:, 2])
     return float(height_m), float(east), float(north)
-
-
-def _polygon(outline: Array) -> float:
-    x, y = outline.T
-    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)

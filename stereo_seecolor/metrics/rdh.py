@@ -58,12 +58,6 @@ def rdh(height_m: NDArray[np.floating], cell_m: float, edges_m: Sequence[float] 
     )
 
 
-def plane_dimension(rugosity: float, height_range_m: float, edge_m: float, finest_m: float) -> float:
-    """D that the plane equation gives for R and H: 3 - log(H / (sqrt 2 L0 sqrt(R^2 - 1))) / log(L / L0)."""
-    finest_range_m = np.sqrt(2) * finest_m * np.sqrt(rugosity**2 - 1)
-    return float(3 - np.log(height_range_m / finest_range_m) / np.log(edge_m / finest_m))
-
-
 def mean_height_range(heights: Heights, parts: int) -> float:
     """Mean of highest less lowest over parts x parts squares; squares of which less than half is known do not count."""
     row, column = (np.arange(n) * parts // n for n in heights.shape)

@@ -1,11 +1,11 @@
 """The numbers of a site as tables: one CSV each, standard errors beside the values."""
 
-import csv
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.csv_table import csv_text
 from stereo_seecolor.metrics.colony import Colony
 from stereo_seecolor.metrics.site_metrics import SiteMetrics
 from stereo_seecolor.metrics.structure import StructureAtScale
@@ -23,17 +23,7 @@ def tables(result: SiteMetrics) -> dict[str, list[Row]]:
 def write_tables(folder: Path, content: dict[str, list[Row]]) -> None:
     """A CSV for each table; numbers that are not known are empty."""
     for name, rows in content.items():
-        with atomic_path(folder / f"{name}.csv") as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(rows[0])
-            writer.writerows([cell(value) for value in row.values()] for row in rows)
-
-
-def cell(value: Any) -> Any:
-    """A value as a cell of a CSV."""
-    if isinstance(value, float):
-        return f"{value:.6g}" if value == value else ""
-    return value
+        write_atomic(folder / f"{name}.csv", csv_text(rows[0], (row.values() for row in rows)).encode())
 
 
 def _scale(scale: StructureAtScale) -> Row:
