@@ -8,7 +8,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
 from fractions import Fraction
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -25,7 +24,7 @@ from stereo_seecolor.errors import DeviceError, InputError
 from stereo_seecolor.live import cameras as live_cameras
 from stereo_seecolor.live.cameras import cameras
 from stereo_seecolor.live.sources import live_source
-from stereo_seecolor.live.streams import Arrivals, Arrived, StreamPairs
+from stereo_seecolor.live.streams import Arrived, Stream, StreamPairs
 
 
 @contextmanager
@@ -184,53 +183,36 @@ def test_sides_of_two_kinds_are_refused(tmp_path: Path) -> None:
             pass
 
 
-@dataclass
-class Stream:
-    """A stream that a test feeds. Its images are their stamps."""
-
-    name: str = "stream"
-    waiting: str = ""
-
-    def __post_init__(self) -> None:
-        self.images = Arrivals()
-
-    @property
-    def newest(self) -> tuple[Arrived, ...]:
-        return self.images.newest
-
-    @property
-    def received(self) -> int:
-        return self.images.received
-
-    def send(self, milliseconds: float) -> None:
-        value = np.full((1, 1, 3), milliseconds % 256, np.uint8)
-        self.images.add(Arrived(10**18 + round(milliseconds * 1e6), time.monotonic(), lambda: value))
+def send(stream: Stream, milliseconds: float) -> None:
+    """An image that is its stamp."""
+    value = np.full((1, 1, 3), milliseconds % 256, np.uint8)
+    stream.add(Arrived(10**18 + round(milliseconds * 1e6), time.monotonic(), lambda: value))
 
 
 def test_images_of_one_time_become_pairs_and_the_newest_wins() -> None:
-    left, right = Stream(), Stream()
+    left, right = Stream("left"), Stream("right")
     source = StreamPairs(left, right, InputConfig())
-    left.send(0)
+    send(left, 0)
     assert source.newest() is None
-    right.send(3)
+    send(right, 3)
     first = source.newest()
     assert first is not None
     assert (first.name, source.read(first).right[0, 0, 0]) == ("1000000000-000000000", 3)
     source.take(first)
     assert source.newest() is None
     for ms in (100, 200, 300):
-        left.send(ms)
-        right.send(ms + 4)
-    left.send(400)  # its partner has not come
+        send(left, ms)
+        send(right, ms + 4)
+    send(left, 400)  # its partner has not come
     pair = source.newest()
     assert pair is not None
     assert pair.name == "1000000000-300000000"
     source.take(pair)
     assert (source.dropped, source.newest()) == (2, None)
-    right.send(404)
+    send(right, 404)
     assert source.newest() is not None
-    right.send(460)
-    left.send(500)  # 40 ms off: beyond the tolerance, but less than half the time between images
+    send(right, 460)
+    send(left, 500)  # 40 ms off: beyond the tolerance, but less than half the time between images
     found = source.newest()
     assert found is not None
     assert found.name == "1000000000-500000000"
@@ -239,10 +221,10 @@ def test_images_of_one_time_become_pairs_and_the_newest_wins() -> None:
 
 
 def test_two_free_running_cameras_half_an_image_apart_are_no_pair() -> None:
-    left, right = Stream(), Stream()
+    left, right = Stream("left"), Stream("right")
     for ms in (0, 100, 200, 300):
-        left.send(ms)
-        right.send(ms + 50)
+        send(left, ms)
+        send(right, ms + 50)
     assert StreamPairs(left, right, InputConfig()).newest() is None
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.compute.background import in_background
 from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.live.streams import Arrivals, Arrived
+from stereo_seecolor.live.streams import Arrived, Stream
 from stereo_seecolor.records import Image
 
 TIMEOUT_MS = 5000
@@ -35,24 +35,24 @@ def is_address(text: str) -> bool:
 
 
 class Camera:
-    """What one address sends. name: the address. waiting: it, while it does not send; "" while it does."""
+    """What one address sends: sides, one of its whole picture, or two of its left and its right half."""
 
-    def __init__(self, address: str) -> None:
-        self.name = self.waiting = address
-        self.images = Arrivals()
-        self._is_stopped = False
+    def __init__(self, address: str, sides: int = 1) -> None:
+        self._address, self._is_stopped = address, False
+        self.sides = tuple(Stream(address) for _ in range(sides))
 
     def run(self) -> None:
         """Read until ``stop``."""
         while not self._is_stopped:
-            capture = _opened(self.name)
+            capture = _opened(self._address)
             while not self._is_stopped and capture.grab():
                 arrived_s, stamp_ns = time.monotonic(), time.time_ns()
                 found, image = capture.retrieve()
                 if found:
-                    self.images.add(Arrived(stamp_ns, arrived_s, partial(_rgb, image)))
-                    self.waiting = ""
-            self.waiting = self.name
+                    for number, side in enumerate(self.sides):
+                        side.add(Arrived(stamp_ns, arrived_s, partial(_part, image, number, len(self.sides))))
+            for side in self.sides:
+                side.waiting = self._address
             capture.release()
             until_s = time.monotonic() + RETRY_S
             while not self._is_stopped and time.monotonic() < until_s:
@@ -63,32 +63,8 @@ class Camera:
         self._is_stopped = True
 
 
-class Side:
-    """One side of a camera's picture: all of it, or its left or right half."""
-
-    def __init__(self, camera: Camera, half: slice | None = None) -> None:
-        self._camera, self._half = camera, half
-        self.name = camera.name
-
-    @property
-    def waiting(self) -> str:
-        """The camera's address, while it does not send."""
-        return self._camera.waiting
-
-    @property
-    def newest(self) -> tuple[Arrived, ...]:
-        """The last few, oldest first."""
-        images = self._camera.images.newest
-        return images if self._half is None else tuple(image._replace(image=partial(_half, image, self._half)) for image in images)
-
-    @property
-    def received(self) -> int:
-        """How many came so far."""
-        return self._camera.images.received
-
-
 @contextmanager
-def cameras(left: str, right: str) -> Iterator[tuple[Side, Side]]:
+def cameras(left: str, right: str) -> Iterator[tuple[Stream, Stream]]:
     """Read two addresses while the block runs; of the same address twice, the left and the right half of its picture.
 
     Raises DeviceError for a GStreamer pipeline where OpenCV was built without.
@@ -100,14 +76,14 @@ def cameras(left: str, right: str) -> Iterator[tuple[Side, Side]]:
             )
     os.environ.setdefault("OPENCV_FFMPEG_CAPTURE_OPTIONS", FFMPEG_OPTIONS)
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", FFMPEG_QUIET)
-    first = Camera(left)
-    with in_background(first.run, first.stop):
-        if left == right:
-            yield Side(first, slice(0, 1)), Side(first, slice(1, 2))
-            return
-        second = Camera(right)
-        with in_background(second.run, second.stop):
-            yield Side(first), Side(second)
+    if left == right:
+        both = Camera(left, sides=2)
+        with in_background(both.run, both.stop):
+            yield both.sides[0], both.sides[1]
+        return
+    first, second = Camera(left), Camera(right)
+    with in_background(first.run, first.stop), in_background(second.run, second.stop):
+        yield first.sides[0], second.sides[0]
 
 
 def _opened(address: str) -> Any:
@@ -121,14 +97,8 @@ def _opened(address: str) -> Any:
     return cv2.VideoCapture(address)
 
 
-def _rgb(image: NDArray[np.uint8]) -> Image:
+def _part(image: NDArray[np.uint8], number: int, count: int) -> Image:
+    """RGB, of a picture that shows ``count`` views side by side the one of that number."""
+    width = image.shape[1] // count
     rgb: Image = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
-    return rgb
-
-
-def _half(image: Arrived, which: slice) -> Image:
-    """which: slice(0, 1) is the left half, slice(1, 2) the right one."""
-    whole = image.image()
-    width = whole.shape[1] // 2
-    half: Image = whole[:, which.start * width : which.stop * width].copy()
-    return half
+    return rgb if count == 1 else rgb[:, number * width : (number + 1) * width].copy()

@@ -8,7 +8,7 @@ from pathlib import Path
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.live.reading import read_sides
+from stereo_seecolor.live.watch import read_sides
 from stereo_seecolor.records import StereoFrame
 
 

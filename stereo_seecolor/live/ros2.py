@@ -17,7 +17,7 @@ from stereo_seecolor.errors import DeviceError
 from stereo_seecolor.inputs.bags.bag import COMPRESSED, IMAGE
 from stereo_seecolor.inputs.bags.messages import message_content, store
 from stereo_seecolor.inputs.images import decode_image
-from stereo_seecolor.live.streams import Arrivals, Arrived
+from stereo_seecolor.live.streams import Arrived, Stream
 from stereo_seecolor.records import Image
 
 PREFIX = "ros2:"
@@ -67,42 +67,24 @@ class Node:
         return Topic(self._participant, f"rt/{topic.lstrip('/')}", _idl_type(msgtype))
 
 
-class TopicImages:
-    """A stream of the images of one topic; ``.../compressed`` is sensor_msgs/CompressedImage, all others are sensor_msgs/Image.
-
-    name, waiting: as of every stream.
-    """
+class TopicImages(Stream):
+    """A stream of the images of one topic; ``.../compressed`` is sensor_msgs/CompressedImage, all others are sensor_msgs/Image."""
 
     def __init__(self, node: Node, topic: str, config: InputConfig) -> None:
-        self.name, self._config = f"{PREFIX}{topic}", config
+        super().__init__(f"{PREFIX}{topic}")
+        self._config = config
         self._msgtype = COMPRESSED if topic.endswith("/compressed") else IMAGE
         self._reader = node.reader(topic, self._msgtype)
-        self._images = Arrivals()
 
-    @property
-    def waiting(self) -> str:
-        """The topic, while nobody publishes it."""
-        self._receive()
-        return "" if self._reader.get_subscription_matched_status().current_count else self.name
-
-    @property
-    def newest(self) -> tuple[Arrived, ...]:
-        """The last few, oldest first."""
-        self._receive()
-        return self._images.newest
-
-    @property
-    def received(self) -> int:
-        """How many came so far."""
-        return self._images.received
-
-    def _receive(self) -> None:
+    def receive(self) -> None:
+        """Add what has come; the topic is waited for while nobody publishes it."""
         for sample in self._reader.take(N=HISTORY):
             content = getattr(sample, "cdr", b"")
             if len(content) < 12:
                 continue
             message = partial(_image, bytes(content), self._msgtype, self.name, self._config)
-            self._images.add(Arrived(_stamp_ns(content) or time.time_ns(), time.monotonic(), message))
+            self.add(Arrived(_stamp_ns(content) or time.time_ns(), time.monotonic(), message))
+        self.waiting = "" if self._reader.get_subscription_matched_status().current_count else self.name
 
 
 def _image(content: bytes, msgtype: str, name: str, config: InputConfig) -> Image:

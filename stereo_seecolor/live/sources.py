@@ -39,6 +39,5 @@ def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) ->
         first, second = (TopicImages(node, side.removeprefix(PREFIX), config) for side in (left, right))
         return StreamPairs(first, second, config)
     if kinds[0] == "address":
-        sides = stack.enter_context(cameras(left, right))
-        return StreamPairs(sides[0], sides[1], config)
+        return StreamPairs(*stack.enter_context(cameras(left, right)), config)
     return FolderWatch(Path(left), Path(right), config)

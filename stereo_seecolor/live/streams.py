@@ -7,7 +7,7 @@ from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
@@ -30,28 +30,14 @@ class Arrived(NamedTuple):
     image: Callable[[], Image]
 
 
-class Stream(Protocol):
-    """Images of one side as they come."""
+class Stream:
+    """The last images of one side as they come; filled by one thread and read by another.
 
-    name: str
+    waiting: the name, while nothing comes, else "". received: how many came so far.
+    """
 
-    @property
-    def waiting(self) -> str:
-        """The name, while nothing comes, else ""."""
-
-    @property
-    def newest(self) -> tuple[Arrived, ...]:
-        """The last few, oldest first."""
-
-    @property
-    def received(self) -> int:
-        """How many came so far."""
-
-
-class Arrivals:
-    """The last images of a stream; filled by one thread and read by another."""
-
-    def __init__(self) -> None:
+    def __init__(self, name: str) -> None:
+        self.name = self.waiting = name
         self.received = 0
         self._kept: deque[Arrived] = deque(maxlen=KEPT)
 
@@ -64,6 +50,10 @@ class Arrivals:
         """One more has come."""
         self._kept.append(image)
         self.received += 1
+        self.waiting = ""
+
+    def receive(self) -> None:
+        """Add what has come by now, where no thread does so."""
 
 
 class StreamPairs:
@@ -80,10 +70,12 @@ class StreamPairs:
     @property
     def waiting(self) -> str:
         """The streams that do not come, "" where both do."""
+        self._receive()
         return " and ".join(dict.fromkeys(stream.waiting for stream in (self._left, self._right) if stream.waiting))
 
     def newest(self) -> Pair | None:
         """The newest pair that was not taken, or None."""
+        self._receive()
         lefts, rights = self._left.newest, self._right.newest
         for left in reversed(lefts):
             if left.stamp_ns <= self._taken_ns:
@@ -112,6 +104,10 @@ class StreamPairs:
     def latency_s(self, pair: Pair) -> float:
         """Seconds since the later image of the pair that was offered last arrived."""
         return time.monotonic() - max(side.arrived_s for side in self._offered) if self._offered else 0.0
+
+    def _receive(self) -> None:
+        self._left.receive()
+        self._right.receive()
 
     def _reach_ns(self, lefts: tuple[Arrived, ...]) -> float:
         apart_ns = [after.stamp_ns - before.stamp_ns for before, after in pairwise(lefts)]

@@ -9,12 +9,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.listing import EXTENSIONS
 from stereo_seecolor.inputs.pairing import Pair, pair_files
-from stereo_seecolor.live.reading import read_sides
 from stereo_seecolor.records import StereoFrame
 
 TAIL = 64
@@ -95,6 +96,12 @@ class FolderWatch:
         except OSError:
             return 0.0
         return max(0.0, time.time() - written_s)
+
+
+def read_sides(pair: Pair, config: InputConfig) -> StereoFrame:
+    """The images of a pair's two files at once, not rectified: a pair that is waited for uses all cores. Raises InputError."""
+    left, right = core_pool().map(lambda path: read_image(path, config), (pair.left, pair.right))
+    return StereoFrame(pair.name, left, right, pair.timestamp_s)
 
 
 def _image_names(folder: Path) -> Iterator[str]:
