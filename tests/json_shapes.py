@@ -31,307 +31,171 @@ def _object_mismatch(value: Any, shape: dict[Any, Shape], where: str) -> str | N
     return next((found for key in shape if (found := mismatch(value[key], shape[key], f"{where}.{key}"))), None)
 
 
+def keys(kind: Shape, names: str) -> dict[str, Shape]:
+    """Keys whose values are all of one shape."""
+    return dict.fromkeys(names.split(), kind)
+
+
 END = {"command": str, "exit_code": int}
 ERROR = {"error": str, "exit_code": int}
 ROW = {
-    "name": str,
-    "status": str,
-    "left": str,
-    "right": str,
-    "timestamp_s": UNKNOWN,
-    "error": str,
-    "warnings": [str],
-    "kept": bool,
-    "hashes": {str: str},
-    "seconds": {str: NUMBER},
-    "facts": {str: UNKNOWN},
+    **keys(str, "name status left right error"),
+    **{"timestamp_s": UNKNOWN, "kept": bool, "warnings": [str]},
+    **{"hashes": {str: str}, "seconds": {str: NUMBER}, "facts": {str: UNKNOWN}},
 }
 RUN = {
-    "out": str,
-    "pairs": int,
-    "ok": int,
-    "failed": int,
-    "unpaired_files": int,
-    "pending": int,
-    "kept": int,
-    "stopped": bool,
-    "wall_seconds": NUMBER,
-    "stage_seconds": {str: NUMBER},
-    "notes": [str],
-    "failed_pairs": [ROW],
-    "products": [{"path": str, "what": str, "source": str}],
+    **keys(int, "pairs ok failed unpaired_files pending kept"),
+    **{"out": str, "stopped": bool, "wall_seconds": NUMBER, "stage_seconds": {str: NUMBER}, "notes": [str], "failed_pairs": [ROW]},
+    "products": [keys(str, "path what source")],
 }
 MAP = {
-    "frames": int,
-    "placed": int,
-    "components": [int],
-    "unplaced": [{"name": str, "reason": str}],
-    "files": [str],
-    "points": int,
-    "seconds": NUMBER,
-    "warnings": [str],
-    "navigation": (dict, None),
-    "markers": (dict, None),
+    **keys(int, "frames placed points"),
+    **keys([str], "files warnings"),
+    **keys((dict, None), "navigation markers"),
+    **{"components": [int], "unplaced": [keys(str, "name reason")], "seconds": NUMBER},
 }
-RANGE_SCORE = {"median_relative_error": UNKNOWN, "bad_1_px": UNKNOWN, "bad_2_px": UNKNOWN, "coverage": UNKNOWN}
-COLOR_SCORE = {
-    "angle_deg": UNKNOWN,
-    "angle_after_gains_deg": UNKNOWN,
-    "ciede2000": UNKNOWN,
-    "range_consistency": UNKNOWN,
-    "clipped_fraction": UNKNOWN,
-    "pixels": UNKNOWN,
-}
+RANGE_SCORE = keys(UNKNOWN, "median_relative_error bad_1_px bad_2_px coverage")
+COLOR_SCORE = keys(UNKNOWN, "angle_deg angle_after_gains_deg ciede2000 range_consistency clipped_fraction pixels")
 SCORES = {"range": RANGE_SCORE, "color": COLOR_SCORE, "raw_color": COLOR_SCORE}
 TRUTH = {"frames": [{"name": str, **SCORES}], "missing": [str], **SCORES}
-SPREAD = {"luminance": float, "frame_offsets": float, "angle_deg": float, "spots": int}
-SPREAD_ROW = {
-    **dict.fromkeys(("method", "chart"), str),
-    "charts": int,
-    **dict.fromkeys(("nearest_m", "farthest_m", "angle_deg", "luminance"), NUMBER),
-}
+SPREAD = {**keys(float, "luminance frame_offsets angle_deg"), "spots": int}
+SPREAD_ROW = {**keys(str, "method chart"), "charts": int, **keys(NUMBER, "nearest_m farthest_m angle_deg luminance")}
 CHART_ROW = {
-    "frame": str,
-    "target": str,
-    "method": str,
-    "range_m": UNKNOWN,
-    "psi_deg": UNKNOWN,
-    "psi_linear_deg": UNKNOWN,
-    "ciede2000": UNKNOWN,
-    "clipped_fraction": UNKNOWN,
+    **keys(str, "frame target method"),
+    **keys(UNKNOWN, "range_m psi_deg psi_linear_deg ciede2000 clipped_fraction"),
     "pixels": int,
 }
-FINDING = {"what": str, "ok": bool, "detail": str, "needed": bool, "without": str, "fix": str}
 SETTING_VALUE = (str, int, float, bool, list, None)
-
-STRUCTURE = ("rugosity_area", "rugosity_hvar", "fractal_dimension", "height_range_m", "vector_ruggedness", "mesh_rugosity")
-MEASURED = ("planar_m2", "surface_m2", "height_m", "volume_l", "rugosity")
+STRUCTURE = keys((float, None), "rugosity_area rugosity_hvar fractal_dimension height_range_m vector_ruggedness mesh_rugosity")
+MEASURED = keys((float, None), "planar_m2 surface_m2 height_m volume_l rugosity")
 
 SHAPES: dict[str, Shape] = {
     "sync": {
-        **END,
-        **dict.fromkeys(("left", "right", "text"), str),
-        **dict.fromkeys(("offset_s", "std_s", "drift", "drift_std", "center_s", "rest_s", "false_disparity"), NUMBER),
-        **dict.fromkeys(("pairs", "left_out"), int),
-        "evidence": [{"kind": str, "offset_s": NUMBER, "std_s": NUMBER}],
+        **keys(str, "left right text"),
+        **keys(NUMBER, "offset_s std_s drift drift_std center_s rest_s false_disparity"),
+        **keys(int, "pairs left_out"),
+        "evidence": [{"kind": str, **keys(NUMBER, "offset_s std_s")}],
     },
     "live": {
-        **END,
-        **dict.fromkeys(("done", "failed", "dropped"), int),
-        **dict.fromkeys(("last_error", "reduced"), str),
-        **dict.fromkeys(("latency_median_s", "latency_p95_s", "products_median_s", "products_p95_s"), UNKNOWN),
+        **keys(int, "done failed dropped"),
+        **keys(str, "last_error reduced"),
+        **keys(UNKNOWN, "latency_median_s latency_p95_s products_median_s products_p95_s"),
     },
     "bag-info": {
-        **END,
-        "bag": str,
-        "files": int,
-        "seconds": NUMBER,
+        **keys(str, "bag left right"),
+        **keys(int, "files pairs unpaired"),
+        **{"seconds": NUMBER, "baseline_m": UNKNOWN, "notes": [str]},
         "topics": [{"name": str, "type": str, "messages": int, "rate_hz": UNKNOWN}],
-        "left": str,
-        "right": str,
-        "pairs": int,
-        "unpaired": int,
-        "baseline_m": UNKNOWN,
-        "notes": [str],
     },
-    "merge": {**END, **RUN},
+    "merge": RUN,
     "campaign": {
-        **END,
         "table": str,
-        "dives": [
-            {"name": str, "state": str, "ok": int, "failed": int, "seconds": NUMBER, "out": str, "error": str},
-        ],
+        "dives": [{**keys(str, "name state out error"), **keys(int, "ok failed"), "seconds": NUMBER}],
     },
     "plan": {
-        **END,
-        "pairs": int,
-        "measured": int,
-        "core_seconds_per_pair": NUMBER,
-        "stage_seconds": {str: NUMBER},
-        "fit_s": NUMBER,
-        "disk_bytes": int,
-        "memory_bytes": int,
-        "wall_hours": {str: NUMBER},
-        "core_hours": NUMBER,
+        **keys(int, "pairs measured disk_bytes memory_bytes"),
+        **keys(NUMBER, "core_seconds_per_pair fit_s core_hours"),
+        **keys({str: NUMBER}, "stage_seconds wall_hours"),
     },
     "status": {
-        **END,
         "runs": [
             {
-                "out": str,
-                "state": str,
-                "stage": str,
-                "done": int,
-                "failed": int,
-                "left": int,
-                "failures": [[(str, int)]],
-                "writer": str,
-                "remaining_s": UNKNOWN,
+                **keys(str, "out state stage writer"),
+                **keys(int, "done failed left"),
+                **{"failures": [[(str, int)]], "remaining_s": UNKNOWN},
             }
         ],
     },
     "inspect": {
-        **END,
         "sides": {"left": str, "right": str, "guessed": bool},
-        "left": (dict, None),
-        "right": (dict, None),
-        "pairs": int,
-        "unpaired": int,
-        "interval_s": UNKNOWN,
-        "exposure_recorded": bool,
-        "calibrations": [str],
-        "calibration": (dict, None),
-        "measured": (dict, None),
+        **keys((dict, None), "left right calibration measured"),
+        **keys(int, "pairs unpaired"),
+        **keys([str], "calibrations problems"),
+        **{"interval_s": UNKNOWN, "exposure_recorded": bool, "run_command": str},
         "misfits": [{"pair": str, "fits": (str, None)}],
-        "problems": [str],
-        "run_command": str,
     },
-    "run": {**END, **RUN, "page": str},
-    "run --fuse": {**END, **RUN, "page": str, "map": MAP},
-    "range": {**END, **RUN},
-    "correct": {**END, **RUN, "page": str},
-    "rectify": {**END, **RUN},
-    "fuse": {**END, "out": str, "page": str, "map": MAP},
-    "report": {**END, "out": str, "page": str, "made": int, "kept": int, "left_out": {str: str}},
+    "run": {**RUN, "page": str},
+    "run --fuse": {**RUN, "page": str, "map": MAP},
+    "range": RUN,
+    "correct": {**RUN, "page": str},
+    "rectify": RUN,
+    "fuse": {"out": str, "page": str, "map": MAP},
+    "report": {"out": str, "page": str, "made": int, "kept": int, "left_out": {str: str}},
     "measure": {
-        **END,
         "out": str,
         "measures": [
             {
-                **dict.fromkeys(("measure", "frame", "kind", "label"), str),
-                **dict.fromkeys(("value", "std", "surface", "surface_std", "x_m", "y_m", "z_m"), UNKNOWN),
+                **keys(str, "measure frame kind label"),
+                **keys(UNKNOWN, "value std surface surface_std x_m y_m z_m"),
             }
         ],
     },
-    "view": {**END, "out": str, "mesh": (str, None), "viewer": str},
+    "view": {"out": str, "mesh": (str, None), "viewer": str},
     "metrics": {
-        **END,
         "out": str,
-        "structure": [
-            {
-                "edge_m": float,
-                "squares": int,
-                **dict.fromkeys(("mean", "standard_error", "between_squares"), dict.fromkeys(STRUCTURE, (float, None))),
-            }
-        ],
-        "colonies": [
-            {
-                "name": str,
-                "label": str,
-                **dict.fromkeys(("measured", "standard_error"), dict.fromkeys(MEASURED, (float, None))),
-                "unseen": float,
-                "views": float,
-            }
-        ],
+        "structure": [{"edge_m": float, "squares": int, **keys(STRUCTURE, "mean standard_error between_squares")}],
+        "colonies": [{**keys(str, "name label"), **keys(MEASURED, "measured standard_error"), **keys(float, "unseen views")}],
         "cover": [
             {
-                "label": str,
-                "outlines": int,
-                **dict.fromkeys(("surface_m2", "surface_std_m2", "planar_m2", "of_surface", "of_surface_std", "of_planar"), float),
+                **{"label": str, "outlines": int},
+                **keys(float, "surface_m2 surface_std_m2 planar_m2 of_surface of_surface_std of_planar"),
             }
         ],
-        "unseen": [str],
-        **dict.fromkeys(("cell_m", "area_m2", "height_std_m"), (float, None)),
-        "files": [str],
+        **keys((float, None), "cell_m area_m2 height_std_m"),
+        **keys([str], "unseen files"),
     },
     "compare": {
-        **END,
-        **dict.fromkeys(("format", "first", "second"), str),
+        **keys(str, "format first second"),
         "registration": {
-            "T_first_second": [[float]],
-            "covariance": [[float]],
-            "center_m": [float],
-            **dict.fromkeys(("features_alike", "features_agreeing"), int),
-            **dict.fromkeys(("feature_rms_m", "stable_fraction", "surface_spread_m", "features_to_surfaces_m"), float),
+            **{"T_first_second": [[float]], "covariance": [[float]], "center_m": [float]},
+            **keys(int, "features_alike features_agreeing"),
+            **keys(float, "feature_rms_m stable_fraction surface_spread_m features_to_surfaces_m"),
         },
-        **dict.fromkeys(("overlap_m2", "cell_m", "median_lod_m", "error_inflation", "beyond_lod"), float),
-        **dict.fromkeys(("growth_l", "growth_std_l", "loss_l", "loss_std_l"), (float, int)),
+        **keys(float, "overlap_m2 cell_m median_lod_m error_inflation beyond_lod"),
+        **keys((float, int), "growth_l growth_std_l loss_l loss_std_l"),
         "patches": [
             {
-                "number": int,
-                "kind": str,
-                **dict.fromkeys(("x_m", "y_m", "area_cm2", "lightness", "chroma"), float),
-                **dict.fromkeys(("mean_m", "most_m", "volume_l", "volume_std_l"), (float, None)),
+                **{"number": int, "kind": str},
+                **keys(float, "x_m y_m area_cm2 lightness chroma"),
+                **keys((float, None), "mean_m most_m volume_l volume_std_l"),
             }
         ],
         "joint": ({"pairs": int, "bent_m": float}, None),
         "files": [str],
     },
     "markers": {
-        **END,
-        "out": str,
-        "frames": int,
-        "markers": [
-            {
-                **dict.fromkeys(("number", "views"), int),
-                **dict.fromkeys(("x_m", "y_m", "z_m", "residual_m", "edge_m", "edge_std_m"), float),
-            }
-        ],
+        **{"out": str, "frames": int, "bars": dict, "files": [str]},
+        "markers": [{**keys(int, "number views"), **keys(float, "x_m y_m z_m residual_m edge_m edge_std_m")}],
         "size": {"ratio": float, "std": float, "lengths": int},
-        "bars": dict,
         "control": {"T": [[float]], "residuals_m": dict, "rms_m": float},
-        "files": [str],
     },
-    "export": {**END, "out": str, "format": str, "folder": str, "frames": int, "files": int, "bytes": int, "note": str},
+    "export": {**keys(str, "out format folder note"), **keys(int, "frames files bytes")},
     "water": {
-        **END,
-        "out": str,
-        "path": str,
+        **keys(str, "out path no_matrix"),
+        **keys((dict, None), "trend matrix"),
         "water": dict,
         "charts": [
-            {
-                "frame": str,
-                "target": str,
-                "range_m": float,
-                "residual_deg": float,
-                "ciede2000_before": UNKNOWN,
-                "ciede2000": UNKNOWN,
-            }
+            {**keys(str, "frame target"), **keys(float, "range_m residual_deg"), **keys(UNKNOWN, "ciede2000_before ciede2000")}
         ],
-        "trend": (dict, None),
-        "matrix": (dict, None),
-        "no_matrix": str,
     },
-    "evaluate": {**END, **TRUTH},
-    "evaluate --spread": {**END, "raw": SPREAD, "corrected": SPREAD, "pairs": int},
+    "evaluate": TRUTH,
+    "evaluate --spread": {"raw": SPREAD, "corrected": SPREAD, "pairs": int},
     "evaluate --chart": {
-        **END,
-        "rows": [CHART_ROW],
-        "means": [CHART_ROW],
-        "spreads": [SPREAD_ROW],
-        "without_target": [str],
-        "sheet": str,
+        **keys([CHART_ROW], "rows means"),
+        **{"spreads": [SPREAD_ROW], "without_target": [str], "sheet": str},
     },
-    "synthesize": {**END, "out": str, "spec": dict},
-    "demo": {**END, **RUN, "truth": TRUTH},
+    "synthesize": {"out": str, "spec": dict},
+    "demo": {**RUN, "truth": TRUTH},
     "calibrate": {
-        **END,
-        "calibration": str,
-        "coverage_picture": str,
-        "verdict": [str],
-        "baseline_m": NUMBER,
-        "baseline_std_m": UNKNOWN,
-        "focal_std": UNKNOWN,
-        "rms_left_px": NUMBER,
-        "rms_right_px": NUMBER,
-        "row_error_px": UNKNOWN,
-        "coverage": [NUMBER],
+        **{"calibration": str, "coverage_picture": str, "verdict": [str], "coverage": [NUMBER]},
+        **keys(NUMBER, "baseline_m rms_left_px rms_right_px"),
+        **keys(UNKNOWN, "baseline_std_m focal_std row_error_px"),
         "views": [{"name": str, "left_px": UNKNOWN, "right_px": UNKNOWN, "reason": (str, None)}],
     },
-    "calibrate --print-target": {**END, "target": str},
-    "check": {
-        **END,
-        "rig": dict,
-        "rows": dict,
-        "suspicions": [str],
-        "acceptable": bool,
-        "advice": [str],
-        "refined": (dict, None),
-    },
-    "convert-calib": {**END, "source": str, "out": str, "format": str, "baseline_m": NUMBER, "notes": [str]},
-    "config": {
-        **END,
-        "settings": [{"key": str, "value": SETTING_VALUE, "default": SETTING_VALUE, "origin": str, "description": str}],
-    },
-    "doctor": {**END, "ready": bool, "findings": [FINDING]},
+    "calibrate --print-target": {"target": str},
+    "check": {**keys(dict, "rig rows"), **keys([str], "suspicions advice"), "acceptable": bool, "refined": (dict, None)},
+    "convert-calib": {**keys(str, "source out format"), "baseline_m": NUMBER, "notes": [str]},
+    "config": {"settings": [{**keys(str, "key origin description"), **keys(SETTING_VALUE, "value default")}]},
+    "doctor": {"ready": bool, "findings": [{**keys(str, "what detail without fix"), **keys(bool, "ok needed")}]},
 }
+SHAPES = {command: {**END, **shape} for command, shape in SHAPES.items()}

@@ -39,5 +39,5 @@ def rows(path: Path, columns: Sequence[str]) -> Iterator[tuple[str, dict[str, st
     yield from ((f"{path}: line {number}", row) for number, row in enumerate(_reader(path), start=2))
 
 
-def _reader(path: Path) -> csv.DictReader[str]:
+def _reader(path: Path) -> "csv.DictReader[str]":
     return csv.DictReader(io.StringIO(read_bytes(path).decode("utf-8-sig", errors="replace")))
