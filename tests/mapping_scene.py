@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 
 from calibration import Camera, RectifiedPair, StereoRig
 from calibration.formats import native
+from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.files.ply import VERTEX
+from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import SurveyFrame, Trajectory
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import Claim, RunFolder
@@ -63,6 +65,18 @@ def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_r
         folder.write(RIG, native.to_bytes(rig_of(pair)))
         close_run(folder, run, complete=True)
         write_reports(folder, run, RunSummary([]))
+
+
+def flat_frames(count: int) -> list[SurveyFrame]:
+    return [flat_frame(i) for i in range(count)]
+
+
+def write_map(out: Path, frames: Sequence[SurveyFrame], poses: str = "given") -> Path:
+    """The run of frames that were taken on ``track``, fused; its folder."""
+    write_run(out, frames, PAIR)
+    write_tum(out.with_name("nav.tum"), track(len(frames)))
+    fuse(out, out.with_name("nav.tum"), RunConfig(mapping=CONFIG.model_copy(update={"poses": poses})))
+    return out
 
 
 def rig_of(pair: RectifiedPair) -> StereoRig:

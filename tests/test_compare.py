@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from json_shapes import SHAPES, mismatch
-from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, track, write_run
+from mapping_scene import PAIR, ReefFrames, flat_frames, write_map, write_run
 from numpy.typing import NDArray
 
 from stereo_seecolor.commands.compare import Comparison, compare
@@ -205,11 +205,10 @@ def test_what_is_written(
     assert code == 0 and "no patch of change" in said
     with pytest.raises(OutputError, match="new or an empty folder"):
         compare(dives[0], dives[1], folder)
-    write_run(tmp_path / "flat", [flat_frame(i) for i in range(3)], PAIR)
+    write_run(tmp_path / "bare", flat_frames(3), PAIR)
     with pytest.raises(InputError, match="holds no map"):
-        compare(dives[0], tmp_path / "flat")
-    write_tum(tmp_path / "nav.tum", track(3))
-    fuse(tmp_path / "flat", tmp_path / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})))
+        compare(dives[0], tmp_path / "bare")
+    write_map(tmp_path / "flat", flat_frames(3))
     with pytest.raises(ComparingError, match=r"of \d+ features that look alike \d agree on one place \(needed: 12\)"):
         compare(dives[0], tmp_path / "flat")
 

@@ -10,19 +10,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+from mapping_scene import PAIR, flat_frames, track, write_map
 from scipy.spatial.transform import Rotation
 
 from stereo_seecolor.commands.export import export
-from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.config import MountConfig, RunConfig
+from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.export import copc_file, mcap_file, mosaic_tiles
 from stereo_seecolor.export.formats import EXPORT_FORMATS
 from stereo_seecolor.export.posed_run import open_posed_run
 from stereo_seecolor.export.recording import TOPICS
 from stereo_seecolor.files.ply import read_triangles, read_vertices
-from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.trajectories.axes import (
     degrees_from_north_east,
@@ -38,12 +36,7 @@ FRAMES = 5
 @pytest.fixture(scope="module")
 def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flat bottom at z = 0, seen from 1.5 m."""
-    folder = tmp_path_factory.mktemp("run")
-    write_run(folder / "out", [flat_frame(i) for i in range(FRAMES)], PAIR)
-    write_tum(folder / "nav.tum", track(FRAMES))
-    config = RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"}))
-    fuse(folder / "out", folder / "nav.tum", config)
-    return folder / "out"
+    return write_map(tmp_path_factory.mktemp("run") / "out", flat_frames(FRAMES))
 
 
 @pytest.mark.slow

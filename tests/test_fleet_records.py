@@ -5,21 +5,16 @@ from pathlib import Path
 
 import ifdo
 import pytest
-from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+from mapping_scene import PAIR, flat_frames, write_map, write_run
 
 from stereo_seecolor.commands.campaign_records import write_records
-from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.config import RunConfig
 from stereo_seecolor.export import stac
-from stereo_seecolor.files.tum import write_tum
 
 
 @pytest.mark.slow
 def test_dives_have_records(tmp_path: Path) -> None:
-    for name in ("mapped", "frames"):
-        write_run(tmp_path / name, [flat_frame(i) for i in range(4)], PAIR)
-    write_tum(tmp_path / "nav.tum", track(4))
-    fuse(tmp_path / "mapped", tmp_path / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})))
+    write_map(tmp_path / "mapped", flat_frames(4))
+    write_run(tmp_path / "frames", flat_frames(4), PAIR)
     folder = write_records(tmp_path, {name: tmp_path / name for name in ("mapped", "frames", "gone")})
     assert {path.name for path in folder.iterdir()} == {"collection.json", "mapped.json", "frames.json", "mapped.ifdo.yaml"}
     read = ifdo.iFDO.load(folder / "mapped.ifdo.yaml")

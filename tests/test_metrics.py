@@ -9,14 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from json_shapes import SHAPES, mismatch
-from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+from mapping_scene import flat_frames, write_map
 from numpy.typing import NDArray
 
-from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.export.posed_run import PosedRun, open_posed_run
-from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.metrics.colony import Colony, Measured, measure_outlines
@@ -174,11 +171,7 @@ def test_an_outline_with_a_hole_covers_the_cells_whose_centers_it_holds() -> Non
 @pytest.fixture(scope="module")
 def fused(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A flat bottom at z = 0, seen from 1.5 m by five frames 0.3 m apart."""
-    folder = tmp_path_factory.mktemp("run")
-    write_run(folder / "out", [flat_frame(i) for i in range(5)], PAIR)
-    write_tum(folder / "nav.tum", track(5))
-    fuse(folder / "out", folder / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})))
-    return folder / "out"
+    return write_map(tmp_path_factory.mktemp("run") / "out", flat_frames(5))
 
 
 def test_terrain_is_surer_where_more_frames_saw_it(fused: Path) -> None:

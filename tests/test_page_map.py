@@ -2,7 +2,6 @@
 
 import base64
 import zlib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,11 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+from mapping_scene import CONFIG, PAIR, flat_frames, write_map
 
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.report.height_code import coded_heights
 from stereo_seecolor.report.map_images import levels, pyramid
 from stereo_seecolor.report.map_mesh import MeshSizes, Piece
@@ -141,21 +139,9 @@ def test_a_pyramid_is_the_image_at_every_level() -> None:
     assert abs(int(tiles["11/1_0.webp"][100, 100, 0]) - image[100, 612, 0]) < 6
 
 
-@pytest.fixture
-def fused(tmp_path: Path) -> Callable[..., Path]:
-    def make(frames: int = 3) -> Path:
-        out = tmp_path / "out"
-        write_run(out, [flat_frame(i) for i in range(frames)], PAIR)
-        write_tum(tmp_path / "track.tum", track(frames))
-        fuse(out, tmp_path / "track.tum", RunConfig(mapping=CONFIG))
-        return out
-
-    return make
-
-
 @pytest.mark.slow
-def test_a_map_is_packed_once_and_again_after_another_fusion(fused: Callable[..., Path], tmp_path: Path) -> None:
-    out = fused()
+def test_a_map_is_packed_once_and_again_after_another_fusion(tmp_path: Path) -> None:
+    out = write_map(tmp_path / "out", flat_frames(3), "prior")
     report(out)
     page = (out / "index.html").read_text("utf-8")
     assert "3 frames along 0.6 m of track were fused" in page
@@ -165,15 +151,15 @@ def test_a_map_is_packed_once_and_again_after_another_fusion(fused: Callable[...
     (coarsest,) = (path.name for path in (out / "page/map/mosaic").iterdir())
     report(out)
     assert first == {path: path.stat().st_mtime_ns for path in (out / "page/map").rglob("*") if path.is_file()}
-    fuse(out, tmp_path / "track.tum", RunConfig(mapping=CONFIG.model_copy(update={"mosaic_m": 0.04})))
+    fuse(out, tmp_path / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"mosaic_m": 0.04})))
     report(out)
     levels_now = {path.name for path in (out / "page/map/mosaic").iterdir()}
     assert levels_now == {str(int(coarsest) - 1)}  # half as many pixels a side; the earlier mosaic is gone
 
 
 @pytest.mark.slow
-def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pictures(fused: Callable[..., Path]) -> None:
-    out = fused()
+def test_a_map_has_the_colors_from_before_correction_where_the_page_has_its_pictures(tmp_path: Path) -> None:
+    out = write_map(tmp_path / "out", flat_frames(3), "prior")
     report(out)
     (out / "page/before").mkdir(exist_ok=True)
     for i in range(3):

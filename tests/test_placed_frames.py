@@ -6,15 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
+from mapping_scene import flat_frames, write_map
 from PIL import ExifTags, Image
 
-from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.placed_frames import describe_frames, gps_tags, located
-from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.encode import ImageFormat, encode_image
-from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.inputs.capture import read_capture
 from stereo_seecolor.inputs.headers import exif_block, image_size
 from stereo_seecolor.inputs.trajectories.axes import north_east_from_degrees
@@ -66,10 +63,7 @@ def test_a_picture_without_exif_gets_a_position() -> None:
 
 @pytest.mark.slow
 def test_frames_of_a_map_on_earth_hold_their_place(tmp_path: Path) -> None:
-    out, poses = tmp_path / "out", tmp_path / "track.tum"
-    write_run(out, [flat_frame(i) for i in range(4)], PAIR)
-    write_tum(poses, track(4))
-    fuse(out, poses, RunConfig(mapping=CONFIG))
+    out = write_map(tmp_path / "out", flat_frames(4), "prior")
     before = [frame.read("corrected") for frame in open_run(out).frames]
     assert exif_block((out / "corrected" / "f0.png").read_bytes()) == b"", "a map of its own coordinates tells no place"
     description = json.loads((out / "map" / "map.json").read_bytes())

@@ -9,15 +9,12 @@ import cv2
 import numpy as np
 import pytest
 import trimesh
-from mapping_scene import CONFIG, PAIR, track, write_run
+from mapping_scene import PAIR, track, write_map
 
 from stereo_seecolor.commands.export import export
-from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.config import RunConfig
 from stereo_seecolor.export import tiles_3d
 from stereo_seecolor.export.texture import textured
 from stereo_seecolor.files.ply import read_triangles
-from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import SurveyFrame
 
 FRAMES = 5
@@ -51,10 +48,7 @@ def drawn(number: int, gain: float) -> SurveyFrame:
 
 
 def made(folder: Path, gains: tuple[float, ...]) -> Path:
-    write_run(folder / "out", [drawn(i, gain) for i, gain in enumerate(gains)], PAIR)
-    write_tum(folder / "nav.tum", track(FRAMES))
-    fuse(folder / "out", folder / "nav.tum", RunConfig(mapping=CONFIG.model_copy(update={"poses": "given"})))
-    return folder / "out"
+    return write_map(folder / "out", [drawn(i, gain) for i, gain in enumerate(gains)])
 
 
 @pytest.fixture(scope="module")
