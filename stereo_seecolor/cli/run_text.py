@@ -9,8 +9,8 @@ from stereo_seecolor.files.csv_table import csv_text
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.measure import Measurement
-    from stereo_seecolor.commands.report import ReportResult
     from stereo_seecolor.mapping.survey_map import MapSummary
+    from stereo_seecolor.report.page import PageSummary
     from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary
     from stereo_seecolor.run_folder.kept_plan import Compared
 
@@ -68,7 +68,7 @@ def page_text(page: Path) -> str:
     return lines([f"{page}: the page of the dive: open it in a browser"])
 
 
-def report_text(result: "ReportResult") -> str:
+def report_text(result: "PageSummary") -> str:
     """What became of a page: frames that it does not show, totals, where it is."""
     left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
     totals = f"{counted(result.made + result.kept, 'frame')} shown, {result.kept} of them kept from an earlier page"

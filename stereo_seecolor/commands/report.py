@@ -1,6 +1,5 @@
 """``report``: the page of a finished run, OUT/index.html, to look at in a browser."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
@@ -8,23 +7,12 @@ from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.charts import SeenChart, write_charts
 from stereo_seecolor.report.frame_files import FrameFiles
-from stereo_seecolor.report.page import write_page
+from stereo_seecolor.report.page import PageSummary, write_page
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.layout import INDEX
 
 
-@dataclass(frozen=True)
-class ReportResult:
-    """page: the file to open. made, kept: frames whose pictures were made now, or earlier. left_out: frame -> the reason."""
-
-    page: Path
-    made: int
-    kept: int
-    left_out: dict[str, str]
-
-
-def report(out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False) -> ReportResult:
+def report(out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False) -> PageSummary:
     """Write ``out``/index.html, which works without a network and without the program, and what it shows, ``out``/page.
 
     brief: as run and fuse write it, in hardly any time: of a dive of many frames only some are shown with all there is of them.
@@ -39,8 +27,7 @@ def report(out: Path, listener: Listener | None = None, *, brief: bool = False, 
         if charts:
             _look_for_charts(folder, run, listener)
         listener.begin("page", len(run.frames))
-        summary = write_page(folder, run, brief, lambda done, _: listener.advance(FrameRow(f"{done}")))
-    return ReportResult(out / INDEX, summary.made, summary.kept, summary.left_out)
+        return write_page(folder, run, brief, lambda done, _: listener.advance(FrameRow(f"{done}")))
 
 
 def _look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> None:

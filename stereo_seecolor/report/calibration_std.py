@@ -1,4 +1,4 @@
-"""The calibration's part of the standard errors of all measures of a run, and where it is known from."""
+"""The calibration's part of the standard errors of all measures of a run, where it is known from, and what the page says of it."""
 
 import math
 from dataclasses import dataclass
@@ -8,6 +8,7 @@ from typing import Literal
 from calibration import CalibrationError, StereoRig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.measuring.limits import LIMITS
+from stereo_seecolor.report.texts import digits, phrase
 from stereo_seecolor.run_folder.finished_run import FinishedRun
 
 
@@ -53,3 +54,13 @@ def _yaw(rig: StereoRig, range_m: float | None) -> float | None:
         return None
     std_rad = next((each.std for each in rig.refinement.movements if each.name == "yaw"), None)
     return None if std_rad is None else std_rad * range_m / rig.baseline_m
+
+
+def calibration_note(known: CalibrationStd) -> str:
+    """How large it is, where it is known from, and what of it is the refined yaw."""
+    said = [phrase("measure.calibration", percent=digits(100 * known.total, 2))]
+    if known.yaw is not None and known.range_m is not None:
+        said.append(phrase("measure.calibration_yaw", percent=digits(100 * known.yaw, 2), range=digits(known.range_m, 3)))
+    percent = digits(100 * known.length, 2)
+    said.append(phrase(f"measure.calibration_{known.known_from}", percent=percent, stated_by=known.stated_by))
+    return " ".join(said)

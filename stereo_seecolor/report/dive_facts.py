@@ -16,6 +16,7 @@ from stereo_seecolor.run_folder.layout import FRAMES_TABLE
 from stereo_seecolor.run_folder.water_file import read_waters
 
 
+@dataclass(frozen=True)
 class RowFacts:
     """What rows of frames.csv say of a dive, finished or under way. rows: in the dive's order."""
 
@@ -46,7 +47,6 @@ class DiveFacts(RowFacts):
     """A run for the page. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None where none was made."""
 
     run: FinishedRun
-    rows: tuple[FrameRow, ...]
     waters: dict[str, Water]
     map: FinishedMap | None
     posed: PosedRun | None
@@ -56,7 +56,7 @@ class DiveFacts(RowFacts):
         """Raises InputError if frames.csv or the map is gone or damaged."""
         rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
         made = open_map(run.root)
-        return cls(run, rows, _waters(run), made, open_posed_run(run.root) if made else None)
+        return cls(rows, run, _waters(run), made, open_posed_run(run.root) if made else None)
 
     @property
     def water(self) -> Water | None:

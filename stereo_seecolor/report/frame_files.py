@@ -18,7 +18,7 @@ from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image, Map
 from stereo_seecolor.report.previews import preview, thumbnail
 from stereo_seecolor.report.range_code import CodedRanges, deflated, std_codes, text
-from stereo_seecolor.report.script import script
+from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.layout import RIG, page_path
 

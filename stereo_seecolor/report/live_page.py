@@ -15,11 +15,10 @@ from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import FrameRow, Map
 from stereo_seecolor.report.dive_facts import RowFacts
-from stereo_seecolor.report.numbers import length
 from stereo_seecolor.report.overview import NAMED_FRAMES, Fact
 from stereo_seecolor.report.previews import live_picture
 from stereo_seecolor.report.templates import filled_in
-from stereo_seecolor.report.texts import STATIC, english
+from stereo_seecolor.report.texts import STATIC, length, phrase
 from stereo_seecolor.report.verdict import judge_so_far
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable
@@ -39,13 +38,6 @@ class LivePace:
 
 
 PACE = LivePace()
-
-
-@dataclass(frozen=True)
-class LiveRows(RowFacts):
-    """The rows of a dive under way."""
-
-    rows: tuple[FrameRow, ...]
 
 
 @dataclass(eq=False)
@@ -85,10 +77,10 @@ class LivePage:
         self._next_s = ended_s + max(PACE.every_s, (ended_s - began_s) / PACE.most_of_time)
 
     def _render(self) -> bytes:
-        texts, facts, now_s = english(), LiveRows(tuple(self._table.rows)), time.time()
+        facts, now_s = RowFacts(tuple(self._table.rows)), time.time()
         return filled_in(
             "live.html.j2",
-            t=texts,
+            t=phrase,
             dive=self.dive,
             stage=self._stage,
             done=self._done,
@@ -96,7 +88,7 @@ class LivePage:
             clock=time.strftime("%H:%M:%S", time.localtime(now_s)),
             updated_s=round(now_s),
             reload_s=PACE.every_s,
-            verdict=judge_so_far(facts, texts),
+            verdict=judge_so_far(facts),
             dive_facts=self._facts(facts),
             latest=self._latest.name if self._latest else "",
             pictures=self._pictures(self._latest) if self._latest else [],
@@ -105,29 +97,28 @@ class LivePage:
         )
 
     def _facts(self, facts: RowFacts) -> list[Fact]:
-        texts = english()
         range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
         values = {
-            "live.pairs": texts("live.pairs_value", done=self._done, total=self._total),
+            "live.pairs": phrase("live.pairs_value", done=self._done, total=self._total),
             "live.failed": str(facts.count("failed")),
-            "fact.range": range_m and length(range_m, texts),
-            "fact.coverage": coverage and texts("fact.coverage_value", percent=f"{coverage:.0%}"),
+            "fact.range": range_m and length(range_m),
+            "fact.coverage": coverage and phrase("fact.coverage_value", percent=f"{coverage:.0%}"),
         }
-        return [Fact(texts(key), value) for key, value in values.items() if value]
+        return [Fact(phrase(key), value) for key, value in values.items() if value]
 
     def _pictures(self, row: FrameRow) -> list[tuple[str, str]]:
         """(label, picture as an address) of what there is of a pair; what cannot be read is left out."""
-        texts, made = english(), []
+        made: list[tuple[str, str]] = []
         record = self.folder.manifest.frame(row.name)
         current = [stage for stage in record.stages if self.folder.dive.is_current(record, stage)] if record else []
         try:
-            made.append((texts("live.left"), _address(read_image(Path(row.left), self.images))))
+            made.append((phrase("live.left"), _address(read_image(Path(row.left), self.images))))
             if record and "range" in current:
                 picture, low_m, high_m = _range_picture(self.folder.read(record, "range"))
-                label = texts("live.range", low=length(low_m, texts), high=length(high_m, texts))
+                label = phrase("live.range", low=length(low_m), high=length(high_m))
                 made.append((label, _address(picture)))
             if record and "corrected" in current:
-                made.append((texts("live.corrected"), _address(self.folder.read(record, "corrected"))))
+                made.append((phrase("live.corrected"), _address(self.folder.read(record, "corrected"))))
         except (InputError, FrameError):
             pass
         return made

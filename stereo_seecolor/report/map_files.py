@@ -14,7 +14,7 @@ from stereo_seecolor.report.height_code import height_std_m, height_tiles
 from stereo_seecolor.report.map_images import Terrain, mosaic_tiles, pyramid
 from stereo_seecolor.report.map_mesh import SIZES, Piece, Place, levels, read_mesh
 from stereo_seecolor.report.raw_mosaic import RawMosaic, painted_from
-from stereo_seecolor.report.script import script
+from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.finished_map import FinishedMap
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MAP, MESH, MOSAIC, PAGE, TERRAIN

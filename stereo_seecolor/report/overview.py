@@ -9,8 +9,7 @@ import numpy as np
 
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.report.dive_facts import DiveFacts
-from stereo_seecolor.report.numbers import digits, duration, length
-from stereo_seecolor.report.texts import Texts
+from stereo_seecolor.report.texts import digits, duration, length, phrase
 
 NAMED_FRAMES = 8
 """So many frames of a warning are named before the rest is counted: a line on a screen."""
@@ -25,50 +24,50 @@ class Fact:
     value: str
 
 
-def dive_facts(facts: DiveFacts, texts: Texts) -> list[Fact]:
+def dive_facts(facts: DiveFacts) -> list[Fact]:
     """The dive in numbers; what is unknown is left out."""
-    done = texts("fact.frames_value", ok=facts.count("ok"), pairs=len(facts.pairs))
+    done = phrase("fact.frames_value", ok=facts.count("ok"), pairs=len(facts.pairs))
     range_m, coverage = facts.typical("median_range_m"), facts.typical("coverage")
     rugosity = facts.map.site.get("surface_rugosity") if facts.map else None
     area_m2 = facts.map.area_m2 if facts.map else None
     values = {
         "frames": done,
-        "duration": facts.duration_s and duration(facts.duration_s, texts),
-        "track": facts.track_m and length(facts.track_m, texts),
-        "area": area_m2 and texts("unit.m2", value=digits(area_m2)),
+        "duration": facts.duration_s and duration(facts.duration_s),
+        "track": facts.track_m and length(facts.track_m),
+        "area": area_m2 and phrase("unit.m2", value=digits(area_m2)),
         "rugosity": rugosity and digits(rugosity),
-        "range": range_m and length(range_m, texts),
-        "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m, texts),
-        "coverage": coverage and texts("fact.coverage_value", percent=f"{coverage:.0%}"),
+        "range": range_m and length(range_m),
+        "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m),
+        "coverage": coverage and phrase("fact.coverage_value", percent=f"{coverage:.0%}"),
     }
-    return [Fact(texts(f"fact.{key}"), value) for key, value in values.items() if value] + _halving(facts, texts)
+    return [Fact(phrase(f"fact.{key}"), value) for key, value in values.items() if value] + _halving(facts)
 
 
-def _halving(facts: DiveFacts, texts: Texts) -> list[Fact]:
+def _halving(facts: DiveFacts) -> list[Fact]:
     """Over how much water light of each color halves, at the reef's distance."""
     range_m = facts.typical("median_range_m")
     if facts.water is None or range_m is None:
         return []
     rates = -np.log(facts.water.attenuation(np.array(range_m))) / range_m
     return [
-        Fact(texts("fact.halving", channel=texts(f"channel.{channel}")), length(math.log(2) / rate, texts))
+        Fact(phrase("fact.halving", channel=phrase(f"channel.{channel}")), length(math.log(2) / rate))
         for channel, rate in zip(CHANNELS, rates, strict=True)
         if rate > 0
     ]
 
 
-def methods(facts: DiveFacts, texts: Texts) -> str:
+def methods(facts: DiveFacts) -> str:
     """A paragraph of methods with this run's own numbers; what is unknown is left out."""
-    return " ".join([*_methods_of_pairs(facts, texts), *_methods_of_water(facts, texts), *_methods_of_map(facts, texts)])
+    return " ".join([*_methods_of_pairs(facts), *_methods_of_water(facts), *_methods_of_map(facts)])
 
 
-def _methods_of_pairs(facts: DiveFacts, texts: Texts) -> list[str]:
+def _methods_of_pairs(facts: DiveFacts) -> list[str]:
     geometry, range_m, coverage = facts.run.geometry, facts.typical("median_range_m"), facts.typical("coverage")
     if geometry is None or range_m is None or coverage is None:
         return []
     width, height = geometry.image_size
     return [
-        texts(
+        phrase(
             "methods.pairs",
             ok=facts.count("ok"),
             pairs=len(facts.pairs),
@@ -78,7 +77,7 @@ def _methods_of_pairs(facts: DiveFacts, texts: Texts) -> list[str]:
             focal=digits(geometry.focal_px, 4),
             version=facts.run.version,
         ),
-        texts(
+        phrase(
             "methods.range",
             coverage=f"{coverage:.0%}",
             range=digits(range_m),
@@ -87,15 +86,15 @@ def _methods_of_pairs(facts: DiveFacts, texts: Texts) -> list[str]:
     ]
 
 
-def _methods_of_water(facts: DiveFacts, texts: Texts) -> list[str]:
+def _methods_of_water(facts: DiveFacts) -> list[str]:
     if not facts.waters:
         return []
     through = np.median([water.attenuation(np.array(1.0)) for water in facts.waters.values()], axis=0)
-    lock = texts(f"methods.lock.{facts.run.config.color.lock}")
-    said = [texts("methods.water", lock=lock, **_by_channel(through))]
+    lock = phrase(f"methods.lock.{facts.run.config.color.lock}")
+    said = [phrase("methods.water", lock=lock, **_by_channel(through))]
     errors = facts.water.standard_errors.get("y") if facts.water else None
     if errors is not None and np.isfinite(errors).all():
-        said.append(texts("methods.water_errors", **_by_channel(errors)))
+        said.append(phrase("methods.water_errors", **_by_channel(errors)))
     return said
 
 
@@ -103,7 +102,7 @@ def _by_channel(values: Any) -> dict[str, str]:
     return {channel: digits(float(value), 2) for channel, value in zip(CHANNELS, values, strict=True)}
 
 
-def _methods_of_map(facts: DiveFacts, texts: Texts) -> list[str]:
+def _methods_of_map(facts: DiveFacts) -> list[str]:
     made = facts.map
     if made is None or made.area_m2 is None or facts.track_m is None:
         return []
@@ -114,19 +113,19 @@ def _methods_of_map(facts: DiveFacts, texts: Texts) -> list[str]:
         "area": digits(made.area_m2),
         "coverage": f"{made.site.get('coverage', math.nan):.0%}",
     }
-    said = [texts("methods.map", **numbers)]
+    said = [phrase("methods.map", **numbers)]
     if "surface_rugosity" in made.site:
         cell = digits(1000 * made.cell_m["dem_m"])
-        said.append(texts("methods.map_rugosity", rugosity=digits(made.site["surface_rugosity"]), cell=cell))
+        said.append(phrase("methods.map_rugosity", rugosity=digits(made.site["surface_rugosity"]), cell=cell))
     residuals = [point.position_residual_m for point in made.track if point.position_residual_m is not None]
     if residuals:
-        said.append(texts("methods.poses", residual=digits(float(np.median(residuals)), 2)))
+        said.append(phrase("methods.poses", residual=digits(float(np.median(residuals)), 2)))
     return said
 
 
-def citations(facts: DiveFacts, texts: Texts) -> list[str]:
+def citations(facts: DiveFacts) -> list[str]:
     """What to cite."""
-    return [texts("cite.program", version=facts.run.version), texts("cite.deepseecolor"), texts("cite.seathru")]
+    return [phrase("cite.program", version=facts.run.version), phrase("cite.deepseecolor"), phrase("cite.seathru")]
 
 
 def changed_settings(config: RunConfig) -> list[Fact]:

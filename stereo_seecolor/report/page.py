@@ -8,8 +8,7 @@ from typing import Any
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import FrameError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.report.calibration_note import calibration_note
-from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.report.calibration_std import calibration_note, calibration_std
 from stereo_seecolor.report.charts import kept_charts
 from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.dive_facts import DiveFacts
@@ -17,10 +16,9 @@ from stereo_seecolor.report.early_frames import FORMAT, page_stage, spread
 from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
 from stereo_seecolor.report.map_files import write_map_files
 from stereo_seecolor.report.overview import NAMED_FRAMES, changed_settings, citations, dive_facts, methods
-from stereo_seecolor.report.script import script
 from stereo_seecolor.report.telling_frames import telling_frames
-from stereo_seecolor.report.templates import filled_in
-from stereo_seecolor.report.texts import STATIC, Texts, english
+from stereo_seecolor.report.templates import filled_in, script
+from stereo_seecolor.report.texts import STATIC, phrase, texts
 from stereo_seecolor.report.verdict import judge
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -35,11 +33,12 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class PageSummary:
-    """The page that was written. made, kept: numbers of frames whose files were made now, or earlier.
+    """The page that was written: the file to open. made, kept: numbers of frames whose files were made now, or earlier.
 
     left_out: frames whose files are gone or damaged, with the reason.
     """
 
+    page: Path
     made: int
     kept: int
     left_out: dict[str, str]
@@ -51,7 +50,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
     brief: of a dive of many frames only some are shown with all that can be seen of them, so that a run takes hardly longer.
     Raises OutputError; InputError if what the page is made of is gone or damaged. A frame that is, is named and left out.
     """
-    facts, texts = DiveFacts.of(run), english()
+    facts = DiveFacts.of(run)
     settings = content_key(FORMAT)
     whole = _spread(facts) if brief else {frame.name for frame in run.frames}
     maker = _FrameMaker(folder, FrameFiles.of(run), frozenset(whole))
@@ -68,9 +67,9 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
         if (STATIC / name).is_file():
             folder.write(f"{PAGE}/{name}", (STATIC / name).read_bytes())
     write_map_files(folder, facts, with_raw=not brief)
-    folder.write(f"{PAGE}/dive.js", script("dive", _data(facts, shown, texts)))
-    folder.write(INDEX, render(facts, shown, texts, kept_charts(folder)), made_from=folder.digest("corrected"))
-    return PageSummary(made, len(shown) - made, left_out)
+    folder.write(f"{PAGE}/dive.js", script("dive", _data(facts, shown)))
+    folder.write(INDEX, render(facts, shown, kept_charts(folder)), made_from=folder.digest("corrected"))
+    return PageSummary(folder.root / INDEX, made, len(shown) - made, left_out)
 
 
 def _spread(facts: DiveFacts) -> set[str]:
@@ -110,14 +109,14 @@ Shown = dict[str, tuple[str, ...]]
 """Frame -> the products that the page shows of it."""
 
 
-def _data(facts: DiveFacts, shown: Shown, texts: Texts) -> dict[str, Any]:
+def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
     """What the page's program needs to know of the dive."""
     run, known = facts.run, calibration_std(facts.run)
     return {
         "format": FORMAT,
         "id": run.frames[0].sha256[:16] if run.frames else "",
-        "texts": texts.content,
-        "calibration": calibration_note(known, texts),
+        "texts": texts(),
+        "calibration": calibration_note(known),
         "calibration_std": known.total,
         "geometry": asdict(run.geometry) if run.geometry else None,
         "poses": _poses(facts),
@@ -147,22 +146,22 @@ def _suffix(run: FinishedRun) -> str:
     return next((frame.products["corrected"].suffix for frame in run.frames if "corrected" in frame.products), "")
 
 
-def render(facts: DiveFacts, shown: Shown, texts: Texts, found: Mapping[str, Any]) -> bytes:
+def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
     """The page itself, with the overview in it. found: charts and spread, where they were looked for."""
     run = facts.run
     return filled_in(
         "index.html.j2",
-        t=texts,
+        t=phrase,
         dive=dive_name(run.inputs, run.root),
         run=run,
-        verdict=judge(facts, texts),
-        dive_facts=dive_facts(facts, texts),
+        verdict=judge(facts),
+        dive_facts=dive_facts(facts),
         problems=facts.problems,
         named_frames=NAMED_FRAMES,
         notes=run.totals["notes"],
         telling=[(name, why, shown[name]) for name, why in telling_frames(facts) if name in shown],
-        methods=methods(facts, texts),
-        citations=citations(facts, texts),
+        methods=methods(facts),
+        citations=citations(facts),
         changed_settings=changed_settings(run.config),
         charts=found.get("charts", []),
         spread=found.get("spread"),

@@ -1,5 +1,6 @@
-"""Templates of pages: everything that is filled in is escaped."""
+"""Templates of pages: everything that is filled in is escaped. And their data as scripts."""
 
+import json
 from typing import Any
 from urllib.parse import quote
 
@@ -19,3 +20,12 @@ def filled_in(name: str, **values: Any) -> bytes:
 def _path(name: str) -> str:
     """A file's name as part of an address."""
     return quote(name, safe="", errors="surrogateescape")
+
+
+def script(receiver: str, *values: Any) -> bytes:
+    """Data as a script, ``seecolor.RECEIVER(VALUE, ...)``: a page opened from a file may load scripts and images, and nothing else.
+
+    ASCII; NaN and infinity must be None.
+    """
+    parts = (json.dumps(value, ensure_ascii=True, allow_nan=False, separators=(",", ":")) for value in values)
+    return f"seecolor.{receiver}({','.join(parts)});\n".encode("ascii")

@@ -1,4 +1,4 @@
-"""All words of the page, from one file, so that it can be translated."""
+"""All words of the page, from one file, so that it can be translated; and numbers as a person reads them."""
 
 import json
 from functools import cache
@@ -8,18 +8,37 @@ from typing import Any
 STATIC = files("stereo_seecolor.report") / "static"
 
 
-class Texts:
-    """The page's texts by key; a text may hold {names} of values."""
-
-    def __init__(self, content: dict[str, str]) -> None:
-        self.content = content
-
-    def __call__(self, key: str, **values: Any) -> str:
-        """The text of a key, filled in. Raises KeyError for an unknown key."""
-        return self.content[key].format(**values)
-
-
 @cache
-def english() -> Texts:
-    """The page's texts."""
-    return Texts(json.loads((STATIC / "texts.json").read_text(encoding="utf-8")))
+def texts() -> dict[str, str]:
+    """The page's texts by key; a text may hold {names} of values."""
+    content: dict[str, str] = json.loads((STATIC / "texts.json").read_text(encoding="utf-8"))
+    return content
+
+
+def phrase(key: str, **values: Any) -> str:
+    """The text of a key, filled in. Raises KeyError for an unknown key."""
+    return texts()[key].format(**values)
+
+
+def digits(value: float, count: int = 3) -> str:
+    """With that many significant digits, never in powers of ten."""
+    text = f"{value:.{count}g}"
+    return f"{value:.0f}" if "e" in text and abs(value) >= 1 else f"{value:.6f}".rstrip("0") if "e" in text else text
+
+
+def duration(seconds: float) -> str:
+    """In seconds, minutes or hours."""
+    if seconds < 120:
+        return phrase("unit.s", value=digits(seconds))
+    if seconds < 7200:
+        return phrase("unit.min", value=digits(seconds / 60))
+    return phrase("unit.h", value=digits(seconds / 3600))
+
+
+def length(meters: float) -> str:
+    """In millimeters, centimeters or meters."""
+    if meters < 0.02:
+        return phrase("unit.mm", value=digits(1000 * meters))
+    if meters < 1:
+        return phrase("unit.cm", value=digits(100 * meters))
+    return phrase("unit.m", value=digits(meters))

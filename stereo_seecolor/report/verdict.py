@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from stereo_seecolor.report.dive_facts import DiveFacts, RowFacts
-from stereo_seecolor.report.texts import Texts
+from stereo_seecolor.report.texts import phrase
 
 
 @dataclass(frozen=True)
@@ -28,48 +28,48 @@ class Verdict:
     reasons: tuple[str, ...]
 
 
-def judge_so_far(facts: RowFacts, texts: Texts) -> Verdict:
+def judge_so_far(facts: RowFacts) -> Verdict:
     """The verdict on the pairs that a run came to."""
-    reasons = (*_of_pairs(facts, texts), *_of_pixels(facts, texts))
-    return Verdict(not reasons, texts("verdict.look_so_far" if reasons else "verdict.good_so_far"), reasons)
+    reasons = (*_of_pairs(facts), *_of_pixels(facts))
+    return Verdict(not reasons, phrase("verdict.look_so_far" if reasons else "verdict.good_so_far"), reasons)
 
 
-def judge(facts: DiveFacts, texts: Texts) -> Verdict:
+def judge(facts: DiveFacts) -> Verdict:
     """The verdict on a run."""
-    reasons = (*_of_pairs(facts, texts), *_of_pixels(facts, texts), *_of_map(facts, texts))
+    reasons = (*_of_pairs(facts), *_of_pixels(facts), *_of_map(facts))
     if not facts.run.frames:
-        return Verdict(False, texts("verdict.nothing"), reasons)
-    return Verdict(not reasons, texts("verdict.look" if reasons else "verdict.good"), reasons)
+        return Verdict(False, phrase("verdict.nothing"), reasons)
+    return Verdict(not reasons, phrase("verdict.look" if reasons else "verdict.good"), reasons)
 
 
-def _of_pairs(facts: RowFacts, texts: Texts) -> list[str]:
+def _of_pairs(facts: RowFacts) -> list[str]:
     reasons = []
     for status in ("failed", "pending", "unpaired"):
         if count := facts.count(status):
-            reasons.append(texts(f"verdict.{status}", count=count, pairs=len(facts.pairs)))
+            reasons.append(phrase(f"verdict.{status}", count=count, pairs=len(facts.pairs)))
     warned = sum(bool(row.warnings) for row in facts.pairs)
     if warned > LIMITS.warned_fraction * len(facts.pairs):
-        reasons.append(texts("verdict.warned", count=warned, pairs=len(facts.pairs)))
+        reasons.append(phrase("verdict.warned", count=warned, pairs=len(facts.pairs)))
     return reasons
 
 
-def _of_pixels(facts: RowFacts, texts: Texts) -> list[str]:
+def _of_pixels(facts: RowFacts) -> list[str]:
     reasons = []
     coverage, lost = facts.typical("coverage"), facts.typical("unrecoverable_fraction")
     if coverage is not None and coverage < LIMITS.coverage:
-        reasons.append(texts("verdict.coverage", percent=f"{coverage:.0%}"))
+        reasons.append(phrase("verdict.coverage", percent=f"{coverage:.0%}"))
     if lost is not None and lost > LIMITS.unrecoverable_fraction:
-        reasons.append(texts("verdict.unrecoverable", percent=f"{lost:.0%}"))
+        reasons.append(phrase("verdict.unrecoverable", percent=f"{lost:.0%}"))
     return reasons
 
 
-def _of_map(facts: DiveFacts, texts: Texts) -> list[str]:
+def _of_map(facts: DiveFacts) -> list[str]:
     if facts.map is None:
         return []
     reasons = []
     placed, frames = len(facts.map.track), len(facts.run.frames)
     if placed < LIMITS.placed_fraction * frames:
-        reasons.append(texts("verdict.placed", placed=placed, frames=frames))
+        reasons.append(phrase("verdict.placed", placed=placed, frames=frames))
     if facts.map.pieces:
-        reasons.append(texts("verdict.pieces", pieces=facts.map.pieces + 1))
+        reasons.append(phrase("verdict.pieces", pieces=facts.map.pieces + 1))
     return reasons
