@@ -40,4 +40,4 @@ def bag_text(found: "BagFacts") -> str:
     if found.pairs:
         calib = "" if found.baseline_m else " --calib cam.yaml"
         said += ["", f"stereo-seecolor run --bag {found.bag}{calib} --out out"]
-    return lines(said)
+    return lines(*said)

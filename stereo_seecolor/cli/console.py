@@ -4,8 +4,8 @@ import io
 from collections.abc import Iterable, Sequence
 
 
-def lines(texts: Iterable[str]) -> str:
-    """Texts as lines."""
+def lines(*texts: str) -> str:
+    """Texts, a line each."""
     return "".join(f"{text}\n" for text in texts)
 
 
@@ -20,7 +20,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         drawn.add_row(*(Text(cell) for cell in row))
     text = io.StringIO()
     Console(file=text, soft_wrap=True, color_system=None).print(drawn)
-    return lines(line.rstrip() for line in text.getvalue().splitlines())
+    return lines(*(line.rstrip() for line in text.getvalue().splitlines()))
 
 
 def duration(seconds: float) -> str:

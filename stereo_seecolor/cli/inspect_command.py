@@ -43,7 +43,7 @@ def inspection_text(found: "Inspection") -> str:
     for misfit in found.misfits:
         fits = f"; the left image of {misfit.pair} fits the right one of {misfit.fits}" if misfit.fits else ""
         said.append(f"not a pair: {misfit.pair}: its images do not show the same scene{fits}")
-    return lines([*said, *(f"note: {problem}" for problem in found.problems), "", found.run_command])
+    return lines(*said, *(f"note: {problem}" for problem in found.problems), "", found.run_command)
 
 
 def _image_text(image: "ImageFacts | None") -> str:

@@ -97,4 +97,4 @@ def live(
         said.append(f"all products: median {found.products_median_s:.2f} s, 95% below {found.products_p95_s:.2f} s")
     said += [found.reduced] if found.reduced else []
     said += [f"last failure: {found.last_error}"] if found.last_error else []
-    report.end(vars(found), lines(said))
+    report.end(vars(found), lines(*said))

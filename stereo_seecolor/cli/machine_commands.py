@@ -34,7 +34,7 @@ def doctor_text(findings: "Sequence[Finding]") -> str:
             said.append(f"      without it: {finding.without}")
         if finding.fix:
             said.append(f"      fix it with: {finding.fix}")
-    return lines(said)
+    return lines(*said)
 
 
 def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> None:
@@ -47,7 +47,7 @@ def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> 
 
 def config_text(settings: "Sequence[Setting]") -> str:
     """The settings as YAML that --config reads again; the origin of each value is a comment."""
-    return lines(_section([(setting.key.split("."), setting) for setting in settings], 0))
+    return lines(*_section([(setting.key.split("."), setting) for setting in settings], 0))
 
 
 def _section(entries: "list[tuple[list[str], Setting]]", depth: int) -> list[str]:

@@ -99,7 +99,7 @@ def export(
     if listed:
         report.end(
             {"formats": {name: format.opens for name, format in EXPORT_FORMATS.items()}},
-            lines(f"{name:<12} {format.what}: {format.opens}" for name, format in EXPORT_FORMATS.items()),
+            lines(*(f"{name:<12} {format.what}: {format.opens}" for name, format in EXPORT_FORMATS.items())),
         )
     if out is None or folder is None or not to:
         raise typer.BadParameter("give OUT, --to FORMAT and --out FOLDER, or --list")
@@ -111,4 +111,4 @@ def export(
 def export_text(result: "ExportResult") -> str:
     """What was written, and where."""
     size = f"{counted(result.frames, 'frame')}, {counted(result.files, 'file')}, {result.bytes / 1e6:.1f} MB"
-    return lines([size, *([result.note] if result.note else []), f"  {result.folder}: {result.format}"])
+    return lines(size, *([result.note] if result.note else []), f"  {result.folder}: {result.format}")

@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 def metrics_text(result: "SiteMetrics") -> str:
     """Structure at each scale, then outlines and cover where there are any; each number with its standard error."""
     head = f"{result.area_m2:.2f} m2 seen, cells of {1000 * result.cell_m:g} mm"
-    parts = [lines([f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"]), _structure(result)]
+    parts = [lines(f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"), _structure(result)]
     if result.colonies:
         parts += [_outlines(result), _cover(result)]
-    parts += [lines([f"not seen: {name}" for name in result.unseen]), lines([f"  {path}" for path in result.files])]
+    parts += [lines(*(f"not seen: {name}" for name in result.unseen)), lines(*(f"  {path}" for path in result.files))]
     return "\n".join(part for part in parts if part)
 
 
@@ -39,7 +39,7 @@ def comparison_text(found: "Comparison") -> str:
             f"joint graph: {found.joint.pairs} pairs of frames move the second track by {1000 * found.joint.bent_m:.1f} mm RMS; to "
             "take that out, fuse it with --poses second_track.tum --set mapping.poses_of=rectified --set mapping.poses=given"
         )
-    return lines(head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
+    return lines(*head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
 
 
 def _patches(found: "Comparison") -> str:
@@ -118,9 +118,9 @@ def markers_text(found: "FoundMarkers") -> str:
     ]
     text = [table(("marker", "frames", "at m", "residual mm", "edge mm"), rows)]
     checks = ([("edges", found.size)] if found.size else []) + [(f"bar {name}", check) for name, check in found.bars.items()]
-    text += [lines([f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}"]) for name, check in checks]
+    text += [lines(f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}") for name, check in checks]
     if found.control:
-        text.append(lines([f"surveyed places: {len(found.control.residuals_m)} found, {1000 * found.control.rms_m:.1f} mm RMS"]))
+        text.append(lines(f"surveyed places: {len(found.control.residuals_m)} found, {1000 * found.control.rms_m:.1f} mm RMS"))
     return "\n".join(text) + "".join(f"  {path}\n" for path in found.files)
 
 

@@ -99,4 +99,4 @@ def convert_calib(
         *(f"note: {note}" for note in result.notes),
     ]
     content = {"source": source, "out": out, "format": to, "baseline_m": result.baseline_m, "notes": list(result.notes)}
-    report.end(content, lines(said))
+    report.end(content, lines(*said))

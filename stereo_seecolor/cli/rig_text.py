@@ -12,11 +12,9 @@ if TYPE_CHECKING:
 def calibration_text(result: "CalibrationResult") -> str:
     """A new calibration and its quality."""
     return lines(
-        [
-            *result.report.lines(),
-            f"  {result.calibration}: the calibration",
-            f"  {result.coverage}: where in the images the corners lay",
-        ]
+        *result.report.lines(),
+        f"  {result.calibration}: the calibration",
+        f"  {result.coverage}: where in the images the corners lay",
     )
 
 
@@ -26,7 +24,7 @@ def check_text(result: "CheckResult") -> str:
     said = [*_rig_lines(result.rig), *suspicious, *result.rows.lines()]
     if result.refined is not None:
         said += [*result.refined.lines(), f"  {result.refined_file}: the refined calibration"]
-    return lines(said)
+    return lines(*said)
 
 
 def _rig_lines(rig: "RigFacts") -> list[str]:

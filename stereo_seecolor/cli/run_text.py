@@ -28,9 +28,9 @@ def run_text(summary: "RunSummary", out: Path) -> str:
     problems = [(what, str(often), first) for what, often, first in summary.problems()]
     made = [_product_line(product) for product in summary.products]
     return (
-        lines([*named, *notes])
+        lines(*named, *notes)
         + (table(("what went wrong", "times", "first in"), problems) if problems else "")
-        + lines([_totals(summary), *made])
+        + lines(_totals(summary), *made)
         + (_plan_text(summary.plan) if summary.plan else "")
     )
 
@@ -65,14 +65,14 @@ def _totals(summary: "RunSummary") -> str:
 
 def page_text(page: Path) -> str:
     """Where the page is."""
-    return lines([f"{page}: the page of the dive: open it in a browser"])
+    return lines(f"{page}: the page of the dive: open it in a browser")
 
 
 def report_text(result: "PageSummary") -> str:
     """What became of a page: frames that it does not show, totals, where it is."""
     left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
     totals = f"{counted(result.made + result.kept, 'frame')} shown, {result.kept} of them kept from an earlier page"
-    return lines([*left_out, totals]) + page_text(result.page)
+    return lines(*left_out, totals) + page_text(result.page)
 
 
 def measures_text(results: "list[Measurement]") -> str:
@@ -83,11 +83,9 @@ def measures_text(results: "list[Measurement]") -> str:
 def map_text(made: "MapSummary") -> str:
     """What became of a fusion: frames that are not in the map, warnings, totals, files."""
     return lines(
-        [
-            *(f"not placed: {frame.name}: {frame.reason}" for frame in made.unplaced),
-            *(f"warning: {warning}" for warning in made.warnings),
-            *(str(said) for said in (made.navigation, made.markers) if said),
-            f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s",
-            *(f"  {file}" for file in made.files),
-        ]
+        *(f"not placed: {frame.name}: {frame.reason}" for frame in made.unplaced),
+        *(f"warning: {warning}" for warning in made.warnings),
+        *(str(said) for said in (made.navigation, made.markers) if said),
+        f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s",
+        *(f"  {file}" for file in made.files),
     )

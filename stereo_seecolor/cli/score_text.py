@@ -22,22 +22,17 @@ def truth_text(report: "TruthReport") -> str:
     )
     return (
         lines(
-            [
-                f"{len(report.frames)} frames against truth, means over frames; no result for {len(report.missing)} frames",
-                f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off by over 1 px "
-                f"{ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured {ranges.coverage:.1%} of the pixels that "
-                "both cameras see",
-            ]
+            f"{len(report.frames)} frames against truth, means over frames; no result for {len(report.missing)} frames",
+            f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off by over 1 px "
+            f"{ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured {ranges.coverage:.1%} of the pixels that "
+            "both cameras see",
         )
         + table(
             ("color", "corrected", "raw image"),
             [(what, format(getattr(color, name), style), format(getattr(raw, name), style)) for what, name, style in measures],
         )
         + lines(
-            [
-                f"over {color.pixels:.0f} pixels a frame: those with a measured range and a true color neither clipped nor "
-                "nearly black"
-            ]
+            f"over {color.pixels:.0f} pixels a frame: those with a measured range and a true color neither clipped nor nearly black"
         )
     )
 
@@ -51,7 +46,7 @@ def charts_text(report: "ChartReport") -> str:
         rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}"))
     without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
     sheet = f"  {report.sheet}: every method on every frame, to look at"
-    return table(columns, rows) + _ranges_text(report) + lines([*without, sheet])
+    return table(columns, rows) + _ranges_text(report) + lines(*without, sheet)
 
 
 def _ranges_text(report: "ChartReport") -> str:
@@ -69,7 +64,7 @@ def _ranges_text(report: "ChartReport") -> str:
         )
         for row in report.spreads
     ]
-    return lines(["the same patch on charts at several ranges: mean angle, and spread of the logarithm of luminance"]) + table(
+    return lines("the same patch on charts at several ranges: mean angle, and spread of the logarithm of luminance") + table(
         columns, rows
     )
 
@@ -84,5 +79,5 @@ def spread_text(report: "SpreadReport") -> str:
     methods = {"corrected": report.corrected, "raw images": report.raw, **report.others}
     rows = [(what, *(format(getattr(spread, name), style) for spread in methods.values())) for what, name, style in measures]
     return table(("between frames", *methods), rows) + lines(
-        [f"{report.corrected.spots} spots in {report.pairs} pairs of frames; brightness as natural logarithm of a ratio"]
+        f"{report.corrected.spots} spots in {report.pairs} pairs of frames; brightness as natural logarithm of a ratio"
     )

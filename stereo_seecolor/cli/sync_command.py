@@ -30,4 +30,4 @@ def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: Logge
         "",
         f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out",
     ]
-    report.end(vars(found), lines(said))
+    report.end(vars(found), lines(*said))

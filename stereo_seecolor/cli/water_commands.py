@@ -43,13 +43,13 @@ def water_text(result: "MeasuredWater") -> str:
     """What was measured, and the option that uses it."""
     use = f"use it with: stereo-seecolor run ... --water {result.path}"
     if result.charts:
-        return lines([*_white_lines(result), use])
+        return lines(*_white_lines(result), use)
     errors = result.water.standard_errors["y"]
     rates = ", ".join(
         f"{name} {rate:.3f} +- {error:.3f}"
         for name, rate, error in zip(("red", "green", "blue"), result.water.y, errors, strict=True)
     )
-    return lines([f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)", use])
+    return lines(f"attenuation at long range, 1/m: {rates} (nan: the sightings do not determine it)", use)
 
 
 def _white_lines(result: "MeasuredWater") -> list[str]:
