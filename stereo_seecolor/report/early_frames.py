@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from calibration import RectifiedPair
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.records import Image
-from stereo_seecolor.report.frame_files import Files, contents_of
+from stereo_seecolor.report.frame_files import Files, Pixels, contents_of
 from stereo_seecolor.run_folder.layout import page_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 
@@ -46,14 +46,5 @@ class EarlyFrames:
 
     def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
         """before: the rectified image as the camera saw it. products: the frame's, as stored, by name."""
-        contents = contents_of(_InMemory(name, products), before, self.geometry)
+        contents = contents_of(Pixels(name, products, products.__getitem__), before, self.geometry)
         return {product: (page_path(product, name), content) for product, content in contents.items()}
-
-
-@dataclass(frozen=True, eq=False)
-class _InMemory:
-    name: str
-    products: Mapping[str, NDArray[Any]]
-
-    def read(self, product: str) -> NDArray[Any]:
-        return self.products[product]

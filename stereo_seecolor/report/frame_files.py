@@ -1,10 +1,10 @@
 """What the page shows of one frame: thumbnail, before, after, and its ranges to measure in."""
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,19 +29,13 @@ OVERLAY_STEP_PX = 2
 """Confidence and mask are shown, not measured in: every second pixel of every second row."""
 
 
-class Pixels(Protocol):
-    """A frame's products by name, as the run wrote them."""
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """A frame of that name: its products, as the run wrote them, and what gives the pixels of one. read: raises InputError."""
 
-    @property
-    def name(self) -> str:
-        """Of the frame."""
-
-    @property
-    def products(self) -> Mapping[str, object]:
-        """By name."""
-
-    def read(self, product: str) -> NDArray[Any]:
-        """A product's pixels as stored. Raises InputError."""
+    name: str
+    products: Mapping[str, object]
+    read: Callable[[str], NDArray[Any]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +68,7 @@ class FrameFiles:
         before = None
         with contextlib.suppress(InputError, CalibrationError):  # the input is gone
             before = self.raw(frame)
-        return contents_of(frame, before, self.run.geometry)
+        return contents_of(Pixels(frame.name, frame.products, frame.read), before, self.run.geometry)
 
     def raw(self, frame: FinishedFrame) -> Image:
         """(H, W, 3), rectified and upright. Raises InputError, CalibrationError."""
