@@ -7,10 +7,11 @@ from pathlib import Path
 
 from calibration.formats import load_rig
 from stereo_seecolor.commands.bag_inputs import BagInputs
-from stereo_seecolor.commands.live_outputs import KeptFiles, Published, Recording
+from stereo_seecolor.commands.live_outputs import KeptFiles, published, recorder
 from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.export.recording import McapRecording
 from stereo_seecolor.live.budget import Budget
 from stereo_seecolor.live.played_bag import PlayedBag
 from stereo_seecolor.live.preview import HOST, Preview, served
@@ -113,12 +114,13 @@ def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptio
 def _made(pipeline: Pipeline, options: LiveOptions, counts: LiveCounts, stack: ExitStack) -> list[Callable[[LiveFrame], None]]:
     """What is made of each pair, in the order in which it is waited for."""
     made: list[Callable[[LiveFrame], None]] = []
+    assert pipeline.geometry is not None
     if options.out is not None:
         made.append(KeptFiles(options.out, options.every, pipeline))
     if options.record is not None:
-        made.append(stack.enter_context(Recording(options.record, pipeline)))
+        made.append(recorder(stack.enter_context(McapRecording(options.record, pipeline.geometry, "lz4"))))
     if options.publish:
-        made.append(Published(options.publish, pipeline))
+        made.append(published(options.publish, pipeline.geometry))
     if options.port is not None:
         preview = Preview(counts)
         made.append(preview.update)

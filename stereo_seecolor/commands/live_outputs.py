@@ -1,9 +1,10 @@
 """What ``live`` makes of corrected pairs: files in a folder, a recording, and topics of ROS 2."""
 
+from collections.abc import Callable
+from itertools import count
 from pathlib import Path
-from types import TracebackType
-from typing import Self
 
+from calibration import RectifiedPair
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.export import ros_messages as ros
 from stereo_seecolor.export.mcap_file import stamp_of
@@ -44,41 +45,22 @@ class KeptFiles:
             write_atomic(self._folder / path, content)
 
 
-class Published:
-    """All pairs as ROS 2 topics, named as those of a recording, in ``namespace`` instead of /stereo. Raises DeviceError."""
+def published(namespace: str, geometry: RectifiedPair) -> Callable[[LiveFrame], None]:
+    """Sends all pairs as ROS 2 topics, named as those of a recording, in ``namespace`` instead of /stereo. Raises DeviceError."""
+    node, numbers, prefix = Node(), count(), "/" + namespace.strip("/")
 
-    def __init__(self, namespace: str, pipeline: Pipeline) -> None:
-        assert pipeline.geometry is not None
-        self._node, self._geometry = Node(), pipeline.geometry
-        self._namespace = "/" + namespace.strip("/")
-        self._count = 0
-
-    def __call__(self, frame: LiveFrame) -> None:
-        """Send a pair's messages."""
-        for topic, message in messages(recorded_live(frame, self._count), self._geometry):
+    def send(frame: LiveFrame) -> None:
+        for topic, message in messages(recorded_live(frame, next(numbers)), geometry):
             name = TOPICS[topic]
-            self._node.publish(topic.replace("/stereo", self._namespace, 1), ros.type_name(name), ros.serialized(name, message))
-        self._count += 1
+            node.publish(topic.replace("/stereo", prefix, 1), ros.type_name(name), ros.serialized(name, message))
+
+    return send
 
 
-class Recording:
-    """All pairs in a new MCAP file, as a context manager; corrected images as JPEG. Raises OutputError, DeviceError."""
-
-    def __init__(self, path: Path, pipeline: Pipeline) -> None:
-        assert pipeline.geometry is not None
-        self._file = McapRecording(path, pipeline.geometry, "lz4")
-        self._count = 0
-
-    def __call__(self, frame: LiveFrame) -> None:
-        """Add a pair. Raises OutputError."""
-        self._file.add(recorded_live(frame, self._count))
-        self._count += 1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
-        self._file.__exit__(kind, error, trace)
+def recorder(file: McapRecording) -> Callable[[LiveFrame], None]:
+    """Adds all pairs to a recording; corrected images as JPEG. Raises OutputError when called."""
+    numbers = count()
+    return lambda frame: file.add(recorded_live(frame, next(numbers)))
 
 
 def recorded_live(frame: LiveFrame, number: int) -> RecordedPair:

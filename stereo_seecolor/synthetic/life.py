@@ -32,18 +32,17 @@ def settle(bottom: Bottom, spec: SurveySpec, rng: np.random.Generator) -> NDArra
         size_m = np.array([nx, ny]) * bottom.cell_m
         return np.asarray(corner + rng.random((round(per_m2 * area_m2), 2)) * size_m)
 
-    for x, y in places(0.3):
-        _boulder(bottom, x, y, rng)
-    for x, y in places(0.4):
-        _massive_coral(bottom, x, y, rng)
-    for x, y in places(0.18):
-        _table_coral(bottom, x, y, rng)
-    for x, y in places(0.45):
-        _branching_thicket(bottom, x, y, rng)
-    for x, y in places(1.1):
-        _crust(bottom, x, y, rng)
-    for x, y in places(1.2):
-        _sponge(bottom, x, y, rng)
+    each_per_m2 = (
+        (_boulder, 0.3),
+        (_massive_coral, 0.4),
+        (_table_coral, 0.18),
+        (_branching_thicket, 0.45),
+        (_crust, 1.1),
+        (_sponge, 1.2),
+    )
+    for grow, per_m2 in each_per_m2:
+        for x, y in places(per_m2):
+            grow(bottom, x, y, rng)
     if spec.textureless_patch:
         _bare_patch(bottom, 0.85 * spec.line_length_m, 0.0, 0.8)
     return _chart(bottom, min(0.35 * spec.line_length_m, 2.0) + 0.6, 0.25)
