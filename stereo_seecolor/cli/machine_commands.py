@@ -42,15 +42,11 @@ def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> 
     from stereo_seecolor.config_file import load_settings
 
     merged = load_settings(settings.config, settings.settings or [])
-    report.end({"settings": merged}, config_text(merged))
-
-
-def config_text(settings: "Sequence[Setting]") -> str:
-    """The settings as YAML that --config reads again; the origin of each value is a comment."""
-    return lines(*_section([(setting.key.split("."), setting) for setting in settings], 0))
+    report.end({"settings": merged}, lines(*_section([(setting.key.split("."), setting) for setting in merged], 0)))
 
 
 def _section(entries: "list[tuple[list[str], Setting]]", depth: int) -> list[str]:
+    """Settings as YAML that --config reads again; the origin of each value is a comment."""
     said = []
     for name, group in groupby(entries, key=lambda entry: entry[0][0]):
         inside = list(group)

@@ -18,7 +18,7 @@ from stereo_seecolor.measuring.measures import (
     straight_length,
     surface_area,
 )
-from stereo_seecolor.measuring.picking import Pick, Surface
+from stereo_seecolor.measuring.picking import Surface
 from stereo_seecolor.measuring.terrain import Ground, Spot
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.height_code import height_std_m
@@ -158,17 +158,12 @@ def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measuremen
         x_m, y_m, z_m = (float(value) for value in picks[0].point_m)
         value = range_of(picks[0])
         return Measurement(*about, value.value, value.total_std(calibration), x_m=x_m, y_m=y_m, z_m=z_m)
-    straight, on_surface = _length(surface, picks) if wanted.kind == "length" else _area(surface, picks)
+    if wanted.kind == "length":
+        straight, on_surface = straight_length(picks), straight_length(along_surface(surface, picks))
+    else:
+        straight, on_surface = planar_area(picks), surface_area(surface, picks)[0]
     on_surface_std = on_surface.total_std(calibration)
     return Measurement(*about, straight.value, straight.total_std(calibration), on_surface.value, on_surface_std)
-
-
-def _length(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, Measured]:
-    return straight_length(picks), straight_length(along_surface(surface, picks))
-
-
-def _area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, Measured]:
-    return planar_area(picks), surface_area(surface, picks)[0]
 
 
 def read_wanted(path: Path) -> list[Wanted]:

@@ -50,18 +50,6 @@ def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
     found = synchronize(left, right, load_rig(calib) if calib else None)
     lag, rest_s = found.lag, float((found.rest_s**2).mean() ** 0.5)
     evidence = tuple(EvidenceFacts(item.kind, item.lag.offset_s, item.lag.std_s) for item in found.evidence)
-    return SyncResult(
-        left,
-        right,
-        lag.offset_s,
-        lag.std_s,
-        lag.drift,
-        lag.drift_std,
-        lag.center_s,
-        len(found.pairs),
-        found.left_out,
-        rest_s,
-        float(np.median(found.false_disparity)),
-        evidence,
-        found.text,
-    )
+    clocks = (lag.offset_s, lag.std_s, lag.drift, lag.drift_std, lag.center_s)
+    frames = (len(found.pairs), found.left_out, rest_s, float(np.median(found.false_disparity)))
+    return SyncResult(left, right, *clocks, *frames, evidence, found.text)

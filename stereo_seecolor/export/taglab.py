@@ -88,6 +88,7 @@ def _write_heights(terrain: Any, mosaic: Any, path: Path) -> None:
 
 def _project(posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: str) -> dict[str, Any]:
     name = posed.run.root.resolve().name
+    dates = [*(frame.taken.date().isoformat() for frame in posed.frames if frame.taken), posed.run.made[:10]]
     image = {
         "rect": [0.0, 0.0, 0.0, 0.0],
         "map_px_to_mm_factor": f"{mm:.9g}",
@@ -98,15 +99,10 @@ def _project(posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: s
         "channels": [{"filename": "rgb.tif", "type": "RGB"}, {"filename": "dem.tif", "type": "DEM"}],
         "id": name,
         "name": name,
-        "acquisition_date": _date(posed),
+        "acquisition_date": dates[0],
         "georef_filename": georeferenced,
         "workspace": [],
         "export_dataset_area": [],
         "metadata": {},
     }
     return {"filename": "project.json", "images": [image], "correspondences": {}, "labels": {}, "metadata": {}}
-
-
-def _date(posed: PosedRun) -> str:
-    """Of the first frame, else of the run: the format asks for one."""
-    return next((frame.taken.date().isoformat() for frame in posed.frames if frame.taken), posed.run.made[:10])

@@ -84,7 +84,7 @@ class StreamPairs:
             if right and abs(right.stamp_ns - left.stamp_ns) <= self._reach_ns(lefts):
                 self._offered = left, right
                 name = stamp_name(left.stamp_ns)
-                return Pair(name, *_paths(self._left.name, self._right.name, name), left.stamp_ns / 1e9)
+                return Pair(name, Path(self._left.name, "left", name), Path(self._right.name, "right", name), left.stamp_ns / 1e9)
         return None
 
     def read(self, pair: Pair) -> StereoFrame:
@@ -117,8 +117,3 @@ class StreamPairs:
 def _nearest(images: tuple[Arrived, ...], stamp_ns: int) -> Arrived | None:
     after = bisect_left(images, stamp_ns, key=lambda image: image.stamp_ns)
     return min(images[max(after - 1, 0) : after + 1], key=lambda image: abs(image.stamp_ns - stamp_ns), default=None)
-
-
-def _paths(left: str, right: str, name: str) -> tuple[Path, Path]:
-    """What a pair's images are called in messages."""
-    return Path(left, "left", name), Path(right, "right", name)

@@ -78,10 +78,8 @@ def measure_outlines(outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terra
 
 def mesh_area_m2(mesh: SiteMesh, terrain: Terrain, mask: Mask) -> float:
     """Square meters of mesh over, and below, the cells of a mask."""
-    column, row = np.rint(terrain.grid.pixels(mesh.triangle_centers_m)).astype(int).T
-    height, width = terrain.grid.shape
-    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    return float(mesh.triangle_areas_m2[inside][mask[row[inside], column[inside]]].sum())
+    row, column, area_m2 = terrain.triangles_of(mesh)
+    return float(area_m2[mask[row, column]].sum())
 
 
 def _by_terrain(heights: Array, inside: Mask, cell_m: float) -> Measured:

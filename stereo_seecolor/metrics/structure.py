@@ -105,8 +105,5 @@ def _windows(terrain: Terrain, edge_m: float) -> Iterator[tuple[slice, slice]]:
 
 def _mesh_area(mesh: SiteMesh, terrain: Terrain) -> Array:
     """(H, W) square meters of mesh over, and below, each cell."""
-    column, row = np.rint(terrain.grid.pixels(mesh.triangle_centers_m)).astype(int).T
-    height, width = terrain.grid.shape
-    inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
-    flat = np.bincount((row * width + column)[inside], mesh.triangle_areas_m2[inside], height * width)
-    return np.asarray(flat.reshape(height, width))
+    (row, column, area_m2), (height, width) = terrain.triangles_of(mesh), terrain.grid.shape
+    return np.asarray(np.bincount(row * width + column, area_m2, height * width).reshape(height, width))

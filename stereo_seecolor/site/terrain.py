@@ -35,6 +35,13 @@ class Terrain:
         x, y = self.grid.centers(slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1]))
         return np.stack([x, y, self.height_m], axis=-1)
 
+    def triangles_of(self, mesh: SiteMesh) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        """Row, column and square meters (n,) of a mesh's triangles over, and below, the cells."""
+        column, row = np.rint(self.grid.pixels(mesh.triangle_centers_m)).astype(np.int64).T
+        height, width = self.grid.shape
+        inside = (row >= 0) & (row < height) & (column >= 0) & (column < width)
+        return row[inside], column[inside], mesh.triangle_areas_m2[inside]
+
 
 def grid_of(mesh: SiteMesh, cell_m: float) -> Grid:
     """The cells that cover a mesh."""

@@ -37,7 +37,7 @@ def synthesize(spec: SurveySpec, out: Path, done: Callable[[int, int], None] = l
             (out / folder).mkdir(parents=True, exist_ok=True)
         native.write(scene.rig, out / "cam.yaml")
         write_tum(out / "trajectory.tum", replace(scene.trajectory, names=("",) * spec.pairs))
-        _write_json(out / "truth/water.json", _water_content(scene))
+        (out / "truth/water.json").write_text(json.dumps(_water_content(scene), indent=1) + "\n", encoding="utf-8")
         _write_surface(out / "truth/surface.npz", scene.reef)
         for index in range(spec.pairs):
             _write_pair(out, scene.render(index))
@@ -93,10 +93,6 @@ def _water_content(scene: Scene) -> dict[str, Any]:
         "chart_corners_m": scene.reef.chart_corners_m.round(6).tolist(),
         "survey": asdict(scene.spec),
     }
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
 def _write_surface(path: Path, reef: Reef) -> None:
