@@ -8,17 +8,15 @@ from typing import Annotated
 import typer
 
 from stereo_seecolor.cli import (
-    bag_commands,
     dive_commands,
     fleet_commands,
-    inspect_command,
     live_command,
+    look_commands,
     machine_commands,
     map_commands,
     reef_commands,
     rig_commands,
     score_commands,
-    sync_command,
     water_commands,
 )
 from stereo_seecolor.cli.errors import exit_code_of
@@ -30,9 +28,9 @@ from stereo_seecolor.compute.allocator import keep_freed_memory
 
 COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "A dive": {
-        "inspect": inspect_command.inspect,
-        "bag-info": bag_commands.bag_info,
-        "sync": sync_command.sync,
+        "inspect": look_commands.inspect,
+        "bag-info": look_commands.bag_info,
+        "sync": look_commands.sync,
         "live": live_command.live,
         "run": dive_commands.run,
         "fuse": map_commands.fuse,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import Camera, Rectification, StereoRig
+from stereo_seecolor import geometry
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.files.srgb import encode_srgb
 from stereo_seecolor.records import Image, Mask, RangeMap, StereoFrame, Trajectory
@@ -99,7 +100,7 @@ class Scene:
         pose = self.trajectory.T_world_camera[index]
         time_s = float(self.trajectory.timestamps_s[index])
         instant = _Instant(pose, School.around(self.spec, pose, index), time_s, strobe_energy(self.spec, index))
-        T_world_left = pose @ _rotation(self.rectification.R_left)
+        T_world_left = pose @ geometry.pose(self.rectification.R_left, np.zeros(3))
         T_world_right = T_world_left @ np.linalg.inv(self.rig.T_right_left)
         left = self._picture(T_world_left, self._rays_left, self.rig.left, instant, (index, 0))
         right = self._picture(T_world_right, self._rays_right, self.rig.right, instant, (index, 1))
@@ -187,12 +188,6 @@ class Scene:
         column = np.arange(width, dtype=np.float32) - disparity
         with np.errstate(invalid="ignore"):
             return np.asarray((np.abs(met_m[..., 0] - distance_m) < 0.01) & (column >= 0) & (column <= width - 1))
-
-
-def _rotation(R: NDArray[np.float64]) -> NDArray[np.float64]:
-    T = np.eye(4)
-    T[:3, :3] = R
-    return T
 
 
 def _raw_rays(camera: Camera) -> Rays:

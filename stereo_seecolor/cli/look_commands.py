@@ -1,4 +1,4 @@
-"""The command that looks at a dive before it is run."""
+"""Commands that look at a dive before it is run: inspect, bag-info, sync."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -6,16 +6,24 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from calibration.wording import counted
+from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import LoggedReport
 
 if TYPE_CHECKING:
+    from stereo_seecolor.commands.bag_info import BagFacts
     from stereo_seecolor.commands.inspect import CalibrationFacts, Inspection
     from stereo_seecolor.commands.inspect_dive import Measured
     from stereo_seecolor.inputs.image_facts import ImageFacts
 
 Places = Annotated[list[Path], typer.Argument(help="Folders and files of the dive: images or videos, and the calibration.")]
+BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with those of one bag.")]
+LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
+Rig = Annotated[
+    str | None, opt.option("--calib", "FILE", "Calibration of the rig: rows of rectified pairs then tell the offset too.")
+]
+RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the right camera.")]
 
 
 def inspect(places: Places, report: LoggedReport) -> None:
@@ -77,3 +85,45 @@ def _measured_lines(measured: "Measured") -> list[str]:
 
 def _duration(seconds: float) -> str:
     return f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
+
+
+def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport) -> None:
+    """List a ROS bag's topics and the pairs that run would take from it; exit code 3 if it would take none."""
+    from stereo_seecolor.commands.bag_info import bag_info as look
+
+    with report.working():
+        found = look(bag, topics)
+    report.end(vars(found), bag_text(found), EXIT_DONE if found.pairs else EXIT_SOME_FAILED)
+
+
+def bag_text(found: "BagFacts") -> str:
+    """Topics, then the pairs, then the command."""
+    width = max(len(topic.name) for topic in found.topics)
+    said = [f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} file{'s' * (found.files > 1)}"]
+    for topic in found.topics:
+        rate = f", {topic.rate_hz:.3g} Hz" if topic.rate_hz else ""
+        said.append(f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} messages{rate}")
+    if found.pairs:
+        rig = f"baseline {1000 * found.baseline_m:.1f} mm, from camera_info" if found.baseline_m else "no calibration in it"
+        said.append(f"{counted(found.pairs, 'pair')}, {counted(found.unpaired, 'image without a partner')}; {rig}")
+    said += [f"note: {note}" for note in found.notes]
+    if found.pairs:
+        calib = "" if found.baseline_m else " --calib cam.yaml"
+        said += ["", f"stereo-seecolor run --bag {found.bag}{calib} --out out"]
+    return lines(*said)
+
+
+def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
+    """Find offset and drift of two cameras without a wire, from sound, a flash and the motion of the picture."""
+    from stereo_seecolor.commands.sync import sync as find
+
+    with report.working():
+        found = find(left, right, calib or "")
+    said = [found.text]
+    said += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
+    said += [
+        counted(found.pairs, "pair of frames"),
+        "",
+        f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out",
+    ]
+    report.end(vars(found), lines(*said))
