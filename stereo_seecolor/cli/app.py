@@ -3,7 +3,9 @@
 import contextlib
 import sys
 from collections.abc import Callable
-from typing import Annotated
+from dataclasses import fields, is_dataclass
+from inspect import Parameter, Signature, signature
+from typing import Annotated, Any, get_type_hints
 
 import typer
 
@@ -21,8 +23,8 @@ from stereo_seecolor.cli import (
 )
 from stereo_seecolor.cli.errors import exit_code_of
 from stereo_seecolor.cli.examples import epilog
-from stereo_seecolor.cli.grouped import one_by_one
 from stereo_seecolor.cli.quiet import quiet_libraries
+from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.streams import prepare_streams, write_out
 from stereo_seecolor.compute.allocator import keep_freed_memory
 
@@ -71,6 +73,28 @@ app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
+
+
+def one_by_one(name: str, command: Callable[..., None]) -> Callable[..., None]:
+    """The command as typer takes it: of a parameter that is a dataclass each field becomes an option. name: for its report."""
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, type[Any]] = {key: kind for key, kind in hints.items() if isinstance(kind, type) and is_dataclass(kind)}
+    options: list[Parameter] = []
+    for parameter in signature(command).parameters.values():
+        inside = signature(groups[parameter.name]).parameters if parameter.name in groups else {parameter.name: parameter}
+        options += [one.replace(kind=Parameter.KEYWORD_ONLY) for key, one in inside.items() if key != "command"]
+
+    def run(**given: Any) -> None:
+        for key, group in groups.items():
+            own = {field.name: given.pop(field.name) for field in fields(group) if field.name in given}
+            given[key] = group(name, **own) if issubclass(group, Report) else group(**own)
+        command(**given)
+
+    run.__doc__, run.__annotations__ = command.__doc__, {one.name: one.annotation for one in options}
+    run.__dict__["__signature__"] = Signature(options)
+    return run
+
+
 for panel, commands in COMMANDS.items():
     for name, command in commands.items():
         app.command(name, epilog=epilog(name), rich_help_panel=panel)(one_by_one(name, command))

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.compare import Comparison
     from stereo_seecolor.commands.markers import FoundMarkers
     from stereo_seecolor.markers.marker_map import ScaleCheck
-    from stereo_seecolor.metrics.site_metrics import SiteMetrics
+    from stereo_seecolor.metrics.tables import SiteMetrics
 
 
 def metrics_text(result: "SiteMetrics") -> str:

@@ -8,9 +8,8 @@ from stereo_seecolor.files.new_folder import new_folder
 from stereo_seecolor.metrics.colony import measure_outlines
 from stereo_seecolor.metrics.cover import cover
 from stereo_seecolor.metrics.outline_files import read_outlines
-from stereo_seecolor.metrics.site_metrics import SiteMetrics
 from stereo_seecolor.metrics.structure import structure
-from stereo_seecolor.metrics.tables import tables, write_tables
+from stereo_seecolor.metrics.tables import SiteMetrics, tables, write_tables
 from stereo_seecolor.site.mesh import open_site
 from stereo_seecolor.site.terrain import grid_of, terrain_of
 from stereo_seecolor.site.terrain_errors import terrain_errors

@@ -1,16 +1,33 @@
-"""The numbers of a site as tables: one CSV each, standard errors beside the values."""
+"""All numbers of a site, and as tables: one CSV each, standard errors beside the values."""
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.csv_table import csv_text
 from stereo_seecolor.metrics.colony import Colony
-from stereo_seecolor.metrics.site_metrics import SiteMetrics
+from stereo_seecolor.metrics.cover import Cover
 from stereo_seecolor.metrics.structure import StructureAtScale
 
 Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SiteMetrics:
+    """structure: at each scale. colonies: each outline that was seen. cover: by label. unseen: outlines of which nothing was seen.
+
+    height_std_m: median standard error of the terrain. files: what was written.
+    """
+
+    structure: tuple[StructureAtScale, ...]
+    colonies: tuple[Colony, ...]
+    cover: tuple[Cover, ...]
+    unseen: tuple[str, ...]
+    cell_m: float
+    area_m2: float
+    height_std_m: float
+    files: tuple[Path, ...] = ()
 
 
 def tables(result: SiteMetrics) -> dict[str, list[Row]]:
