@@ -3,29 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.measuring.limits import LIMITS
-from stereo_seecolor.measuring.picking import Pick, Surface
+from stereo_seecolor.measuring.picking import Pick, Placed, Surface
 
 Array = NDArray[np.float64]
-
-
-class Placed(Protocol):
-    """A point (3,) with its covariance (3, 3), meters, in any axes."""
-
-    @property
-    def point_m(self) -> Array:
-        """Where it is."""
-        ...
-
-    @property
-    def covariance(self) -> Array:
-        """How well that is known, without calibration."""
-        ...
 
 
 @dataclass(frozen=True)

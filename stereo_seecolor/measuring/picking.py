@@ -14,17 +14,22 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Pick:
-    """A point of the surface.
+class Placed:
+    """A point (3,) with its covariance (3, 3) by range and click, without calibration; meters, in any axes."""
 
-    x_px, y_px: where it was clicked. point_m: (3,) in the rectified left camera's axes. covariance: (3, 3) square meters, of range
-    and click, without calibration. range_std_m: standard error of its range. slope: (2,) change of 1 / depth a pixel, 1/m.
+    point_m: Array
+    covariance: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Pick(Placed):
+    """A point of the surface, in the rectified left camera's axes.
+
+    x_px, y_px: where it was clicked. range_std_m: standard error of its range. slope: (2,) change of 1 / depth a pixel, 1/m.
     """
 
     x_px: float
     y_px: float
-    point_m: Array
-    covariance: Array
     range_std_m: float
     slope: Array
 
@@ -85,7 +90,7 @@ class Surface:
         by_click -= depth_m**2 * slope[:, None] * ray
         along = relative_std * point_m
         covariance = np.outer(along, along) + LIMITS.click_std_px**2 * by_click.T @ by_click
-        return Pick(x_px, y_px, point_m, covariance, relative_std * float(np.linalg.norm(point_m)), slope)
+        return Pick(point_m, covariance, x_px, y_px, relative_std * float(np.linalg.norm(point_m)), slope)
 
 
 def nearest_layer(inverse: Array, relative_std: float) -> NDArray[np.bool_]:

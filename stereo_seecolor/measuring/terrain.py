@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.measuring.measures import Measured, inside, planar_area, polygon_area
+from stereo_seecolor.measuring.picking import Placed
 from stereo_seecolor.records import Map
 
 Array = NDArray[np.float64]
@@ -29,11 +30,9 @@ TERRAIN = TerrainLimits()
 
 
 @dataclass(frozen=True, eq=False)
-class Spot:
-    """A point of the map. point_m: (3,) x east, y north, z up. covariance: (3, 3). slope: rise to the east and to the north."""
+class Spot(Placed):
+    """A point of the map, x east, y north, z up. slope: rise to the east and to the north."""
 
-    point_m: Array
-    covariance: Array
     slope: tuple[float, float]
 
 
