@@ -17,6 +17,7 @@ from stereo_seecolor.color.photometry.sightings import KeyFrame, View, look
 from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
@@ -66,11 +67,17 @@ SAMPLE = SampleSettings()
 
 @dataclass(frozen=True)
 class StretchSettings:
-    """Frames that are looked at together, as one piece of work for all cores: the cut shows in no result."""
+    """Frames that are looked at together, as one piece of work: the cut shows in no result."""
 
     frames: int = 64
     """A stretch begins with four frames of the one before, which are looked at twice. Some five seconds of work for one core, so
-    that 10,000 frames are enough for a hundred workers; the pattern of a dive is solved from one stretch."""
+    that 10,000 frames are enough for a hundred workers."""
+    least: int = 15
+    """Where there are fewer frames than that for each core: three stretches of a long dive's sample, which overlap with nothing."""
+
+    def length(self, frames: int, parts: int) -> int:
+        """Frames a stretch, of so many that are cut into so many parts at least."""
+        return max(min(self.frames, -(-frames // parts)), self.least)
 
 
 STRETCH = StretchSettings()
@@ -164,7 +171,9 @@ class LightSearch:
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[_Stretch], list[Shown]]") -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""
-        for shown in self.compute.tiles(look_at, _stretches(numbers, self.frames)):
+        parts = self.compute.parts
+        look_at_all = self.compute.tiles if parts == 1 else self.compute.each
+        for shown in look_at_all(look_at, _Stretches(numbers, self.frames, STRETCH.length(len(numbers), parts))):
             yield from shown
 
 
@@ -176,13 +185,23 @@ class _Stretch:
     frames: tuple[tuple[int, Any], ...]
 
 
-def _stretches(numbers: Sequence[int], frames: Sequence[tuple[str, Any]]) -> Iterator[_Stretch]:
-    """All numbers, each once but for those that a stretch begins with to hold its own against."""
-    length, back = STRETCH.frames, max(LOOK.back)
-    for start in range(0, len(numbers), length):
+@dataclass(frozen=True, eq=False)
+class _Stretches(Lazy[_Stretch]):
+    """All numbers, ``length`` a stretch: each once but for those that a stretch begins with to hold its own against."""
+
+    numbers: Sequence[int]
+    frames: Sequence[tuple[str, Any]]
+    length: int
+
+    def __len__(self) -> int:
+        return -(-len(self.numbers) // self.length)
+
+    def item(self, number: int) -> _Stretch:
+        """The stretch of this number."""
+        numbers, start, back = self.numbers, number * self.length, max(LOOK.back)
         before = [number for number in numbers[max(start - back, 0) : start] if numbers[start] - number <= back]
-        several = [*before, *numbers[start : start + length]]
-        yield _Stretch(len(before), tuple((number, frames[number][1]) for number in several))
+        several = [*before, *numbers[start : start + self.length]]
+        return _Stretch(len(before), tuple((number, self.frames[number][1]) for number in several))
 
 
 @dataclass(frozen=True, eq=False)

@@ -237,9 +237,12 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monke
     assert found.linked == tuple(names[1:])
 
 
+@pytest.mark.parametrize("parts", [1, 2, 50])
 @pytest.mark.parametrize("numbers", [range(12), range(200), dive_light.looked_at(500)])
-def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(numbers: Sequence[int]) -> None:
-    stretches = list(dive_light._stretches(numbers, [(str(k), k) for k in range(500)]))
+def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(numbers: Sequence[int], parts: int) -> None:
+    length = dive_light.STRETCH.length(len(numbers), parts)
+    stretches = list(dive_light._Stretches(numbers, [(str(k), k) for k in range(500)], length))
+    assert min(parts, len(numbers) // 15) <= len(stretches) <= max(parts, len(numbers) // 15)
     assert [number for stretch in stretches for number, _ in stretch.frames[stretch.before :]] == list(numbers)
     for stretch in stretches:
         inside = [number for number, _ in stretch.frames]

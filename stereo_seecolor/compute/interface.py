@@ -33,6 +33,10 @@ class Compute(Protocol):
     def usage(self) -> Usage:
         """What the work has cost so far."""
 
+    @property
+    def parts(self) -> int:
+        """Into how many parts work is to be cut that could use all cores of this machine: 1 here, one a core of a cluster."""
+
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> AbstractContextManager[None]:
         """While work writes into ``folder`` and reads ``inputs``: where it runs, both are seen, or ClusterError is raised."""
 

@@ -26,6 +26,11 @@ class Threads:
         """Threads are a part of this process."""
         return Usage(min(self._workers, cores()))
 
+    @property
+    def parts(self) -> int:
+        """Work that could use all cores here does."""
+        return 1
+
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every item, in the items' order. Closing the iterator lets what is under way finish, and begins no more."""
         waiting: deque[Future[Result]] = deque()

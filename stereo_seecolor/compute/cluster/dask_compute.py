@@ -67,6 +67,11 @@ class DaskCompute:
         cores = sum(self._threads().values())
         return Usage(cores, sum(seconds for seconds, _ in used), max((peak for _, peak in used), default=0))
 
+    @property
+    def parts(self) -> int:
+        """One for each core of the workers that are connected now."""
+        return max(sum(self._threads().values()), 1)
+
     @contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
         """Every worker makes sure that it sees this ``folder`` and the ``inputs`` before it begins."""
