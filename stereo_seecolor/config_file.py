@@ -62,7 +62,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunC
 def load_settings(path: Path | None = None, overrides: Sequence[str] = ()) -> tuple[Setting, ...]:
     """As load_config, as a list of every setting with where its value comes from. Raises ConfigError."""
     layers = _layers(path, overrides)
-    values, defaults = _flat(_validated(layers).model_dump()), _flat(RunConfig().model_dump())
+    values, defaults = flat(_validated(layers).model_dump()), flat(RunConfig().model_dump())
     return tuple(
         Setting(key, values[key], defaults[key], _origin(layers, key.split(".")) or "default", description)
         for key, description in descriptions().items()
@@ -153,10 +153,11 @@ def _override(text: str) -> _Content:
     return dict(content)
 
 
-def _flat(content: _Content, prefix: str = "") -> _Content:
+def flat(content: _Content, prefix: str = "") -> _Content:
+    """Every ``section.key`` with its value."""
     found: _Content = {}
     for name, value in content.items():
-        found |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
+        found |= flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {prefix + name: value}
     return found
 
 

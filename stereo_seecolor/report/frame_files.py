@@ -16,7 +16,7 @@ from stereo_seecolor.files.contained import is_there
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image, Map
-from stereo_seecolor.report.previews import preview, thumbnail
+from stereo_seecolor.report.previews import SCREEN, THUMBNAIL, preview
 from stereo_seecolor.report.range_code import CodedRanges, deflated, std_codes, text
 from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
@@ -87,9 +87,9 @@ def contents_of(frame: Pixels, before: Image | None, geometry: RectifiedPair | N
     Raises InputError if one of the frame's files is gone or damaged.
     """
     color = frame.read("corrected")
-    files = {"page/thumbnails": thumbnail(color), "page/after": preview(color)}
+    files = {"page/thumbnails": preview(color, THUMBNAIL), "page/after": preview(color, SCREEN)}
     if before is not None:
-        files["page/before"] = preview(before)
+        files["page/before"] = preview(before, SCREEN)
     if geometry is not None:
         files["page/ranges"] = _ranges(frame, geometry)
     return files

@@ -16,7 +16,7 @@ from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import FrameRow, Map
 from stereo_seecolor.report.dive_facts import RowFacts
 from stereo_seecolor.report.overview import NAMED_FRAMES, Fact
-from stereo_seecolor.report.previews import live_picture
+from stereo_seecolor.report.previews import LIVE, preview
 from stereo_seecolor.report.templates import filled_in
 from stereo_seecolor.report.texts import STATIC, length, phrase
 from stereo_seecolor.report.verdict import judge_so_far
@@ -137,4 +137,4 @@ def _range_picture(range_m: Map) -> tuple[NDArray[np.uint8], float, float]:
 
 def _address(pixels: NDArray[Any]) -> str:
     """A picture inside the page: the file is whole, or it is not there."""
-    return f"data:image/jpeg;base64,{base64.b64encode(live_picture(pixels)).decode('ascii')}"
+    return f"data:image/jpeg;base64,{base64.b64encode(preview(pixels, LIVE)).decode('ascii')}"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.config_file import flat
 from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.texts import digits, duration, length, phrase
 
@@ -130,13 +131,6 @@ def citations(facts: DiveFacts) -> list[str]:
 
 def changed_settings(config: RunConfig) -> list[Fact]:
     """Settings that differ from the defaults, by their full name."""
-    default = _flat(RunConfig().model_dump(mode="json"))
-    mine = _flat(config.model_dump(mode="json"))
+    default = flat(RunConfig().model_dump(mode="json"))
+    mine = flat(config.model_dump(mode="json"))
     return [Fact(key, json.dumps(value)) for key, value in mine.items() if default.get(key) != value]
-
-
-def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in content.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
-    return flat
