@@ -62,8 +62,9 @@ def problem_of(water: Mapping[str, Any]) -> str:
     problems.append(_number_problem("highlights", water["highlights"], 1.0))
     problems.append(_number_problem("fall_off", water["fall_off"], 0.0, LIMITS.fall_off))
     problems.append(_matrix_problem(water["matrix"], water["matrix_errors"]))
-    for name, errors in water["standard_errors"].items():
-        known = np.nan_to_num(errors, nan=0.0) if isinstance(errors, np.ndarray) and errors.dtype.kind == "f" else errors
+    errors = water["standard_errors"]
+    for name, values in () if _errors_inside(list(errors.values())) else errors.items():
+        known = np.nan_to_num(values, nan=0.0) if _is_channels(values) else values
         problems.append(_channels_problem(f"the standard error of {name}", known, 0.0, np.finfo(np.float64).max))
     return next(filter(None, problems), "")
 
@@ -71,14 +72,20 @@ def problem_of(water: Mapping[str, Any]) -> str:
 def _all_inside(water: Mapping[str, Any]) -> bool:
     """Whether all parameters are as they should be, at one look: waters are made by the thousand, and few are wrong."""
     values = [water[name] for name in PARAMETERS]
-    if not all(isinstance(value, np.ndarray) and value.shape == (3,) and value.dtype.kind == "f" for value in values):
-        return False
-    stacked = np.stack(values)
-    return bool(((stacked >= _LEAST) & (stacked <= _GREATEST)).all())
+    return all(map(_is_channels, values)) and bool(((values >= _LEAST) & (values <= _GREATEST)).all())
+
+
+def _errors_inside(errors: list[Any]) -> bool:
+    """The same of standard errors, of which NaN is unknown."""
+    return all(map(_is_channels, errors)) and not (np.less(errors, 0.0) | np.isinf(errors)).any()
+
+
+def _is_channels(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.shape == (3,) and value.dtype.kind == "f"
 
 
 def _channels_problem(name: str, value: Any, low: float, high: float) -> str:
-    if not isinstance(value, np.ndarray) or value.shape != (3,) or value.dtype.kind != "f":
+    if not _is_channels(value):
         return f"{name} needs three numbers, one a channel (got {value!r:.80})"
     inside = (value >= low) & (value <= high)
     return "" if inside.all() else f"{name} must be from {low:g} to {high:g} in each channel (got {value.tolist()})"

@@ -61,13 +61,14 @@ class Corrector:
             return self._without_pixels(start)
         from stereo_seecolor.color.fitting import robust, table_solver
 
-        doubt, method = doubts(table), self.config.method
-        if method == "robust":
+        if self.config.method == "robust":
             water = robust.fit(table, self.config, start)
-            return replace(water, warnings=water.warnings or doubt)
+            doubt = () if water.warnings else doubts(table)
+            return replace(water, warnings=doubt) if doubt else water
+        doubt = doubts(table)
         if doubt and start is not None:
             return replace(start, warnings=(f"{doubt[0]}; another frame's is used",))
-        paper = self.config.paper if method == "paper" else self.config.paper_adam
+        paper = self.config.paper if self.config.method == "paper" else self.config.paper_adam
         return replace(table_solver.fit(table, paper.penalty, self.config.input_encoding, start), warnings=doubt)
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:

@@ -9,7 +9,7 @@ those of natural scenes, a little warm, and the brighter the nearer to gray. The
 its curvature is the covariance.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,32 +66,44 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
     x, curvature = minimize(x, Data(seen.range_m, light, seen.clipped, trust_in(seen)), Prior(mean, precision), NOISE)
     covariance = np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER]
     learned = deviations(covariance) < SETTINGS.nothing_learned * prior_error
-    water = _water(x[:WATER].reshape(5, 3), scale, config)
-    errors = standard_errors(water, covariance)
-    errors = {name: np.where(known, errors[name], np.nan) for name, known in zip(errors, learned, strict=True)}
-    return replace(water, standard_errors=errors, warnings=_warnings(seen))
+    values = _values(x[:WATER].reshape(5, 3), scale)
+    errors = np.where(learned, standard_errors(values, covariance), np.nan)
+    y, w, beta, gamma_inf, white = values
+    return Water(
+        gamma_inf=gamma_inf,
+        beta=beta,
+        eta=np.zeros(3),
+        alpha=np.ones(3),
+        w=w,
+        v=np.full(3, RATE_OF_CHANGE),
+        y=y,
+        x=np.zeros(3),
+        white=white,
+        standard_errors=dict(zip(("y", "w", "beta", "gamma_inf", "white"), errors, strict=True)),
+        input_encoding=config.input_encoding,
+        warnings=_warnings(seen),
+    )
 
 
-def standard_errors(water: Water, covariance: NDArray[np.float64]) -> dict[str, Vector]:
-    """Marginal standard errors of y, w, beta, gamma_inf, white (without its brightness, which is exposure), to first order.
+def _values(logarithms: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """(5, 3) y, w, beta, gamma_inf, white of the (5, 3) logarithms of ``standard_errors``."""
+    far, _, beta, backscatter, white = np.exp(logarithms)
+    return np.stack([far, far * np.expm1(logarithms[1]), beta, backscatter * white * scale, white * scale])
 
-    covariance: (15, 15) of log far, log(near / far), log beta, log(gamma_inf / white), log white, each R, G, B. What two of them
-    share in a parameter is counted with their covariance: w = far (near / far - 1), gamma_inf = (gamma_inf / white) white.
+
+def standard_errors(values: NDArray[np.float64], covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(5, 3) marginal standard errors of (5, 3) y, w, beta, gamma_inf, white, to first order.
+
+    Of white those of its color: its brightness is exposure. covariance: (15, 15) of log far, log(near / far), log beta,
+    log(gamma_inf / white), log white, each R, G, B. What two of them share in a parameter is counted with their covariance:
+    w = far (near / far - 1), gamma_inf = (gamma_inf / white) white.
     """
-    blocks = covariance.reshape(5, 3, 5, 3)
-
-    def spread(*terms: tuple[int, Vector | float]) -> Vector:
-        """(3,) standard deviation of a sum of logarithms i times factors."""
-        parts = [np.diag(blocks[i, :, j]) * a * b for i, a in terms for j, b in terms]
-        return np.asarray(np.sqrt(np.maximum(np.sum(parts, axis=0), 0.0)))
-
-    return {
-        "y": spread((0, water.y)),
-        "w": spread((0, water.w), (1, water.w + water.y)),
-        "beta": spread((2, water.beta)),
-        "gamma_inf": spread((3, water.gamma_inf), (4, water.gamma_inf)),
-        "white": deviations(covariance)[4] * water.white,
-    }
+    y, w, beta, gamma_inf, white = values
+    by_logarithm = np.zeros((4, 5, 3))
+    by_logarithm[0, 0], by_logarithm[1, :2], by_logarithm[2, 2], by_logarithm[3, 3:] = y, (w, w + y), beta, gamma_inf
+    together = covariance.reshape(5, 3, 5, 3).diagonal(axis1=1, axis2=3)
+    variances = np.einsum("kic,ijc,kjc->kc", by_logarithm, together, by_logarithm)
+    return np.vstack([np.sqrt(np.maximum(variances, 0.0)), deviations(covariance)[4] * white])
 
 
 def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
@@ -129,20 +141,4 @@ def parameters(water: Water, scale: float) -> Vector:
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
     return np.concatenate(
         [np.log(water.y), np.log1p(ratio), np.log(water.beta), np.log(backscatter), np.log(water.white / scale)], dtype=np.float64
-    )
-
-
-def _water(logarithms: NDArray[np.float64], scale: float, config: ColorConfig) -> Water:
-    far, _, beta, backscatter, white = np.exp(logarithms)
-    return Water(
-        gamma_inf=backscatter * white * scale,
-        beta=beta,
-        eta=np.zeros(3),
-        alpha=np.ones(3),
-        w=far * np.expm1(logarithms[1]),
-        v=np.full(3, RATE_OF_CHANGE),
-        y=far,
-        x=np.zeros(3),
-        white=white * scale,
-        input_encoding=config.input_encoding,
     )

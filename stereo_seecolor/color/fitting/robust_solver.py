@@ -100,9 +100,9 @@ def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, A
     normal, nothing = Normal(np.zeros((n, n)), np.zeros(n)), Normal(np.zeros((0, 0)), np.zeros(0))
     weights = np.empty(data.light.shape)
     trial, damping = x.copy(), STEPS.first_damping
+    yes, no = n > 0, n < 0  # for the literals True and False, numba would compile the cost twice
     for _ in range(STEPS.outer):
-        _weigh(x, data, noise, weights)
-        cost = _cost(x, data, prior, weights, noise, normal)
+        cost = _cost(x, data, prior, weights, noise, yes, normal)
         start = cost
         for _ in range(STEPS.inner):
             damped = normal.matrix.copy()
@@ -111,7 +111,7 @@ def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, A
             move = _solve(damped, normal.slope)
             for i in range(n):
                 trial[i] = x[i] - min(max(move[i], -STEPS.largest_move), STEPS.largest_move)
-            new = _cost(trial, data, prior, weights, noise, nothing)
+            new = _cost(trial, data, prior, weights, noise, no, nothing)
             if new >= cost:
                 damping = min(damping * STEPS.more_damping, STEPS.most_damping)
                 continue
@@ -122,18 +122,16 @@ def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, A
             damping = max(damping * STEPS.less_damping, STEPS.least_damping)
             if small:
                 break
-            _cost(x, data, prior, weights, noise, normal)
+            _cost(x, data, prior, weights, noise, no, normal)
         if start - cost < STEPS.outer_converged * start:
             break
-    _cost(x, data, prior, weights, noise, normal)
+    _cost(x, data, prior, weights, noise, no, normal)
     return x, normal.matrix
 
 
 def cost_at(x: Array, data: Data, prior: Prior, noise: Noise) -> float:
     """Half the weighted sum of squares at ``x``, the prior's included."""
-    weights = np.empty(data.light.shape)
-    _weigh(x, data, noise, weights)
-    return float(_cost(x, data, prior, weights, noise, Normal(np.zeros((0, 0)), np.zeros(0))))
+    return float(_cost(x, data, prior, np.empty(data.light.shape), noise, True, Normal(np.zeros((0, 0)), np.zeros(0))))
 
 
 @compiled
@@ -145,65 +143,77 @@ def _at(x: Any, c: int, z: float) -> Any:
     return z * far * (1 + (near - 1) * decay), z * far * near * decay, saturated * (1 - rest), saturated * rest * beta * z
 
 
-@compiled
-def _direct(x: Any, c: int, g: int, p: int, depth: float, shape: Any) -> Any:
-    """The direct signal of quantile p of channel c at range g."""
-    channels, _, quantiles = shape
-    return np.exp(min(x[12 + c] - depth + x[WATER + c * quantiles + p] + x[WATER + channels * quantiles + g], BRIGHTEST))
-
-
 @compiled(shared=True)
-def _weigh(x: Any, data: Any, noise: Any, weights: Any) -> None:
-    """Into ``weights`` (3, G, P) the inverse variances of the quantiles under ``x``, less for outliers (Cauchy), times trust.
+def _cost(x: Any, data: Any, prior: Any, weights: Any, noise: Any, renew: bool, normal: Any) -> Any:
+    """Half the sum of squares; into ``normal`` its matrix and slope, unless that is empty.
 
-    Light at full scale may have been brighter: no model above it is wrong.
+    renew: into ``weights`` (3, G, P) go those of the quantiles under ``x``. Of a quantile's model, q is the fraction that is direct
+    signal, and u is one over it: five sums of their products give what a range adds for the water and the range's brightness.
     """
     channels, groups, quantiles = data.light.shape
-    for c in range(channels):
-        for g in range(groups):
-            depth, _, backscatter, _ = _at(x, c, data.range_m[g])
-            for p in range(quantiles):
-                direct = _direct(x, c, g, p, depth, data.light.shape)
-                model = direct + backscatter + noise.floor
-                r = np.log(model / (data.light[c, g, p] + noise.floor))
-                variance = (noise.content[p] * direct / model) ** 2 + noise.all**2
-                brighter = data.clipped[c, g, p] and r > 0.0
-                weight = data.trust[g] / variance / (1 + r * r / (noise.outlier**2 * variance))
-                weights[c, g, p] = 0.0 if brighter else weight
-
-
-@compiled(shared=True)
-def _cost(x: Any, data: Any, prior: Any, weights: Any, noise: Any, normal: Any) -> Any:
-    """Half the sum of squares; into ``normal`` its matrix and slope, unless that is empty."""
-    channels, groups, quantiles = data.light.shape
     cost = _prior_cost(x, prior, normal)
-    at, d = np.zeros(7, np.int64), np.zeros(7)
     for c in range(channels):
-        for i in range(5):
-            at[i] = 3 * i + c
         for g in range(groups):
-            at[6] = WATER + channels * quantiles + g
             depth, near_part, backscatter, rising = _at(x, c, data.range_m[g])
+            by_direct, by_backscatter = (-depth, -near_part, 0.0, 0.0, 1.0), (0.0, 0.0, rising, backscatter, backscatter)
+            bright, qq, qu, uu, qr, ur = WATER + channels * quantiles + g, 0.0, 0.0, 0.0, 0.0, 0.0
             over = np.log((backscatter + noise.floor) / (data.light[c, g, 0] + noise.floor))
             if over > 0.0 and not data.clipped[c, g, 0]:
-                d[2] = rising / (backscatter + noise.floor)
-                d[3] = d[4] = backscatter / (backscatter + noise.floor)
-                cost += _square(data.trust[g] / noise.darker**2, over, at[2:5], d[2:5], normal)
+                u, weight = 1 / (backscatter + noise.floor), data.trust[g] / noise.darker**2
+                uu, ur, cost = weight * u * u, weight * u * over, cost + 0.5 * weight * over * over
             for p in range(quantiles):
-                at[5] = WATER + c * quantiles + p
-                direct = _direct(x, c, g, p, depth, data.light.shape)
-                model = direct + backscatter + noise.floor
-                d[0], d[1] = -direct * depth / model, -direct * near_part / model
-                d[2], d[3], d[4] = rising / model, backscatter / model, (direct + backscatter) / model
-                d[5] = d[6] = direct / model
-                cost += _square(weights[c, g, p], np.log(model / (data.light[c, g, p] + noise.floor)), at, d, normal)
-    for i in range(normal.slope.size):
-        for j in range(i):
-            normal.matrix[j, i] = normal.matrix[i, j]
+                content = WATER + c * quantiles + p
+                direct = np.exp(min(x[12 + c] - depth + x[content] + x[bright], BRIGHTEST))
+                u = 1 / (direct + backscatter + noise.floor)
+                q, r = direct * u, -np.log((data.light[c, g, p] + noise.floor) * u)
+                if renew:
+                    weights[c, g, p] = data.trust[g] * _weight(noise.content[p] * q, r, data.clipped[c, g, p], noise)
+                weight = weights[c, g, p]
+                cost += 0.5 * weight * r * r
+                if normal.slope.size:
+                    wq, wu = weight * q, weight * u
+                    qq, qu, uu, qr, ur = qq + wq * q, qu + wq * u, uu + wu * u, qr + wq * r, ur + wu * r
+                    _add_row(content, c, wq * q, wq * u, by_direct, by_backscatter, normal)
+                    normal.matrix[content, content] += wq * q
+                    normal.matrix[bright, content] += wq * q
+                    normal.slope[content] += wq * r
+            if normal.slope.size:
+                for i in range(5):
+                    a, b = by_direct[i], by_backscatter[i]
+                    _add_row(3 * i + c, c, a * qq + b * qu, a * qu + b * uu, by_direct, by_backscatter, normal)
+                    normal.slope[3 * i + c] += a * qr + b * ur
+                _add_row(bright, c, qq, qu, by_direct, by_backscatter, normal)
+                normal.matrix[bright, bright] += qq
+                normal.slope[bright] += qr
+    _mirror(normal.matrix)
     return cost
 
 
 @compiled
+def _mirror(matrix: Any) -> None:
+    """The upper triangle, from the lower one."""
+    for i in range(matrix.shape[0]):
+        for j in range(i):
+            matrix[j, i] = matrix[i, j]
+
+
+@compiled
+def _weight(content: float, residual: float, clipped: bool, noise: Any) -> Any:
+    """A quantile's inverse variance, less for an outlier (Cauchy). Light at full scale may have been brighter: no model above it is
+    wrong. content: standard deviation by what differs from range to range."""
+    if clipped and residual > 0.0:
+        return 0.0
+    return 1 / (content**2 + noise.all**2 + (residual / noise.outlier) ** 2)
+
+
+@compiled
+def _add_row(row: int, c: int, q: float, u: float, by_direct: Any, by_backscatter: Any, normal: Any) -> None:
+    """Adds to a row of the matrix at the five parameters of a channel's water."""
+    for i in range(5):
+        normal.matrix[row, 3 * i + c] += by_direct[i] * q + by_backscatter[i] * u
+
+
+@compiled(fastmath=True)
 def _prior_cost(x: Any, prior: Any, normal: Any) -> Any:
     """Half the squared distance from the prior's mean; its matrix and slope begin ``normal``."""
     cost = 0.0
@@ -217,17 +227,6 @@ def _prior_cost(x: Any, prior: Any, normal: Any) -> Any:
             for j in range(x.size):
                 normal.matrix[i, j] = prior.precision[i, j]
     return cost
-
-
-@compiled
-def _square(weight: float, residual: float, at: Any, derivative: Any, normal: Any) -> Any:
-    """Half a weighted square; its part of the slope, and of the matrix's lower triangle (``at`` ascends), are added."""
-    if normal.slope.size:
-        for i in range(at.size):
-            normal.slope[at[i]] += weight * derivative[i] * residual
-            for j in range(i + 1):
-                normal.matrix[at[i], at[j]] += weight * derivative[i] * derivative[j]
-    return 0.5 * weight * residual * residual
 
 
 @compiled(fastmath=True)

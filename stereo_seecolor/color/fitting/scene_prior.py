@@ -75,10 +75,10 @@ def whole_prior(groups: int, settings: RobustConfig) -> tuple[Vector, Matrix, Ma
 
 def deviations(covariance: Matrix) -> Matrix:
     """(5, 3) standard deviations of the water's logarithms, of covariance (15, 15); of the white point's without their mean."""
-    blocks = covariance.reshape(5, 3, 5, 3)
     color = np.eye(3) - 1 / 3
-    white = np.diag(color @ blocks[4, :, 4] @ color)
-    return np.sqrt(np.stack([*(np.diag(blocks[i, :, i]) for i in range(4)), white]))
+    variances = np.diag(covariance).reshape(5, 3).copy()
+    variances[4] = np.diag(color @ covariance[12:, 12:] @ color)
+    return np.sqrt(variances)
 
 
 def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:

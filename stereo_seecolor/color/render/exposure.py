@@ -1,5 +1,7 @@
 """Choosing how bright a picture is shown, from its moment table."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -7,6 +9,7 @@ from stereo_seecolor.color.render.gains import FINE, fine_ranges_m, unexposed
 from stereo_seecolor.color.render.tone import BRIGHTEST_SHOWN, Tone
 from stereo_seecolor.color.table.encoding import decode, decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
@@ -15,17 +18,20 @@ MEDIAN_SHOWN = 0.12
 MOST_LIFT = 4.0
 """Two stops: a cave is dark, and should look it; and noise is lifted too."""
 _MANTISSA_BITS = 16
-"""Of float32, dropped for a histogram over octaves."""
+"""Of float32, dropped for a histogram over octaves: 128 bins each."""
+_OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
+"""Bins of such a histogram, up to all finite light."""
 
 
 def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     """The tone at which at most ``config.clipped_fraction`` of the pixels have a channel at full scale; 1 for a black image."""
     occupied = np.flatnonzero(table.pixels)
     gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
-    shown = gain[..., None] * decoded_bins(table.bit_depth, config.input_encoding) - offset[..., None]
+    number, light = np.zeros(_OCTAVES, np.int64), decoded_bins(table.bit_depth, config.input_encoding)
+    _add_up(table.counts[:, occupied].reshape(-1, light.size), gain.ravel(), offset.ravel(), light, number)
     pixels = int(table.pixels.sum())
     few_and_half = np.array([int(config.clipped_fraction * pixels), 3 * pixels // 2])
-    brightest, median = (float(value) for value in exceeded(table.counts[:, occupied], shown, few_and_half))
+    brightest, median = (float(value) for value in _exceeded(number, few_and_half))
     if brightest <= 0:
         return Tone(1.0)
     full = float(decode(np.array(BRIGHTEST_SHOWN), "as-is" if config.input_encoding == "as-is" else "srgb"))
@@ -35,14 +41,20 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     return Tone(lift * full / brightest, lift)
 
 
-def exceeded(counts: NDArray[np.int64], shown: NDArray[np.float64], allowed: NDArray[np.int64]) -> NDArray[np.float64]:
+def _exceeded(number: NDArray[np.int64], allowed: NDArray[np.int64]) -> NDArray[np.float64]:
     """(K,) the light that at most ``allowed`` (K,) of the counted values exceed, to 1/128 of an octave; 0 where more always do.
 
-    counts, shown: values counted and the light that each is shown as, of one shape.
+    number: (32640,) values counted, by the leading bits of the light that they are shown as (``_add_up``).
     """
-    counted = counts > 0
-    octaves = np.maximum(shown[counted], 0).astype(np.float32).view(np.int32) >> _MANTISSA_BITS  # exponent and 7 leading bits
-    number = np.bincount(octaves, weights=counts[counted], minlength=1)
     place = number.size - 1 - np.searchsorted(np.cumsum(number[::-1]), allowed, side="right")
     edge = (np.maximum(place + 1, 0).astype(np.int32) << _MANTISSA_BITS).view(np.float32)
     return np.where(place > 0, edge, 0.0)
+
+
+@compiled
+def _add_up(counts: Any, gain: Any, offset: Any, light: Any, number: Any) -> None:
+    """Adds counts (N, V) to ``number``, each at the leading bits (exponent and 7 more) of the light that it is shown as."""
+    for row in range(gain.size):
+        for value in range(light.size):
+            shown = np.float32(max(gain[row] * light[value] - offset[row], 0.0))
+            number[shown.view(np.int32) >> _MANTISSA_BITS] += counts[row, value]

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import FINE, FINE_BINS, Gains
-from stereo_seecolor.color.render.pixel_kernels import L, code_of, light_of, mixed, nearest_code, roll_off, unclipped
+from stereo_seecolor.color.render.pixel_kernels import code_of, light_of, mixed, nearest_code, roll_off, unclipped
 from stereo_seecolor.color.render.tone import NODES, Display
 from stereo_seecolor.color.table.bins import LOW_BITS
-from stereo_seecolor.color.table.counting import U, position_of
+from stereo_seecolor.color.table.counting import L, U, position_of
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.compute.threads import core_pool, cores
 
@@ -36,22 +36,29 @@ class Shown(NamedTuple):
     unrecoverable: NDArray[np.bool_]
 
 
+class Table(NamedTuple):
+    """curve: what each node of a curve is shown as. rows (1025 * 768,): what each 8-bit value of each channel is at each fine bin;
+    filled (1024,): of which bins."""
+
+    curve: NDArray[Any]
+    rows: NDArray[Any]
+    filled: NDArray[np.bool_]
+
+
 def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display) -> tuple[Shown, float]:
     """The (N, 3) values of an image, at ranges (N,) given as float32 bits, corrected; and the fraction of the pixels of known
     range that has a channel at full scale."""
     out = Shown(np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_))
     looked_up = image.dtype == np.uint8 and not gains.matrix.size
-    table = code_table(gains, shown) if looked_up else np.empty(0, np.uint16)
-    values = np.empty(table.size if np.isinf(shown.shoulder[0]) else 0, image.dtype)
-    _values(table, shown.shoulder, values)
-    clipped: list[int] = []
+    numbers: list[tuple[int, int]] = []
 
     def part(a: int, b: int) -> None:
         here = Shown(out.image[a:b], out.unknown[a:b], out.unrecoverable[a:b])
-        clipped.append(_correct(image[a:b], bits[a:b], gains, shown, table, values, here))
+        numbers.append(_correct(image[a:b], bits[a:b], gains, shown, looked_up, here))
 
     _in_parts(part, bits.size)
-    return out, sum(clipped) / max(bits.size - int(np.count_nonzero(out.unknown)), 1)
+    clipped, known = map(sum, zip(*numbers, strict=True))
+    return out, clipped / max(known, 1)
 
 
 def linear(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, decoded: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -63,9 +70,9 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, decoded: 
 
 def code_table(gains: Gains, shown: Display) -> NDArray[np.uint16]:
     """(1025 * 768,) code of each 8-bit value of each channel at each fine bin; the last bin, unknown, is black."""
-    table = np.empty((FINE_BINS + 1) * ROW, np.uint16)
-    _tabulate(gains, shown.decoded, np.round(np.minimum(shown.curve, 65535)).astype(np.uint16), table)
-    return table
+    table: Table = _new_table(shown.codes)
+    _tabulate((0, FINE_BINS - 1), gains, shown.decoded, table)
+    return table.rows
 
 
 def _in_parts(work: Callable[[int, int], None], pixels: int) -> None:
@@ -79,46 +86,61 @@ def _in_parts(work: Callable[[int, int], None], pixels: int) -> None:
 
 
 @compiled
-def _tabulate(gains: Any, decoded: Any, curve: Any, codes: Any) -> None:
-    last = np.float32(curve.size - 1)
-    codes[FINE_BINS * ROW :] = curve[0]
-    for fine in range(FINE_BINS):
-        for c in range(3):
-            scale, shift = gains.gain[c, fine] * np.float32(NODES), gains.offset[c, fine] * np.float32(NODES) - np.float32(0.5)
-            for value in range(256):
-                node = min(max(scale * decoded[value] - shift, np.float32(0)), last)
-                codes[fine * ROW + c * 256 + value] = curve[np.int32(node)]
+def _new_table(curve: Any) -> Any:
+    """A look-up table of no row but that of unknown range, which is black; memory is taken when rows are written."""
+    rows = np.empty((FINE_BINS + 1) * ROW, curve.dtype)
+    rows[FINE_BINS * ROW :] = curve[0] if curve.size else 0
+    return Table(curve, rows, np.zeros(FINE_BINS, np.bool_))
 
 
 @compiled
-def _correct(image: Any, bits: Any, gains: Any, shown: Any, table: Any, values: Any, out: Any) -> Any:
-    """Into ``out``, a block after the other; returns how many pixels have a channel at full scale.
+def _tabulate(span: Any, gains: Any, decoded: Any, table: Any) -> None:
+    """The rows of the fine bins from the first to the last of ``span`` that the table does not hold yet."""
+    last = np.float32(table.curve.size - 1)
+    for fine in range(span[0], span[1] + 1):
+        for c in range(0 if table.filled[fine] else 3):
+            scale, shift = gains.gain[c, fine] * np.float32(NODES), gains.offset[c, fine] * np.float32(NODES) - np.float32(0.5)
+            for value in range(256):
+                node = min(max(scale * decoded[value] - shift, np.float32(0)), last)
+                table.rows[fine * ROW + c * 256 + value] = table.curve[np.int32(node)]
+        table.filled[fine] = True
 
-    table: of codes. values: what these are displayed as where nothing rolls off, else empty.
+
+@compiled
+def _correct(image: Any, bits: Any, gains: Any, shown: Any, looked_up: bool, out: Any) -> Any:
+    """Into ``out``, a block after the other; returns how many pixels have a channel at full scale, and how many are of known range.
+
+    looked_up: most pixels are, in a table of what is displayed, or of codes where light rolls off.
     """
     fine, places, clipped = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint32), 0
+    known = bits.size
     full, near, first_capped = (1 << 8 * image.itemsize) - 1, _first_below_one(shown.known), _first_true(gains.capped)
     codes, factors = np.empty(3 * BLOCK, np.uint16), np.empty(BLOCK, np.float32)
+    table = _new_table(shown.values if shown.values.size else shown.codes)
     out.unrecoverable[:] = False
     for start in range(0, bits.size, BLOCK):
         end = min(start + BLOCK, bits.size)
         pixels, bins = image[start:end], fine[: end - start]
         here = Shown(out.image[start:end], out.unknown[start:end], out.unrecoverable[start:end])
         _fine_bins(bits[start:end], bins, here.unknown)
-        if values.size:
-            _look_up(pixels.reshape(-1), bins, values, here.image.reshape(-1))
-        elif table.size:
-            _look_up(pixels.reshape(-1), bins, table, codes)
-            _display(codes, factors, shown.shoulder, here.image.reshape(-1))
-        else:
+        span = _span(bins)
+        known -= _number_true(here.unknown)
+        if not looked_up:
             here.image[:] = 0
+        else:
+            _tabulate(span, gains, shown.decoded, table)
+        if looked_up and shown.values.size:
+            _look_up(pixels.reshape(-1), bins, table.rows, here.image.reshape(-1))
+        elif looked_up:
+            _look_up(pixels.reshape(-1), bins, table.rows, codes)
+            _display(codes, factors, shown.shoulder, here.image.reshape(-1))
         highest = _highest(pixels.reshape(-1))
-        if table.size == 0 or highest >= near or _farthest(bins) >= first_capped:
-            number = _chosen(pixels, bins, gains.capped, (near if table.size else 0, highest), places)
+        if not looked_up or highest >= near or span[1] >= first_capped:
+            number = _chosen(pixels, bins, gains.capped, (near if looked_up else 0, highest), places)
             _compute(pixels, bins, places[:number], gains, (shown, near), here)
         if _highest(here.image.reshape(-1)) == full:
             clipped += _count_full(here.image, full)
-    return clipped
+    return clipped, known
 
 
 @compiled
@@ -155,20 +177,21 @@ def _display(codes: Any, factors: Any, shoulder: Any, out: Any) -> None:
 
 
 @compiled
-def _values(codes: Any, shoulder: Any, values: Any) -> None:
-    """What each code is displayed as where nothing rolls off."""
-    unit, zero, top = shoulder[3], shoulder[4], np.float32((1 << 8 * values.itemsize) - 1)
-    for i in range(values.size):
-        values[i] = np.int32(min(max(np.float32(codes[i]) * unit - zero, np.float32(0)), top))
+def _span(fine: Any) -> Any:
+    """The lowest and the highest fine bin of a known range; none from the first to the second where none is known."""
+    nearest, farthest = np.uint32(FINE_BINS), np.uint32(0)
+    for i in range(fine.size):
+        nearest = min(nearest, fine[i])
+        farthest = max(farthest, fine[i] * np.uint32(fine[i] != np.uint32(FINE_BINS)))
+    return np.int64(nearest), np.int64(farthest)
 
 
 @compiled
-def _farthest(fine: Any) -> Any:
-    """The highest fine bin of a known range; 0 where none is known."""
-    farthest = np.uint32(0)
-    for i in range(fine.size):
-        farthest = max(farthest, fine[i] * np.uint32(fine[i] != np.uint32(FINE_BINS)))
-    return farthest
+def _number_true(flags: Any) -> Any:
+    number = 0
+    for i in range(flags.size):
+        number += flags[i]
+    return number
 
 
 @compiled

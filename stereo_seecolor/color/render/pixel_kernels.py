@@ -5,10 +5,8 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.color.render.tone import NODES
-from stereo_seecolor.color.table.counting import U
+from stereo_seecolor.color.table.counting import L, U
 from stereo_seecolor.compute.compiled import compiled
-
-L = np.uint64  # unsigned indices: numba then leaves out its tests for negative ones
 
 
 @compiled

@@ -39,13 +39,16 @@ class Display(NamedTuple):
     """What turns a camera's values into light, and light into a picture's values; V = 256 or 65536.
 
     decoded (V,): linear light of a value. known (V,): 1, and less where the value is so high that the light may have been anything
-    above. curve (65538,): codes of linear light 0, 1/NODES .. REACH, the last twice. shoulder (5,): knee, length and bend of the
-    roll-off, in codes; values a code; the value of code 0, negated, less a half for rounding.
+    above. curve (65538,): codes of linear light 0, 1/NODES .. REACH, the last twice. codes (65538,): these as look-up tables of 8
+    bits hold them. values (65538,): what they are displayed as; of no node where light rolls off. shoulder (5,): knee, length and
+    bend of the roll-off, in codes; values a code; the value of code 0, negated, less a half for rounding.
     """
 
     decoded: NDArray[np.float32]
     known: NDArray[np.float32]
     curve: NDArray[np.float32]
+    codes: NDArray[np.uint16]
+    values: NDArray[np.uint16]
     shoulder: NDArray[np.float32]
 
 
@@ -57,17 +60,19 @@ def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Displ
     4), of slope 1 at mid-gray, by which ``highlights`` times the brightest light shown becomes that; the others keep their ratios
     to it. Codes are sRGB counted from where its power law begins, so that a factor on codes is one on light (but for the darkest).
     """
-    values, codes = 2**bit_depth - 1, CODES[bit_depth]
+    values, each = 2**bit_depth - 1, CODES[bit_depth]
     zero = 0.0 if encoding == "as-is" else srgb.OFFSET
-    shoulder = [np.inf, 1.0, 0.0, 1 / codes, values * zero - 0.5]
+    shoulder = [np.inf, 1.0, 0.0, 1 / each, values * zero - 0.5]
     if highlights > 1:
         brightest = float(decode(np.array(BRIGHTEST_SHOWN), "srgb"))
         light = np.array([MID_GRAY, brightest, highlights * brightest])
-        knee, top, most = values * codes * srgb.SCALE * light ** (1 / srgb.POWER)
+        knee, top, most = values * each * srgb.SCALE * light ** (1 / srgb.POWER)
         shoulder[:3] = knee, top - knee, ((top - knee) / (most - knee)) ** 2
     known = np.clip((FULL_AT - np.arange(values + 1) / values) / (FULL_AT - FULL_FROM), 0, 1).astype(np.float32)
     curve = _code_curve(bit_depth, encoding, zero)
-    return Display(decoded_values(bit_depth, encoding), known, curve, np.array(shoulder, np.float32))
+    codes, unit, least = np.round(np.minimum(curve, 65535)).astype(np.uint16), *np.array(shoulder[3:], np.float32)
+    displayed = np.clip(codes[: 0 if highlights > 1 else codes.size] * unit - least, 0, 255).astype(np.uint16)
+    return Display(decoded_values(bit_depth, encoding), known, curve, codes, displayed, np.array(shoulder, np.float32))
 
 
 @lru_cache
