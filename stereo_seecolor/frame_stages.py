@@ -13,7 +13,7 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.errors import InputError, MatchingError
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.atomic import write_replaceable
 from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.files.keys import content_key, content_key_of
 from stereo_seecolor.frame_facts import capture_facts, range_facts
@@ -173,7 +173,7 @@ class FrameStages:
             with clock("color"):
                 table = self._source.corrector.measure(image, range_map.measured_m)
             with clock("write"):
-                write_atomic(path, _table_content(table, key))
+                write_replaceable(path, _table_content(table, key))
         return table
 
     def read(self, ranged: Ranged) -> tuple[Image, Map]:

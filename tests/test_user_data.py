@@ -386,6 +386,44 @@ def test_a_full_disk_loses_nothing(dive: Dive, tmp_path: Path, monkeypatch: pyte
     assert not list(out.rglob(".writing-*"))
 
 
+def test_every_product_is_on_the_disk_before_it_gets_its_name(dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out, flushed, named = tmp_path / "out", set(), []
+    flush, move = atomic.flush_file, atomic.move_into_place
+
+    def flush_file(temporary: Path) -> None:
+        flush(temporary)
+        flushed.add(temporary)
+
+    def move_into_place(temporary: Path, path: Path) -> None:
+        named.append((path, temporary in flushed))
+        move(temporary, path)
+
+    monkeypatch.setattr(atomic, "flush_file", flush_file)
+    monkeypatch.setattr(atomic, "move_into_place", move_into_place)
+    assert go(dive, out).all_done
+    products = [(path, safe) for path, safe in named if ".state" not in path.parts or path.parent.name == "frames"]
+    assert {path.relative_to(out).parts[0] for path, _ in products} >= {"range", "corrected", "clouds", ".state", "run.json"}
+    assert [path for path, safe in products if not safe] == []
+
+
+def test_a_file_that_cannot_be_flushed_is_named_and_not_left_behind(
+    dive: Dive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, flush = tmp_path / "out", atomic.flush_file
+
+    def failing(temporary: Path) -> None:
+        if temporary.parent.name == "confidence":
+            raise OSError(errno.EIO, "Input/output error")
+        flush(temporary)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(atomic, "flush_file", failing)
+        with pytest.raises(OutputError, match=r"confidence/.*: cannot be written: Input/output error"):
+            go(dive, out)
+    assert not list(out.rglob(".writing-*"))
+    assert go(dive, out).all_done
+
+
 def test_a_damaged_manifest_is_refused_untouched(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)

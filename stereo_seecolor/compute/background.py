@@ -4,12 +4,16 @@ import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 
 MOST_WAITING = 2
 """So many pieces of work wait or are under way; the caller waits for a third."""
+
+MOST_FLUSHED = 8
+"""Files that a disk is waited for at once."""
 
 NICE = 10
 """Lower priority than the main thread's, so that what is in a hurry goes first."""
@@ -50,6 +54,32 @@ class WorkBehind:
                 self._waiting.popleft().result()
         finally:
             self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+class Alongside:
+    """Work that waits for a disk, each piece in a thread of its own while the caller goes on."""
+
+    def __init__(self) -> None:
+        self._under_way: list[Future[None]] = []
+
+    def put(self, work: Callable[[], None]) -> None:
+        """Begin this too."""
+        self._under_way.append(_waiting_pool().submit(work))
+
+    def finish(self) -> None:
+        """Wait until all is done; raises the first error."""
+        wait(self._under_way)
+        for done in self._under_way:
+            done.result()
+
+
+@cache
+def _waiting_pool() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(MOST_FLUSHED, "flush")
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_waiting_pool.cache_clear)  # a child has none of its parent's threads
 
 
 def _yield_to_others() -> None:

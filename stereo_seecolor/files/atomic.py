@@ -29,8 +29,16 @@ def write_atomic(path: Path, content: Content) -> None:
     Raises OutputError if the disk is full or the folder cannot be written; what was at ``path`` is then still there.
     """
     with output_errors(path):
-        move_into_place(write_temporary(path, content), path)
+        temporary = write_temporary(path, content)
+        flush_file(temporary)
+        move_into_place(temporary, path)
         flush_folder(path.parent)
+
+
+def write_replaceable(path: Path, content: Content) -> None:
+    """As ``write_atomic``, but the disk is not waited for: for what shows by itself whether it is whole, and can be made again."""
+    with output_errors(path):
+        move_into_place(write_temporary(path, content), path)
 
 
 @contextmanager
@@ -44,7 +52,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             yield temporary
-            _flush_file(temporary)
+            flush_file(temporary)
             temporary.replace(path)
             flush_folder(path.parent)
         except BaseException:
@@ -64,14 +72,12 @@ def output_errors(path: Path) -> Iterator[None]:
 
 
 def write_temporary(path: Path, content: Content) -> Path:
-    """Write ``content`` beside ``path``, flushed to disk, and return where; nothing is left there on an error. Raises OSError."""
+    """Write ``content`` beside ``path``, to be flushed, and return where; nothing is left there on an error. Raises OSError."""
     temporary = temporary_path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with temporary.open("wb") as file:
             file.writelines(content if isinstance(content, Iterator) else [content])
-            file.flush()
-            os.fsync(file.fileno())
     except BaseException:
         _remove(temporary)
         raise
@@ -86,7 +92,7 @@ def link_temporary(source: Path, path: Path) -> Path:
         temporary.hardlink_to(source)
     except OSError:
         shutil.copy2(source, temporary)
-        _flush_file(temporary)
+        flush_file(temporary)
     return temporary
 
 
@@ -102,6 +108,19 @@ def move_into_place(temporary: Path, path: Path) -> None:
 def temporary_path(path: Path) -> Path:
     """A name beside ``path`` that no other process or thread uses; short, whatever the length of the destination's name."""
     return path.with_name(f"{TEMPORARY_PREFIX}{_process}{os.getpid()}-{next(_numbers)}-{path.name[-40:]}")
+
+
+def flush_file(temporary: Path) -> None:
+    """Flush a written file to disk; it is removed where that fails. Raises OSError."""
+    try:
+        descriptor = os.open(temporary, os.O_RDWR)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+    except OSError:
+        _remove(temporary)
+        raise
 
 
 def flush_folder(folder: Path) -> None:
@@ -137,14 +156,6 @@ def files_below(folder: Path) -> Iterable[Path]:
     for root, folders, names in os.walk(folder, followlinks=False):
         links = [name for name in folders if (Path(root) / name).is_symlink()]
         yield from (Path(root) / name for name in (*names, *links))
-
-
-def _flush_file(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDWR)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
 
 
 def _remove(path: Path) -> None:

@@ -104,7 +104,7 @@ def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
         "height": range_m.shape[0],
         "width": range_m.shape[1],
         "step_per_m": ranges.step_per_m,
-        "ranges": text(deflated(ranges.planes, "small")),
+        "ranges": text(deflated(ranges.planes)),
         "known": text(deflated(np.packbits(ranges.known))),
         "std": text(deflated(std_codes(_std_m(frame, range_m, geometry)))),
         "confidence": text(deflated(_rounded(confidence[every]))),

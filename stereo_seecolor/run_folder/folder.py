@@ -58,10 +58,8 @@ class RunFolder:
         self.removed: list[str] = []
         self.written: dict[Stage, set[str]] = {"range": set(), "corrected": set(), "rectified": set(), "page": set()}
         self.files_written: set[str] = set()
-        self._claim = claim
-        self._dive = DiveRecord()
-        self._hold = ExitStack()
-        self._token = ""
+        self._claim, self._dive = claim, DiveRecord()
+        self._hold, self._token = ExitStack(), ""
 
     def __reduce__(self) -> "tuple[Callable[[Path, str], RunFolder], tuple[Path, str]]":
         return RunFolder.on_worker, (self.root, self._token)
@@ -85,6 +83,7 @@ class RunFolder:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._files.flush()
         self._hold.close()
 
     @classmethod
@@ -246,8 +245,8 @@ class RunFolder:
             return
         temporaries = self._files.write_temporaries([(name, content)])
         files = {name: (Stamp.of(temporaries[name]), *self._dive.files.get(name, ())[:2])}
-        made = {name: made_from} if made_from else {}
-        self.update(replace(self._dive, files={**self._dive.files, **files}, made_from={**self._dive.made_from, **made}))
+        made = {**self._dive.made_from, **({name: made_from} if made_from else {})}
+        self.update(replace(self._dive, files={**self._dive.files, **files}, made_from=made))
         self._files.move_into_place(temporaries, files)
         self.files_written.add(name)
 
@@ -296,7 +295,8 @@ class RunFolder:
         return self._dive
 
     def update(self, record: DiveRecord) -> None:
-        """Change the record of the dive. Raises OutputError."""
+        """Change the record of the dive, after what was written before is durable. Raises OutputError."""
+        self._files.flush()
         self._dive = record
         self.manifest.save_dive(record)
 

@@ -2,8 +2,11 @@
 
 import contextlib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
+from stereo_seecolor.compute.background import Alongside
+from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.files.atomic import Content, output_errors
 from stereo_seecolor.run_folder.layout import SET_ASIDE
@@ -19,30 +22,46 @@ class OwnedFiles:
     def __init__(self, root: Path) -> None:
         self.root = root
         self.set_aside: list[Path] = []
+        self._unflushed: set[Path] = set()
 
     def write_temporaries(self, contents: Iterable[tuple[str, Content]]) -> dict[str, Path]:
-        """Write files beside where they belong: path in OUT, content -> temporary. Raises OutputError, and then none is left."""
+        """Write files beside where they belong: path in OUT, content -> temporary. Raises OutputError, and then none is left.
+
+        All are flushed to disk, each while the next are encoded.
+        """
         written: dict[str, Path] = {}
-        for path, content in contents:
-            try:
+        flushed = Alongside()
+        try:
+            for path, content in contents:
                 with output_errors(self.root / path):
                     written[path] = atomic.write_temporary(self.root / path, content)
-            except BaseException:
-                for temporary in written.values():
-                    temporary.unlink(missing_ok=True)
-                raise
+                flushed.put(partial(_flush, self.root / path, written[path]))
+            flushed.finish()
+        except BaseException:
+            with contextlib.suppress(OutputError):
+                flushed.finish()  # no system deletes what is open
+            for temporary in written.values():
+                temporary.unlink(missing_ok=True)
+            raise
         return written
 
     def move_into_place(self, temporaries: Mapping[str, Path], files: Mapping[str, Sequence[Stamp]]) -> None:
-        """Give written files their names, and flush the folders; what is there and not of ``files`` is moved aside."""
+        """Give written files their names; what is there and not of ``files`` is moved aside. ``flush`` makes the names durable.
+
+        A name that a loss of power takes is missed by the manifest, and the file made again: no pair waits for its names.
+        """
         for path, temporary in temporaries.items():
             place = self.root / path
             with output_errors(place):
                 if (place.exists() or place.is_symlink()) and not is_ours(self.root, path, files):
                     self.keep_aside(place, path)
                 atomic.move_into_place(temporary, place)
-        for folder in {(self.root / path).parent for path in temporaries}:
-            atomic.flush_folder(folder)
+        self._unflushed.update((self.root / path).parent for path in temporaries)
+
+    def flush(self) -> None:
+        """Flush the folders of all files that were given their names."""
+        while self._unflushed:
+            atomic.flush_folder(self._unflushed.pop())
 
     def delete(self, paths: Iterable[str], files: Mapping[str, Sequence[Stamp]]) -> None:
         """Delete files of ours; what somebody changed since is moved aside instead."""
@@ -79,6 +98,11 @@ class OwnedFiles:
             target.parent.mkdir(parents=True, exist_ok=True)
             place.rename(target)
         return target
+
+
+def _flush(path: Path, temporary: Path) -> None:
+    with output_errors(path):
+        atomic.flush_file(temporary)
 
 
 def remove_empty_folders(folder: Path) -> None:

@@ -6,7 +6,7 @@ from collections import Counter
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.atomic import write_replaceable
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import progress_file
@@ -71,4 +71,4 @@ class ProgressFile:
         failures = RunSummary(self._failed).problems()
         done, failed = self._done.total(), self._done["failed"]
         progress = Progress(self._stage, self._total, done, failed, self._began_s, self._written_s, failures)
-        write_atomic(progress_file(self._root), json.dumps(asdict(progress)).encode())
+        write_replaceable(progress_file(self._root), json.dumps(asdict(progress)).encode())
