@@ -17,8 +17,8 @@ from stereo_seecolor.files.encode import encode_confidence, encode_image, encode
 from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import SurveyFrame, Trajectory
-from stereo_seecolor.run_folder.claim import Owner
-from stereo_seecolor.run_folder.folder import Claim, RunFolder
+from stereo_seecolor.run_folder.claim import Claim, Owner
+from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import RIG, product_path
 from stereo_seecolor.run_folder.manifest import StageRecord

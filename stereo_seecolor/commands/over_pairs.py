@@ -28,9 +28,9 @@ from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.run_folder.claim import Owner
+from stereo_seecolor.run_folder.claim import Claim, Owner
 from stereo_seecolor.run_folder.finished_run import open_run
-from stereo_seecolor.run_folder.folder import Claim, RunFolder
+from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports

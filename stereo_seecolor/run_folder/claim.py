@@ -51,6 +51,15 @@ class Owner:
         return same_paths or (bool(self.sample) and identity.get("sample") == self.sample)
 
 
+@dataclass(frozen=True)
+class Claim:
+    """How a run takes OUT. owner: whose it is to be. overwrite: begin anew. inputs: what the run reads, never to be deleted."""
+
+    owner: Owner
+    overwrite: bool = False
+    inputs: tuple[Path, ...] = ()
+
+
 def check_claim(manifest: Manifest, owner: Owner, overwrite: bool, inputs: Sequence[Path]) -> None:
     """Refuse a folder that is not this dive's, or holds files of others in a product's place; nothing is touched here.
 

@@ -2,16 +2,16 @@
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.atomic import Content, link_temporary, output_errors, remove_leftovers, remove_leftovers_below
+from stereo_seecolor.files.atomic import Content, link_temporary, output_errors
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.keys import content_key_of
-from stereo_seecolor.run_folder.claim import Owner, check_claim, refuse_foreign, refuse_inputs, refuse_links, refuse_used
+from stereo_seecolor.run_folder.claim import Claim, Owner, check_claim, refuse_foreign, refuse_inputs, refuse_links, refuse_used
 from stereo_seecolor.run_folder.input_files import input_record
 from stereo_seecolor.run_folder.kept_refinement import forget_refinement
 from stereo_seecolor.run_folder.layout import (
@@ -20,12 +20,10 @@ from stereo_seecolor.run_folder.layout import (
     MAP,
     ORIGINAL,
     PAGE,
-    PAGE_PRODUCTS,
     PRODUCTS,
     Stage,
     on_shelf,
     shelf_of,
-    state,
     table_file,
 )
 from stereo_seecolor.run_folder.lease import check_lease
@@ -33,15 +31,6 @@ from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, is_ours, remove_empty_folders
 from stereo_seecolor.run_folder.stamp import Stamp
-
-
-@dataclass(frozen=True)
-class Claim:
-    """How a run takes OUT. owner: whose it is to be. overwrite: begin anew. inputs: what the run reads, never to be deleted."""
-
-    owner: Owner
-    overwrite: bool = False
-    inputs: tuple[Path, ...] = ()
 
 
 class RunFolder:
@@ -115,10 +104,7 @@ class RunFolder:
 
     def remove_leftovers(self) -> None:
         """Delete what killed processes left half written, while none writes."""
-        for name in (*PAGE_PRODUCTS, PAGE, MAP, "."):
-            remove_leftovers(self.root / name)
-        for folder in (*(self.root / name for name in PRODUCTS), state(self.root)):
-            remove_leftovers_below(folder)
+        self._files.remove_leftovers()
 
     def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
         """What an earlier run finished of this frame's stage with the same key; None if a file of it is gone or changed."""

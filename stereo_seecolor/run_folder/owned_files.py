@@ -9,7 +9,7 @@ from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files import atomic
 from stereo_seecolor.files.atomic import Content, output_errors
-from stereo_seecolor.run_folder.layout import SET_ASIDE
+from stereo_seecolor.run_folder.layout import MAP, PAGE, PAGE_PRODUCTS, PRODUCTS, SET_ASIDE, state
 from stereo_seecolor.run_folder.stamp import Stamp
 
 
@@ -44,6 +44,13 @@ class OwnedFiles:
                 temporary.unlink(missing_ok=True)
             raise
         return written
+
+    def remove_leftovers(self) -> None:
+        """Delete what killed processes left half written, while none writes."""
+        for name in (*PAGE_PRODUCTS, PAGE, MAP, "."):
+            atomic.remove_leftovers(self.root / name)
+        for folder in (*(self.root / name for name in PRODUCTS), state(self.root)):
+            atomic.remove_leftovers_below(folder)
 
     def move_into_place(self, temporaries: Mapping[str, Path], files: Mapping[str, Sequence[Stamp]]) -> None:
         """Give written files their names; what is there and not of ``files`` is moved aside. ``flush`` makes the names durable.
