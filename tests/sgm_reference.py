@@ -13,9 +13,9 @@ NEIGHBORS += [(0, 1), (0, -1), (1, 0), (-1, 0)]
 
 @dataclass(frozen=True)
 class Settings:
-    p1: int
     p2: int
     p2_least: int
+    texture_levels: float
     edge_levels: float
     ambiguous: float
     strip: int
@@ -35,13 +35,17 @@ def census(image: NDArray[np.uint16]) -> NDArray[np.bool_]:
 
 def penalty(image: NDArray[np.uint16], a: tuple[int, int], b: tuple[int, int], settings: Settings) -> int:
     """P2 between two neighboring pixels."""
-    change = np.float32(abs(int(image[a]) - int(image[b])))
+    change = max(np.float32(abs(int(image[a]) - int(image[b]))) - np.float32(256 * settings.texture_levels), np.float32(0))
     p2 = np.float32(settings.p2) / (np.float32(1) + change * np.float32(1 / (256 * settings.edge_levels)))
     return int(max(p2, np.float32(settings.p2_least)))
 
 
-def step(before: dict[int, int], costs: dict[int, int], p1: int, p2: int) -> dict[int, int]:
-    """One step of a path (Hirschmueller 2008, eq. 13); disparities that the pixel before did not search are far."""
+def step(before: dict[int, int], costs: dict[int, int], p2: int) -> dict[int, int]:
+    """One step of a path (Hirschmueller 2008, eq. 13), P1 a quarter of P2.
+
+    Disparities that the pixel before did not search are far.
+    """
+    p1 = p2 // 4
     known = {d: before.get(d, FAR) for d in costs}
     floor = min(known.values())
     if floor == FAR:
@@ -82,9 +86,7 @@ def _strip(left, bits, band, rows, settings):
             for x in range(width)[:: dx or 1]:
                 past = (y - dy, x - dx)
                 known = past in paths
-                paths[y, x] = (
-                    step(paths[past], costs[y, x], settings.p1, penalty(left, past, (y, x), settings)) if known else costs[y, x]
-                )
+                paths[y, x] = step(paths[past], costs[y, x], penalty(left, past, (y, x), settings)) if known else costs[y, x]
                 if (y, x) in sums:
                     sums[y, x] = {d: total + paths[y, x][d] for d, total in sums[y, x].items()}
     found = [_row({x: sums[y, x] for x in range(width)}, width, settings) for y in range(first, end)]

@@ -30,7 +30,7 @@ def pair(seed: int, height: int, width: int, shift: int, noise: float) -> tuple[
 def reference(left: np.ndarray, right: np.ndarray, band: Band) -> np.ndarray:
     constants = sgm.CONSTANTS
     settings = sgm_reference.Settings(
-        PENALTIES.p1, PENALTIES.p2, PENALTIES.p2_least, PENALTIES.edge_levels, constants.ambiguous, constants.strip,
+        PENALTIES.p2, PENALTIES.p2_least, PENALTIES.texture_levels, PENALTIES.edge_levels, constants.ambiguous, constants.strip,
         constants.halo, constants.band_edge_pixels, constants.band_edge_tiles, WIDENING,
     )  # fmt: skip
     return sgm_reference.search(left, right, band.lowest, band.count, settings)

@@ -9,5 +9,7 @@ LANES, PIXELS, TILE = 16, 4, 8
 BLOCK = LANES * PIXELS
 FAR = 0xFF
 """Cost of what lies outside a band; sums with it stay at it."""
+P1_SHIFT = 2
+"""P1 is P2 >> P1_SHIFT, a quarter of it: where surfaces end, they may also bend."""
 WINDOW = 2 * LANES
 """Pixels of the right image that a row of a tile can meet with LANES disparities, rounded up."""

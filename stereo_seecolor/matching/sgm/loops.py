@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, PIXELS, TILE
+from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, P1_SHIFT, PIXELS, TILE
 
 
 @compiled(inline=True)
@@ -23,33 +23,33 @@ def hamming(bits: Any, others: Any, i: int, cost: Any, c: int) -> None:
 
 
 @compiled(inline=True)
-def step(paths: Any, before: int, now: int, cost: Any, c: int, cost_stride: int, p2: Any, j: int, p2_stride: int, P1: Any) -> None:
+def step(paths: Any, before: int, now: int, cost: Any, c: int, cost_stride: int, p2: Any, j: int, p2_stride: int) -> None:
     """One step of four pixels with LANES disparities each."""
-    step_of_many(paths, 0, before, 0, before, now, cost, c, cost_stride, p2, j, p2_stride, P1)
+    step_of_many(paths, 0, before, 0, before, now, cost, c, cost_stride, p2, j, p2_stride)
 
 
 @compiled(inline=True)
 def steps(
     paths: Any, at: int, cost: Any, c: int, along: Any, onward: int, stride: int,
-    p2: Any, j: int, j_onward: int, p2_stride: int, P1: Any,
+    p2: Any, j: int, j_onward: int, p2_stride: int,
 ) -> None:  # fmt: skip
     """TILE steps of TILE rows."""
     for turn in range(TILE):
         row, p2_row = c + turn * onward, j + turn * j_onward
         for half in range(0, TILE, PIXELS):
             block = at + half * LANES
-            step(paths, block, block, cost, row + half * stride, stride, p2, p2_row + half * p2_stride, p2_stride, P1)
+            step(paths, block, block, cost, row + half * stride, stride, p2, p2_row + half * p2_stride, p2_stride)
             scatter(paths, block, along, row + half * stride, stride)
 
 
 @compiled
 def step_of_many(
     paths: Any, below: int, before: int, above: int, floor: int, now: int,
-    cost: Any, c: int, cost_stride: int, p2: Any, j: int, p2_stride: int, P1: Any,
+    cost: Any, c: int, cost_stride: int, p2: Any, j: int, p2_stride: int,
 ) -> None:  # fmt: skip
     """One step of one block of several."""
     p2_flat = p2.reshape(p2.size)
-    far, p1 = np.uint16(FAR), np.uint16(P1)
+    far = np.uint16(FAR)
     line = np.empty(LANES + 2, np.uint16)
     for pixel in range(PIXELS):
         piece = pixel * LANES
@@ -58,7 +58,8 @@ def step_of_many(
             least = min(least, np.uint16(paths[floor + piece + lane]))
             line[lane + 1] = paths[before + piece + lane]
         line[0], line[LANES + 1] = paths[below + piece + LANES - 1], paths[above + piece]
-        highest = np.uint16(least + np.uint16(p2_flat[j + pixel * p2_stride]))
+        p2_here = np.uint16(p2_flat[j + pixel * p2_stride])
+        p1, highest = np.uint16(p2_here >> np.uint16(P1_SHIFT)), np.uint16(least + p2_here)
         for lane in range(LANES):
             slope = np.uint16(min(line[lane], line[lane + 2]) + p1)
             best = min(min(line[lane + 1], slope), highest)

@@ -105,7 +105,7 @@ class _Strips:
     def _match(self, band: Band, first: int, end: int) -> None:
         rows = (max(0, first - CONSTANTS.halo), first, end, min(len(self.disparity), end + CONSTANTS.halo))
         images = self._left, self._right, self._before
-        costs = self._p2, PENALTIES.p1, PENALTIES.p2, CONSTANTS.ambiguous
+        costs = self._p2, PENALTIES.p2, CONSTANTS.ambiguous
         found = self.disparity, self.best, self.uniqueness
         widths = TILE * band.count.sum(axis=1)
         # By numpy, which asks for large pages: of a wide image this is the largest block, and small ones take long to clear

@@ -37,7 +37,7 @@ def match_rows(
     images: tuple[NDArray[np.uint32], NDArray[np.uint32], int],
     band: tuple[NDArray[np.int32], NDArray[np.int32]],
     rows: tuple[int, int, int, int],
-    penalties: tuple[NDArray[np.uint8], int, int, float],
+    penalties: tuple[NDArray[np.uint8], int, float],
     found: tuple[Map, Map, Map],
     on_edge: NDArray[np.int32],
     total: NDArray[np.uint8],
@@ -45,7 +45,7 @@ def match_rows(
     """Fill rows[1]..rows[2]-1 of the maps ``found`` from rows[0]..rows[3]-1 of the census images; rows[0] starts a tile.
 
     images: the left census (H, W); the right one (H, before + W + ...) mirrored, the pixel x at column before + W - 1 - x, zero
-    where nothing was seen; before. band: lowest and count of each tile. penalties: P2 maps (p2_maps), P1, the largest P2, and the
+    where nothing was seen; before. band: lowest and count of each tile. penalties: P2 maps (p2_maps), the largest P2, and the
     uniqueness under which a pixel stays unknown.
     found: disparity of the left image, with the parabola's fraction; NaN where the best lies on the edge of its band, where it
     is not unique, or where the pixel of the right image that it meets chose, from the same costs, another by more than one pixel.
@@ -55,7 +55,7 @@ def match_rows(
     """
     left, right, before_left = images
     lowest, count = band
-    p2, P1, P2, ambiguous = penalties
+    p2, P2, ambiguous = penalties
     start, first, end, stop = rows
     tile_row = start // TILE
     bands, lengths, most, widest = _layout(lowest, count, tile_row, (stop - 1) // TILE - tile_row + 1)
@@ -68,7 +68,7 @@ def match_rows(
     paths = np.zeros(ALONG + 3 * widest + 2 * most, np.uint8)
     paths[:BLOCK] = FAR
     origin = before_left + left.shape[1] - 1
-    p1, scale, least_uniqueness = np.uint8(P1), np.float32(1 / P2), np.float32(ambiguous)
+    scale, least_uniqueness = np.float32(1 / P2), np.float32(ambiguous)
     for sweep in range(2):
         top, bottom = (start, end) if sweep == 0 else (first, stop)
         before, now = ALONG + 3 * widest, ALONG + 3 * widest + most
@@ -84,10 +84,10 @@ def match_rows(
             _costs(left[y : y + tall], right[y : y + tall], origin, own, cost, most)
             inside = first <= y < end
             if inside:
-                _along(sweep, own, cost, along, most, p2[1], y, paths, widest, p1)
+                _along(sweep, own, cost, along, most, p2[1], y, paths, widest)
             for turn in range(tall):
                 row = turn if sweep == 0 else tall - 1 - turn
-                _across(own, cost, row * most, p2[0], y + row + sweep, paths, before, now, p1)
+                _across(own, cost, row * most, p2[0], y + row + sweep, paths, before, now)
                 before, now = now, before
                 if inside:
                     place = row_places[y + row - first]
@@ -134,7 +134,7 @@ def _costs(bits: Any, others: Any, origin: int, band: Any, cost: Any, most: int)
 
 
 @compiled
-def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: int, paths: Any, widest: int, P1: Any) -> None:
+def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: int, paths: Any, widest: int) -> None:
     """The paths along a row of tiles, whose first row is y, right in sweep 0 and left in sweep 1, to ``along``."""
     tiles, p2_stride = band.shape[1], p2.shape[1]
     before, now, spare = ALONG, ALONG + widest, ALONG + 2 * widest
@@ -151,14 +151,14 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: 
         place = band[PLACE, tile] + column * LANES
         j = y * p2_stride + tile * TILE + column + sweep
         if count == LANES:
-            steps.steps(paths, before, cost, place, along, onward * LANES, most, p2, j, onward, p2_stride, P1)
+            steps.steps(paths, before, cost, place, along, onward * LANES, most, p2, j, onward, p2_stride)
             continue
         for _ in range(TILE):
             for half in range(0, TILE, PIXELS):
                 at = half * LANES
                 _advance(
                     paths, before + at, now + at, count,
-                    cost, place + half * most, most, p2, j + half * p2_stride, p2_stride, P1,
+                    cost, place + half * most, most, p2, j + half * p2_stride, p2_stride,
                 )  # fmt: skip
                 for k in range(0, count, LANES):
                     steps.scatter(paths, now + at + k * TILE, along, place + half * most + k * TILE, most)
@@ -167,25 +167,25 @@ def _along(sweep: int, band: Any, cost: Any, along: Any, most: int, p2: Any, y: 
 
 
 @compiled
-def _across(band: Any, cost: Any, row: int, p2: Any, y: int, paths: Any, before: int, now: int, P1: Any) -> None:
+def _across(band: Any, cost: Any, row: int, p2: Any, y: int, paths: Any, before: int, now: int) -> None:
     """The paths across the rows take one step, from paths[before:] to paths[now:], both laid out as a row's costs."""
     for tile in range(band.shape[1]):
         for half in range(0, TILE, PIXELS):
             place = band[PLACE, tile] + half * LANES
             j = y * p2.shape[1] + tile * TILE + half
             _advance(
-                paths, before + place, now + place, band[COUNT, tile], cost, row + place, LANES, p2, j, 1, P1
+                paths, before + place, now + place, band[COUNT, tile], cost, row + place, LANES, p2, j, 1
             )  # fmt: skip
 
 
 @compiled(inline=True)
 def _advance(
     paths: Any, before: int, now: int, count: int,
-    cost: Any, c: int, cost_stride: int, p2: Any, j: int, p2_stride: int, P1: Any,
+    cost: Any, c: int, cost_stride: int, p2: Any, j: int, p2_stride: int,
 ) -> None:  # fmt: skip
     """Four pixels' paths take one step."""
     if count == LANES:
-        steps.step(paths, before, now, cost, c, cost_stride, p2, j, p2_stride, P1)
+        steps.step(paths, before, now, cost, c, cost_stride, p2, j, p2_stride)
         return
     last = before + (count // LANES - 1) * NEXT
     steps.fold(paths, before, last, FLOOR)
@@ -194,7 +194,7 @@ def _advance(
     for on in range(0, last - before + NEXT, NEXT):
         block = before + on
         below, above = block - NEXT if on else NOWHERE, block + NEXT if block < last else NOWHERE
-        steps.step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, p2, j, p2_stride, P1)
+        steps.step_of_many(paths, below, block, above, FLOOR, now + on, cost, c + on, cost_stride, p2, j, p2_stride)
 
 
 @compiled

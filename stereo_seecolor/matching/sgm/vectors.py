@@ -14,7 +14,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, PIXELS, TILE, WINDOW
+from stereo_seecolor.matching.sgm.layout import BLOCK, FAR, LANES, P1_SHIFT, PIXELS, TILE, WINDOW
 
 _vector_code: Callable[[Callable[..., Any]], Callable[..., Any]] = intrinsic
 
@@ -80,31 +80,32 @@ def hamming(typing: Any, bits: Any, others: Any, i: Any, cost: Any, c: Any) -> A
 @_vector_code
 def step(
     typing: Any, paths: Any, before: Any, now: Any,
-    cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any, P1: Any,
+    cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any,
 ) -> Any:  # fmt: skip
     """One step of the paths of four pixels whose bands have LANES disparities each (Hirschmueller 2008, eq. 13).
 
     paths[now:] = cost + min(b, b of the disparity below + P1, above + P1, floor + P2) - floor for b = paths[before:], floor
-    each pixel's least b. The pixels' costs lie cost_stride apart from cost[c] on, their P2 p2_stride from p2[j] on.
+    each pixel's least b, P1 = P2 >> P1_SHIFT. The pixels' costs lie cost_stride apart from cost[c] on, their P2 p2_stride from
+    p2[j] on.
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, before, now, _, c, cost_stride, _, j, p2_stride, P1 = arguments
+        _, before, now, _, c, cost_stride, _, j, p2_stride = arguments
         paths, cost, p2 = _Memory.of((context, builder, signature, arguments), 0, 3, 6)
         same = paths.load(before, _BLOCK)
-        penalties = P1, _p2_of_pixels(p2, j, p2_stride)
+        penalties = _penalties(p2, j, p2_stride)
         result = _step(builder, (_FAR, same, _FAR), _floor(builder, same), _gather(cost, c, cost_stride), penalties)
         paths.store(now, result)
         return context.get_dummy_value()
 
-    u8, i = types.uint8, types.intp
-    return types.void(paths, i, i, cost, i, i, p2, i, i, u8), generate
+    i = types.intp
+    return types.void(paths, i, i, cost, i, i, p2, i, i), generate
 
 
 @_vector_code
 def steps(
     typing: Any, paths: Any, at: Any, cost: Any, c: Any, along: Any, onward: Any, stride: Any,
-    p2: Any, j: Any, j_onward: Any, p2_stride: Any, P1: Any,
+    p2: Any, j: Any, j_onward: Any, p2_stride: Any,
 ) -> Any:  # fmt: skip
     """TILE steps of the paths along TILE rows, from paths[at:] and back to it; each also to ``along``, laid out as ``cost``.
 
@@ -112,14 +113,14 @@ def steps(
     """
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, at, _, c, _, onward, stride, _, j, j_onward, p2_stride, P1 = arguments
+        _, at, _, c, _, onward, stride, _, j, j_onward, p2_stride = arguments
         paths, cost, along, p2 = _Memory.of((context, builder, signature, arguments), 0, 2, 4, 7)
         halves = [_further(builder, at, half * BLOCK) for half in range(TILE // PIXELS)]
         same = [paths.load(half, _BLOCK) for half in halves]
         for _ in range(TILE):
             for half in range(len(halves)):
                 row, p2_row = _nth(builder, c, stride, half * PIXELS), _nth(builder, j, p2_stride, half * PIXELS)
-                here, penalties = _gather(cost, row, stride), (P1, _p2_of_pixels(p2, p2_row, p2_stride))
+                here, penalties = _gather(cost, row, stride), _penalties(p2, p2_row, p2_stride)
                 same[half] = _step(builder, (_FAR, same[half], _FAR), _floor(builder, same[half]), here, penalties)
                 _scatter(along, row, stride, same[half])
             c, j = builder.add(c, onward), builder.add(j, j_onward)
@@ -127,28 +128,28 @@ def steps(
             paths.store(half, result)
         return context.get_dummy_value()
 
-    u8, i = types.uint8, types.intp
-    return types.void(paths, i, cost, i, along, i, i, p2, i, i, i, u8), generate
+    i = types.intp
+    return types.void(paths, i, cost, i, along, i, i, p2, i, i, i), generate
 
 
 @_vector_code
 def step_of_many(
     typing: Any, paths: Any, below: Any, before: Any, above: Any, floor: Any, now: Any,
-    cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any, P1: Any,
+    cost: Any, c: Any, cost_stride: Any, p2: Any, j: Any, p2_stride: Any,
 ) -> Any:  # fmt: skip
     """As step, for one block of several: paths[below:] and paths[above:] are the blocks beside it, the floor is paths[floor:]'s."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        _, below, before, above, floor, now, _, c, cost_stride, _, j, p2_stride, P1 = arguments
+        _, below, before, above, floor, now, _, c, cost_stride, _, j, p2_stride = arguments
         paths, cost, p2 = _Memory.of((context, builder, signature, arguments), 0, 6, 9)
         under, same, over, least = (paths.load(place, _BLOCK) for place in (below, before, above, floor))
-        penalties = P1, _p2_of_pixels(p2, j, p2_stride)
+        penalties = _penalties(p2, j, p2_stride)
         result = _step(builder, (under, same, over), _floor(builder, least), _gather(cost, c, cost_stride), penalties)
         paths.store(now, result)
         return context.get_dummy_value()
 
-    u8, i = types.uint8, types.intp
-    return types.void(paths, i, i, i, i, i, cost, i, i, p2, i, i, u8), generate
+    i = types.intp
+    return types.void(paths, i, i, i, i, i, cost, i, i, p2, i, i), generate
 
 
 @_vector_code
@@ -321,12 +322,12 @@ def claim(typing: Any, sums: Any, i: Any, first: Any, best: Any, j: Any) -> Any:
 
 
 def _step(builder: Any, beside: tuple[Any, Any, Any], floor: Any, here: Any, penalties: tuple[Any, Any]) -> Any:
-    """beside: the block below, the block itself, and the one above it. penalties: P1, and P2 of each pixel."""
+    """beside: the block below, the block itself, and the one above it. penalties: P1 and P2 of each pixel."""
     under, same, over = beside
-    P1, p2 = penalties
+    p1, p2 = penalties
     below = builder.shuffle_vector(under, same, _mask(_beside([LANES - 1, *range(BLOCK, BLOCK + LANES - 1)])))
     above = builder.shuffle_vector(same, over, _mask(_beside([*range(1, LANES), BLOCK])))
-    slope = _saturated(builder, _minimum(builder, below, above), _splat(builder, P1, _BLOCK))
+    slope = _saturated(builder, _minimum(builder, below, above), p1)
     best = _minimum(builder, _minimum(builder, same, slope), _saturated(builder, floor, p2))
     return builder.add(here, builder.sub(best, floor))
 
@@ -376,13 +377,15 @@ def _scatter(rows: _Memory, index: Any, stride: Any, block: Any) -> None:
         rows.store(_nth(rows.builder, index, stride, pixel), piece)
 
 
-def _p2_of_pixels(p2: _Memory, index: Any, stride: Any) -> Any:
-    """The P2 of PIXELS pixels, each in all the lanes of its piece."""
+def _penalties(p2: _Memory, index: Any, stride: Any) -> tuple[Any, Any]:
+    """P1 and P2 of PIXELS pixels, each in all the lanes of its piece."""
     builder, values = p2.builder, ir.Constant(_PER_PIXEL, ir.Undefined)
     for pixel in range(PIXELS):
         value = p2.load(_nth(builder, index, stride, pixel), _BYTE)
         values = builder.insert_element(values, value, ir.Constant(_WORD, pixel))
-    return builder.shuffle_vector(values, values, _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)]))
+    lanes = _mask([pixel for pixel in range(PIXELS) for _ in range(LANES)])
+    slopes = builder.lshr(values, ir.Constant(_PER_PIXEL, [P1_SHIFT] * PIXELS))
+    return builder.shuffle_vector(slopes, slopes, lanes), builder.shuffle_vector(values, values, lanes)
 
 
 def _further(builder: Any, index: Any, by: int) -> Any:
