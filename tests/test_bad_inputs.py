@@ -180,11 +180,13 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tm
         (tmp_path / other).mkdir()
         first = min((reef / side).iterdir())
         (tmp_path / other / first.name).symlink_to(first)
+        (tmp_path / other / "reef_1780000000000.png").write_bytes(b"cut short")
     words = ["range", "--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(reef / "cam.yaml")]
     code, _, said = cli(*words, "--out", str(tmp_path / "out"))
     assert code == 1
     assert "left and right look swapped: " in said
     assert "exchange --left and --right" in said
+    assert "1780000000000" not in said  # which cannot be read, so that it was not matched
     assert not (tmp_path / "out/frames.csv").exists()
 
 

@@ -1,6 +1,7 @@
 """The rig of a dive: read for its images, held against its first pairs, and refined with pairs spread over it."""
 
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -116,8 +117,8 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
 
 def _refuse_swapped(pipeline: Pipeline, pairs: Sequence[Pair]) -> None:
     """Match the first pair that can be read. Raises InputError if it matches the other way round alone: so would all others."""
-    for left, right in first_images(pairs, pipeline.config.input, 1):
-        raw = StereoFrame(pairs[0].name, left, right)
+    for pair, (left, right) in islice(readable(pairs, pipeline.config.input), 1):
+        raw = StereoFrame(pair.name, left, right)
         try:
             pipeline.check_pair(raw.name, pipeline.match(pipeline.rectify(raw)), partial(StereoFrame, raw.name, left, right))
         except SwappedError as error:
@@ -165,12 +166,11 @@ def read_both(pair: Pair, images: InputConfig) -> tuple[Image, Image]:
 
 def first_images(pairs: Sequence[Pair], images: InputConfig, most: int = DECIDING_PAIRS) -> Iterator[tuple[Image, Image]]:
     """The images of the first pairs that can be read."""
-    found = 0
+    return (both for _, both in islice(readable(pairs, images), most))
+
+
+def readable(pairs: Sequence[Pair], images: InputConfig) -> Iterator[tuple[Pair, tuple[Image, Image]]]:
+    """The pairs that can be read, with their images."""
     for pair in pairs:
-        try:
-            yield read_both(pair, images)
-        except InputError:
-            continue
-        found += 1
-        if found == most:
-            return
+        with suppress(InputError):  # the run names it
+            yield pair, read_both(pair, images)
