@@ -159,6 +159,8 @@ def test_noise_is_measured_and_averaged_out(placed: Callable[..., Placed], reef:
         (positions(lambda p: p * [1, 1, -1]), "z pointing down"),
         (positions(lambda p: p @ R_ENU_NED.T), "positions north-east-down"),
         (north_east_down, "as north-east-down"),
+        (positions(lambda p: p / 0.3048), "positions in feet"),
+        (positions(lambda p: p @ rotation_from_vector(np.radians([0, 0, 25])).T), "positions turned by -25 degrees"),
         (lambda T: T[::-1], "the poses in the opposite order"),
         (lambda T: w_first(noisy(T)), "the quaternion's w first"),
         (lambda T: inverse(noisy(T)), "world-to-camera poses"),

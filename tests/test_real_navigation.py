@@ -19,7 +19,7 @@ from calibration.readings import settle_reading
 from stereo_seecolor.commands.dive_rig import read_both
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig, MappingConfig, RunConfig
-from stereo_seecolor.geometry import inverse
+from stereo_seecolor.geometry import inverse, rotation_from_vector
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -106,6 +106,11 @@ WRONG: dict[str, Callable[[Poses], Poses]] = {
     "each pose 1 frame(s) earlier": lambda T: np.roll(T, 1, axis=0),
     "each pose 2 frame(s) later": lambda T: np.roll(T, -2, axis=0),
     "the poses in the opposite order": lambda T: T[::-1],
+    "positions in feet": positions(lambda p: p / 0.3048),
+    "positions in centimeters": positions(lambda p: p * 100),
+    "positions turned by -30 degrees about the vertical, or headings by as much the other way": positions(
+        lambda p: p @ rotation_from_vector(np.radians([0, 0, 30])).T
+    ),
 }
 
 

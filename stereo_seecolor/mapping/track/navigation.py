@@ -95,7 +95,7 @@ def examine(given: Placement, survey: Survey, edges: Sequence[Edge], trajectory:
     turned[:, :3, :3] = T[:, :3, :3] @ turn.R
     left = misfit(turned, posed)
     helps = turn.believed and left < TURN_HELPS * plain
-    reading = better_reading(left if helps else plain, posed, readings(T, survey.index, trajectory, config))
+    reading = better_reading(left if helps else plain, posed, readings(T, posed, survey.index, trajectory, config))
     if reading:
         advice = f"the given poses contradict the pictures; they would fit with {reading}"
         return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))

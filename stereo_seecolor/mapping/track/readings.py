@@ -30,6 +30,10 @@ class ReadingSettings:
     clock_steps: int = 12  # clocks may differ by so many times between frames,
     clock_parts: int = 4  # searched in so many parts of it
     edges: int = 200  # that a reading is judged by
+    estimated_misfit: float = 0.5  # steps that a scale or a turn estimated from the edges may leave: noise estimates them too
+    same_unit: float = 0.05  # a scale this near to that of a unit is its
+    least_scale: float = 1.25  # a calibration is nearer than that
+    least_turn_rad: float = 0.15  # magnetic declination and the convergence of grids are named as turns from 9 degrees on
 
 
 SETTINGS = ReadingSettings()
@@ -52,8 +56,10 @@ def better_reading(plain: float, edges: Sequence[Edge], others: Iterator[tuple[s
     return name if found < SETTINGS.better * plain else None
 
 
-def readings(T: Array, index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Iterator[tuple[str, Array]]:
-    """All that are known; T: (N, 4, 4) as read."""
+def readings(
+    T: Array, edges: Sequence[Edge], index: FrameIndex, trajectory: Trajectory, config: MappingConfig
+) -> Iterator[tuple[str, Array]]:
+    """All that are known; T: (N, 4, 4) as read, edges: as the pictures show them."""
     if not any(trajectory.names) and np.isfinite(trajectory.timestamps_s).all():
         yield from _at_other_times(index, trajectory, config)
     for turned, start in (("", T), ("the quaternion's w first", w_first(T))):
@@ -63,6 +69,7 @@ def readings(T: Array, index: FrameIndex, trajectory: Trajectory, config: Mappin
         names = [text for text in (turned, "world-to-camera poses") if text]
         yield " and ".join(names), inverse(start)
     yield from _on_other_frames(T, index)
+    yield from (reading for reading in _of_other_units_or_north(T, edges) if misfit(reading[1], edges) < SETTINGS.estimated_misfit)
 
 
 def w_first(T: Array) -> Array:
@@ -73,6 +80,8 @@ def w_first(T: Array) -> Array:
     result[known, :3, :3] = Rotation.from_quat(np.roll(quaternion(T[known, :3, :3]), -1, axis=1)).as_matrix()
     return result
 
+
+_PER_METER = {"feet": 1 / 0.3048, "centimeters": 100.0, "millimeters": 1000.0}
 
 _POSITIONS: dict[str, Callable[[Array], Array]] = {
     "": lambda p: p,
@@ -88,6 +97,28 @@ def _with_positions(T: Array, change: Callable[[Array], Array]) -> Array:
     result = T.copy()
     result[:, :3, 3] = change(T[:, :3, 3])
     return result
+
+
+def _of_other_units_or_north(T: Array, edges: Sequence[Edge]) -> Iterator[tuple[str, Array]]:
+    """Positions times a number, and turned about the vertical against the attitudes: both estimated by least squares."""
+    posed = [edge for edge in edges if np.isfinite(T[[edge.i, edge.j]]).all()]
+    if not posed:
+        return
+    given_m = np.array([T[edge.j, :3, 3] - T[edge.i, :3, 3] for edge in posed])
+    measured_m = np.array([T[edge.i, :3, :3] @ edge.T_i_j[:3, 3] for edge in posed])
+    scale = float((given_m * measured_m).sum() / max((measured_m**2).sum(), 1e-12))
+    if scale > SETTINGS.least_scale or 0 < scale < 1 / SETTINGS.least_scale:
+        units = (unit for unit, per_m in _PER_METER.items() if abs(scale / per_m - 1) < SETTINGS.same_unit)
+        yield (
+            next((f"positions in {unit}" for unit in units), f"positions divided by {scale:.3g}"),
+            _with_positions(T, lambda p: p / scale),
+        )
+    across = (given_m @ [1, 1j, 0]) * (measured_m @ [1, -1j, 0])
+    turn_rad = float(np.angle(across.sum()))
+    if abs(turn_rad) > SETTINGS.least_turn_rad:
+        back = Rotation.from_euler("z", -turn_rad).as_matrix()
+        name = f"positions turned by {-np.degrees(turn_rad):+.0f} degrees about the vertical, or headings by as much the other way"
+        yield name, _with_positions(T, lambda p: p @ back.T)
 
 
 def _on_other_frames(T: Array, index: FrameIndex) -> Iterator[tuple[str, Array]]:
