@@ -121,7 +121,7 @@ def test_a_calibration_goes_into_a_new_folder_and_not_onto_one(cli: Cli, tmp_pat
     assert cli("convert-calib", tmp_path, tmp_path / "new/deep/cam.yaml")[0] == 0
     code, _, said = cli("convert-calib", tmp_path / "new/deep/cam.yaml", tmp_path / "new")
     assert code == 1
-    assert said.endswith("new: the calibration cannot be written: Is a directory\n")
+    assert "new: is there already" in said
 
 
 def test_a_target_goes_into_a_new_folder_and_not_below_a_file(cli: Cli, tmp_path: Path) -> None:
@@ -140,9 +140,9 @@ def test_convert_from_opencv_needs_the_size(cli: Cli, tmp_path: Path) -> None:
     assert cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "640x480")[0] == 0
     four = OPENCV.replace(", 1.6e-01 ]", " ]").replace(", -7e-3 ]", " ]")
     (tmp_path / "four.yml").write_text(four)
-    printed = cli("convert-calib", tmp_path / "four.yml", tmp_path / "cam.yaml", "--size", "640x480")[1]
+    printed = cli("convert-calib", tmp_path / "four.yml", tmp_path / "from_four.yaml", "--size", "640x480")[1]
     assert "note: 4 coefficients as OpenCV's k1 k2 p1 p2: taken, but the file can be read in 2 ways" in printed
-    code, _, said = cli("convert-calib", source, tmp_path / "cam.yaml", "--size", "wide")
+    code, _, said = cli("convert-calib", source, tmp_path / "wide.yaml", "--size", "wide")
     assert code == 1 and "expected WIDTHxHEIGHT" in said
 
 
@@ -169,3 +169,24 @@ def test_check_refines_a_rig_that_has_moved(cli: Cli, board_pairs: tuple[Path, S
     code, printed, _ = cli("check", *folders, "--calib", tmp_path / "refined.yaml", "--json")
     assert code == 0
     assert '"refined": null' in printed
+
+
+@pytest.mark.parametrize(
+    ("words", "file"),
+    [
+        (("calibrate", "--left", "l", "--right", "r", "--target", TARGET, "--out"), "cam.yaml"),
+        (("calibrate", "--target", TARGET, "--print-target"), "board.pdf"),
+        (("convert-calib", "given.yaml"), "cam.yaml"),
+        (("convert-calib", "given.yaml", "--to", "ros"), "left.yaml,right.yaml"),
+        (("check", "--left", "l", "--right", "r", "--calib", "given.yaml", "--refine"), "cam.yaml"),
+        (("evaluate", "--chart", "--images", "l", "--range", "r", "--sheet"), "charts.png"),
+    ],
+)
+def test_a_file_of_the_user_is_not_written_over(cli: Cli, tmp_path: Path, monkeypatch, words: tuple[str, ...], file: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    theirs = tmp_path / file.split(",")[-1]
+    theirs.write_bytes(b"the only calibration of a rig that is lost")
+    code, _, said = cli(*words, file)
+    assert code == 1 and f"{theirs.name}: is there already, and is not written over" in said and said.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == [theirs.name]
+    assert theirs.read_bytes() == b"the only calibration of a rig that is lost"

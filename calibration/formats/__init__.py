@@ -83,8 +83,7 @@ def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native
     }
     try:
         if format == "ros":
-            left, right = _pair_of_paths(Path(path))
-            ros.write(rig, left, right)
+            ros.write(rig, *_pair_of_paths(Path(path)))
         elif format in writers:
             with write_atomic(Path(path)) as temporary:
                 writers[format](rig, temporary)
@@ -92,6 +91,11 @@ def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native
             raise CalibrationError(f"cannot write {format!r}: the formats written are {', '.join(get_args(WritableFormat))}")
     except OSError as error:
         raise CalibrationError(f"{path}: the calibration cannot be written: {error.strerror or error}") from error
+
+
+def paths_of(path: str | Path, format: WritableFormat) -> tuple[Path, ...]:
+    """The files that ``write_rig`` writes. Raises CalibrationError."""
+    return _pair_of_paths(Path(path)) if format == "ros" else (Path(path),)
 
 
 def _documents(path: str | Path) -> list[Section]:

@@ -13,6 +13,7 @@ from calibration.views import View, detect_view
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
+from stereo_seecolor.files.new_folder import refuse_existing
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
 from stereo_seecolor.progress import RunOptions
@@ -31,12 +32,14 @@ class CalibrationResult:
 def calibrate(
     left: Path, right: Path, target: str, out: Path, medium: Medium = "water", options: RunOptions | None = None
 ) -> CalibrationResult:
-    """Calibrate from two folders of images of ``target``; write ``out`` (native format) and ``<out>_coverage.png``.
+    """Calibrate from two folders of images of ``target``; write ``out`` (native format) and ``<out>_coverage.png``, both new.
 
     target: chessboard:COLUMNSxROWS:SQUARE or charuco:DICTIONARY:COLUMNSxROWS:SQUARE:MARKER (docs/calibration.md).
     Raises CalibrationError where the images do not show it; InputError for folders and images that cannot be read; OutputError.
     """
     options = options or RunOptions()
+    coverage = out.with_name(f"{out.stem}_coverage.png")
+    refuse_existing(out, coverage)
     board = parse_target(target)
     pairs = pair_folders(left, right, InputConfig()).pairs
 
@@ -50,12 +53,12 @@ def calibrate(
         views.append(view)
     rig, report = fit_rig(views, board, medium)
     write_rig(rig, out)
-    coverage = out.with_name(f"{out.stem}_coverage.png")
     write_atomic(coverage, encode_image(report.coverage_picture(), "png"))
     return CalibrationResult(report, out, coverage)
 
 
 def print_target(target: str, out: Path, dpi: int = 300) -> Path:
-    """Draw the target into ``out``, .pdf or .png (``dpi`` is for .png). Raises CalibrationError."""
+    """Draw the target into ``out``, a new .pdf or .png (``dpi`` is for .png). Raises CalibrationError, OutputError."""
+    refuse_existing(out)
     printing.print_target(parse_target(target), out, dpi)
     return out

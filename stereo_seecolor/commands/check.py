@@ -17,6 +17,7 @@ from calibration.refinement import Refinement
 from calibration.row_check import LIMITS
 from stereo_seecolor.commands.dive_rig import load_unsettled, read_both, spread
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.files.new_folder import refuse_existing
 from stereo_seecolor.inputs.pairing import pair_folders
 
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
@@ -74,11 +75,13 @@ def check(
 ) -> CheckResult:
     """Test a calibration against ``most_pairs`` pairs spread evenly over a dive.
 
-    images: how the files are paired and read. refine: write the rig to this file, in the native format, with what has moved since
-    its calibration estimated from the pairs.
-    Raises CalibrationError, InputError.
+    images: how the files are paired and read. refine: a new file for the rig, in the native format, with what has moved since its
+    calibration estimated from the pairs.
+    Raises CalibrationError, InputError, OutputError.
     """
     images = images or InputConfig()
+    if refine:
+        refuse_existing(refine)
     pairs = pair_folders(left, right, images).pairs
     rig = load_unsettled(calib, pairs, images)
     raw = raw_matches(rig, (read_both(pair, images) for pair in spread(pairs, most_pairs)))

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from calibration.formats import WritableFormat, load_rig, parse_size, write_rig
+from calibration.formats import WritableFormat, load_rig, parse_size, paths_of, write_rig
 from calibration.resizing import resized_rig
+from stereo_seecolor.files.new_folder import refuse_existing
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,9 @@ def convert_calib(
     """Read ``source`` in any known format and write it as ``to``; the rays of all pixels stay the same.
 
     size: WIDTHxHEIGHT, for a source that does not state it. resize: WIDTHxHEIGHT of images that were binned or resized since.
-    Raises CalibrationError.
+    out: new. Raises CalibrationError, OutputError.
     """
+    refuse_existing(*paths_of(out, to))
     rig = load_rig(source, parse_size(size) if size else None)
     if resize:
         rig = resized_rig(rig, parse_size(resize))

@@ -18,6 +18,7 @@ from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gai
 from stereo_seecolor.evaluation.others import OtherResults
 from stereo_seecolor.evaluation.targets import Target, read_targets, targets_of
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.new_folder import refuse_existing
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
@@ -76,9 +77,11 @@ def evaluate_charts(
     """Every method on every target in a folder of images with range maps of the same stems.
 
     targets: JSON of polygons and chart corners (see ``read_targets``), and only images that it names count; without it each image
-    is searched for charts. sheet: where to write the contact sheet (PNG). others: folders of what other tools made of the
-    images, under the same names. Raises InputError, also where there is no target.
+    is searched for charts. sheet: where to write the contact sheet (a new PNG). others: folders of what other tools made of the
+    images, under the same names. Raises InputError, also where there is no target; OutputError.
     """
+    if sheet:
+        refuse_existing(sheet)
     config, results = config or RunConfig(), OtherResults.of(others)
     given = read_targets(targets) if targets else {}
     pairs = pair_by_stem(images, ranges).pairs

@@ -1,4 +1,4 @@
-"""A folder that is written as a whole or not at all."""
+"""What is written to a place that must be free: a file, or a folder that is written as a whole or not at all."""
 
 import shutil
 from collections.abc import Iterator
@@ -7,6 +7,13 @@ from pathlib import Path
 
 from stereo_seecolor.errors import OutputError
 from stereo_seecolor.files.atomic import flush_folder, output_errors, temporary_path
+
+
+def refuse_existing(*files: Path) -> None:
+    """Raises OutputError if one of ``files`` is there: it may be somebody's only calibration."""
+    for file in files:
+        if file.exists() or file.is_symlink():
+            raise OutputError(f"{file}: is there already, and is not written over: give another name; nothing was touched")
 
 
 def refuse_filled(folder: Path) -> None:
