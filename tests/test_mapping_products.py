@@ -179,6 +179,18 @@ def test_the_mosaic_is_painted_where_something_was_seen(tmp_path: Path) -> None:
     assert (rgba[:3, ~painted] == 0).all()
 
 
+def test_the_mosaic_has_the_mean_color_of_all_views_and_no_step_between_them(tmp_path: Path) -> None:
+    bright, dim = (200, 120, 40), (160, 96, 32)
+    frames = [flat_frame(i, color=dim if i % 2 else bright) for i in range(8)]
+    build_map(frames, PAIR, tmp_path, CONFIG, track(8, step_m=0.1))
+    with rasterio.open(tmp_path / "orthomosaic.tif") as file:
+        red = file.read(1).astype(int)
+    rows, columns = (size // 2 for size in red.shape)
+    middle = red[rows - 10 : rows + 10, columns - 20 : columns + 20]  # seen by as many bright frames as dim ones
+    assert np.abs(middle - 180).max() <= 6
+    assert np.abs(np.diff(middle, axis=1)).max() <= 2
+
+
 @pytest.mark.slow
 def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -1,4 +1,4 @@
-"""The orthomosaic: each cell of the terrain painted from its best view, seams where neighboring views agree."""
+"""The orthomosaic: detail of each cell from its best view, seams where neighboring views agree, color from the mean of all."""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.mapping.raster.mosaic_kernels import disagree, see
+from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
 from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
 
 Float = NDArray[np.float32]
@@ -33,6 +33,12 @@ class MosaicSettings:
     feather_px: float = 2.0  # standard deviation of the blend across a seam, cells
     feather_reach: float = 5.0  # standard deviations beyond which nothing is blended: OpenCV's kernels end at four
     disagreement: float = 4.0  # cost of a color a tenth of full scale off the median of all views, in tangents of the angle
+    outlier: float = 25.5  # of 255: a color so far off the median of all views, a tenth of full scale, weighs half in their mean
+    band_px: float = (
+        6.0  # standard deviation, cells: what is coarser is colored by the mean of all views, what is finer by the best
+    )
+    coarser: int = 2  # cells to one in which that is worked out
+    most_change: float = 2.0  # factor, up and down: views that differ by more do not show the same
     hidden_m: float = 0.05  # a view whose range is off by more than this,
     hidden_fraction: float = 0.02  # and this fraction of it, shows something else: it stands before the cell, or moved
     doubtful_cost: float = 1.0  # of a clipped or unrecoverable color: as of a view at 45 degrees
@@ -43,8 +49,9 @@ SETTINGS = MosaicSettings()
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """A window of the mosaic. x_m: (w,), y_m: (h,) centers of its cells. z_m: (h, w) heights, NaN where unknown."""
+    """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) their centers. z_m: (h, w) heights, NaN where unknown."""
 
+    edge_m: float
     x_m: Array
     y_m: Array
     z_m: Array
@@ -144,7 +151,7 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
     weight = cv2.remap(np.isfinite(part).astype(np.float32), u, v, cv2.INTER_LINEAR)
     z = cv2.remap(np.nan_to_num(part), u, v, cv2.INTER_LINEAR)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return Cells(x_m, y_m, np.where(weight > 0.5, z / weight, np.nan).astype(np.float64))
+        return Cells(grid.cell_m, x_m, y_m, np.where(weight > 0.5, z / weight, np.nan).astype(np.float64))
 
 
 def _reaching(cells: Cells, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Array, Array]], T: Array) -> list[int]:
@@ -167,26 +174,30 @@ def _paint(cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedP
     found = [view for view in tried if view is not None]
     if not found:
         return np.zeros((4, *cells.z_m.shape), np.uint8)
-    colors, costs = np.stack([view[0] for view in found]), np.stack([view[1] for view in found])
-    if len(found) > 2:
-        disagree(colors, costs, SETTINGS.disagreement / 3 / 25.5)
-    return _blend(colors, costs)
+    colors, costs, weights = (np.stack(parts) for parts in zip(*found, strict=True))
+    mean = np.zeros((*cells.z_m.shape, 3), np.float32)
+    agree(colors, costs, weights, SETTINGS.disagreement / 3 / 25.5, SETTINGS.outlier, mean)
+    return _blend(colors, costs, mean)
 
 
-def _view(cells: Cells, sight: _Sight, T_local_camera: Array, geometry: RectifiedPair) -> tuple[NDArray[np.uint8], Float] | None:
-    """Colors (h, w, 3) that a frame has for the cells, and what each costs, infinite where it does not see the cell."""
-    color, cost = np.zeros((*cells.z_m.shape, 3), np.uint8), np.empty(cells.z_m.shape, np.float32)
+_View = tuple[NDArray[np.uint8], Float, Float]
+"""Colors (h, w, 3), costs (h, w) and weights (h, w) that a frame has for cells."""
+
+
+def _view(cells: Cells, sight: _Sight, T_local_camera: Array, geometry: RectifiedPair) -> _View | None:
+    """What a frame has for the cells; its cost is infinite where it does not see one."""
+    shape = cells.z_m.shape
+    color, cost, weight = np.zeros((*shape, 3), np.uint8), np.empty(shape, np.float32), np.zeros(shape, np.float32)
     camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
-    limits = np.array([SETTINGS.hidden_m, SETTINGS.hidden_fraction, SETTINGS.doubtful_cost])
+    limits = np.array([SETTINGS.hidden_m, SETTINGS.hidden_fraction, SETTINGS.doubtful_cost, cells.edge_m])
     T, center_m = inverse(T_local_camera), np.ascontiguousarray(T_local_camera[:3, 3])
-    seen = see(
-        cells.x_m, cells.y_m, cells.z_m, T, center_m, camera, sight.color, sight.range_m, sight.doubtful, limits, color, cost
-    )
-    return (color, cost) if seen else None
+    frame = sight.color, sight.range_m, sight.doubtful
+    seen = see(cells.x_m, cells.y_m, cells.z_m, T, center_m, camera, *frame, limits, color, cost, weight)
+    return (color, cost, weight) if seen else None
 
 
-def _blend(colors: NDArray[np.uint8], costs: Float) -> NDArray[np.uint8]:
-    """(4, h, w): the color of the view of least smoothed cost, softened across the seams; alpha 0 where none sees the cell."""
+def _blend(colors: NDArray[np.uint8], costs: Float, mean: Float) -> NDArray[np.uint8]:
+    """(4, h, w): the view of least smoothed cost in the color of the mean, softened across seams; alpha 0 where none sees it."""
     seen = np.isfinite(costs)
     visible, best = seen.any(axis=0), _cheapest(costs, seen)
     total, blend = np.zeros(best.shape, np.float32), np.zeros((*best.shape, 3), np.float32)
@@ -197,12 +208,26 @@ def _blend(colors: NDArray[np.uint8], costs: Float) -> NDArray[np.uint8]:
             continue
         weight = cv2.GaussianBlur(mine[window].astype(np.float32), (0, 0), SETTINGS.feather_px) * seen[k][window]
         total[window] += weight
-        blend[window] += weight[..., None] * colors[k][window]
+        blend[window] += weight[..., None] * _as_the_mean(colors[k], seen[k], mean, window)
     result = np.zeros((4, *best.shape), np.uint8)
     result[:3] = np.clip(np.rint(blend / np.maximum(total, 1e-6)[..., None]), 0, 255).astype(np.uint8).transpose(2, 0, 1)
     result[3] = np.where(visible, 255, 0)
     result[:3, ~visible] = 0
     return result
+
+
+def _as_the_mean(color: NDArray[np.uint8], seen: NDArray[np.bool_], mean: Float, window: tuple[slice, slice]) -> Float:
+    """A view's colors in a window, multiplied by what makes its coarse band that of the mean over the cells that it sees."""
+    reach = int(np.ceil(2 * SETTINGS.band_px))
+    wide = tuple(slice(max(part.start - reach, 0), part.stop + reach) for part in window)
+    own, common = color[wide].astype(np.float32), mean[wide] * seen[wide][..., None]
+    height, width = seen[wide].shape
+    small = max(width // SETTINGS.coarser, 1), max(height // SETTINGS.coarser, 1)
+    bands = [cv2.resize(part, small, interpolation=cv2.INTER_AREA) for part in (own * seen[wide][..., None], common)]
+    low, wanted = (cv2.GaussianBlur(band, (0, 0), SETTINGS.band_px / SETTINGS.coarser) for band in bands)
+    factor = np.clip((wanted + 1e-3) / (low + 1e-3), 1 / SETTINGS.most_change, SETTINGS.most_change)
+    inner = tuple(slice(part.start - around.start, part.stop - around.start) for part, around in zip(window, wide, strict=True))
+    return own[inner] * cv2.resize(factor, (width, height), interpolation=cv2.INTER_LINEAR)[inner]
 
 
 def _cheapest(costs: Float, seen: NDArray[np.bool_]) -> NDArray[np.int16]:

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.mapping.color_weight import color_weight
 
 NEAREST_M = 0.05
 """Nearer than the cameras' housing nothing is seen, meters."""
@@ -23,18 +24,19 @@ def see(
     rgb: Any,  # (H, W, 3) uint8
     range_m: Any,  # (H, W) float32
     doubtful: Any,  # (H, W) bool
-    limits: Any,  # (3,) float64: hidden_m, hidden_fraction, doubtful_cost
+    limits: Any,  # (4,) float64: hidden_m, hidden_fraction, doubtful_cost, edge of a cell in meters
     color: Any,  # (h, w, 3) uint8, written
     cost: Any,  # (h, w) float32, written: infinite where the frame does not see the cell
+    weight: Any,  # (h, w) float32, written where it does: of its color in the mean of all views
 ) -> int:
-    """Colors of the cells by one frame, bilinear, and what each costs; how many it sees.
+    """Colors of the cells by one frame, bilinear, and what each costs and weighs; how many it sees.
 
     A cell is hidden where the range measured at its pixel is another: something stands before it, or it moved. Pixels without a
     range may be painted black, and must not bleed into their neighbors.
     """
     height, width = range_m.shape
     focal_px, cx, cy = camera[0], camera[1], camera[2]
-    hidden_m, hidden_fraction, doubtful_cost = limits[0], limits[1], limits[2]
+    hidden_m, hidden_fraction, doubtful_cost, cell_m = limits[0], limits[1], limits[2], limits[3]
     right_x, right_y, right_z, right_0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
     down_x, down_y, down_z, down_0 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
     depth_x, depth_y, depth_z, depth_0 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
@@ -59,7 +61,9 @@ def see(
             if not _blended(rgb, range_m, u, v, color[r, c]):
                 continue
             east, north, above = x - center_m[0], y - center_m[1], center_m[2] - z
-            cost[r, c] = np.sqrt(east * east + north * north) / max(above, NEAREST_M) + doubtful_cost * doubtful[row, column]
+            slant = np.sqrt(east * east + north * north) / max(above, NEAREST_M)
+            cost[r, c] = slant + doubtful_cost * doubtful[row, column]
+            weight[r, c] = color_weight(distance * np.sqrt(1 + slant * slant) / (focal_px * cell_m), doubtful[row, column])
             seen += 1
     return seen
 
@@ -84,27 +88,43 @@ def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any) -> bool:
 
 
 @compiled
-def disagree(color: Any, cost: Any, cost_a_level: float) -> None:
-    """Add to ``cost`` (views, h, w) what the color (views, h, w, 3) of a view is off the median of all views that see the cell."""
+def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_levels: float, mean: Any) -> None:
+    """Write the mean color (h, w, 3) float32 of all views that see a cell; add to their cost what they are off their median.
+
+    color: (views, h, w, 3) uint8. cost: (views, h, w), infinite where a view does not see the cell. weight: as cost, of the mean;
+    a color that is off the median by ``outlier_levels`` weighs half (Cauchy).
+    """
     views, height, width = cost.shape
-    values, seeing = np.empty(views), np.empty(views, np.int64)
+    values, seeing, off = np.empty(views), np.empty(views, np.int64), np.empty(views)
     for r in range(height):
         for c in range(width):
             count = 0
             for view in range(views):
                 if cost[view, r, c] < np.inf:
                     seeing[count] = view
+                    off[count] = 0
                     count += 1
-            if count < 2:
-                continue
             for k in range(3):
+                median = _median(color[:, r, c, k], seeing[:count], values)
                 for n in range(count):
-                    value = float(color[seeing[n], r, c, k])
-                    place = n
-                    while place > 0 and values[place - 1] > value:
-                        values[place] = values[place - 1]
-                        place -= 1
-                    values[place] = value
-                median = (values[(count - 1) // 2] + values[count // 2]) / 2
-                for n in range(count):
-                    cost[seeing[n], r, c] += cost_a_level * abs(color[seeing[n], r, c, k] - median)
+                    off[n] += abs(color[seeing[n], r, c, k] - median)
+            total = 0.0
+            for n in range(count):
+                cost[seeing[n], r, c] += cost_a_level * off[n]
+                w = weight[seeing[n], r, c] / (1 + (off[n] / (3 * outlier_levels)) ** 2)
+                total += w
+                for k in range(3):
+                    mean[r, c, k] += (color[seeing[n], r, c, k] - mean[r, c, k]) * w / total
+
+
+@compiled
+def _median(color: Any, seeing: Any, values: Any) -> float:
+    """Of the colors (views,) of some of them, (n,) numbers; 0 of none. values: room for as many."""
+    for n in range(len(seeing)):
+        value = float(color[seeing[n]])
+        place = n
+        while place > 0 and values[place - 1] > value:
+            values[place] = values[place - 1]
+            place -= 1
+        values[place] = value
+    return (values[(len(seeing) - 1) // 2] + values[len(seeing) // 2]) / 2 if len(seeing) else 0.0

@@ -6,12 +6,11 @@ import numpy as np
 from numba import prange
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.mapping.color_weight import color_weight
 
 BLOCK = 8
 """Voxels along the edge of a block."""
 
-DOUBTFUL_WEIGHT = 0.02
-"""Weight of a color that is clipped or beyond recovery: counts only where there is no other."""
 NEAREST_M = 0.05
 """Nearer than the cameras' housing nothing is measured, meters."""
 BITS = 21
@@ -53,7 +52,7 @@ def integrate(
     tsdf: Any,  # (B, 8, 8, 8) float32 in units of the truncation, index z, y, x
     weight: Any,  # (B, 8, 8, 8) float32
     color: Any,  # (B, 8, 8, 8, 3) float32, 0..255
-    color_weight: Any,  # (B, 8, 8, 8) float32
+    color_weights: Any,  # (B, 8, 8, 8) float32
     rgb: Any,  # (H, W, 3) uint8
     doubtful: Any,  # (H, W) bool: its color counts next to nothing
     depth_m: Any,  # (H, W) float32, of ``weigh``
@@ -100,7 +99,8 @@ def integrate(
                 if signed <= truncation_m:
                     vertical = abs(T[0, 2] * across + T[1, 2] * down + T[2, 2]) / stretch
                     pixel_m = z * stretch / (camera[0] * max(vertical, 0.05))
-                    _mix(color[b, k, j, i], color_weight[b, k, j], i, rgb[row, column], doubtful[row, column], pixel_m / voxel_m)
+                    w = color_weight(pixel_m / voxel_m, doubtful[row, column])
+                    _mix(color[b, k, j, i], color_weights[b, k, j], i, rgb[row, column], w)
 
 
 @compiled
@@ -134,17 +134,11 @@ def _out_of_sight(corner: Any, camera: Any, T: Any, width: int, height: int, vox
 
 
 @compiled
-def _mix(color: Any, color_weight: Any, i: int, rgb: Any, doubtful: bool, coarseness: float) -> None:
-    """Weight 1 / (1 + coarseness^2), of a pixel's size on the bottom in voxels: near and nadir views show more of a voxel.
-
-    Not more than that: with the water taken out, the average over many views is truer than the nearest one.
-    """
-    w = 1 / (1 + coarseness**2)
-    if doubtful:
-        w *= DOUBTFUL_WEIGHT
-    color_weight[i] += w
+def _mix(color: Any, color_weights: Any, i: int, rgb: Any, w: float) -> None:
+    """One more view of a voxel's color, into the running weighted mean."""
+    color_weights[i] += w
     for c in range(3):
-        color[c] += (rgb[c] - color[c]) * w / color_weight[i]
+        color[c] += (rgb[c] - color[c]) * w / color_weights[i]
 
 
 @compiled(parallel=True)
