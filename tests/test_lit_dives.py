@@ -30,6 +30,8 @@ LIT = {
 }
 PATTERN_LEFT, ANGLE = 0.05, 1.1
 """At most: rms of the pattern over the picture, natural logarithm; angle to the true color against that of the dive by day."""
+BETWEEN_FRAMES = {"lamps by day": 0.06, "night": 0.03}
+"""At most, rms of the frames: by day lamps and sun change with altitude each in its own way, which no gain of a frame follows."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,12 @@ class LitDive:
         """rms over 6 x 6 parts of the picture of the logarithm of luminance over truth, the median of each frame taken out."""
         maps = [_parts(*self._over_truth(path.stem, corrected)) for path in sorted((self.dive / "left").iterdir())]
         return float(np.nanstd(np.nanmean(maps, axis=0)))
+
+    @property
+    def between_frames(self) -> float:
+        """rms over the frames of the median logarithm of luminance over truth."""
+        every = (self._over_truth(path.stem, corrected=True) for path in sorted((self.dive / "left").iterdir()))
+        return float(np.std([np.median(off[known]) for off, known in every]))
 
     def _over_truth(self, name: str, corrected: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """(H, W) logarithm of luminance over truth, and where it counts."""
@@ -120,4 +128,5 @@ def test_lamps_vignette_strobes_and_caustics_are_taken_out(light: str, by_day: L
     assert dive.used
     assert dive.pattern(corrected=False) > 4 * PATTERN_LEFT
     assert dive.pattern(corrected=True) < PATTERN_LEFT
+    assert dive.between_frames < BETWEEN_FRAMES[light]
     assert dive.angle_deg < ANGLE * by_day.angle_deg

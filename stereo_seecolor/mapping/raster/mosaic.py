@@ -227,7 +227,7 @@ def _as_the_mean(color: NDArray[np.uint8], seen: NDArray[np.bool_], mean: Float,
     low, wanted = (cv2.GaussianBlur(band, (0, 0), SETTINGS.band_px / SETTINGS.coarser) for band in bands)
     factor = np.clip((wanted + 1e-3) / (low + 1e-3), 1 / SETTINGS.most_change, SETTINGS.most_change)
     inner = tuple(slice(part.start - around.start, part.stop - around.start) for part, around in zip(window, wide, strict=True))
-    return own[inner] * cv2.resize(factor, (width, height), interpolation=cv2.INTER_LINEAR)[inner]
+    return np.asarray(own[inner] * cv2.resize(factor, (width, height), interpolation=cv2.INTER_LINEAR)[inner], np.float32)
 
 
 def _cheapest(costs: Float, seen: NDArray[np.bool_]) -> NDArray[np.int16]:
