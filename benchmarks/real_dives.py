@@ -259,8 +259,8 @@ for Field Robotics), and calibration files of four real underwater rigs. None of
 numbers only. Track and poses are compared with the survey's own SLAM of the same images, which is no independent truth.
 Processor time is what compares with other machines: where others worked on the same cores, elapsed time is theirs too.
 """
-END = """That wrong axes, units, norths and clocks, and poses on wrong frames, are named on this dive, and the published poses not accused,
-is tested by `tests/test_real_navigation.py`.
+END = """That wrong axes, units, norths and clocks, and poses on wrong frames, are named on this dive, and the published poses not
+accused, is tested by `tests/test_real_navigation.py`.
 """
 
 
