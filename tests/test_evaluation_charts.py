@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
+from stereo_seecolor.cli.console import table
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.chart_finder import find_charts
 from stereo_seecolor.evaluation.chart_spread import seen_chart, spread_over_charts
@@ -276,3 +277,8 @@ def test_a_patch_that_fades_with_range_is_spread(chart_image: tuple[np.ndarray, 
     assert clipped is not None
     assert np.isnan(clipped.colors).any(axis=1).tolist() == [True] + [False] * (len(target.patches) - 1)
     assert seen_chart("n", neutral("w", corners, eight_bit(image), flat_range()), image, flat_range(), none) is None
+
+
+def test_names_of_frames_and_methods_are_written_whole_in_a_table() -> None:
+    name = "reef_1790000001000" * 6
+    assert table(("frame", "method"), [(name, OURS)]).splitlines()[1].split() == [name, OURS]

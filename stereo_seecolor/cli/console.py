@@ -3,6 +3,9 @@
 import io
 from collections.abc import Iterable, Sequence
 
+_WIDEST = 10_000
+"""Characters of a line: more than any table has. At a terminal's width, names of frames would be cut until all look alike."""
+
 
 def lines(*texts: str) -> str:
     """Texts, a line each."""
@@ -19,7 +22,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     for row in rows:
         drawn.add_row(*(Text(cell) for cell in row))
     text = io.StringIO()
-    Console(file=text, soft_wrap=True, color_system=None).print(drawn)
+    Console(file=text, width=_WIDEST, color_system=None).print(drawn)
     return lines(*(line.rstrip() for line in text.getvalue().splitlines()))
 
 
