@@ -144,3 +144,21 @@ def test_oak_without_a_pair(tmp_path: Path) -> None:
     (tmp_path / "c.json").write_text(json.dumps(content))
     with pytest.raises(CalibrationError, match="holds no camera of socket 2"):
         load_rig(tmp_path / "c.json")
+
+
+FOREIGN = {
+    "cameras of Metashape": '<document version="2.0.0">\n  <chunk label="c"><sensors><sensor id="0"/></sensors></chunk></document>',
+    "one lens of Metashape": "<?xml version='1.0'?>\n<calibration>\n  <projection>frame</projection><f>1700</f></calibration>",
+    "cameras of COLMAP": "# Camera list\n1 OPENCV 1360 1024 1700 1700 680 512 0.1 0 0 0\n",
+    "a rig of COLMAP": '[{"cameras": [{"image_prefix": "left/", "ref_sensor": true}]}]',
+    "a lens of Pix4D": "Pix4D camera calibration file 1.0\nF 8.8\n",
+    "settings of a RealSense camera": '{"device": {"name": "Intel RealSense D435"}}',
+    "one camera of CamOdoCal or VINS": "%YAML:1.0\n---\nmodel_type: KANNALA_BRANDT\nimage_width: 752\n",
+}
+
+
+@pytest.mark.parametrize("name", FOREIGN)
+def test_formats_that_are_not_read_are_named(name: str, tmp_path: Path) -> None:
+    (tmp_path / "calib").write_text(FOREIGN[name])
+    with pytest.raises(CalibrationError, match=rf"holds {name}, which is not read here: write both cameras"):
+        load_rig(tmp_path / "calib")

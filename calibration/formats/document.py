@@ -17,6 +17,7 @@ import yaml
 
 from calibration.errors import CalibrationError
 from calibration.formats.binary import is_binary, load_binary
+from calibration.formats.foreign import foreign
 from calibration.formats.section import Section
 
 MAX_BYTES = 256 * 1024  # a calibration as text is a few kB
@@ -34,6 +35,8 @@ def load_document(path: Path) -> Section:
     if _is_binary(path):
         return load_binary(path)
     text = _read_text(path)
+    if told := foreign(text):
+        raise CalibrationError(f"{path}: {told}")
     try:
         content = _parse(text)
         _check_bounded(content)
