@@ -1,12 +1,9 @@
-"""What is known of points in the world, as factors of GTSAM: how far middles of points are apart, and where they lie."""
+"""What is known of points in the world: how far middles of points are apart, and where they lie."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from stereo_seecolor.mapping.track.pose_graph import gtsam_library
 
 Array = NDArray[np.float64]
 
@@ -20,21 +17,18 @@ class KnownLength:
     length_m: float
     std_m: float
 
-    def factor(self, first_key: int) -> Any:
-        """Of points whose keys are their numbers after first_key."""
+    @property
+    def points(self) -> tuple[int, ...]:
+        """All of them."""
+        return self.first + self.second
+
+    def off(self, places: Array) -> tuple[Array, Array]:
+        """(1,) what is missing of the length between ``points`` at places (k, 3), in standard errors; its slope (1, 3 k)."""
         count = len(self.first)
-
-        def off(this: Any, values: Any, jacobians: list[Array] | None) -> Array:
-            points = np.array([values.atPoint3(key) for key in this.keys()])  # noqa: SIM118
-            apart = points[:count].mean(axis=0) - points[count:].mean(axis=0)
-            length = float(np.linalg.norm(apart))
-            if jacobians is not None:
-                for k in range(len(points)):
-                    part = 1 / count if k < count else -1 / (len(points) - count)
-                    jacobians[k] = part * apart[None] / length
-            return np.array([length - self.length_m])
-
-        return _factor((*self.first, *self.second), first_key, self.std_m, 1, off)
+        apart = places[:count].mean(axis=0) - places[count:].mean(axis=0)
+        length = float(np.linalg.norm(apart))
+        shares = np.repeat([1 / count, -1 / (len(places) - count)], [count, len(places) - count])
+        return np.array([(self.length_m - length) / self.std_m]), np.kron(shares, apart / length)[None] / self.std_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,22 +39,10 @@ class KnownPlace:
     place_m: Array
     std_m: float
 
-    def factor(self, first_key: int) -> Any:
-        """Of points whose keys are their numbers after first_key."""
-
-        def off(this: Any, values: Any, jacobians: list[Array] | None) -> Array:
-            points = np.array([values.atPoint3(key) for key in this.keys()])  # noqa: SIM118
-            if jacobians is not None:
-                for k in range(len(points)):
-                    jacobians[k] = np.eye(3) / len(points)
-            return np.asarray(points.mean(axis=0) - self.place_m)
-
-        return _factor(self.points, first_key, self.std_m, 3, off)
+    def off(self, places: Array) -> tuple[Array, Array]:
+        """(3,) from the middle of ``points`` at places (k, 3) to it, in standard errors; the middle's slope (3, 3 k)."""
+        slope = np.tile(np.eye(3) / len(places), len(places))
+        return (self.place_m - places.mean(axis=0)) / self.std_m, slope / self.std_m
 
 
 Known = KnownLength | KnownPlace
-
-
-def _factor(points: tuple[int, ...], first_key: int, std_m: float, rows: int, off: Any) -> Any:
-    gtsam = gtsam_library()
-    return gtsam.CustomFactor(gtsam.noiseModel.Isotropic.Sigma(rows, std_m), [first_key + point for point in points], off)

@@ -74,7 +74,7 @@ def _optimize(
         gaussian = noise.Gaussian.Covariance(edge.covariance)
         robust = noise.Robust.Create(noise.mEstimator.Cauchy.Create(CAUCHY), gaussian)
         graph.add(gtsam.BetweenFactorPose3(edge.i, edge.j, gtsam.Pose3(edge.T_i_j), robust))
-    add_priors(graph, int(frames[0]), T, priors)
+    _add_priors(gtsam, graph, int(frames[0]), T, priors)
     result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()
     solved = T.copy()
     for frame in frames:
@@ -82,9 +82,8 @@ def _optimize(
     return solved
 
 
-def add_priors(graph: Any, first: int, T: NDArray[np.float64], priors: Sequence[Prior]) -> None:
+def _add_priors(gtsam: Any, graph: Any, first: int, T: NDArray[np.float64], priors: Sequence[Prior]) -> None:
     """What is known of the frames; without any, the first one stays where it is. T: (N, 4, 4) as they are now."""
-    gtsam = gtsam_library()
     noise = gtsam.noiseModel
     for prior in priors:
         pose = gtsam.Pose3(prior.T_world_camera)

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 class RefinementSettings:
     """How much is adjusted at once."""
 
-    most_sightings: int = 1_000_000  # 2.4 GB, a minute; frames have some 1,000 each, and with fewer than 400 nothing is won
+    most_sightings: int = 1_000_000  # 0.95 GiB, half a minute; frames have some 1,000 each, and with fewer than 400 nothing is won
     most_frames: int = 2500  # so many have 400 each; longer tracks are adjusted by windows
     window: int = 1000  # frames, which then keep all of their sightings
     overlap: int = 50  # frames that two windows share, several times the reach of an edge between neighbors

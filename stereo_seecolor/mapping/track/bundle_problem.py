@@ -1,0 +1,179 @@
+"""Poses and points that every sighting, and all that is known of them, is held against at once: nonlinear least squares."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from stereo_seecolor.geometry import inverse, rotation_from_vector, rotation_vector
+from stereo_seecolor.mapping.track.bundle_kernels import normal_equations, own_errors, point_steps, robust_cost
+from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout
+from stereo_seecolor.mapping.track.image_space import cross
+from stereo_seecolor.mapping.track.known_points import Known
+from stereo_seecolor.mapping.track.pose_graph import CAUCHY, Prior
+from stereo_seecolor.mapping.track.sightings import Sightings
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+LEAST_LEFT = 0.05
+"""Of a residual's variance; where the point took more, nothing is learned from it."""
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """T: (N, 4, 4) world from camera. points: (m, 3) in the world."""
+
+    T: Array
+    points: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Linearized:
+    """Equations of the frames' moves and of points with a block of their own. inverse, own_g: of the other points, by which
+    these follow. T: (N, 4, 4) camera from world.
+    """
+
+    blocks: FrameBlocks
+    T: Array
+    inverse: Array
+    own_g: Array
+
+
+@dataclass(frozen=True, eq=False)
+class BundleProblem:
+    """frames: (N,) those that take part, by ascending number; all else is by position among them. point, frame: (n,) sorted by
+    point. seen, weight: (n, 3), what was seen in image space, and inverse standard errors. own: points of which something is known.
+    """
+
+    frames: Integers
+    point: Integers
+    frame: Integers
+    seen: Array
+    weight: Array
+    priors: Sequence[Prior]
+    known: Sequence[Known]
+
+    @classmethod
+    def of(cls, sightings: Sightings, priors: Sequence[Prior], known: Sequence[Known]) -> "BundleProblem":
+        """Of sightings whose errors are as they say."""
+        order = np.argsort(sightings.point, kind="stable")
+        frames = np.union1d(sightings.frame, np.array([prior.frame for prior in priors], np.int64)).astype(np.int64)
+        frame, seen = np.searchsorted(frames, sightings.frame[order]), sightings.seen.chosen(order)
+        own = [replace(prior, frame=int(np.searchsorted(frames, prior.frame))) for prior in priors]
+        return cls(frames, sightings.point[order], frame, seen.points, 1 / seen.std, own, known)
+
+    def scaled(self, directions: float, depths: float) -> "BundleProblem":
+        """With errors of directions and of inverse depths so many times as large."""
+        return replace(self, weight=self.weight / [directions, directions, depths])
+
+    def first_places(self, T: Array) -> Array:
+        """(m, 3) means of what the sightings say."""
+        local = np.column_stack([self.seen[:, :2], np.ones(len(self.seen))]) / self.seen[:, 2:]
+        world = np.einsum("nij,nj->ni", T[self.frame, :3, :3], local) + T[self.frame, :3, 3]
+        sums = np.stack([np.bincount(self.point, column) for column in world.T], axis=-1)
+        return np.asarray(sums / np.diff(self.start)[:, None])
+
+    def cost(self, state: State) -> float:
+        """Half of the sum of squares, those of sightings under a Cauchy kernel."""
+        sightings = robust_cost(inverse(state.T), state.points, self.frame, self.point, self.seen, self.weight, CAUCHY)
+        rest = [_prior_off(prior, state.T[prior.frame])[0] for prior in self.priors]
+        rest += [known.off(state.points[list(known.points)])[0] for known in self.known]
+        return float(sightings) + 0.5 * sum(float(off @ off) for off in rest)
+
+    def errors(self, state: State) -> Array:
+        """(n, 3) residuals in standard errors, as large as if no point's place had been fitted to them."""
+        found = np.empty_like(self.seen)
+        T = inverse(state.T)
+        own_errors(T, state.points, self.start, self.frame, self.seen, self.weight, LEAST_LEFT, found)
+        return found
+
+    def linearized(self, state: State, damping: float = 0.0) -> Linearized:
+        """The equations of a step. damping: by which the diagonal is larger (Marquardt)."""
+        blocks, T, m = self._layout.zeros(), inverse(state.T), len(state.points)
+        found = Linearized(blocks, T, np.zeros((m, 3, 3)), np.zeros((m, 3)))
+        places = self._layout.place[: len(self.frames)]
+        own_place = np.where(self._own >= 0, self._layout.place[self._own], -1)
+        normal_equations(
+            T, state.points, self.start, self.frame, self.seen, self.weight, places, own_place, CAUCHY, damping,
+            self._layout.size, blocks.diagonal, blocks.below, blocks.g, found.inverse, found.own_g,
+        )  # fmt: skip
+        self._add_priors(blocks, state)
+        self._add_known(blocks, state)
+        return found
+
+    def moved(self, state: State, step: Linearized) -> State:
+        """By the solution of the equations. Raises LinAlgError where they say too little."""
+        moves, points = step.blocks.solve(), np.empty_like(state.points)
+        of_frames = np.ascontiguousarray(moves[: len(self.frames)])
+        point_steps(
+            step.T,
+            state.points,
+            self.start,
+            self.frame,
+            self.seen,
+            self.weight,
+            CAUCHY,
+            of_frames,
+            step.inverse,
+            step.own_g,
+            points,
+        )
+        kept = np.flatnonzero(self._own >= 0)
+        points[kept] = moves[self._own[kept], :3]
+        by = np.zeros_like(state.T)
+        by[:, :3, :3], by[:, :3, 3], by[:, 3, 3] = rotation_from_vector(of_frames[:, :3]), of_frames[:, 3:], 1
+        return State(state.T @ by, state.points + points)
+
+    @cached_property
+    def start(self) -> Integers:
+        """(m + 1,) where each point's sightings begin."""
+        return np.searchsorted(self.point, np.arange(int(self.point[-1]) + 2)).astype(np.int64)
+
+    @cached_property
+    def _own(self) -> Integers:
+        """(m,) the block of a point of which something is known, after those of the frames; -1 for all others."""
+        own = np.full(len(self.start) - 1, -1)
+        points = sorted({point for known in self.known for point in known.points})
+        own[points] = np.arange(len(self.frames), len(self.frames) + len(points))
+        return own
+
+    @cached_property
+    def _layout(self) -> Layout:
+        """Of blocks that share points, or are themselves points of which something is known."""
+        kept = np.flatnonzero(self._own >= 0)
+        several = [(point, len(self._own) + k) for k, known in enumerate(self.known) for point in known.points]
+        points, groups = np.array(several, np.int64).reshape(-1, 2).T
+        blocks = np.concatenate([self.frame, self._own[kept], self._own[points]])
+        columns = np.concatenate([self.point, kept, groups])
+        shape = len(self.frames) + len(kept), len(self._own) + len(self.known)
+        together = csr_array((np.ones(len(blocks), np.int32), (blocks, columns)), shape=shape)
+        return Layout.of(csr_array(together @ together.T))
+
+    def _add_priors(self, blocks: FrameBlocks, state: State) -> None:
+        for prior in self.priors:
+            off, slope = _prior_off(prior, state.T[prior.frame])
+            blocks.add(prior.frame, prior.frame, slope.T @ slope)
+            blocks.add_right(prior.frame, slope.T @ off)
+
+    def _add_known(self, blocks: FrameBlocks, state: State) -> None:
+        for known in self.known:
+            off, slopes = known.off(state.points[list(known.points)])
+            slope = np.zeros((len(off), SIDE, len(known.points)))
+            slope[:, :3] = slopes.reshape(len(off), -1, 3).swapaxes(1, 2)
+            own = self._own[list(known.points)].tolist()
+            for a, first in enumerate(own):
+                blocks.add_right(first, slope[:, :, a].T @ off)
+                for b, second in enumerate(own[: a + 1]):
+                    blocks.add(first, second, slope[:, :, a].T @ slope[:, :, b])
+
+
+def _prior_off(prior: Prior, T: Array) -> tuple[Array, Array]:
+    """(6,) from a pose to what navigation says of it, turn and place, in standard errors; the pose's slope (6, 6)."""
+    told, R = prior.T_world_camera, T[:3, :3]
+    turn, slope = rotation_vector(told[:3, :3].T @ R), np.zeros((SIDE, SIDE))
+    slope[:3, :3] = (np.eye(3) + 0.5 * cross(turn[None])[0]) / prior.attitude_std_rad
+    slope[3:, 3:] = R / prior.position_std_m[:, None]
+    return np.concatenate([-turn / prior.attitude_std_rad, (told[:3, 3] - T[:3, 3]) / prior.position_std_m]), slope

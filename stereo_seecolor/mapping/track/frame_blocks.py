@@ -1,0 +1,107 @@
+"""Linear equations in blocks of six numbers, a frame's pose each, most of which hang together with few others.
+
+Reverse Cuthill-McKee (George and Liu 1981) puts those that hang together near each other. Then parts of as many blocks as the
+farthest reach have to do with the parts beside them alone: a block tridiagonal matrix, solved by Cholesky's method part by part.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SIDE = 6
+"""Of a block."""
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """place: (N,) where each block comes. size: blocks in a part."""
+
+    place: Integers
+    size: int
+
+    @classmethod
+    def of(cls, joined: csr_array) -> "Layout":
+        """For blocks of which (N, N) ``joined`` says, symmetrically, which have to do with each other."""
+        place = np.empty(joined.shape[0], np.int64)
+        place[reverse_cuthill_mckee(joined, symmetric_mode=True)] = np.arange(len(place))
+        row, column = joined.nonzero()
+        reach = max(1, int(np.abs(place[row] - place[column]).max(initial=0)))
+        return cls(place, reach if 2 * reach < len(place) else len(place))
+
+    def zeros(self) -> "FrameBlocks":
+        """Equations to be filled."""
+        parts, width = -(-len(self.place) // self.size), SIDE * self.size
+        blocks = FrameBlocks(self, np.zeros((parts, width, width)), np.zeros((parts - 1, width, width)), np.zeros(parts * width))
+        unused = np.arange(SIDE * len(self.place), parts * width)
+        blocks.diagonal[unused // width, unused % width, unused % width] = 1
+        return blocks
+
+
+@dataclass(frozen=True, eq=False)
+class FrameBlocks:
+    """diagonal: (K, w, w), of which the lower triangles count, below: (K - 1, w, w). g: (K w,) right side."""
+
+    layout: Layout
+    diagonal: Array
+    below: Array
+    g: Array
+
+    def add(self, first: int, second: int, H: Array) -> None:
+        """Add H (6, 6), rows of the first block, columns of the second; of two blocks that differ also its transpose."""
+        size, row, column = self.layout.size, int(self.layout.place[first]), int(self.layout.place[second])
+        if row < column:
+            row, column, H = column, row, H.T
+        part = self.diagonal[row // size] if row // size == column // size else self.below[column // size]
+        i, j = SIDE * (row % size), SIDE * (column % size)
+        part[i : i + SIDE, j : j + SIDE] += H
+
+    def add_right(self, block: int, g: Array) -> None:
+        """Add g (6,)."""
+        at = SIDE * int(self.layout.place[block])
+        self.g[at : at + SIDE] += g
+
+    def solve(self) -> Array:
+        """(N, 6). Raises LinAlgError where the equations say too little."""
+        left = self.g.reshape(len(self.diagonal), -1).copy()
+        for k, (L, coupling) in enumerate(self._factors):
+            left[k] = solve_triangular(L, left[k], lower=True)
+            if coupling is not None:
+                left[k + 1] -= coupling @ left[k]
+        for k, (L, coupling) in reversed(list(enumerate(self._factors))):
+            if coupling is not None:
+                left[k] -= coupling.T @ left[k + 1]
+            left[k] = solve_triangular(L, left[k], lower=True, trans="T")
+        return np.asarray(left.reshape(-1, SIDE)[self.layout.place])
+
+    def covariances(self) -> Array:
+        """(N, 6, 6) blocks on the diagonal of the inverse. Raises LinAlgError."""
+        size, after, found = self.layout.size, None, []
+        for L, coupling in reversed(self._factors):
+            own = cho_solve((L, True), np.eye(len(L)))
+            if after is not None and coupling is not None:
+                by_next = solve_triangular(L, coupling.T, lower=True, trans="T")
+                own += by_next @ after @ by_next.T
+            found.append(np.stack([own[i : i + SIDE, i : i + SIDE] for i in range(0, SIDE * size, SIDE)]))
+            after = own
+        return np.asarray(np.concatenate(found[::-1])[self.layout.place])
+
+    @cached_property
+    def _factors(self) -> list[tuple[Array, Array | None]]:
+        """Of each part its Cholesky factor, and that of the part below it, None for the last."""
+        factors: list[tuple[Array, Array | None]] = []
+        for k, own in enumerate(self.diagonal):
+            coupling = factors[-1][1] if k else None
+            if coupling is not None:
+                own = own - coupling @ coupling.T
+            L = cholesky(own, lower=True, check_finite=False)
+            more = k < len(self.below)
+            factors.append((L, solve_triangular(L, self.below[k].T, lower=True, check_finite=False).T if more else None))
+        return factors
