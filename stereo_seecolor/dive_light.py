@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.photometry.gain_chain import Differences, DifferenceTable, differences, solve_chain
+from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, DifferenceTable, differences, solve_chain
 from stereo_seecolor.color.photometry.light_model import FrameGains
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
@@ -114,10 +114,8 @@ class LightSearch:
     def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]) -> tuple[float, float] | None:
         """How frames differ without and with the (F,) records; None where no two frames show the same."""
         size = reduced(self.geometry).image_size
-        found = DifferenceTable()
-        for window in windows:
-            found.add(differences(window, light, size))
-        return offsets_about(found.all, recorded) if len(found.all) else None
+        found = np.concatenate([np.zeros(0, DIFFERENCE), *(differences(window, light, size) for window in windows)])
+        return offsets_about(found, recorded) if len(found) else None
 
     @staticmethod
     def _followed(
@@ -131,8 +129,7 @@ class LightSearch:
         found, number, chosen = table.all, len(names), (light.luminance.use.gains, light.color.use.gains)
         solved = solve_chain(found, number, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
         measured = solved.measured & solved.gains.any()
-        named = (name for name, known in zip(names, measured, strict=True) if known)
-        return light.with_gains(FrameGains(named, solved.gains[measured]), solved.offsets)
+        return light.with_gains(FrameGains((names[k] for k in np.flatnonzero(measured)), solved.gains[measured]), solved.offsets)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int) -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""

@@ -152,6 +152,7 @@ class LostScheduler:
     [
         LostScheduler("closed", asked=UnboundLocalError("result")),
         LostScheduler("connecting", asked=OSError("timed out")),
+        LostScheduler("connecting", asked=AttributeError("'NoneType' object has no attribute 'ncores'")),
         LostScheduler("closed", result=UnboundLocalError("result")),
         LostScheduler("closed", result=CommClosedError("gone")),
     ],

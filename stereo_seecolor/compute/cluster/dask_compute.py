@@ -37,9 +37,10 @@ UNKNOWN_NAME = "Can't get attribute"
 LARGE_BYTES = 1 << 16
 """Work of more is written to a file that all workers read once, instead of travelling with every batch."""
 
-LOST = (OSError, CommClosedError, FutureCancelledError, UnboundLocalError)
-"""What a client raises whose scheduler is gone; the last where Dask cancels its own question, and then returns the answer that it
-never had (``distributed.utils.sync``, which catches no CancelledError).
+LOST = (OSError, CommClosedError, FutureCancelledError, AttributeError, UnboundLocalError)
+"""What a client raises whose scheduler is gone: AttributeError where Dask asks the connection that it has just dropped (None), the
+last where it cancels its own question, and then returns the answer that it never had (``distributed.utils.sync``, which catches no
+CancelledError).
 """
 
 Future = Any
