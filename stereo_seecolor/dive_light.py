@@ -119,7 +119,7 @@ class LightSearch:
 
     @staticmethod
     def _followed(
-        light: SurveyLight, names: Sequence[str], windows: Iterable[Differing], links: "_Links", recorded: Array | None
+        light: SurveyLight, names: list[str], windows: Iterable[Differing], links: "_Links", recorded: Array | None
     ) -> SurveyLight:
         """With the gains of all frames, which have these names; with none where they do not help."""
         table = DifferenceTable()
@@ -129,9 +129,7 @@ class LightSearch:
         found, number, chosen = table.all, len(names), (light.luminance.use.gains, light.color.use.gains)
         solved = solve_chain(found, number, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
         measured = solved.measured & solved.gains.any()
-        return light.with_gains(
-            FrameGains((names[int(k)] for k in np.flatnonzero(measured)), solved.gains[measured]), solved.offsets
-        )
+        return light.with_gains(FrameGains((names[k] for k in np.flatnonzero(measured)), solved.gains[measured]), solved.offsets)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int) -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""
