@@ -8,10 +8,11 @@ import pytest
 
 from stereo_seecolor.cli.console import table
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.baselines import OURS
 from stereo_seecolor.evaluation.chart_finder import find_charts
 from stereo_seecolor.evaluation.chart_spread import seen_chart, spread_over_charts
 from stereo_seecolor.evaluation.chart_types import CLASSIC
-from stereo_seecolor.evaluation.charts import OURS, ChartReport, correct_by_all, evaluate_charts, score_target
+from stereo_seecolor.evaluation.charts import ChartReport, correct_by_all, evaluate_charts, score_target
 from stereo_seecolor.evaluation.others import OtherResults
 from stereo_seecolor.evaluation.targets import chart, neutral, read_targets, targets_of
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
@@ -158,6 +159,8 @@ def test_wrong_folders_of_other_tools(
         cv2.imwrite(str(tmp_path / folder / "a.png"), np.full((*size, 3), 90, np.uint8))
     with pytest.raises(InputError, match=r"another folder of results is called 'out' too"):
         evaluate_charts(*folders, others=[tmp_path / "x/out", tmp_path / "y/out"])
+    with pytest.raises(InputError, match=r"paper: a method that is scored anyway is called 'paper' too"):
+        evaluate_charts(*folders, others=[tmp_path / "paper"])
     with pytest.raises(InputError, match=r"small/a\.png: is 30x20 px, and the image that it was made from is 640x480"):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "small"])
     with pytest.raises(InputError, match="the folder of corrected images does not exist"):

@@ -75,6 +75,9 @@ def sea_thru(image: Array, range_m: Array) -> Array:
     return gray_world(result, range_m)
 
 
+PAPER, OURS = "paper", "stereo-seecolor"
+"""What the paper's method and ours are called beside the others."""
+
 METHODS: dict[str, Method] = {
     "raw": raw,
     "contrast stretch": contrast_stretch,

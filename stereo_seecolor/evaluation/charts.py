@@ -12,7 +12,7 @@ from calibration.wording import counted
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.evaluation.baselines import METHODS
+from stereo_seecolor.evaluation.baselines import METHODS, OURS, PAPER
 from stereo_seecolor.evaluation.chart_spread import SeenChart, SpreadRow, seen_chart, spread_over_charts
 from stereo_seecolor.evaluation.measures import ciede2000, clipped, exposure_gain, lab_from_linear, score_neutral
 from stereo_seecolor.evaluation.others import OtherResults
@@ -24,7 +24,6 @@ from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.pairing import Pair, pair_by_stem
 from stereo_seecolor.records import Image, Map
 
-OURS = "stereo-seecolor"
 _TILE_WIDTH, _LABEL_HEIGHT = 320, 22
 
 
@@ -116,7 +115,7 @@ def _scored(
     usable = [target for target in found if target.mask.any()]
     if not usable:
         return _ScoredFrame(without=[pair.name])
-    corrected = results.corrected(pair.left.stem, image.shape) | correct_by_all(image, range_m, config)
+    corrected = correct_by_all(image, range_m, config) | results.corrected(pair.left.stem, image.shape)
     each = [(target, method, result) for target in usable for method, result in corrected.items()]
     full = clipped(image / float(np.iinfo(image.dtype).max))
     charts = (seen_chart(method, target, result, range_m, full) for target, method, result in each)
@@ -135,10 +134,10 @@ def _nothing_found(images: Path, targets: Path | None, number: int) -> str:
 
 
 def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, NDArray[np.float64]]:
-    """Method -> corrected image (H, W, 3) in [0, 1] as displayed, NaN where the method leaves a pixel out; ours last."""
+    """Method -> corrected image (H, W, 3) in [0, 1] as displayed, NaN where the method leaves a pixel out."""
     fractions = image / float(np.iinfo(image.dtype).max)
     results = {name: np.minimum(method(fractions, range_m.astype(np.float64)), 1.0) for name, method in METHODS.items()}
-    for name, color in (("paper", config.color.model_copy(update={"method": "paper"})), (OURS, config.color)):
+    for name, color in ((PAPER, config.color.model_copy(update={"method": "paper"})), (OURS, config.color)):
         corrector = Corrector(color)
         done = corrector.apply(image, range_m, corrector.fit_frame(image, range_m))
         results[name] = np.where(done.unknown[..., None], np.nan, done.image / float(np.iinfo(image.dtype).max))

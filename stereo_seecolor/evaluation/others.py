@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.evaluation.baselines import METHODS, OURS, PAPER
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.listing import list_images
 from stereo_seecolor.records import Image
@@ -21,10 +22,15 @@ class OtherResults:
 
     @classmethod
     def of(cls, folders: Sequence[Path]) -> "OtherResults":
-        """Folders of images; a method is called as its folder. Raises InputError where two are called alike, or hold no image."""
+        """Folders of images; a method is called as its folder.
+
+        Raises InputError where two methods are called alike, or one holds no image.
+        """
         found: dict[str, dict[str, Path]] = {}
         for folder in folders:
             name = folder.resolve().name
+            if name in (*METHODS, PAPER, OURS):
+                raise InputError(f"{folder}: a method that is scored anyway is called {name!r} too: rename the folder")
             if name in found:
                 raise InputError(f"{folder}: another folder of results is called {name!r} too: rename one")
             found[name] = {path.stem: path for path in list_images(folder, "corrected images").files}
