@@ -36,7 +36,7 @@ class Look:
     loops: int = 8
     """Frames farther back that each frame is held against too, where the chain of poses says that they show the same: another line
     of the survey, other altitudes. Along one line a slope of the pattern and a drift of the gains look alike: on a drawn night dive
-    4.2 % of pattern and 10 % between frames are left without loops, 1.6 and 2.5 % with them. Each takes 7 ms."""
+    4.2 % of pattern and 10 % between frames are left without loops, 1.9 and 3.1 % with them. Each takes 7 ms."""
     loop_reach: float = 1.0
     """Distance of the middles of two pictures, in widths of what they show, up to which they may show the same."""
     loop_detour: float = 1.5
