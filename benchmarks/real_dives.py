@@ -77,7 +77,7 @@ def the_dive(dive: Dive) -> Iterator[Row]:
     yield "`run --refine --fuse`", "20 pairs, 1360x1024", f"{len(run.frames)} of {run.totals['pairs']} done"
     yield (
         "elapsed, processor time, memory",
-        f"{os.cpu_count()} cores, {load:.0f} other processes on them at the start",
+        f"{os.cpu_count()} cores, load {load:.0f} at the start",
         (f"{used.elapsed_s:.0f} s, {used.processor_s:.0f} s, {used.peak_mib / 1024:.1f} GiB"),
     )
     yield from _rows(dive, run)
