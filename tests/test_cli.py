@@ -30,7 +30,7 @@ def test_help_loads_no_heavy_library() -> None:
         "from stereo_seecolor.cli import main\n"
         "try: main()\n"
         "except SystemExit: pass\n"
-        "print('HEAVY', sorted({'torch', 'numba', 'cv2', 'open3d', 'rasterio', 'scipy'} & sys.modules.keys()))"
+        "print('HEAVY', sorted({'numpy', 'torch', 'numba', 'cv2', 'open3d', 'rasterio', 'scipy'} & sys.modules.keys()))"
     )
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert "HEAVY []" in printed

@@ -2,8 +2,6 @@
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from stereo_seecolor.cli.console import lines, table
 
 if TYPE_CHECKING:
@@ -26,7 +24,7 @@ def metrics_text(result: "SiteMetrics") -> str:
 def comparison_text(found: "Comparison") -> str:
     """The evidence of the registration, totals, patches, files."""
     change, at = found.change, found.change.registration
-    lod_mm = 1000 * float(np.nanmedian(change.difference.lod_m))
+    lod_mm = 1000 * change.difference.median_lod_m
     fits = f"{at.stable:.0%} of the ground fits, within {1000 * at.spread_m:.1f} mm"
     beyond = f"level of detection {lod_mm:.1f} mm, {change.beyond_lod:.1%} of it beyond (5 % by chance)"
     head = [

@@ -51,7 +51,7 @@ def description(change: SiteChange) -> dict[str, Any]:
         },
         "overlap_m2": change.overlap_m2,
         "cell_m": change.before.grid.cell_m,
-        "median_lod_m": float(np.nanmedian(found.lod_m)),
+        "median_lod_m": found.median_lod_m,
         "error_inflation": found.inflation,
         "beyond_lod": change.beyond_lod,
         "growth_l": change.growth_l[0],

@@ -68,6 +68,11 @@ class Difference:
         """(H, W) the level of detection at 95 %."""
         return np.asarray(NORMAL_95 * self.std_m)
 
+    @property
+    def median_lod_m(self) -> float:
+        """Of the cells that both dives know."""
+        return float(np.nanmedian(self.lod_m))
+
     def alike(self, cells: int) -> float:
         """How many cells share one error in a patch of so many, as on stable ground."""
         return float(np.interp(np.log(cells), np.log(self.sharing[:, 0]), self.sharing[:, 1]))
