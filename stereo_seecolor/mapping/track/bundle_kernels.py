@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.mapping.track.small_matrices import invert_symmetric
 
 BEHIND = 1e6
 """Squared standard errors of a point behind the camera: it pulls nowhere, and no step that puts one there looks better."""
@@ -73,7 +74,7 @@ def normal_equations(
         if own_place[p] >= 0:
             _keep(diagonal, below, g, size, rows, own_place[p], W, V, own_g[p])
         else:
-            _invert(V, inverse[p])
+            invert_symmetric(V, inverse[p])
             _eliminate(diagonal, below, g, size, rows, W, inverse[p], own_g[p], Y, H)
 
 
@@ -159,7 +160,7 @@ def own_errors(
         for k in range(start[p], start[p + 1]):
             _linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
             _products(1.0, residual, by_pose, by_point, H, W, V, g, own_g)
-        _invert(V, inverse)
+        invert_symmetric(V, inverse)
         for k in range(start[p], start[p + 1]):
             _linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
             for r in range(3):
@@ -237,19 +238,3 @@ def _add(diagonal: Any, below: Any, size: int, row: int, column: int, H: Any) ->
     for i in range(6):
         for j in range(6):
             part[i0 + i, j0 + j] += H[i, j]
-
-
-@compiled
-def _invert(V: Any, inverse: Any) -> None:
-    """Of a symmetric matrix (3, 3)."""
-    inverse[0, 0] = V[1, 1] * V[2, 2] - V[1, 2] * V[1, 2]
-    inverse[0, 1] = V[0, 2] * V[1, 2] - V[0, 1] * V[2, 2]
-    inverse[0, 2] = V[0, 1] * V[1, 2] - V[0, 2] * V[1, 1]
-    inverse[1, 1] = V[0, 0] * V[2, 2] - V[0, 2] * V[0, 2]
-    inverse[1, 2] = V[0, 1] * V[0, 2] - V[0, 0] * V[1, 2]
-    inverse[2, 2] = V[0, 0] * V[1, 1] - V[0, 1] * V[0, 1]
-    inverse[1, 0], inverse[2, 0], inverse[2, 1] = inverse[0, 1], inverse[0, 2], inverse[1, 2]
-    determinant = V[0, 0] * inverse[0, 0] + V[0, 1] * inverse[0, 1] + V[0, 2] * inverse[0, 2]
-    for i in range(3):
-        for j in range(3):
-            inverse[i, j] = inverse[i, j] / determinant if determinant > 0 else 0.0

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.mapping.track.small_matrices import invert_symmetric
 
 
 @compiled
@@ -61,17 +62,7 @@ def _weight(by_point: Any, a_std: Any, b_std: Any, weight: Any) -> None:
             for k in range(3):
                 c[i, j] += by_point[i, k] * by_point[j, k] * b_std[k] ** 2
         c[i, i] += a_std[i] ** 2
-    weight[0, 0] = c[1, 1] * c[2, 2] - c[1, 2] * c[1, 2]
-    weight[0, 1] = c[0, 2] * c[1, 2] - c[0, 1] * c[2, 2]
-    weight[0, 2] = c[0, 1] * c[1, 2] - c[0, 2] * c[1, 1]
-    weight[1, 1] = c[0, 0] * c[2, 2] - c[0, 2] * c[0, 2]
-    weight[1, 2] = c[0, 1] * c[0, 2] - c[0, 0] * c[1, 2]
-    weight[2, 2] = c[0, 0] * c[1, 1] - c[0, 1] * c[0, 1]
-    weight[1, 0], weight[2, 0], weight[2, 1] = weight[0, 1], weight[0, 2], weight[1, 2]
-    determinant = c[0, 0] * weight[0, 0] + c[0, 1] * weight[0, 1] + c[0, 2] * weight[0, 2]
-    for i in range(3):
-        for j in range(3):
-            weight[i, j] /= determinant
+    invert_symmetric(c, weight)
 
 
 @compiled
