@@ -6,8 +6,10 @@ run finished with the same inputs and settings is kept, in either pass.
 """
 
 from array import array
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -170,24 +172,33 @@ class Dive:
         self.notes += (kept.note,) if kept.note else ()
 
     def _solve_light(self, pairs: Sequence[Pair], geometry: RectifiedPair, allowed: Use) -> KeptLight:
-        from stereo_seecolor.dive_light import LightSearch  # loads the search for features
+        from stereo_seecolor.dive_light import LightSearch, is_short  # loads the search for features
 
         self._begin_ranges()
         self._ranged = True
         captures: list[Capture] = []
-        different: dict[Capture, Capture] = {}
-        for row, _ in self._pass("ranges", pairs, rows_alone(self._stages.prepared)):
-            capture = recorded_capture(row.facts)
-            captures.append(different.setdefault(capture, capture))  # a dive has few, and many frames
-        frames = _Named(self._not_failed(pairs))
-        encoding, read = self._config.color.input_encoding, self._stages.read_pair
-        found = LightSearch(frames, read, captures, geometry, encoding, self._options.compute).solve(allowed)
+        encoding, read, compute = self._config.color.input_encoding, self._stages.read_pair, self._options.compute
+        search = LightSearch(_Named(pairs), read, captures, geometry, encoding, compute)
+        with closing(self._measured(pairs, captures)) as measured:
+            if is_short(len(pairs)) and compute.parts == 1:
+                search = replace(search, windows=search.windows_of(measured))
+            else:
+                deque(measured, maxlen=0)
+        found = replace(search, frames=_Named(self._not_failed(pairs))).solve(allowed)
         light = found.light
         content = light.content() if light and light.light else None
         kept = KeptLight(self._stages.fit_key(pairs) or "", light.note if light else "", content, found.linked)
         if kept.key:
             kept.save(self._folder.root)
         return kept
+
+    def _measured(self, pairs: Sequence[Pair], captures: list[Capture]) -> Generator[Pair, None, None]:
+        """The first pass for the light: each pair once its range is known. captures: is given what the camera recorded of it."""
+        different: dict[Capture, Capture] = {}  # a dive has few, and many frames
+        for row, pair in self._pass("ranges", pairs, self._stages.prepared):
+            capture = recorded_capture(row.facts)
+            captures.append(different.setdefault(capture, capture))
+            yield pair
 
     def _not_failed(self, pairs: Sequence[Pair]) -> Sequence[Pair]:
         """Those that no pass so far has failed at."""

@@ -70,6 +70,7 @@ class Found:
 class LightSearch:
     """frames: the name of each frame of the dive, in order, and by what ``read`` finds its image and its ranges.
     captures: what the camera recorded of each. geometry: of the rectified images. compute: where frames are looked at.
+    windows: of a short dive, where its frames were looked at while they were measured.
     """
 
     frames: Sequence[tuple[str, Any]]
@@ -78,6 +79,15 @@ class LightSearch:
     geometry: RectifiedPair
     encoding: InputEncoding
     compute: Compute
+    windows: Sequence[SeenWindow] | None = None
+
+    def windows_of(self, frames: Iterable[Any]) -> list[SeenWindow]:
+        """What the frames of a short dive show, each looked at as soon as it comes: for ``windows``."""
+        return list(self._frame_look.windows(Stretch(0, enumerate(frames)), LOOK.loops))
+
+    @property
+    def _frame_look(self) -> FrameLook:
+        return FrameLook(self.read, reduced(self.geometry), reduction(self.geometry), self.encoding)
 
     def solve(self, allowed: Use) -> Found:
         """The light of the dive, with terms that are ``allowed``.
@@ -86,14 +96,13 @@ class LightSearch:
         """
         names = [name for name, _ in self.frames]
         chosen = looked_at(len(names))
-        geometry = reduced(self.geometry)
-        look_at = FrameLook(self.read, geometry, reduction(self.geometry), self.encoding)
+        look_at = self._frame_look
         parts = self.compute.parts if len(chosen) < len(names) else 1  # a cut would part the loops of a short dive
-        windows = list(self._looked(chosen, _WindowLook(look_at), parts))
+        windows = list(self._looked(chosen, _WindowLook(look_at), parts)) if self.windows is None else self.windows
         links = _Links(len(names))
         for window in windows:
             links.add(window.frames)
-        size = geometry.image_size
+        size = look_at.geometry.image_size
         light = solve_light(windows, names, size, allowed)
         recorded = log_exposures(self.captures)
         looked = light is not None and allowed.gains and worth_a_look(recorded)
@@ -193,9 +202,14 @@ class _Links:
         self.frames[near.min() + 1 : near.max() + 1] = True
 
 
+def is_short(frames: int) -> bool:
+    """Whether the pattern of a dive of so many frames is solved of all of them."""
+    return frames <= SAMPLE.most_frames
+
+
 def looked_at(frames: int) -> list[int]:
     """Of which of a dive's frames the pattern is solved: all of a short one, stretches spread over a long one."""
-    if frames <= SAMPLE.most_frames:
+    if is_short(frames):
         return list(range(frames))
     starts = np.linspace(0, frames - SAMPLE.stretch, SAMPLE.most_frames // SAMPLE.stretch).astype(int)
     return sorted({int(start) + k for start in starts for k in range(SAMPLE.stretch)})

@@ -1,6 +1,6 @@
 """Frames of a dive looked at for its light: what each shows that frames before it, and frames of other lines, show too."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -56,7 +56,7 @@ class Stretch:
     """frames: numbers in the dive, and by what each is read. before: so many of them belong to the stretch before."""
 
     before: int
-    frames: tuple[tuple[int, Any], ...]
+    frames: Iterable[tuple[int, Any]]
 
 
 @dataclass(frozen=True, eq=False)

@@ -108,9 +108,9 @@ class FrameStages:
             self._keep(ranged, *ranged.pixels)
         return ranged.row, (replace(ranged, pixels=None), self.table(ranged, clock))
 
-    def prepared(self, pair: Pair, clock: Clock) -> FrameRow:
+    def prepared(self, pair: Pair, clock: Clock) -> tuple[FrameRow, Pair]:
         """As ``counted``, for a pass that needs no table yet: it is made while the pixels are at hand."""
-        return self.counted(pair, clock)[0]
+        return self.counted(pair, clock)[0], pair
 
     def _keep(self, ranged: Ranged, image: Image, range_map: RangeMap) -> None:
         """Keep a frame's pixels for the passes to come."""

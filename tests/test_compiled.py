@@ -28,10 +28,13 @@ def twice(value):
     return 2 * value
 """
 CALL = """
+import sys
 from stereo_seecolor.kernel import scaled
 missing = scaled.missing
 print(scaled(3), sum(scaled.dispatcher.stats.cache_hits.values()))
 assert not (missing and scaled.dispatcher.stats.cache_hits.total())
+compiled_now = not scaled.dispatcher.stats.cache_hits.total()
+assert ("numba.cpython.printimpl" in sys.modules) == compiled_now, "what only the compiler needs takes long to import"
 """
 
 

@@ -17,6 +17,7 @@ from typing import Any
 
 from numba import njit
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.runtime.nrt import rtsys
 
 from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
@@ -105,8 +106,11 @@ class _KernelCache(FunctionCache):
     _impl_class = _KernelCacheImpl
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Without what only compiling needs: numba's own method first imports all that it can compile, and scipy."""
         try:
-            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            rtsys.initialize(target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception:  # a damaged file: unpickling it can raise anything
             return None
 
