@@ -1,6 +1,7 @@
 """Bundle adjustment: truer poses than the pose graph's, errors as large as they say, what the residuals teach of the ranges."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
-from stereo_seecolor.mapping.track import odometry, refinement
+from stereo_seecolor.mapping.track import bundle_problem, odometry, refinement
 from stereo_seecolor.mapping.track.bundle_adjustment import Adjusted, adjust
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_space import Observed
@@ -91,6 +92,18 @@ def test_exact_sightings_give_exact_poses() -> None:
     start[1:, :3, 3] += np.random.default_rng(0).normal(0, 0.02, (4, 3))
     found = adjust(start, sightings(scene.features, scene.relations, MOST))
     assert found.T_world_camera == pytest.approx(scene.T, abs=1e-5)
+
+
+def test_a_track_is_the_same_to_the_last_bit_on_any_number_of_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, found = line(STATED), []
+    start = by_pose_graph(scene, scene.relations)
+    monkeypatch.setattr(bundle_problem, "POINTS_AT_ONCE", 50)
+    for cores in (1, 3):
+        with ThreadPoolExecutor(cores) as pool:
+            monkeypatch.setattr(bundle_problem, "core_pool", lambda pool=pool: pool)
+            found.append(adjust(start, sightings(scene.features, scene.relations, MOST)))
+    assert np.array_equal(found[0].T_world_camera, found[1].T_world_camera)
+    assert np.array_equal(found[0].std, found[1].std)
 
 
 @pytest.mark.slow

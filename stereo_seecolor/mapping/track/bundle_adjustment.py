@@ -23,9 +23,9 @@ Array = NDArray[np.float64]
 class BundleSettings:
     """How poses and points are adjusted."""
 
-    rounds: int = 3  # of solving, and then scaling the standard errors by what the residuals show
+    tolerances: tuple[float, ...] = (1e-3, 1e-3, 1e-5)  # of the cost, when to stop, for each round: the scales of standard errors,
+    # which the residuals of one round give the next, are known long before a track without loops has found its place
     scales: tuple[float, float] = (0.1, 5.0)  # limits of that factor: exact drawn images would make errors zero
-    relative_tolerance: float = 1e-5  # of the cost, when to stop
     iterations: int = 20  # of Levenberg-Marquardt; it takes 5
     damping: float = 1e-5  # at the start: the pose graph's poses are near
     damping_step: float = 10.0  # by which it shrinks after a step that helped, and grows after one that did not
@@ -63,16 +63,16 @@ def adjust(T_world_camera: Array, sightings: Sightings, priors: Sequence[Prior] 
         priors = [Prior(first, T[first], np.full(3, SETTINGS.held_std), SETTINGS.held_std)]
     stated = BundleProblem.of(sightings, priors, known)
     state, scale = State(T[stated.frames], stated.first_places(T[stated.frames])), (1.0, 1.0)
-    for _ in range(SETTINGS.rounds):
+    for tolerance in SETTINGS.tolerances:
         problem, used = stated.scaled(*scale), scale
-        state = _solved(problem, state)
+        state = _solved(problem, state, tolerance)
         scale = _scales(problem, state, used)
     T[stated.frames], std[stated.frames] = state.T, _std(problem, state)
     return Adjusted(T, std, used)
 
 
-def _solved(problem: BundleProblem, state: State) -> State:
-    """The state of least cost near a state."""
+def _solved(problem: BundleProblem, state: State, tolerance: float) -> State:
+    """The state of least cost near a state; tolerance: of the cost."""
     cost, damping = problem.cost(state), SETTINGS.damping
     for _ in range(SETTINGS.iterations):
         try:
@@ -84,7 +84,7 @@ def _solved(problem: BundleProblem, state: State) -> State:
             state, cost, damping = there, cost - less, damping / SETTINGS.damping_step
         else:
             damping *= SETTINGS.damping_step
-        if abs(less) <= SETTINGS.relative_tolerance * cost:
+        if abs(less) <= tolerance * cost:
             break
     return state
 

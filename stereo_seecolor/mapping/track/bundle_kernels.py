@@ -1,7 +1,8 @@
-"""Normal equations of bundle adjustment: points are eliminated as they are linearized, and those of the frames are kept.
+"""Normal equations of bundle adjustment: points are eliminated, and the equations of the frames are kept.
 
 A sighting is held against its point in image space, x / z, y / z, 1 / z. Poses move by a turn (rad) and then a shift (m) in their
-own axes. Sightings are sorted by point; ``start`` (m + 1,) says where each point's begin.
+own axes. Sightings are sorted by point; ``start`` (m + 1,) says where each point's begin. Functions work on a range of points, of
+sightings or of frames, so that several cores share them; none writes where another range does.
 """
 
 from typing import Any
@@ -24,121 +25,162 @@ def robust_cost(
     seen: Any,  # (n, 3) float64
     weight: Any,  # (n, 3) float64, inverse standard errors
     outlier_sigmas: float,  # scale of the Cauchy kernel
+    first: int,
+    end: int,
 ) -> float:
-    """Half of the robust sum of squares."""
+    """Half of the robust sum of squares of the sightings from ``first`` to before ``end``."""
     residual, cost = np.empty(3), 0.0
-    for k in range(len(frame)):
+    for k in range(first, end):
         squared = _residual(T[frame[k]], points[point[k]], seen[k], weight[k], residual)
         cost += 0.5 * outlier_sigmas**2 * np.log1p(squared / outlier_sigmas**2)
     return cost
 
 
 @compiled
-def normal_equations(
+def point_blocks(
     T: Any,  # (N, 4, 4) float64, world to camera
     points: Any,  # (m, 3) float64
     start: Any,  # (m + 1,) int64
     frame: Any,  # (n,) int64
     seen: Any,  # (n, 3) float64
     weight: Any,  # (n, 3) float64
-    place: Any,  # (N,) int64, the block of a frame
-    own_place: Any,  # (m,) int64, the block of a point that is not eliminated, -1 for others
     outlier_sigmas: float,
     damping: float,  # the diagonal's factor, less 1
+    stays: Any,  # (m,) bool, points that are not eliminated
+    W: Any,  # (n, 3, 6) float64, written: each sighting's block of point and pose
+    V: Any,  # (m, 3, 3) float64, written: inverses of the points' own blocks; of points that stay the blocks themselves
+    own_g: Any,  # (m, 3) float64, written: their right sides
+    first: int,
+    end: int,
+) -> None:
+    """What sightings say of the points from ``first`` to before ``end``."""
+    residual, by_pose, by_point, block = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty((3, 3))
+    for p in range(first, end):
+        block[:] = 0
+        own_g[p] = 0
+        for k in range(start[p], start[p + 1]):
+            robust = _linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
+            _add_point(robust, residual, by_point, block, own_g[p])
+            for i in range(3):
+                for j in range(6):
+                    across = by_point[0, i] * by_pose[0, j] + by_point[1, i] * by_pose[1, j] + by_point[2, i] * by_pose[2, j]
+                    W[k, i, j] = robust * across
+        for i in range(3):
+            block[i, i] *= 1 + damping
+        if stays[p]:
+            V[p] = block
+        else:
+            invert_symmetric(block, V[p])
+
+
+@compiled
+def frame_rows(
+    T: Any,  # (N, 4, 4) float64, world to camera
+    points: Any,  # (m, 3) float64
+    start: Any,  # (m + 1,) int64
+    frame: Any,  # (n,) int64
+    point: Any,  # (n,) int64
+    seen: Any,  # (n, 3) float64
+    weight: Any,  # (n, 3) float64
+    outlier_sigmas: float,
+    damping: float,
+    stays: Any,  # (m,) bool
+    W: Any,  # (n, 3, 6) float64, as ``point_blocks`` wrote them
+    V: Any,  # (m, 3, 3) float64
+    own_g: Any,  # (m, 3) float64
+    place: Any,  # (N,) int64, the block of a frame
+    order: Any,  # (n,) int64, sightings by the block of their frame
+    row_start: Any,  # (blocks + 1,) int64, where each block's begin in ``order``
     size: int,  # blocks of 6 in a part of the system
     diagonal: Any,  # (K, 6 size, 6 size) float64, added to: parts on the diagonal, lower triangle
     below: Any,  # (K - 1, 6 size, 6 size) float64, added to: parts below those
     g: Any,  # (6 blocks,) float64, added to
-    inverse: Any,  # (m, 3, 3) float64, written: inverses of the points' own blocks
-    own_g: Any,  # (m, 3) float64, written
+    first: int,
+    end: int,
 ) -> None:
-    """Of the frames, once points are eliminated (Schur complement); those with a block of their own stay."""
-    most = np.diff(start).max()
-    residual, by_pose, by_point = np.empty(3), np.empty((3, 6)), np.empty((3, 3))
-    W, Y, V, H = np.empty((most, 6, 3)), np.empty((6, 3)), np.empty((3, 3)), np.empty((6, 6))
-    for p in range(len(points)):
-        V[:] = 0
-        own_g[p] = 0
-        first, views = start[p], start[p + 1] - start[p]
-        for s in range(views):
-            k = first + s
+    """Add the equations of the blocks from ``first`` to before ``end``, less what their points take of them (Schur complement).
+
+    Each block is summed up by itself, in the order of its sightings: how the blocks are shared out shows in no result.
+    """
+    residual, by_pose, by_point, Y = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty((6, 3))
+    for row in range(first, end):
+        part, i0 = row // size, 6 * (row % size)
+        H, right = np.zeros((6, 6)), np.zeros(6)
+        for k in order[row_start[row] : row_start[row + 1]]:
+            p = point[k]
             robust = _linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
-            row = place[frame[k]]
-            _products(robust, residual, by_pose, by_point, H, W[s], V, g[6 * row : 6 * row + 6], own_g[p])
+            _add_pose(robust, residual, by_pose, damping, H, right)
+            if stays[p]:
+                continue
+            _by_point(W[k], V[p], Y)
             for i in range(6):
-                H[i, i] *= 1 + damping
-            _add(diagonal, below, size, row, row, H)
-        for i in range(3):
-            V[i, i] *= 1 + damping
-        rows = place[frame[first : first + views]]
-        if own_place[p] >= 0:
-            _keep(diagonal, below, g, size, rows, own_place[p], W, V, own_g[p])
-        else:
-            invert_symmetric(V, inverse[p])
-            _eliminate(diagonal, below, g, size, rows, W, inverse[p], own_g[p], Y, H)
+                right[i] -= Y[i, 0] * own_g[p, 0] + Y[i, 1] * own_g[p, 1] + Y[i, 2] * own_g[p, 2]
+            for other in range(start[p], start[p + 1]):
+                column = place[frame[other]]
+                if column <= row:
+                    target = diagonal[part] if column >= part * size else below[part - 1]
+                    j0 = 6 * (column % size)
+                    _subtract(target[i0 : i0 + 6, j0 : j0 + 6], Y, W[other])
+        diagonal[part, i0 : i0 + 6, i0 : i0 + 6] += H
+        g[6 * row : 6 * row + 6] += right
 
 
 @compiled
-def _products(robust: float, residual: Any, by_pose: Any, by_point: Any, H: Any, W: Any, V: Any, g: Any, own_g: Any) -> None:
-    """Of a sighting: write H (6, 6) of its pose and W (6, 3) of pose and point; add to V (3, 3) of the point, g, own_g."""
-    for i in range(6):
-        g[i] += robust * (by_pose[0, i] * residual[0] + by_pose[1, i] * residual[1] + by_pose[2, i] * residual[2])
-        for j in range(6):
-            H[i, j] = robust * (by_pose[0, i] * by_pose[0, j] + by_pose[1, i] * by_pose[1, j] + by_pose[2, i] * by_pose[2, j])
-        for j in range(3):
-            W[i, j] = robust * (by_pose[0, i] * by_point[0, j] + by_pose[1, i] * by_point[1, j] + by_pose[2, i] * by_point[2, j])
-    for i in range(3):
-        own_g[i] += robust * (by_point[0, i] * residual[0] + by_point[1, i] * residual[1] + by_point[2, i] * residual[2])
-        for j in range(3):
-            V[i, j] += robust * (
-                by_point[0, i] * by_point[0, j] + by_point[1, i] * by_point[1, j] + by_point[2, i] * by_point[2, j]
-            )
-
-
-@compiled
-def _eliminate(diagonal: Any, below: Any, g: Any, size: int, rows: Any, W: Any, inverse: Any, own_g: Any, Y: Any, H: Any) -> None:
-    """Take a point out of the equations of the frames at rows; Y (6, 3) and H (6, 6) are overwritten."""
-    for s in range(len(rows)):
-        for i in range(6):
-            for j in range(3):
-                Y[i, j] = W[s, i, 0] * inverse[0, j] + W[s, i, 1] * inverse[1, j] + W[s, i, 2] * inverse[2, j]
-            g[6 * rows[s] + i] -= Y[i, 0] * own_g[0] + Y[i, 1] * own_g[1] + Y[i, 2] * own_g[2]
-        for t in range(len(rows)):
-            if rows[t] <= rows[s]:
-                for i in range(6):
-                    for j in range(6):
-                        H[i, j] = -(Y[i, 0] * W[t, j, 0] + Y[i, 1] * W[t, j, 1] + Y[i, 2] * W[t, j, 2])
-                _add(diagonal, below, size, rows[s], rows[t], H)
+def keep_points(
+    kept: Any,  # (k,) int64, points that stay
+    own_place: Any,  # (k,) int64, their blocks
+    start: Any,  # (m + 1,) int64
+    frame: Any,  # (n,) int64
+    W: Any,  # (n, 3, 6) float64
+    V: Any,  # (m, 3, 3) float64
+    own_g: Any,  # (m, 3) float64
+    place: Any,  # (N,) int64
+    size: int,
+    diagonal: Any,  # (K, 6 size, 6 size) float64, added to
+    below: Any,  # (K - 1, 6 size, 6 size) float64, added to
+    g: Any,  # (6 blocks,) float64, added to
+) -> None:
+    """Add the equations of points that stay: the first three numbers of their blocks."""
+    H = np.zeros((6, 6))
+    for q in range(len(kept)):
+        p, own = kept[q], own_place[q]
+        H[:] = 0
+        H[:3, :3] = V[p]
+        _add(diagonal, below, size, own, own, H)
+        g[6 * own : 6 * own + 3] += own_g[p]
+        for k in range(start[p], start[p + 1]):
+            row = place[frame[k]]
+            H[:] = 0
+            if row > own:
+                H[:, :3] = W[k].T
+                _add(diagonal, below, size, row, own, H)
+            else:
+                H[:3] = W[k]
+                _add(diagonal, below, size, own, row, H)
 
 
 @compiled
 def point_steps(
-    T: Any,  # (N, 4, 4) float64, world to camera
-    points: Any,  # (m, 3) float64
     start: Any,  # (m + 1,) int64
     frame: Any,  # (n,) int64
-    seen: Any,  # (n, 3) float64
-    weight: Any,  # (n, 3) float64
-    outlier_sigmas: float,
-    moves: Any,  # (N, 6) float64, of the frames
-    inverse: Any,  # (m, 3, 3) float64, as ``normal_equations`` wrote them
+    W: Any,  # (n, 3, 6) float64, as ``point_blocks`` wrote them
+    V: Any,  # (m, 3, 3) float64
     own_g: Any,  # (m, 3) float64
+    moves: Any,  # (N, 6) float64, of the frames
     steps: Any,  # (m, 3) float64, written
+    first: int,
+    end: int,
 ) -> None:
-    """How eliminated points move when the frames do."""
-    residual, by_pose, by_point, left = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty(3)
-    for p in range(len(points)):
+    """How eliminated points from ``first`` to before ``end`` move when the frames do."""
+    left = np.empty(3)
+    for p in range(first, end):
         left[:] = own_g[p]
         for k in range(start[p], start[p + 1]):
-            robust = _linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
-            for r in range(3):
-                moved = 0.0
+            for i in range(3):
                 for j in range(6):
-                    moved += by_pose[r, j] * moves[frame[k], j]
-                for i in range(3):
-                    left[i] -= robust * by_point[r, i] * moved
+                    left[i] -= W[k, i, j] * moves[frame[k], j]
         for i in range(3):
-            steps[p, i] = inverse[p, i, 0] * left[0] + inverse[p, i, 1] * left[1] + inverse[p, i, 2] * left[2]
+            steps[p, i] = V[p, i, 0] * left[0] + V[p, i, 1] * left[1] + V[p, i, 2] * left[2]
 
 
 @compiled
@@ -151,15 +193,20 @@ def own_errors(
     weight: Any,  # (n, 3) float64
     least_left: float,  # of a residual's variance
     errors: Any,  # (n, 3) float64, written
+    first: int,
+    end: int,
 ) -> None:
-    """Residuals in standard errors, as large as if the points' places had not been fitted to them: less their leverage."""
+    """Residuals in standard errors, as large as if the points' places had not been fitted to them: less their leverage.
+
+    Of the points from ``first`` to before ``end``.
+    """
     residual, by_pose, by_point = np.empty(3), np.empty((3, 6)), np.empty((3, 3))
-    H, W, V, inverse, g, own_g = np.empty((6, 6)), np.empty((6, 3)), np.empty((3, 3)), np.empty((3, 3)), np.zeros(6), np.zeros(3)
-    for p in range(len(points)):
+    V, inverse, own_g = np.empty((3, 3)), np.empty((3, 3)), np.zeros(3)
+    for p in range(first, end):
         V[:] = 0
         for k in range(start[p], start[p + 1]):
             _linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
-            _products(1.0, residual, by_pose, by_point, H, W, V, g, own_g)
+            _add_point(1.0, residual, by_point, V, own_g)
         invert_symmetric(V, inverse)
         for k in range(start[p], start[p + 1]):
             _linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
@@ -213,21 +260,39 @@ def _linearized(
 
 
 @compiled
-def _keep(diagonal: Any, below: Any, g: Any, size: int, rows: Any, own: int, W: Any, V: Any, own_g: Any) -> None:
-    """Add the equations of a point that stays: the first three numbers of its block."""
-    H = np.zeros((6, 6))
-    H[:3, :3] = V
-    _add(diagonal, below, size, own, own, H)
-    g[6 * own : 6 * own + 3] += own_g
-    for s in range(len(rows)):
-        H[:] = 0
-        row = rows[s]
-        if row > own:
-            H[:, :3] = W[s]
-            _add(diagonal, below, size, row, own, H)
-        else:
-            H[:3] = W[s].T
-            _add(diagonal, below, size, own, row, H)
+def _add_point(robust: float, residual: Any, by_point: Any, V: Any, own_g: Any) -> None:
+    """Add what a sighting says of its point: V (3, 3), own_g (3,)."""
+    for i in range(3):
+        own_g[i] += robust * (by_point[0, i] * residual[0] + by_point[1, i] * residual[1] + by_point[2, i] * residual[2])
+        for j in range(3):
+            across = by_point[0, i] * by_point[0, j] + by_point[1, i] * by_point[1, j] + by_point[2, i] * by_point[2, j]
+            V[i, j] += robust * across
+
+
+@compiled
+def _add_pose(robust: float, residual: Any, by_pose: Any, damping: float, H: Any, g: Any) -> None:
+    """Add what a sighting says of its pose: H (6, 6), g (6,)."""
+    for i in range(6):
+        g[i] += robust * (by_pose[0, i] * residual[0] + by_pose[1, i] * residual[1] + by_pose[2, i] * residual[2])
+        for j in range(6):
+            by = robust * (1 + damping) if i == j else robust
+            H[i, j] += by * (by_pose[0, i] * by_pose[0, j] + by_pose[1, i] * by_pose[1, j] + by_pose[2, i] * by_pose[2, j])
+
+
+@compiled
+def _by_point(W: Any, inverse: Any, Y: Any) -> None:
+    """Write Y (6, 3): a sighting's block (3, 6) by the inverse (3, 3) of its point's."""
+    for i in range(6):
+        for j in range(3):
+            Y[i, j] = W[0, i] * inverse[0, j] + W[1, i] * inverse[1, j] + W[2, i] * inverse[2, j]
+
+
+@compiled
+def _subtract(H: Any, Y: Any, W: Any) -> None:
+    """Take Y (6, 3) times W (3, 6) off H (6, 6)."""
+    for i in range(6):
+        for j in range(6):
+            H[i, j] -= Y[i, 0] * W[0, j] + Y[i, 1] * W[1, j] + Y[i, 2] * W[2, j]
 
 
 @compiled
@@ -235,6 +300,4 @@ def _add(diagonal: Any, below: Any, size: int, row: int, column: int, H: Any) ->
     """Add a block (6, 6) of the lower triangle: row >= column."""
     part = diagonal[row // size] if row // size == column // size else below[column // size]
     i0, j0 = 6 * (row % size), 6 * (column % size)
-    for i in range(6):
-        for j in range(6):
-            part[i0 + i, j0 + j] += H[i, j]
+    part[i0 : i0 + 6, j0 : j0 + 6] += H

@@ -1,15 +1,24 @@
 """Poses and points that every sighting, and all that is known of them, is held against at once: nonlinear least squares."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from stereo_seecolor.compute.threads import core_pool
 from stereo_seecolor.geometry import inverse, rotation_from_vector, rotation_vector
-from stereo_seecolor.mapping.track.bundle_kernels import normal_equations, own_errors, point_steps, robust_cost
+from stereo_seecolor.mapping.track.bundle_kernels import (
+    frame_rows,
+    keep_points,
+    own_errors,
+    point_blocks,
+    point_steps,
+    robust_cost,
+)
 from stereo_seecolor.mapping.track.frame_blocks import SIDE, FrameBlocks, Layout
 from stereo_seecolor.mapping.track.image_space import cross
 from stereo_seecolor.mapping.track.known_points import Known
@@ -18,8 +27,13 @@ from stereo_seecolor.mapping.track.sightings import Sightings
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Result = TypeVar("Result")
 LEAST_LEFT = 0.05
 """Of a residual's variance; where the point took more, nothing is learned from it."""
+POINTS_AT_ONCE = 4096
+"""A core's share of points or of sightings, 1 ms of work; sums over shares are the same on any number of cores."""
+BLOCKS_AT_ONCE = 4
+"""A core's share of frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,13 +46,13 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Linearized:
-    """Equations of the frames' moves and of points with a block of their own. inverse, own_g: of the other points, by which
-    these follow. T: (N, 4, 4) camera from world.
+    """Equations of the frames' moves and of points with a block of their own. W: (n, 3, 6), V: (m, 3, 3), own_g: (m, 3), by which
+    the other points follow.
     """
 
     blocks: FrameBlocks
-    T: Array
-    inverse: Array
+    W: Array
+    V: Array
     own_g: Array
 
 
@@ -78,28 +92,32 @@ class BundleProblem:
 
     def cost(self, state: State) -> float:
         """Half of the sum of squares, those of sightings under a Cauchy kernel."""
-        sightings = robust_cost(inverse(state.T), state.points, self.frame, self.point, self.seen, self.weight, CAUCHY)
+        seen = inverse(state.T), state.points, self.frame, self.point, self.seen, self.weight, CAUCHY
+        sightings = sum(_shared(lambda *part: robust_cost(*seen, *part), len(self.frame)))
         rest = [_prior_off(prior, state.T[prior.frame])[0] for prior in self.priors]
         rest += [known.off(state.points[list(known.points)])[0] for known in self.known]
-        return float(sightings) + 0.5 * sum(float(off @ off) for off in rest)
+        return sightings + 0.5 * sum(float(off @ off) for off in rest)
 
     def errors(self, state: State) -> Array:
         """(n, 3) residuals in standard errors, as large as if no point's place had been fitted to them."""
         found = np.empty_like(self.seen)
-        T = inverse(state.T)
-        own_errors(T, state.points, self.start, self.frame, self.seen, self.weight, LEAST_LEFT, found)
+        seen = inverse(state.T), state.points, self.start, self.frame, self.seen, self.weight, LEAST_LEFT, found
+        _shared(lambda *part: own_errors(*seen, *part), len(state.points))
         return found
 
     def linearized(self, state: State, damping: float = 0.0) -> Linearized:
         """The equations of a step. damping: by which the diagonal is larger (Marquardt)."""
-        blocks, T, m = self._layout.zeros(), inverse(state.T), len(state.points)
-        found = Linearized(blocks, T, np.zeros((m, 3, 3)), np.zeros((m, 3)))
-        places = self._layout.place[: len(self.frames)]
-        own_place = np.where(self._own >= 0, self._layout.place[self._own], -1)
-        normal_equations(
-            T, state.points, self.start, self.frame, self.seen, self.weight, places, own_place, CAUCHY, damping,
-            self._layout.size, blocks.diagonal, blocks.below, blocks.g, found.inverse, found.own_g,
-        )  # fmt: skip
+        layout, blocks, m = self._layout, self._layout.zeros(), len(state.points)
+        found = Linearized(blocks, np.empty((len(self.frame), 3, SIDE)), np.empty((m, 3, 3)), np.empty((m, 3)))
+        seen = inverse(state.T), state.points, self.start, self.frame
+        how: tuple[Any, ...] = self.seen, self.weight, CAUCHY, damping, self._own >= 0, found.W, found.V, found.own_g
+        _shared(lambda *part: point_blocks(*seen, *how, *part), m)
+        place, where = layout.place[: len(self.frames)], (layout.size, blocks.diagonal, blocks.below, blocks.g)
+        rows: tuple[Any, ...] = *seen, self.point, *how, place, *self._by_block, *where
+        _shared(lambda *part: frame_rows(*rows, *part), len(layout.place), BLOCKS_AT_ONCE)
+        kept = np.flatnonzero(self._own >= 0)
+        own_place = layout.place[self._own[kept]]
+        keep_points(kept, own_place, self.start, self.frame, found.W, found.V, found.own_g, place, *where)
         self._add_priors(blocks, state)
         self._add_known(blocks, state)
         return found
@@ -108,19 +126,8 @@ class BundleProblem:
         """By the solution of the equations. Raises LinAlgError where they say too little."""
         moves, points = step.blocks.solve(), np.empty_like(state.points)
         of_frames = np.ascontiguousarray(moves[: len(self.frames)])
-        point_steps(
-            step.T,
-            state.points,
-            self.start,
-            self.frame,
-            self.seen,
-            self.weight,
-            CAUCHY,
-            of_frames,
-            step.inverse,
-            step.own_g,
-            points,
-        )
+        seen = self.start, self.frame, step.W, step.V, step.own_g, of_frames, points
+        _shared(lambda *part: point_steps(*seen, *part), len(points))
         kept = np.flatnonzero(self._own >= 0)
         points[kept] = moves[self._own[kept], :3]
         by = np.zeros_like(state.T)
@@ -152,6 +159,13 @@ class BundleProblem:
         together = csr_array((np.ones(len(blocks), np.int32), (blocks, columns)), shape=shape)
         return Layout.of(csr_array(together @ together.T))
 
+    @cached_property
+    def _by_block(self) -> tuple[Integers, Integers]:
+        """(n,) sightings by the place of their frame's block, and (blocks + 1,) where each block's begin."""
+        place = self._layout.place[self.frame]
+        order = np.argsort(place, kind="stable")
+        return order, np.searchsorted(place[order], np.arange(len(self._layout.place) + 1)).astype(np.int64)
+
     def _add_priors(self, blocks: FrameBlocks, state: State) -> None:
         for prior in self.priors:
             off, slope = _prior_off(prior, state.T[prior.frame])
@@ -168,6 +182,11 @@ class BundleProblem:
                 blocks.add_right(first, slope[:, :, a].T @ off)
                 for b, second in enumerate(own[: a + 1]):
                     blocks.add(first, second, slope[:, :, a].T @ slope[:, :, b])
+
+
+def _shared(work: Callable[[int, int], Result], count: int, at_once: int = POINTS_AT_ONCE) -> list[Result]:
+    """``work`` of each range of so many things, its first and its end, on all cores; results in order."""
+    return list(core_pool().map(lambda first: work(first, min(first + at_once, count)), range(0, count, at_once)))
 
 
 def _prior_off(prior: Prior, T: Array) -> tuple[Array, Array]:
