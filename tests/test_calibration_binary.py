@@ -88,6 +88,42 @@ def test_matlab_struct_and_its_size_from_the_images(tmp_path: Path) -> None:
         load_rig(tmp_path / "struct.mat")
 
 
+COLUMN_MM = RIG.T_right_left[:3, 3:] * 1000
+HOMOGENEOUS = np.block([[RIG.R, COLUMN_MM], [np.zeros((1, 3)), np.ones((1, 1))]])
+POSES = {
+    "rigidtform3d": {"Dimensionality": 3.0, "R": RIG.R, "Translation": COLUMN_MM.T},
+    "its matrix": {"A": HOMOGENEOUS},
+    "rigid3d, for row vectors": {"T": HOMOGENEOUS.T, "Dimensionality": 3.0},
+    "other names": {"Dimensionality": 3.0, "RotationMatrix_": RIG.R, "Translation_": COLUMN_MM.T, "Version": 1.0},
+}
+
+
+@pytest.mark.parametrize("pose", POSES)
+def test_poses_of_newer_matlab(pose: str, tmp_path: Path) -> None:
+    cameras = [camera_fields(camera, "millimeters", True) for camera in (RIG.left, RIG.right)]
+    stereo = {"CameraParameters1": cameras[0], "CameraParameters2": cameras[1], "PoseCamera2": POSES[pose], "Version": 2.0}
+    savemat(tmp_path / "struct.mat", {"x": np.arange(5.0), "files": "left", "session": {"params": stereo}})
+    assert_same(load_rig(tmp_path / "struct.mat"))
+
+
+def test_a_pose_of_matlab_without_a_rotation_is_refused(tmp_path: Path) -> None:
+    cameras = [camera_fields(camera, "millimeters", True) for camera in (RIG.left, RIG.right)]
+    stereo = {"CameraParameters1": cameras[0], "CameraParameters2": cameras[1], "PoseCamera2": {"Dimensionality": 3.0}}
+    savemat(tmp_path / "struct.mat", {"stereoParams": stereo})
+    with pytest.raises(CalibrationError, match=r"PoseCamera2: holds no rotation and translation"):
+        load_rig(tmp_path / "struct.mat")
+
+
+def test_camera_intrinsics_of_matlab(tmp_path: Path) -> None:
+    cameras = [
+        {"FocalLength": camera.K[[0, 1], [0, 1]], "PrincipalPoint": camera.K[:2, 2] + 1, "ImageSize": np.array([[480.0, 640.0]]),
+         "RadialDistortion": camera.distortion[[0, 1, 4]], "TangentialDistortion": camera.distortion[[2, 3]], "Skew": 0.0}
+        for camera in (RIG.left, RIG.right)
+    ]  # fmt: skip
+    savemat(tmp_path / "i.mat", {"s": {"CameraParameters1": cameras[0], "CameraParameters2": cameras[1], **stereo_fields(RIG)}})
+    assert_same(load_rig(tmp_path / "i.mat"))
+
+
 @pytest.mark.parametrize("wrapped", [False, True])
 @pytest.mark.parametrize("size", [{"nx": 640, "ny": 480}, {"image_size_left": [480, 640], "image_size_right": [480, 640]}])
 def test_bouguet(wrapped: bool, size: dict[str, object], tmp_path: Path) -> None:
@@ -115,7 +151,7 @@ def test_one_camera_of_bouguets_toolbox_is_refused(tmp_path: Path) -> None:
         load_rig(tmp_path / "Calib_Results_left.mat")
 
 
-@pytest.mark.parametrize("scale", [1.0, 1000.0])
+@pytest.mark.parametrize("scale", [1.0, 100.0, 1000.0])
 def test_viame_npz(scale: float, tmp_path: Path) -> None:
     (tmp_path / "calibration.npz").write_bytes(npz_bytes(RIG, scale))
     found = load_rig(tmp_path / "calibration.npz", SIZE)

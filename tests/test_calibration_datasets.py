@@ -45,6 +45,20 @@ def test_the_gray_cameras_are_rectified(tmp_path: Path) -> None:
     assert not rig.doubts
 
 
+@pytest.mark.parametrize("cameras", ["01", "0123"])
+def test_projections_without_names(cameras: str, tmp_path: Path) -> None:
+    (tmp_path / "calib.txt").write_text("".join(f"{P[camera]}\n" for camera in cameras))
+    rig, named = load_rig(tmp_path / "calib.txt", (1242, 375)), load_rig(kitti(tmp_path, cameras), (1242, 375))
+    np.testing.assert_array_equal(rig.T_right_left, named.T_right_left)
+    np.testing.assert_array_equal(rig.left.K, named.left.K)
+
+
+def test_poses_are_no_projections(tmp_path: Path) -> None:
+    (tmp_path / "poses.txt").write_text(2 * "1 0 0 12.5 0 1 0 0 0 0 1 30\n")
+    with pytest.raises(CalibrationError, match="no calibration"):
+        load_rig(tmp_path / "poses.txt", (1242, 375))
+
+
 def test_of_four_cameras_color_is_taken_and_said(tmp_path: Path) -> None:
     file = kitti(tmp_path, "0123")
     rig = load_rig(file, (1242, 375))

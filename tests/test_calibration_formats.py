@@ -279,10 +279,8 @@ def test_middlebury_doffs_and_millimeters(tmp_path: Path) -> None:
 
 
 REFUSED = {
-    "omni": (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "'omni' is not supported"),
-    "ds": (KALIBR.replace("camera_model: pinhole", "camera_model: ds"), "'ds' is not supported"),
-    "eucm": (KALIBR.replace("camera_model: pinhole", "camera_model: eucm"), "'eucm' is not supported"),
-    "fov": (KALIBR.replace("radtan", "fov"), "'fov' is not supported"),
+    "a lens not known": (KALIBR.replace("camera_model: pinhole", "camera_model: bal"), "'bal' with 'radtan' is not supported"),
+    "omni without xi": (KALIBR.replace("camera_model: pinhole", "camera_model: omni"), "expected 5 numbers, got 4"),
     "millimeters": (KALIBR.replace("-0.1]", "-94.0]"), "millimeters it is 0.094 m"),
     "squares": (KALIBR.replace("-0.1]", "-3.88]"), "in board squares"),
     "swapped by topic": (

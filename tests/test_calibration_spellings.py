@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import yaml
 from calibration_binaries import SIZE, small_rig, stereo_objects, write_mat5
 from calibration_boards import rendered
 from test_calibration_formats import seen
@@ -158,3 +159,106 @@ def test_images_settle_the_convention_of_matlab(transposed: bool, tmp_path: Path
     assert settled.alternatives == ()
     assert "images decide" in settled.doubts[-1]
     assert Rectification.from_rig(settled).pair.baseline_m == pytest.approx(RIG.baseline_m)
+
+
+LEFT = {"camera_matrix": RIG.left.K.tolist(), "dist_coeffs": RIG.left.distortion.tolist()}
+RIGHT = {"camera_matrix": RIG.right.K.tolist(), "dist_coeffs": RIG.right.distortion.tolist()}
+POSE = {"R": RIG.R.tolist(), "T": RIG.T_right_left[:3, 3:].tolist()}
+SHAPES = {
+    "a mapping around all": {"stereo": {"rig": {f"{key}_{side}": value for side, camera in (("l", LEFT), ("r", RIGHT))
+                                                for key, value in camera.items()} | POSE}},
+    "extrinsics apart": {"left": LEFT, "right": RIGHT, "extrinsics": POSE},
+    "the pose in the right camera": {"camera_left": LEFT, "camera_right": RIGHT | POSE},
+    "words in capitals": {
+        "Left_Camera_Matrix": LEFT["camera_matrix"], "Left_Distortion_Coefficients": LEFT["dist_coeffs"],
+        "Right_Camera_Matrix": RIGHT["camera_matrix"], "Right_Distortion_Coefficients": RIGHT["dist_coeffs"],
+        "Rotation_Matrix": POSE["R"], "Translation_Vector": POSE["T"],
+    },
+    "counted from 0": {"K0": LEFT["camera_matrix"], "D0": LEFT["dist_coeffs"], "K1": RIGHT["camera_matrix"],
+                       "D1": RIGHT["dist_coeffs"], **POSE},
+    "centimeters that are named": {"cam1": LEFT, "cam2": RIGHT, "R": POSE["R"], "T": (RIG.T_right_left[:3, 3] * 100).tolist(),
+                                   "units": "cm"},
+    "coefficients k1 and k2 of another lens": {"k1": 0.1, "k2": 0.2, "left": LEFT, "right": RIGHT, **POSE},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_shapes_of_json(shape: str, tmp_path: Path) -> None:
+    (tmp_path / "rig.json").write_text(json.dumps(SHAPES[shape]))
+    found = load_rig(tmp_path / "rig.json", SIZE)
+    assert_same(found)
+    assert not found.doubts or shape != "centimeters that are named"
+
+
+def test_what_matlab_converts_to_opencv(tmp_path: Path) -> None:
+    from scipy.io import savemat
+
+    content = {f"intrinsicMatrix{n}": camera.K for n, camera in ((1, RIG.left), (2, RIG.right))}
+    content |= {f"distortionCoefficients{n}": camera.distortion[None] for n, camera in ((1, RIG.left), (2, RIG.right))}
+    content |= {"rotationOfCamera2": RIG.R, "translationOfCamera2": RIG.T_right_left[:3, 3][None] * 1000}
+    savemat(tmp_path / "cv.mat", content | {"imageSize": [[480.0, 640.0]]})
+    found = load_rig(tmp_path / "cv.mat")
+    assert_same(found)
+    assert found.left.image_size == SIZE
+
+
+def ros_infos() -> list[dict[str, object]]:
+    """camera_info of the rig, as stereoRectify gives R and P."""
+    T = RIG.T_right_left[:3, 3:]
+    R1, R2, P1, P2, *_ = cv2.stereoRectify(
+        RIG.left.K, RIG.left.distortion, RIG.right.K, RIG.right.distortion, SIZE, RIG.R, T, alpha=0
+    )
+    return [
+        {
+            "image_width": 640,
+            "image_height": 480,
+            "camera_name": f"narrow_stereo/{side}",
+            "camera_matrix": {"rows": 3, "cols": 3, "data": camera.K.ravel().tolist()},
+            "distortion_model": "plumb_bob",
+            "distortion_coefficients": {"rows": 1, "cols": 5, "data": camera.distortion.tolist()},
+            "rectification_matrix": {"rows": 3, "cols": 3, "data": R.ravel().tolist()},
+            "projection_matrix": {"rows": 3, "cols": 4, "data": P.ravel().tolist()},
+        }
+        for side, camera, R, P in (("left", RIG.left, R1, P1), ("right", RIG.right, R2, P2))
+    ]
+
+
+def test_ros_in_one_file(tmp_path: Path) -> None:
+    left, right = ros_infos()
+    (tmp_path / "both.yaml").write_text(yaml.safe_dump({"right": right, "left": left}))
+    assert_same(load_rig(tmp_path / "both.yaml"))
+
+
+def test_ros_with_namespaces(tmp_path: Path) -> None:
+    for side, info in zip(("left", "right"), ros_infos(), strict=True):
+        (tmp_path / f"{side}.yaml").write_text(yaml.safe_dump({f"/stereo/{side}": {"ros__parameters": info}}))
+    assert_same(load_rig(f"{tmp_path}/left.yaml,{tmp_path}/right.yaml"))
+
+
+def test_ros_message_without_a_header_first(tmp_path: Path) -> None:
+    short = {"camera_matrix": "k", "distortion_coefficients": "d", "rectification_matrix": "r", "projection_matrix": "p"}
+    for side, info in zip(("left", "right"), ros_infos(), strict=True):
+        message = {short[key]: value["data"] for key, value in info.items() if key in short}  # type: ignore[index]
+        message |= {"height": 480, "width": 640, "distortion_model": "plumb_bob", "roi": {"x_offset": 0}}
+        (tmp_path / f"{side}.yaml").write_text(2 * (yaml.safe_dump(message) + "---\n"))
+    assert_same(load_rig(f"{tmp_path}/left.yaml,{tmp_path}/right.yaml"))
+
+
+def test_ost_of_the_calibrator_of_ros(tmp_path: Path) -> None:
+    def rows(matrix: dict[str, object], count: int) -> str:
+        return "\n".join(" ".join(map(repr, row)) for row in np.reshape(matrix["data"], (count, -1)).tolist())
+
+    names = {"camera matrix": 3, "distortion": 1, "rectification": 3, "projection": 3}
+    keys = ("camera_matrix", "distortion_coefficients", "rectification_matrix", "projection_matrix")
+    text = "# oST version 5.0 parameters\n\n\n[image]\n\nwidth\n640\n\nheight\n480\n\n"
+    for info in ros_infos():
+        text += f"[{info['camera_name']}]\n\n"
+        text += "".join(f"{name}\n{rows(info[key], count)}\n\n" for (name, count), key in zip(names.items(), keys, strict=True))  # type: ignore[arg-type]
+    (tmp_path / "ost.txt").write_text(text)
+    assert_same(load_rig(tmp_path / "ost.txt"))
+
+
+def test_an_archive_is_named(tmp_path: Path) -> None:
+    (tmp_path / "calibrationdata.tar.gz").write_bytes(b"\x1f\x8b\x08\x00" + bytes(20))
+    with pytest.raises(CalibrationError, match="is an archive: unpack it"):
+        load_rig(tmp_path / "calibrationdata.tar.gz")

@@ -1,21 +1,25 @@
 """Calibrations of every known format, in and out: ``load_rig`` and ``write_rig``; one module a format."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 from calibration.errors import CalibrationError
 from calibration.files import write_atomic
 from calibration.formats import (
     basalt,
     bouguet,
+    cityscapes,
+    colmap,
     depthai,
     euroc,
     kalibr,
     kitti,
     matlab,
+    metashape,
     middlebury,
     native,
+    okvis,
     opencv,
     oplab,
     orbslam,
@@ -33,8 +37,22 @@ __all__ = ["WritableFormat", "format_name", "load_rig", "parse_size", "write_rig
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
 SIZED = (native, kalibr, oplab, orbslam, basalt, depthai)  # these store the size of the images
-WHOLE_RIG = (*SIZED, middlebury, kitti, matlab, bouguet, viame, zed)  # these hold a rig in one file
+WHOLE_RIG = (
+    *SIZED,
+    middlebury,
+    kitti,
+    matlab,
+    bouguet,
+    viame,
+    zed,
+    okvis,
+    colmap,
+    metashape,
+    cityscapes,
+)  # these hold a rig in one file
 ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}  # these hold a camera in each of two files
+READERS = (*WHOLE_RIG, *ONE_CAMERA.values(), opencv)
+MAX_AROUND = 3  # mappings around a calibration: /ns, ros__parameters, stereo
 Size = tuple[int, int]
 
 
@@ -53,10 +71,12 @@ def load_rig(path: str | Path, image_size: Size | None = None) -> StereoRig:
 
 def format_name(path: str | Path) -> str:
     """The format that load_rig takes ``path`` for, such as "kalibr". Raises CalibrationError if it is none."""
-    document = _documents(path)[0]
-    for reader in (*WHOLE_RIG, *ONE_CAMERA.values(), opencv):
-        if reader.matches(document):
-            return _name(reader)
+    for document in _within(_documents(path)[0]):
+        if cameras := _two_cameras(document):
+            return _name(cameras[0])
+        for reader in READERS:
+            if reader.matches(document):
+                return _name(reader)
     raise CalibrationError(f"{path}: is no calibration known here; see docs/calibration.md for the formats")
 
 
@@ -111,12 +131,12 @@ def _documents(path: str | Path) -> list[Section]:
 def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:
     if len(documents) == 1:
         return _parse_one(documents[0], image_size)
+    if (rig := _of_cameras(documents)) is not None:
+        return rig
     first, second = documents
-    for reader in ONE_CAMERA.values():
-        if reader.matches(first) and reader.matches(second):
-            rig: StereoRig = reader.parse(first, second)
-            return rig
     both = merged(documents)
+    if colmap.matches(both):
+        return colmap.parse(both, image_size)
     if opencv.has_intrinsics(both) and opencv.has_extrinsics(both):
         return opencv.parse(both, image_size)
     raise CalibrationError(
@@ -125,12 +145,33 @@ def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:
     )
 
 
+def _two_cameras(document: Section) -> tuple[Any, list[Section]] | None:
+    """The reader and the mappings of two cameras in one file; None if it holds no such two."""
+    cameras = [document.section(key) for key, value in document.content.items() if isinstance(value, dict)]
+    reader = next((one for one in ONE_CAMERA.values() if len(cameras) == 2 and all(map(one.matches, cameras))), None)
+    return (reader, cameras) if reader else None
+
+
+def _of_cameras(documents: list[Section]) -> StereoRig | None:
+    """The rig of a left and a right camera of the same format; None if they are not."""
+    for reader in ONE_CAMERA.values():
+        left, right = (next(filter(reader.matches, _within(document)), None) for document in documents)
+        if left and right:
+            rig: StereoRig = reader.parse(left, right)
+            return rig
+    return None
+
+
 def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
+    document = next((found for found in _within(document) if any(reader.matches(found) for reader in READERS)), document)
     rig: StereoRig
     for reader in WHOLE_RIG:
         if reader.matches(document):
             rig = reader.parse(document) if reader in SIZED else reader.parse(document, image_size)
             return rig
+    if cameras := _two_cameras(document):
+        rig = cameras[0].parse(*left_first(cameras[1], document.where))
+        return rig
     for name, reader in ONE_CAMERA.items():
         if reader.matches(document):
             raise CalibrationError(f"is one camera of a {name} pair: give both files, as left.yaml,right.yaml")
@@ -140,20 +181,38 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
     raise CalibrationError(f"is no calibration known here (its keys: {keys:.120}); see docs/calibration.md for the formats")
 
 
+def _within(document: Section) -> Iterator[Section]:
+    """The document, and what a mapping around all of it holds: ``stereo_calibration: {K1: ...}``."""
+    yield document
+    for _ in range(MAX_AROUND):
+        if len(document.content) != 1:
+            return
+        (value,) = document.content.values()
+        if not isinstance(value, dict):
+            return
+        document = Section(document.where, {str(key): inner for key, inner in value.items()})
+        yield document
+
+
 def _of_folder(folder: Path) -> list[Section]:
     """The one rig in a folder, or the files that make one, left before right."""
     euroc_files = [folder / camera / "sensor.yaml" for camera in ("cam0", "cam1")]
     if all(file.is_file() for file in euroc_files):
         return [load_document(file) for file in euroc_files]
     documents = [document for document in map(_try_load, calibration_files(folder)) if document is not None]
-    whole = [d for d in documents if any(reader.matches(d) for reader in WHOLE_RIG) or _is_opencv_rig(d)]
+    parts = merged(documents)
+    if parts.has(colmap.CAMERAS) and any(not d.has(colmap.CAMERAS) and colmap.matches(d) for d in documents):
+        return [Section(str(folder), parts.content)]
+    documents = [document for document in documents if not okvis.is_lens(document)]  # the configuration names them
+    whole = [
+        d for d in documents if any(reader.matches(inner) for inner in _within(d) for reader in WHOLE_RIG) or _is_opencv_rig(d)
+    ]
     if len(whole) == 1:
         return whole
     for reader in ONE_CAMERA.values():
         cameras = [document for document in documents if reader.matches(document)]
         if not whole and len(cameras) == 2:
             return left_first(cameras, folder)
-    parts = merged(documents)
     if not whole and not any(map(ros.matches, documents)) and _is_opencv_rig(parts):
         return [Section(str(folder), parts.content)]
     found = ", ".join(f"{Path(d.where).name} ({_kind(d)})" for d in documents)[:300] or "no file that can be read"
@@ -165,7 +224,7 @@ def _is_opencv_rig(document: Section) -> bool:
 
 
 def _kind(document: Section) -> str:
-    for reader in (*WHOLE_RIG, *ONE_CAMERA.values(), opencv):
+    for reader in READERS:
         if reader.matches(document):
             return f"of {_name(reader)} format"
     return "no calibration"

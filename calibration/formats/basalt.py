@@ -1,11 +1,16 @@
-"""Basalt's calibration.json: T_imu_cam (camera to IMU) as position and quaternion, kb4, pinhole and pinhole-radtan8 cameras."""
+"""Basalt's calibration.json: T_imu_cam (camera to IMU) as position and quaternion.
 
+Lenses are kb4, pinhole and pinhole-radtan8; ds, eucm and ucm become the pinhole or fisheye that is nearest.
+"""
+
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.formats.lens_models import Plane, double_sphere, extended_unified, fitted_camera
 from calibration.formats.ros import make_camera
 from calibration.formats.section import Section, naming
 from calibration.rig import Camera, CameraModel, StereoRig
@@ -15,6 +20,11 @@ MODELS: dict[str, tuple[CameraModel, tuple[str, ...]]] = {
     "pinhole": ("pinhole", ()),
     "pinhole-radtan8": ("pinhole", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
     "kb4": ("fisheye", ("k1", "k2", "k3", "k4")),
+}
+OTHERS: dict[str, tuple[tuple[str, ...], Callable[..., Plane]]] = {
+    "ds": (("xi", "alpha"), double_sphere),
+    "eucm": (("alpha", "beta"), extended_unified),
+    "ucm": (("alpha",), lambda alpha: extended_unified(alpha, 1.0)),
 }
 
 
@@ -44,6 +54,11 @@ def _two(section: Section, key: str) -> list[Section]:
 
 def _camera(section: Section, size: tuple[int, int]) -> Camera:
     name = section.text("camera_type")
+    if name in OTHERS:
+        keys, plane = OTHERS[name]
+        lens = section.section("intrinsics")
+        fx, fy, cx, cy, *shape = (lens.number(key) for key in ("fx", "fy", "cx", "cy", *keys))
+        return fitted_camera(section.where, plane(*shape), np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), size, name)
     if name not in MODELS:
         raise CalibrationError(f"{section.where}: camera_type: {name!r} is not supported: calibrate with {' or '.join(MODELS)}")
     model, coefficients = MODELS[name]

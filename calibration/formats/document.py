@@ -4,7 +4,6 @@ Bounded on purpose: a calibration is a few kilobytes, so larger files, deep nest
 cost time, and only plain data is ever built (no tags that run code, no XML entities).
 """
 
-import configparser
 import json
 import re
 from collections import Counter
@@ -16,6 +15,7 @@ from xml.etree import ElementTree
 import yaml
 
 from calibration.errors import CalibrationError
+from calibration.formats import metashape, plain_text
 from calibration.formats.binary import is_binary, load_binary
 from calibration.formats.foreign import foreign
 from calibration.formats.section import Section
@@ -24,6 +24,7 @@ MAX_BYTES = 256 * 1024  # a calibration as text is a few kB
 MAX_VALUES = 50_000  # a file of 300 views with every pose has some thousands
 MAX_DEPTH = 20  # levels; known formats have far fewer
 MAX_INTEGER = 10**18  # larger ones overflow 64 bits when they become floats and back
+ARCHIVES = (".gz", ".tgz", ".bz2", ".xz", ".zip", ".7z", ".rar")
 TOO_MUCH = f"holds more than {MAX_VALUES} values or {MAX_DEPTH} levels, which no calibration does: is it the right file?"
 
 
@@ -66,6 +67,10 @@ def _read_text(path: Path) -> str:
     except OSError as error:
         raise CalibrationError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
+        if path.suffix in ARCHIVES:
+            raise CalibrationError(
+                f"{path}: is an archive: unpack it, and give the files of both cameras, left.yaml,right.yaml"
+            ) from error
         raise CalibrationError(
             f"{path}: is not UTF-8 text (byte {error.start}): a calibration is a text file, is it the right one?"
         ) from error
@@ -78,14 +83,10 @@ def _parse(text: str) -> dict[str, Any]:
     start = text.lstrip()
     if start.startswith("<"):
         content = _parse_xml(start)
-    elif start.startswith("{"):
+    elif start.startswith(("{", "[{")) or re.match(r"\[\s*\{", start):
         content = _parse_json(start)
-    elif re.search(r"^cam0\s*=\s*\[", text, re.MULTILINE):
-        content = _parse_lines(text, "=")
-    elif re.search(r"^P(_rect_0)?[0-3]:\s*[-+.\d]", text, re.MULTILINE):
-        content = _parse_lines(text, ":")
-    elif re.search(r"^\[STEREO\]\s*$", text, re.MULTILINE):
-        content = _parse_ini(text)
+    elif (lines := plain_text.read(text)) is not None:
+        content = lines
     else:
         content = _parse_yaml(_repair(text))
     if not isinstance(content, dict):
@@ -128,7 +129,8 @@ def _repair(text: str) -> str:
     messages that ROS prints, each ended by `---`, take the first.
     """
     text = re.sub(r"\A\s*%YAML.*\n(---.*\n)?", "", text)
-    text = re.split(r"^---\s*$", text, maxsplit=1, flags=re.MULTILINE)[0] if re.match(r"header:", text) else text
+    if re.search(r"^(header|height):", text, re.MULTILINE):
+        text = re.split(r"^---\s*$", text.removeprefix("---\n"), maxsplit=1, flags=re.MULTILINE)[0]
     text = re.sub(r"^(\s*[\w.]+):\[", r"\1: [", text, flags=re.MULTILINE)
     indent = re.search(r"^( +)translation_vector:", text, re.MULTILINE)
     if indent:
@@ -138,9 +140,10 @@ def _repair(text: str) -> str:
 
 def _parse_json(text: str) -> Any:
     try:
-        return json.loads(text, object_pairs_hook=_once_each)
+        content = json.loads(text, object_pairs_hook=_once_each)
     except json.JSONDecodeError:
         return _parse_yaml(text)  # a YAML flow mapping starts like JSON
+    return content[0] if isinstance(content, list) and len(content) == 1 else content  # COLMAP's list of one rig
 
 
 def _once_each(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -155,6 +158,8 @@ def _parse_xml(text: str) -> dict[str, Any]:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise CalibrationError("its XML declares entities, which no calibration needs: remove the DOCTYPE")
     root = ElementTree.fromstring(text.encode())
+    if root.tag == "document" and root.find("chunk") is not None:
+        return metashape.read(root)
     content = _xml_value(root)
     if not isinstance(content, dict):
         raise CalibrationError(f"is no calibration: its XML holds nothing but <{root.tag}>")
@@ -170,22 +175,6 @@ def _xml_value(element: ElementTree.Element, depth: int = 0) -> Any:
         return _once_each([(child.tag, _xml_value(child, depth + 1)) for child in element])
     words = (element.text or "").split()
     return words[0] if len(words) == 1 else words
-
-
-def _parse_lines(text: str, mark: str) -> dict[str, Any]:
-    """Middlebury's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0: 718.8 0 607.1 ...``."""
-    pairs = (line.split(mark, 1) for line in text.splitlines() if mark in line)
-    return {key.strip(): value.strip().strip("[]").replace(";", " ").replace(",", " ").split() for key, value in pairs}
-
-
-def _parse_ini(text: str) -> dict[str, Any]:
-    parser = configparser.RawConfigParser()
-    parser.optionxform = str  # type: ignore[assignment,method-assign]
-    try:
-        parser.read_string(text)
-    except configparser.Error as error:
-        raise CalibrationError(f"cannot be parsed: {_one_line(error)}") from error
-    return {name: dict(parser.items(name)) for name in parser.sections()}
 
 
 def _check_bounded(content: Any) -> None:

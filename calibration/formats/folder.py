@@ -21,17 +21,17 @@ def calibration_files(folder: Path) -> list[Path]:
     return files
 
 
-def left_first(cameras: list[Section], folder: Path) -> list[Section]:
+def left_first(cameras: list[Section], where: Path | str) -> list[Section]:
     """Two cameras' files, left before right. Raises CalibrationError if their names do not say which is which."""
 
     def side(camera: Section) -> str | None:
-        words = f"{Path(camera.where).stem} {camera.content.get('camera_name', '')}".lower()
+        words = f"{Path(camera.where.rsplit(': ', 1)[-1]).stem} {camera.content.get('camera_name', '')}".lower()
         found = [word for word in ("left", "right") if word in words]
         return found[0] if len(found) == 1 else None
 
     by_side = {side(camera): camera for camera in cameras}
     if set(by_side) != {"left", "right"}:
-        raise CalibrationError(f"{folder}: cannot tell which of two cameras is the left one: give left.yaml,right.yaml")
+        raise CalibrationError(f"{where}: cannot tell which of two cameras is the left one: give left.yaml,right.yaml")
     return [by_side["left"], by_side["right"]]
 
 
@@ -45,8 +45,8 @@ def merged(documents: list[Section]) -> Section:
         stem = Path(document.where).stem
         side = next((SIDE_WORDS[word] for word in re.split(r"[^a-z0-9]+", stem.lower()) if word in SIDE_WORDS), None)
         for key, value in document.content.items():
-            sided = key + side if side and key in (*opencv.K_NAMES, *opencv.D_NAMES) else key
+            sided = key + side if side and opencv.spelling(key) in (*opencv.K_NAMES, *opencv.D_NAMES) else key
             content.setdefault(sided, value)
-            if len(document.content) == 1:
+            if len(document.content) == 1 and document.size(key):
                 content.setdefault(stem, value)
     return Section(",".join(document.where for document in documents), content)

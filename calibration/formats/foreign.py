@@ -3,13 +3,9 @@
 import re
 
 FOREIGN = {
-    "cameras of Metashape": r"<document[^>]*>\s*<chunk",
     "one lens of Metashape": r"<calibration>\s*<projection>",
-    "cameras of COLMAP": r"^\d+ (SIMPLE_PINHOLE|PINHOLE|SIMPLE_RADIAL|RADIAL|OPENCV|FULL_OPENCV|OPENCV_FISHEYE) \d+ \d+ ",
-    "a rig of COLMAP": r'\A\s*\[\s*\{\s*"cameras"',
     "a lens of Pix4D": r"\APix4D camera calibration",
     "settings of a RealSense camera": r"RealSense",
-    "one camera of CamOdoCal or VINS": r"^model_type:\s*\W?(KANNALA_BRANDT|PINHOLE|MEI|SCARAMUZZA)",
 }
 
 

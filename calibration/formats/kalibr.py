@@ -1,5 +1,6 @@
-"""Kalibr's camchain: pinhole cameras with radtan or equidistant distortion, meters, x_cam1 = T_cn_cnm1 x_cam0."""
+"""Kalibr's camchain: meters, x_cam1 = T_cn_cnm1 x_cam0; omni, ds, eucm and fov become the pinhole or fisheye that is nearest."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
 from calibration.formats.kalibr_results import stated_errors
+from calibration.formats.lens_models import Plane, double_sphere, extended_unified, field_of_view, fitted_camera, omni
 from calibration.formats.ros import make_camera
 from calibration.formats.section import Section, naming
 from calibration.rig import Camera, CameraModel, StereoRig
@@ -67,11 +69,9 @@ def write(rig: StereoRig, path: Path) -> None:
 
 def _parse_camera(section: Section) -> Camera:
     model = section.text("camera_model") if section.has("camera_model") else "pinhole"
-    if model != "pinhole":
-        raise CalibrationError(
-            f"{section.where}: camera_model: {model!r} is not supported: calibrate with pinhole-radtan or pinhole-equi"
-        )
     name = section.text("distortion_model") if section.has("distortion_model") else "none"
+    if model != "pinhole" or name == "fov":
+        return _other_lens(section, model, name)
     if name not in DISTORTION_MODELS:
         raise CalibrationError(
             f"{section.where}: distortion_model: {name!r} is not supported: calibrate with radtan or equidistant"
@@ -80,6 +80,27 @@ def _parse_camera(section: Section) -> Camera:
     K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
     distortion = np.zeros(0) if name == "none" else section.numbers("distortion_coeffs", 4)
     return make_camera(section.where, K, distortion, section.image_size("resolution"), DISTORTION_MODELS[name])
+
+
+def _other_lens(section: Section, model: str, name: str) -> Camera:
+    """A lens that OpenCV has no model for: parameters of the lens stand before the focal lengths."""
+    count = {"omni": 1, "ds": 2, "eucm": 2, "pinhole": 0}.get(model)
+    if count is None or (model != "omni" and name not in ("none", "fov")) or name not in ("none", "radtan", "fov"):
+        raise CalibrationError(
+            f"{section.where}: camera_model: {model!r} with {name!r} is not supported: "
+            "calibrate with pinhole-radtan or pinhole-equi"
+        )
+    numbers = section.numbers("intrinsics", count + 4)
+    shape, (fx, fy, cx, cy) = numbers[:count].tolist(), numbers[count:]
+    distortion = section.numbers("distortion_coeffs", 4) if name == "radtan" else np.zeros(4)
+    planes: dict[str, Callable[[], Plane]] = {
+        "omni": lambda: omni(shape[0], distortion),
+        "ds": lambda: double_sphere(*shape),
+        "eucm": lambda: extended_unified(*shape),
+        "pinhole": lambda: field_of_view(section.number("distortion_coeffs")),
+    }
+    K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
+    return fitted_camera(section.where, planes[model](), K, section.image_size("resolution"), f"{model}-{name}")
 
 
 def _check_topics(topics: list[str]) -> None:

@@ -90,6 +90,9 @@ def _camera(section: Section, image_size: Size | None) -> Camera:
         K = section.matrix("K", 3, 3)
     elif section.has("IntrinsicMatrix"):
         K = section.matrix("IntrinsicMatrix", 3, 3).T.copy()
+    elif section.has("FocalLength", "PrincipalPoint"):  # a cameraIntrinsics object
+        (fx, fy), (cx, cy) = section.numbers("FocalLength", 2), section.numbers("PrincipalPoint", 2)
+        K = np.array([[fx, section.number("Skew") if section.has("Skew") else 0.0, cx], [0, fy, cy], [0, 0, 1]])
     else:
         raise CalibrationError(
             f"{section.where}: no 'K' (nor IntrinsicMatrix): MATLAB's fisheye and other models are not supported; "
@@ -113,7 +116,22 @@ def _size(section: Section, image_size: Size | None) -> Size:
 def _translation(stereo: Section) -> Array:
     if stereo.has("TranslationOfCamera2"):
         return stereo.numbers("TranslationOfCamera2", 3)
-    return stereo.section("PoseCamera2").numbers("Translation", 3)
+    return _pose(stereo)[:3, 3]
+
+
+def _pose(stereo: Section) -> Array:
+    """(4, 4) of PoseCamera2: a rigidtform3d, which releases save by different names, as a matrix or as rotation and translation.
+
+    The matrix of a rigid3d is for row vectors, with the translation in its last row.
+    """
+    pose = stereo.section("PoseCamera2")
+    sizes = {pose.size(key): key for key in reversed(list(pose.content))}
+    if 16 in sizes:
+        matrix = pose.matrix(sizes[16], 4, 4)
+        return matrix.T if matrix[3, :3].any() else matrix
+    if 9 not in sizes or 3 not in sizes:
+        raise CalibrationError(f"{pose.where}: holds no rotation and translation (its keys: {', '.join(pose.content)[:100]})")
+    return rigid(pose.matrix(sizes[9], 3, 3), pose.numbers(sizes[3], 3))
 
 
 def _unit(camera: Section) -> str | None:
@@ -124,8 +142,7 @@ def _unit(camera: Section) -> str | None:
 def _rotations(stereo: Section, document: Section, cameras: list[Section]) -> list[tuple[str, Array]]:
     """R of x2 = R x1 + T, and how it was read; two where the file leaves the convention open."""
     if stereo.has("PoseCamera2") and isinstance(stereo.content["PoseCamera2"], dict):
-        pose = stereo.section("PoseCamera2")
-        return [("", pose.matrix(pose.first("R", "Rotation"), 3, 3))]
+        return [("", _pose(stereo)[:3, :3])]
     stored = stereo.matrix("RotationOfCamera2", 3, 3)
     readings = [(DOCUMENTED, stored.T.copy()), (TRANSPOSED, stored)]
     witness = document.matrix("R", 3, 3) if document.has("R") else _rotation_by_views(cameras)

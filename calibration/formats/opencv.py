@@ -4,6 +4,7 @@ ZED's custom calibration (K_LEFT, D_LEFT, Size, T in mm) and VIAME's .npz (camer
 OpenCV's stereo_calib sample stores no image size; files written here do, and name the camera model.
 """
 
+import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -18,15 +19,27 @@ from calibration.formats.units import to_meters
 from calibration.rig import MAX_BASELINE_M, Camera, CameraModel, StereoRig
 from calibration.transforms import rigid
 
-K_NAMES = ("K", "M", "cameraMatrix", "camera_matrix", "camera_matrix_coefficients", "intrinsic_matrix", "CM", "mtx")
-D_NAMES = (
-    "D", "distCoeffs", "dist_coeffs", "distortion_coefficients", "distortion", "distCoefs", "dist", "d",
+K_NAMES = (
+    "k", "m", "cameramatrix", "cammatrix", "cameramatrixcoefficients", "intrinsicmatrix", "intrinsics", "intrinsic", "cm", "mtx",
+    "a",
 )  # fmt: skip
-SIDES = (("1", "2"), ("L", "R"), ("LEFT", "RIGHT"), ("Left", "Right"), ("left", "right"), ("l", "r"))
-SPELLINGS = ("{name}{side}", "{name}_{side}", "{side}_{name}", "{side}{name}")
+D_NAMES = (
+    "d", "distcoeffs", "distcoeff", "distortioncoefficients", "distortioncoeffs", "distortion", "distcoefs", "dist", "kc",
+)  # fmt: skip
+SIDES = (
+    ("1", "2"), ("l", "r"), ("left", "right"), ("cam1", "cam2"), ("cam0", "cam1"), ("camera1", "camera2"), ("camera0", "camera1"),
+    ("leftcamera", "rightcamera"), ("cameraleft", "cameraright"), ("0", "1"),
+)  # fmt: skip
 FISHEYE_NAMES = ("fisheye", "equidistant", "kannala_brandt", "KannalaBrandt8")
-R_NAMES = ("R", "rotation_matrix", "rotation", "R_stereo", "rotationMatrix")
-T_NAMES = ("T", "translation_vector", "translation", "T_stereo", "translationVector")
+TO_OPENCV = "rotationofcamera2"  # what MATLAB's stereoParametersToOpenCV returns, with the rows of the images before the columns
+R_NAMES = ("r", "rotationmatrix", "rotation", "rstereo", "stereor", "rot", "rmat", "rotationvector", "rvec", "om", TO_OPENCV)
+T_NAMES = ("t", "translationvector", "translation", "tstereo", "stereot", "trans", "tvec", "trns", "translationofcamera2")
+GROUPS = ("extrinsics", "extrinsic", "stereo", "intrinsics")
+"""Mappings that some tools put matrices into, which others write at the top."""
+MATRIX, COEFFICIENTS, ROTATION, TRANSLATION = (9,), (4, 5, 8, 12, 14), (9, 3), (3,)
+"""How many numbers each has: K1 of a camera matrix is not k1 of a lens."""
+UNITS = ("unit", "units", "worldunits", "tunit", "tunits", "translationunit", "translationunits", "baselineunit")
+SIZE_KEYS = ("width", "height", "image_width", "image_height", "resolution")
 ZED_FISHEYE = ("D_LEFT_FE", "D_RIGHT_FE")
 FOUR_PINHOLE = "4 coefficients as OpenCV's k1 k2 p1 p2"
 FOUR_FISHEYE = "4 coefficients as OpenCV's fisheye"
@@ -37,16 +50,35 @@ Size = tuple[int, int]
 
 def has_intrinsics(document: Section) -> bool:
     """True if the file holds both camera matrices."""
-    return keys_of(document, K_NAMES) is not None
+    return keys_of(document, K_NAMES, MATRIX) is not None
 
 
-def keys_of(document: Section, names: tuple[str, ...]) -> tuple[str, str] | None:
-    """The keys, left and right, that the file spells one of these names with: K1 and K2, cameraMatrixL and cameraMatrixR ..."""
-    for (left, right), spelling, name in product(SIDES, SPELLINGS, names):
-        keys = spelling.format(name=name, side=left), spelling.format(name=name, side=right)
-        if document.has(*keys):
-            return keys
+def keys_of(document: Section, names: tuple[str, ...], counts: tuple[int, ...]) -> tuple[str, str] | None:
+    """The keys, left and right, that the file spells one of these names with: K1 and K2, cameraMatrixL and Camera_Matrix_R ..."""
+    known = _spelled(document, counts)
+    for (left, right), name in product(SIDES, names):
+        for keys in ((name + left, name + right), (left + name, right + name)):
+            if all(key in known for key in keys):
+                return known[keys[0]], known[keys[1]]
     return None
+
+
+def spelling(key: str) -> str:
+    """A key as all its spellings have it: without case, blanks and underscores."""
+    return re.sub(r"[^a-z0-9]", "", key.lower())
+
+
+def _spelled(document: Section, counts: tuple[int, ...]) -> dict[str, str]:
+    """Spelling -> key of all that hold as many numbers as one of ``counts``."""
+    return {spelling(key): key for key in document.content if document.size(key) in counts}
+
+
+def _pose_keys(document: Section) -> tuple[str, str] | None:
+    """The keys of rotation and translation between the cameras."""
+    rotations, translations = _spelled(document, ROTATION), _spelled(document, TRANSLATION)
+    R = next((rotations[name] for name in R_NAMES if name in rotations), None)
+    T = next((translations[name] for name in T_NAMES if name in translations), None)
+    return (R, T) if R and T else None
 
 
 def has_extrinsics(document: Section) -> bool:
@@ -61,21 +93,31 @@ def is_rectified(document: Section) -> bool:
 
 def matches(document: Section) -> bool:
     """True if one file holds the whole rig, or half of it."""
+    document = sides_apart(document)
     return has_intrinsics(document) or has_extrinsics(document) or is_rectified(document)
 
 
 def sides_apart(document: Section) -> Section:
-    """A file with a mapping a camera (``left: {K: ..., D: ...}``) as one whose keys name their sides; others as they are."""
-    for names in SIDES[1:]:
-        found = [camera for name in names if isinstance(camera := document.content.get(name), dict)]
-        if len(found) == len(names):
-            sided = {f"{key}{number}": value for number, camera in zip("12", found, strict=True) for key, value in camera.items()}
-            return Section(document.where, sided | dict(document.content))
-    return document
+    """A file with a mapping a camera (``left: {K: ..., D: ...}``), or one for R and T, as one whose keys name their sides.
+
+    Others as they are. Where the right camera holds R and T, these are from the left one to it.
+    """
+    content = dict(document.content)
+    inner = {spelling(key): value for key, value in content.items() if isinstance(value, dict) and "data" not in value}
+    for name in GROUPS:
+        content = {str(key): value for key, value in inner.get(name, {}).items()} | content
+    for left, right in SIDES:
+        if left in inner and right in inner:
+            sided = [{f"{key}{n}": value for key, value in inner[side].items()} for n, side in (("1", left), ("2", right))]
+            pose = {str(key): value for key, value in inner[right].items() if spelling(str(key)) in (*R_NAMES, *T_NAMES)}
+            size = {str(key): value for key, value in inner[left].items() if "size" in str(key).lower() or str(key) in SIZE_KEYS}
+            content = sided[0] | sided[1] | size | ({} if _has_pose(document) else pose) | content
+            break
+    return Section(document.where, content)
 
 
 def _has_pose(document: Section) -> bool:
-    return any(map(document.has, R_NAMES)) and any(map(document.has, T_NAMES))
+    return _pose_keys(document) is not None
 
 
 def parse(document: Section, image_size: Size | None) -> StereoRig:
@@ -104,19 +146,23 @@ def _rig(document: Section, left: Camera, right: Camera) -> StereoRig:
     if not _has_pose(document):
         rotations = [document.matrix(key, 3, 3) for key in ("R1", "R2")]
         return rig_from_projections(left, right, rotations, [document.matrix(key, 3, 4) for key in ("P1", "P2")])
-    R = document.numbers(document.first(*R_NAMES), 9, 3)
-    T = document.numbers(document.first(*T_NAMES), 3)
+    keys = _pose_keys(document)
+    assert keys
+    R, T = document.numbers(keys[0], *ROTATION), document.numbers(keys[1], *TRANSLATION)
     doubts: tuple[str, ...] = ()
-    if not has_numbered_sides(document) or LEAST_MM <= np.linalg.norm(T) <= MAX_BASELINE_M * 1000:
-        T, doubts = to_meters(T, "millimeters" if document.has("K_LEFT") else None)
+    unit = next(
+        (document.text(key) for key in document.content if spelling(key) in UNITS and isinstance(document.content[key], str)), None
+    )
+    if unit or not has_numbered_sides(document) or LEAST_MM <= np.linalg.norm(T) <= MAX_BASELINE_M * 1000:
+        T, doubts = to_meters(T, "millimeters" if document.has("K_LEFT") else unit)
     with naming(document.where):
         return StereoRig(left, right, rigid(R.reshape(3, 3) if R.size == 9 else cv2.Rodrigues(R)[0], T), doubts=doubts)
 
 
 def has_numbered_sides(document: Section) -> bool:
     """True for OpenCV's own spelling (K1, M2): meters then. VIAME's and ZED's name their sides, and write millimeters or meters."""
-    keys = keys_of(document, K_NAMES)
-    return keys is not None and "1" in keys[0]
+    keys = keys_of(document, K_NAMES, MATRIX)
+    return keys is not None and ("1" in keys[0] or "0" in keys[0])
 
 
 def write(rig: StereoRig, path: Path) -> None:
@@ -152,19 +198,22 @@ def _size(document: Section, image_size: Size | None) -> Size:
 
 
 def _stored_size(document: Section) -> Size | None:
-    for width, height in (("image_width", "image_height"), ("imageWidth", "imageHeight"), ("width", "height")):
-        if document.has(width, height):
-            return document.image_size(width, height)
-    for key in ("image_size", "imageSize", "image_Size", "size", "Size"):
-        if document.has(key):
-            return document.image_size(key)
+    one, two = _spelled(document, (1,)), _spelled(document, (2,))
+    for width, height in (("imagewidth", "imageheight"), ("width", "height"), ("imagesizewidth", "imagesizeheight")):
+        if width in one and height in one:
+            return document.image_size(one[width], one[height])
+    for name in ("imagesize", "size", "imgsize", "resolution", "imagesize1", "resolution1"):
+        if name in two:
+            size = document.image_size(two[name])
+            return size[::-1] if TO_OPENCV in _spelled(document, ROTATION) else size
     return None
 
 
 def _distortion_keys(document: Section) -> tuple[str, str] | None:
     """None for cameras of images that were rectified: not turned to each other, and without distortion."""
-    keys = ZED_FISHEYE if document.has(*ZED_FISHEYE) else keys_of(document, D_NAMES)
-    turned = not _has_pose(document) or not np.array_equal(document.numbers(document.first(*R_NAMES)), np.eye(3).ravel())
+    keys = ZED_FISHEYE if document.has(*ZED_FISHEYE) else keys_of(document, D_NAMES, COEFFICIENTS)
+    pose = _pose_keys(document)
+    turned = pose is None or not np.array_equal(document.numbers(pose[0]), np.eye(3).ravel())
     if keys is None and turned:
         raise CalibrationError(
             f"{document.where}: no 'D1' and 'D2' (nor distCoeffs1 ...): the file is incomplete or of another kind"
@@ -186,7 +235,7 @@ def _models(document: Section) -> tuple[CameraModel, ...]:
 
 
 def _parse_cameras(document: Section, size: Size, model: CameraModel) -> tuple[Camera, Camera]:
-    K_keys, D_keys = keys_of(document, K_NAMES), _distortion_keys(document)
+    K_keys, D_keys = keys_of(document, K_NAMES, MATRIX), _distortion_keys(document)
     assert K_keys  # parse has looked
     distortion = [document.numbers(key) for key in D_keys] if D_keys else [np.zeros(0), np.zeros(0)]
     left, right = (

@@ -9,7 +9,8 @@ from calibration.rig import StereoRig
 
 def matches(document: Section) -> bool:
     """True for a stereo file of oplab."""
-    return document.has("left", "right", "extrinsics")
+    left = document.content.get("left")
+    return document.has("left", "right", "extrinsics") and isinstance(left, dict) and {"camera_matrix", "image_width"} <= set(left)
 
 
 def parse(document: Section) -> StereoRig:

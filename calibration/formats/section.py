@@ -33,6 +33,16 @@ class Section:
         """True if every key is there."""
         return all(key in self.content for key in keys)
 
+    def size(self, key: str) -> int:
+        """How many numbers are under ``key``; 0 for words and mappings that are no matrix."""
+        value = self.content[key]
+        if isinstance(value, np.ndarray):
+            return value.size
+        try:
+            return self.numbers(key).size if not isinstance(value, Mapping) or "data" in value else 0
+        except CalibrationError:
+            return 0
+
     def first(self, *keys: str) -> str:
         """The first of these names that the file uses for one thing; CalibrationError if it uses none."""
         for key in keys:

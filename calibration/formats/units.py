@@ -11,20 +11,22 @@ METERS = {
     "cm": 1e-2, "centimeter": 1e-2, "centimeters": 1e-2, "centimetres": 1e-2,
     "in": 0.0254, "inch": 0.0254, "inches": 0.0254,
 }  # fmt: skip
+GUESSES = (("meters", 1.0, 0.0), ("millimeters", 1e-3, 0.02), ("centimeters", 1e-2, 0.0), ("millimeters", 1e-3, 0.0))
+"""Units in the order in which they are tried, and the shortest baseline in meters: 10 is a rig of 10 cm rather than of 10 mm."""
 
 
 def to_meters(translation: NDArray[np.float64], stated: str | None) -> tuple[NDArray[np.float64], tuple[str, ...]]:
     """The translation (3,) in meters, and what is doubtful about that, if anything.
 
     stated: the unit that the file names, None where it names none. Where the baseline in that unit cannot be (under 5 mm or over
-    2 m), meters and then millimeters are tried. Left as it is where none of them fits: the rig then refuses it with its number.
+    2 m), those of GUESSES are tried. Left as it is where none of them fits: the rig then refuses it with its number.
     """
     length = float(np.linalg.norm(np.clip(translation, -1e9, 1e9)))
     named = METERS.get((stated or "").strip().lower())
     if named is not None and _possible(length * named):
         return translation * named, ()
-    for unit, factor in (("meters", 1.0), ("millimeters", 1e-3)):
-        if _possible(length * factor):
+    for unit, factor, least_m in GUESSES:
+        if _possible(length * factor) and length * factor >= least_m:
             said = f"the file says {stated}, in which the baseline of {length:g} cannot be" if stated else "the file names no unit"
             return translation * factor, (f"{said}: it is taken as {unit}, {length * factor * 1000:.1f} mm",)
     return translation * (named or 1.0), ()

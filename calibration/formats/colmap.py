@@ -1,0 +1,135 @@
+"""COLMAP's rigs: rig_config.json of two cameras, or rigs.txt and cameras.txt of a model; camera from rig, quaternions w first.
+
+Its pixels begin at the corner: the center of the first one is (0.5, 0.5) (COLMAP, *Camera Models*).
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.formats.lens_models import field_of_view, fitted_camera
+from calibration.formats.ros import make_camera
+from calibration.formats.section import Section, naming
+from calibration.formats.units import to_meters
+from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import inverse_transform, rigid
+
+Array = NDArray[np.float64]
+Size = tuple[int, int]
+CAMERAS, RIGS = "cameras.txt of COLMAP", "rigs.txt of COLMAP"  # keys that document.py puts the lines of these files under
+MODELS: dict[str, tuple[int, tuple[str, ...], CameraModel]] = {
+    "SIMPLE_PINHOLE": (1, (), "pinhole"),
+    "PINHOLE": (2, (), "pinhole"),
+    "SIMPLE_RADIAL": (1, ("k1",), "pinhole"),
+    "RADIAL": (1, ("k1", "k2"), "pinhole"),
+    "OPENCV": (2, ("k1", "k2", "p1", "p2"), "pinhole"),
+    "FULL_OPENCV": (2, ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"), "pinhole"),
+    "SIMPLE_RADIAL_FISHEYE": (1, ("k1",), "fisheye"),
+    "RADIAL_FISHEYE": (1, ("k1", "k2"), "fisheye"),
+    "OPENCV_FISHEYE": (2, ("k1", "k2", "k3", "k4"), "fisheye"),
+    "FOV": (2, ("omega",), "pinhole"),
+}
+"""Focal lengths that a model has, the coefficients after the principal point, and what it is here."""
+
+
+def matches(document: Section) -> bool:
+    """True for a rig, and for cameras without one, which parse refuses."""
+    return bool(_configured(document)) or document.has(CAMERAS) or document.has(RIGS)
+
+
+def parse(document: Section, image_size: Size | None) -> StereoRig:
+    """The rig. image_size: for rig_config.json alone, which stores none. Raises CalibrationError, naming the key."""
+    try:
+        cameras = _cameras(document)
+        if document.has(RIGS):
+            lenses, poses = _of_model(document, cameras)
+        elif configured := _configured(document):
+            lenses, poses = _of_config(document, configured, cameras, image_size)
+        else:
+            lenses, poses = [], []
+    except (ValueError, IndexError, KeyError) as error:
+        raise CalibrationError(f"{document.where}: is damaged, or of a COLMAP not known here: {error}") from error
+    if not lenses:
+        raise CalibrationError(
+            f"{document.where}: holds cameras and no rig: give the file of the rig too, as rigs.txt,cameras.txt or "
+            "rig_config.json,cameras.txt"
+        )
+    T = poses[1] @ inverse_transform(poses[0])
+    T[:3, 3], doubts = to_meters(T[:3, 3], None)
+    with naming(document.where):
+        return StereoRig(lenses[0], lenses[1], T, doubts=doubts)
+
+
+def _configured(document: Section) -> list[Section]:
+    """The cameras of rig_config.json; none where the file is another."""
+    cameras = document.content.get("cameras")
+    if not isinstance(cameras, list) or not all(isinstance(one, Mapping) and "image_prefix" in one for one in cameras):
+        return []
+    return [Section(f"{document.where}: cameras: {i}", camera) for i, camera in enumerate(cameras)]
+
+
+def _cameras(document: Section) -> dict[int, Camera]:
+    rows = document.content.get(CAMERAS, [])
+    return {int(row[0]): _camera(document.where, row[1], row[4:], (int(row[2]), int(row[3]))) for row in rows}
+
+
+def _of_config(
+    document: Section, configured: list[Section], cameras: dict[int, Camera], size: Size | None
+) -> tuple[list[Camera], list[Array]]:
+    if len(configured) != 2:
+        raise CalibrationError(f"{document.where}: cameras: holds {len(configured)}: keep the two of the stereo pair")
+    in_order = [cameras[number] for number in sorted(cameras)]
+    lenses, poses = [], []
+    for i, section in enumerate(configured):
+        if section.has("camera_params"):
+            if size is None and len(in_order) <= i:
+                raise CalibrationError(f"{document.where}: stores no image size: give it, or cameras.txt too, with a comma between")
+            own_size = in_order[i].image_size if len(in_order) > i else size
+            assert own_size
+            lenses.append(_camera(section.where, section.text("camera_model_name"), section.numbers("camera_params"), own_size))
+        elif len(in_order) > i:
+            lenses.append(cameras[int(section.number("camera_id"))] if section.has("camera_id") else in_order[i])
+        else:
+            raise CalibrationError(f"{section.where}: no 'camera_params': give cameras.txt too, with a comma between")
+        has_pose = section.has("cam_from_rig_rotation", "cam_from_rig_translation")
+        pose = [section.numbers("cam_from_rig_rotation", 4), section.numbers("cam_from_rig_translation", 3)] if has_pose else []
+        poses.append(_pose(section.where, np.concatenate(pose)) if pose else np.eye(4))
+    return lenses, poses
+
+
+def _of_model(document: Section, cameras: dict[int, Camera]) -> tuple[list[Camera], list[Array]]:
+    """RIG_ID NUM_SENSORS REF_TYPE REF_ID, then for each other sensor TYPE ID HAS_POSE and its pose."""
+    rows = [row for row in document.content[RIGS] if int(row[1]) == 2]
+    if len(rows) != 1 or len(rows[0]) < 14 or rows[0][6] != "1":
+        raise CalibrationError(f"{document.where}: expected one rig of two cameras with the pose of the second, found {len(rows)}")
+    numbers = [int(rows[0][3]), int(rows[0][5])]
+    if not set(numbers) <= set(cameras):
+        raise CalibrationError(f"{document.where}: its cameras {numbers} are not there: give cameras.txt too, with a comma between")
+    return [cameras[number] for number in numbers], [np.eye(4), _pose(document.where, np.array(rows[0][7:14], dtype=np.float64))]
+
+
+def _pose(where: str, numbers: Array) -> Array:
+    """(4, 4) of qw qx qy qz tx ty tz."""
+    from scipy.spatial.transform import Rotation  # a quarter of a second, which other formats need not wait for
+
+    if not 0.9 < np.linalg.norm(numbers[:4]) < 1.1:
+        raise CalibrationError(f"{where}: the quaternion {numbers[:4].tolist()} is no rotation")
+    return rigid(Rotation.from_quat(numbers[[1, 2, 3, 0]]).as_matrix(), numbers[4:])
+
+
+def _camera(where: str, name: str, parameters: Any, size: Size) -> Camera:
+    if name not in MODELS:
+        raise CalibrationError(f"{where}: the camera model {name} is not supported: use one of {', '.join(MODELS)}")
+    focal_count, coefficients, model = MODELS[name]
+    numbers = np.array(parameters, dtype=np.float64)
+    if numbers.size != focal_count + 2 + len(coefficients):
+        raise CalibrationError(f"{where}: {name} takes {focal_count + 2 + len(coefficients)} parameters, got {numbers.size}")
+    focal, (cx, cy), rest = numbers[:focal_count], numbers[focal_count : focal_count + 2], numbers[focal_count + 2 :]
+    K = np.array([[focal[0], 0, cx - 0.5], [0, focal[-1], cy - 0.5], [0, 0, 1]])
+    if name == "FOV":
+        return fitted_camera(where, field_of_view(float(rest[0])), K, size, name)
+    padded = np.pad(rest, (0, max(0, 4 - rest.size))) if rest.size else rest
+    return make_camera(where, K, padded, size, model)

@@ -1,0 +1,80 @@
+"""Notations of calibrations that are lines of numbers: ``P0: 718.8 0 ...``, ``cam0=[...]``, tables, sections."""
+
+import configparser
+import re
+from typing import Any
+
+from calibration.errors import CalibrationError
+from calibration.formats import colmap
+
+LEAST_FOCAL_PX = 10  # tells a projection from a pose, whose numbers are cosines
+OST_KEYS = {
+    "camera matrix": "camera_matrix",
+    "distortion": "distortion_coefficients",
+    "rectification": "rectification_matrix",
+    "projection": "projection_matrix",
+}
+
+
+def read(text: str) -> dict[str, Any] | None:
+    """Keys and values of a text in one of these notations; None if it is in none."""
+    if re.search(r"^cam0\s*=\s*\[", text, re.MULTILINE):
+        return _parse_lines(text, "=")
+    if re.search(r"^P(_rect_0)?[0-3]:\s*[-+.\d]", text, re.MULTILINE):
+        return _parse_lines(text, ":")
+    if text.startswith("# oST version"):
+        return _parse_ost(text)
+    if re.search(r"^\d+ [A-Z_]+ \d+ \d+ [-\d.]", text, re.MULTILINE):
+        return {colmap.CAMERAS: _table(text)}
+    if re.search(r"^\d+ \d+ CAMERA \d+", text, re.MULTILINE):
+        return {colmap.RIGS: _table(text)}
+    if re.search(r"^\[STEREO\]\s*$", text, re.MULTILINE):
+        return _parse_ini(text)
+    rows = _rows_of_twelve(text)
+    return None if rows is None else {f"P{camera}": row for camera, row in enumerate(rows)}
+
+
+def _parse_lines(text: str, mark: str) -> dict[str, Any]:
+    """Middlebury's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0: 718.8 0 607.1 ...``."""
+    pairs = (line.split(mark, 1) for line in text.splitlines() if mark in line)
+    return {key.strip(): value.strip().strip("[]").replace(";", " ").replace(",", " ").split() for key, value in pairs}
+
+
+def _parse_ini(text: str) -> dict[str, Any]:
+    parser = configparser.RawConfigParser()
+    parser.optionxform = str  # type: ignore[assignment,method-assign]
+    try:
+        parser.read_string(text)
+    except configparser.Error as error:
+        raise CalibrationError(f"cannot be parsed: {' '.join(str(error).split())[:200]}") from error
+    return {name: dict(parser.items(name)) for name in parser.sections()}
+
+
+def _table(text: str) -> list[list[str]]:
+    return [line.split() for line in text.splitlines() if line.strip() and not line.startswith("#")]
+
+
+def _parse_ost(text: str) -> dict[str, Any]:
+    """ost.txt, which ROS's calibrator packs beside its YAML: a section a camera, a line that names each matrix before its rows."""
+    cameras: dict[str, Any] = {}
+    size: dict[str, Any] = {}
+    for name, body in re.findall(r"^\[(.+)\]\s*$([^\[]*)", text, re.MULTILINE):
+        found = re.findall(r"^([a-z][a-z ]*)$([^a-z]*)", body, re.MULTILINE)
+        values = {key.strip(): numbers.split() for key, numbers in found}
+        if name == "image":
+            size = {f"image_{key}": value for key, value in values.items()}
+        else:
+            cameras[name] = {OST_KEYS.get(key, key): value for key, value in values.items()} | {"camera_name": name}
+    return {name: camera | size for name, camera in cameras.items()}
+
+
+def _rows_of_twelve(text: str) -> list[list[str]] | None:
+    """KITTI's projections without their names: two or four lines of twelve numbers, the first three a focal length in pixels."""
+    rows = [line.split() for line in text.splitlines() if line.strip()]
+    if len(rows) not in (2, 4) or any(len(row) != 12 for row in rows):
+        return None
+    try:
+        focal = all(float(row[0]) > LEAST_FOCAL_PX and float(row[10]) == 1 for row in rows)
+    except ValueError:
+        return None
+    return rows if focal else None
