@@ -74,3 +74,16 @@ def test_nothing_is_compiled_twice_or_for_another_engine(calls: list[str], monke
     monkeypatch.setattr(first_run, "is_first_run", lambda: False)
     first_run.compile_for(RunConfig(), RunOptions())
     assert calls == []
+
+
+def test_a_later_run_begins_to_load_what_it_needs_unless_it_may_have_to_compile(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[object] = []
+    monkeypatch.setattr(first_run.Alongside, "put", lambda _, work: begun.append(work))
+    cold(monkeypatch)
+    first_run.load_beside(RunConfig(), RunOptions())
+    assert not begun
+    monkeypatch.setattr(first_run, "is_first_run", lambda: False)
+    first_run.load_beside(RunConfig(matching=MatchingConfig(engine="opencv")), RunOptions())
+    assert not begun
+    first_run.load_beside(RunConfig(), RunOptions())
+    assert len(begun) == 1

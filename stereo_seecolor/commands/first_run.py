@@ -1,9 +1,13 @@
-"""What ``run`` needs compiled, before a first run on a machine: by several processes, while a line says so."""
+"""Machine code for ``run``: compiled before a first run on a machine, by several processes, while a line says so; else loaded."""
+
+from functools import cache, partial
+from importlib import import_module
 
 import numpy as np
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.compute.first_run import call_in_processes
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
@@ -22,9 +26,29 @@ WORKS = (
 """Dealt to the cores in turn: the first and third take as long as the second and fourth."""
 
 
+def load_beside(config: RunConfig, options: RunOptions) -> None:
+    """Begin to load what a run of these settings needs, while the caller looks at its first pairs; nothing in a first run."""
+    if _runs_here(config, options) and not is_first_run():
+        Alongside().put(partial(_load, options.page != "none"))
+
+
+@cache
+def _load(page: bool) -> None:
+    for name in WORKS:
+        module, _, function = name.partition(":")
+        getattr(import_module(module), function)()
+    for module in ("dive_light", *["report.page"] * page):
+        import_module(f"stereo_seecolor.{module}")
+
+
+def _runs_here(config: RunConfig, options: RunOptions) -> bool:
+    """Workers of a cluster compile and load for themselves."""
+    return config.matching.engine == "sgm" and isinstance(options.compute, Threads) and cores() > 1
+
+
 def compile_for(config: RunConfig, options: RunOptions) -> None:
-    """Compile for a run of these settings, unless that was done; workers of a cluster compile for themselves."""
-    if config.matching.engine != "sgm" or not isinstance(options.compute, Threads) or cores() < 2 or not is_first_run():
+    """Compile for a run of these settings, unless that was done."""
+    if not _runs_here(config, options) or not is_first_run():
         return
     options.listener.begin(STAGE, len(WORKS))
     for names in call_in_processes(WORKS):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration.formats import native
 from stereo_seecolor.commands.bag_inputs import BagInputs
-from stereo_seecolor.commands.first_run import compile_for
+from stereo_seecolor.commands.first_run import compile_for, load_beside
 from stereo_seecolor.commands.over_pairs import Job, Opened, StereoInputs, claim, describe, with_rig
 from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
@@ -88,6 +88,7 @@ class StereoCommand:
                 opened = inputs.open_videos(folder, self.config)
             assert opened
             options = self.options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
+            load_beside(self.config, options)
             with options.compute.sharing(state(folder.root), inputs.paths):
                 opened = self._with_room(opened.for_dive(folder, options).part(shard), folder)
                 compile_for(self.config, options)

@@ -114,9 +114,7 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     columns = np.zeros(TERMS + 1, np.bool_)
     columns[:PATTERN], columns[PATTERN:TERMS], columns[TERMS:] = use.pattern, use.ranged, True
     known = prior.of(columns, frames if use.gains else 0)
-    parts = [
-        _Part(*_design(window, columns, use.gains), window.patch, value) for window, value in zip(windows, values, strict=True)
-    ]
+    parts = [_Part.of(window, columns, use.gains, value) for window, value in zip(windows, values, strict=True)]
     weights = [np.ones(len(window.patch)) for window in windows]
     trust = SETTINGS.first_prior
     for _ in range(SETTINGS.rounds):
@@ -138,23 +136,40 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A window's equations. design (N, n): the columns that its sightings touch. at (n,): which these are of all."""
+    """A window's equations. design (N, n): the columns that its sightings touch. at (n,): which these are of all. value (N, Q).
+
+    patch (N,): of each sighting. first: where each patch begins.
+    """
 
     design: Array
     at: NDArray[np.int64]
-    patch: NDArray[np.int64]
     value: Array
+    patch: NDArray[np.int64]
+    first: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, window: Window, columns: NDArray[np.bool_], gains: bool, value: Array) -> "_Part":
+        """columns: in use."""
+        return cls(*_design(window, columns, gains), value, window.patch, np.flatnonzero(np.diff(window.patch, prepend=-1)))
 
     def off(self, found: Array, weight: Array) -> Array:
         """(N,) rms over the outputs of how far sightings are from what was found."""
-        return np.asarray(np.sqrt((_centered(self.patch, self.value - self.design @ found[self.at], weight) ** 2).mean(axis=1)))
+        return np.asarray(np.sqrt((self.centered(self.value - self.design @ found[self.at], weight) ** 2).mean(axis=1)))
+
+    def centered(self, values: Array, weight: Array) -> Array:
+        """(N, n) values without the weighted mean over the sightings of each one's patch."""
+        if not len(values):
+            return values
+        sums = np.add.reduceat(values * weight[:, None], self.first, axis=0)
+        return np.asarray(values - (sums / np.add.reduceat(weight, self.first)[:, None])[self.patch])
 
 
 def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int) -> tuple[Array, Array]:
     """The normal equations of all parts."""
     matrix, slope = np.zeros((size, size)), np.zeros((size, parts[0].value.shape[1]))
     for part, weight in zip(parts, weights, strict=True):
-        centered, target = _centered(part.patch, part.design, weight), _centered(part.patch, part.value, weight)
+        both, number = part.centered(np.concatenate([part.design, part.value], axis=1), weight), len(part.at)
+        centered, target = both[:, :number], both[:, number:]
         weighted = weight[:, None] * centered
         matrix[np.ix_(part.at, part.at)] += centered.T @ weighted
         slope[part.at] += weighted.T @ target
@@ -175,19 +190,6 @@ def _design(window: Window, columns: NDArray[np.bool_], gains: bool) -> tuple[Ar
         return design, number
     seen_by, index = np.unique(window.frame, return_inverse=True)
     return np.concatenate([design, np.eye(len(seen_by))[index]], axis=1), np.concatenate([number, len(number) + seen_by])
-
-
-def _centered(patch: NDArray[np.int64], values: Array, weights: Array) -> Array:
-    return values - _patch_mean(patch, values, weights)
-
-
-def _patch_mean(patch: NDArray[np.int64], values: Array, weights: Array) -> Array:
-    """(N, Q) the weighted mean over the sightings of each one's patch."""
-    if not len(patch):
-        return values
-    first = np.flatnonzero(np.diff(patch, prepend=-1))
-    sums = np.add.reduceat(values * weights[:, None], first, axis=0)
-    return np.asarray((sums / np.add.reduceat(weights, first)[:, None])[patch])
 
 
 def _robust_deviation(values: Array) -> float:
