@@ -48,8 +48,10 @@ class InputConfig(StageConfig):
         default="none",
         description="Color filter pattern of single-channel raw images, by the first two pixels of the first two rows.",
     )
-    significant_bits: Literal[None, 10, 12, 14] = Field(
-        default=None, description="Bits that a 16-bit file really uses (12 for a 12-bit sensor stored unshifted); scaled to full."
+    significant_bits: Literal["auto", None, 10, 12, 14] = Field(
+        default="auto",
+        description="Bits that 16-bit files really use (12 for a 12-bit sensor stored unshifted); scaled to full. auto: the fewest "
+        "that hold the values of pairs spread over the dive, and for correct and folders of live all 16. None: all 16.",
     )
     exposures: FilePath | None = Field(
         default=None,

@@ -154,11 +154,13 @@ def test_several_calibrations_and_lonely_files_are_named(make_dive) -> None:
 
 
 @pytest.mark.slow
-def test_deep_images_get_their_bits_set(make_dive) -> None:
+def test_unshifted_bits_are_used_in_full(make_dive) -> None:
     dive = make_dive(1, dtype=np.uint16)
     for path in (dive.root / "L" / "0000.png", dive.root / "R" / "0000.png"):
-        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) // 16)
-    assert "--set input.significant_bits=12" in inspect([dive.root]).run_command
+        cv2.imwrite(str(path), cv2.imread(str(path), cv2.IMREAD_UNCHANGED) // 64)
+    found = inspect([dive.root])
+    assert (found.left.bits, found.left.used_bits) == (16, 10)
+    assert found.measured and found.measured.coverage > 0.5
 
 
 def test_videos_are_named_and_not_unpacked(tmp_path: Path) -> None:

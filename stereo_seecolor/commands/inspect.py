@@ -19,6 +19,7 @@ from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
+from stereo_seecolor.commands.over_pairs import used_bits_set
 from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -98,6 +99,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
     config = RunConfig.model_validate({"input": {"bayer": "rggb"}} if left.kind == "mosaic" else {})
+    config = used_bits_set(config, pairing.pairs)
     tested = _Tested()
     if found:
         _refuse_wrong_sizes(found[0], left, right)
@@ -173,8 +175,6 @@ def command_line(
         words.append("--refine")
     if left and left.kind == "mosaic":
         words += ["--set", "input.bayer=rggb"]
-    if left and left.bits == 16 and left.used_bits in (10, 12, 14):
-        words += ["--set", f"input.significant_bits={left.used_bits}"]
     words += [word for limit in limits for word in ("--set", limit.option)]
     return shlex.join(words)
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from calibration import Rectification
 from calibration.checks import suspicions
-from stereo_seecolor.commands.dive_rig import first_notes, load_rig_for
+from stereo_seecolor.commands.dive_rig import first_notes, load_rig_for, spread
 from stereo_seecolor.commands.pages import drop_live_page, early_frames, end_page, keep_live_page, with_live_page
 from stereo_seecolor.commands.planned import Meter
 from stereo_seecolor.commands.refine_dive import DiveRefinement
@@ -21,7 +21,8 @@ from stereo_seecolor.files.reading import read_bytes, special_kind
 from stereo_seecolor.frame_source import Source
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.neighbors import misfit_notes
-from stereo_seecolor.inputs.pairing import Pairing, pair_folders
+from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_folders
+from stereo_seecolor.inputs.used_bits import with_used_bits
 from stereo_seecolor.inputs.video import Videos
 from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
@@ -34,6 +35,9 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports
+
+BITS_FROM_PAIRS = 6
+"""So many pairs are looked at for the bits that their images use: one dark frame must not decide."""
 
 SAMPLE_BYTES = 1 << 20
 """So much of a video's begin tells it from others."""
@@ -72,7 +76,8 @@ class StereoInputs:
 
         What looks wrong with the rig, though it can be used, is added to the pairing's notes.
         """
-        return self._opened(pair_folders(self.left, self.right, config.input), config)
+        pairing = pair_folders(self.left, self.right, config.input)
+        return self._opened(pairing, used_bits_set(config, pairing.pairs))
 
     def open_videos(self, folder: RunFolder, config: RunConfig) -> "Opened":
         """The same of videos; which of their frames are pairs is kept in OUT. Raises as ``open``, and DeviceError."""
@@ -84,6 +89,11 @@ class StereoInputs:
         rig = load_rig_for(self.calib, pairing.pairs, config.input)
         notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(pairing.with_notes(notes), Pipeline(rig, config))
+
+
+def used_bits_set(config: RunConfig, pairs: Sequence[Pair]) -> RunConfig:
+    """The same with the bits that the images of these pairs use, where ``input.significant_bits`` is "auto"."""
+    return config.model_copy(update={"input": with_used_bits(config.input, spread(pairs, BITS_FROM_PAIRS))})
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,7 @@ def rectify(
     with RunFolder(out, claim(inputs.owner("rectify", opened.pairing if opened else None), options, inputs.paths)) as folder:
         opened = (opened or inputs.open_videos(folder, config)).for_dive(folder, options)
         pairing, pipeline = opened.pairing, opened.pipeline
-        description = with_rig(describe(inputs.names, config, pairing, "rectified", options), pipeline.rectification)
+        description = with_rig(describe(inputs.names, pipeline.config, pairing, "rectified", options), pipeline.rectification)
 
         def passes(dive: Dive, folder: RunFolder) -> None:
             folder.begin({"rectified": pipeline.settings})

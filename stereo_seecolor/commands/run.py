@@ -107,7 +107,7 @@ class StereoCommand:
 def stereo_job(opened: Opened, command: StereoCommand, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:
     """The passes of a command over the pairs that were opened, and its rig.yaml."""
     pairing, pipeline = opened.pairing, opened.pipeline
-    description = describe(command.inputs.names, command.config, pairing, command.last, command.options)
+    description = describe(command.inputs.names, pipeline.config, pairing, command.last, command.options)
 
     def with_rig_file(dive: Dive, folder: RunFolder) -> None:
         folder.write(RIG, native.to_bytes(pipeline.rig))

@@ -30,6 +30,11 @@ def image_size(content: bytes) -> tuple[int, int]:
     raise ValueError("is no PNG, TIFF or JPEG image")
 
 
+def is_eight_bit(content: bytes) -> bool:
+    """Whether the header alone says that no value takes more than 8 bits: of JPEG and PNG. Nothing is checked: see image_size."""
+    return content.startswith(JPEG_SIGNATURE) or (content.startswith(PNG_SIGNATURE) and content[24:25] <= b"\x08")
+
+
 def exif_block(content: bytes) -> bytes:
     """The EXIF of a PNG, JPEG or TIFF as it stands in the file: a TIFF structure of its own; b"" where there is none.
 

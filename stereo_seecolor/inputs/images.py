@@ -47,7 +47,7 @@ def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
     pixels = decode_raw(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel")
-    if config.significant_bits:
+    if isinstance(config.significant_bits, int):
         pixels = _scale_to_full(pixels, config.significant_bits, path)
     if config.bayer != "none":
         if pixels.ndim != 2:
@@ -106,5 +106,8 @@ def _scale_to_full(pixels: NDArray[np.generic], significant_bits: int, path: Pat
         raise InputError(f"{path}: has 8 bits a channel, but input.significant_bits={significant_bits} needs a 16-bit file")
     top = (1 << significant_bits) - 1
     if int(pixels.max(initial=0)) > top:
-        raise InputError(f"{path}: holds {int(pixels.max())}, more than input.significant_bits={significant_bits} allow ({top})")
+        raise InputError(
+            f"{path}: holds {int(pixels.max())}, more than input.significant_bits={significant_bits} allow ({top}): "
+            "set it to the bits that the camera has, or to none"
+        )
     return np.round(pixels.astype(np.float32) * (65535 / top)).astype(np.uint16)
