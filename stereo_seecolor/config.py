@@ -288,14 +288,3 @@ class RunConfig(StageConfig):
     mapping: MappingConfig = MappingConfig()
     output: OutputConfig = OutputConfig()
     measuring: MeasuringConfig = MeasuringConfig()
-
-
-RENAMED = {
-    "color.objective": "it is now color.method: objective=robust is method=robust, objective=paper is method=paper",
-    "color.solver": "it is now color.method: solver=dense is method=paper-adam, solver=table is method=robust or paper",
-    "color.clipped_share": "it is now color.clipped_fraction",
-    "color.penalty": "it is now color.paper.penalty, and color.paper_adam.penalty for method=paper-adam",
-    **{f"color.{key}": f"it is now color.robust.{key}" for key in RobustConfig.model_fields},
-    **{f"color.{key}": f"it is now color.paper_adam.{key}" for key in ("first_steps", "next_steps", "learning_rate")},
-}
-"""Keys of earlier versions, and what has taken their place."""

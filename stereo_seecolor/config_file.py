@@ -12,7 +12,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from stereo_seecolor.config import RENAMED, RunConfig
+from stereo_seecolor.config import RobustConfig, RunConfig
 from stereo_seecolor.errors import ConfigError, InputError
 from stereo_seecolor.files.reading import read_bytes
 
@@ -20,6 +20,16 @@ RUN_FORMAT = "stereo-seecolor/run"
 """The "format" of a run.json, whose "config" is a configuration too."""
 
 _Content = dict[str, Any]
+
+RENAMED = {
+    "color.objective": "it is now color.method: objective=robust is method=robust, objective=paper is method=paper",
+    "color.solver": "it is now color.method: solver=dense is method=paper-adam, solver=table is method=robust or paper",
+    "color.clipped_share": "it is now color.clipped_fraction",
+    "color.penalty": "it is now color.paper.penalty, and color.paper_adam.penalty for method=paper-adam",
+    **{f"color.{key}": f"it is now color.robust.{key}" for key in RobustConfig.model_fields},
+    **{f"color.{key}": f"it is now color.paper_adam.{key}" for key in ("first_steps", "next_steps", "learning_rate")},
+}
+"""Keys of earlier versions, and what has taken their place."""
 
 
 class _Loader(yaml.SafeLoader):

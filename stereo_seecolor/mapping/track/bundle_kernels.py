@@ -10,10 +10,8 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
+from stereo_seecolor.mapping.track.sighting_kernels import add_point, add_pose, linearized, residual_of
 from stereo_seecolor.mapping.track.small_matrices import invert_symmetric
-
-BEHIND = 1e6
-"""Squared standard errors of a point behind the camera: it pulls nowhere, and no step that puts one there looks better."""
 
 
 @compiled
@@ -31,7 +29,7 @@ def robust_cost(
     """Half of the robust sum of squares of the sightings from ``first`` to before ``end``."""
     residual, cost = np.empty(3), 0.0
     for k in range(first, end):
-        squared = _residual(T[frame[k]], points[point[k]], seen[k], weight[k], residual)
+        squared = residual_of(T[frame[k]], points[point[k]], seen[k], weight[k], residual)
         cost += 0.5 * outlier_sigmas**2 * np.log1p(squared / outlier_sigmas**2)
     return cost
 
@@ -59,8 +57,8 @@ def point_blocks(
         block[:] = 0
         own_g[p] = 0
         for k in range(start[p], start[p + 1]):
-            robust = _linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
-            _add_point(robust, residual, by_point, block, own_g[p])
+            robust = linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
+            add_point(robust, residual, by_point, block, own_g[p])
             for i in range(3):
                 for j in range(6):
                     across = by_point[0, i] * by_pose[0, j] + by_point[1, i] * by_pose[1, j] + by_point[2, i] * by_pose[2, j]
@@ -108,8 +106,8 @@ def frame_rows(
         H, right = np.zeros((6, 6)), np.zeros(6)
         for k in order[row_start[row] : row_start[row + 1]]:
             p = point[k]
-            robust = _linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
-            _add_pose(robust, residual, by_pose, damping, H, right)
+            robust = linearized(T[frame[k]], points[p], seen[k], weight[k], outlier_sigmas, residual, by_pose, by_point)
+            add_pose(robust, residual, by_pose, damping, H, right)
             if stays[p]:
                 continue
             _by_point(W[k], V[p], Y)
@@ -205,78 +203,17 @@ def own_errors(
     for p in range(first, end):
         V[:] = 0
         for k in range(start[p], start[p + 1]):
-            _linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
-            _add_point(1.0, residual, by_point, V, own_g)
+            linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
+            add_point(1.0, residual, by_point, V, own_g)
         invert_symmetric(V, inverse)
         for k in range(start[p], start[p + 1]):
-            _linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
+            linearized(T[frame[k]], points[p], seen[k], weight[k], np.inf, residual, by_pose, by_point)
             for r in range(3):
                 taken = 0.0
                 for i in range(3):
                     along = inverse[i, 0] * by_point[r, 0] + inverse[i, 1] * by_point[r, 1] + inverse[i, 2] * by_point[r, 2]
                     taken += by_point[r, i] * along
                 errors[k, r] = residual[r] / np.sqrt(max(1 - taken, least_left))
-
-
-@compiled
-def _residual(T: Any, point: Any, seen: Any, weight: Any, residual: Any) -> float:
-    """Write it, in standard errors; its square."""
-    z = T[2, 0] * point[0] + T[2, 1] * point[1] + T[2, 2] * point[2] + T[2, 3]
-    if z <= 0:
-        residual[:] = 0
-        return BEHIND
-    x = T[0, 0] * point[0] + T[0, 1] * point[1] + T[0, 2] * point[2] + T[0, 3]
-    y = T[1, 0] * point[0] + T[1, 1] * point[1] + T[1, 2] * point[2] + T[1, 3]
-    residual[0] = (seen[0] - x / z) * weight[0]
-    residual[1] = (seen[1] - y / z) * weight[1]
-    residual[2] = (seen[2] - 1 / z) * weight[2]
-    return residual[0] ** 2 + residual[1] ** 2 + residual[2] ** 2  # type: ignore[no-any-return]
-
-
-@compiled
-def _linearized(
-    T: Any, point: Any, seen: Any, weight: Any, outlier_sigmas: float, residual: Any, by_pose: Any, by_point: Any
-) -> float:
-    """Write the residual and the derivatives of what is predicted, in standard errors; the weight of the Cauchy kernel."""
-    squared = _residual(T, point, seen, weight, residual)
-    if squared == BEHIND:
-        by_pose[:] = 0
-        by_point[:] = 0
-        return 0.0
-    x = T[0, 0] * point[0] + T[0, 1] * point[1] + T[0, 2] * point[2] + T[0, 3]
-    y = T[1, 0] * point[0] + T[1, 1] * point[1] + T[1, 2] * point[2] + T[1, 3]
-    inverse = 1 / (T[2, 0] * point[0] + T[2, 1] * point[1] + T[2, 2] * point[2] + T[2, 3])
-    for r in range(3):
-        across = (x if r == 0 else y if r == 1 else 1.0) * inverse * inverse * weight[r]
-        a = inverse * weight[r] if r == 0 else 0.0  # derivatives by x, y and z in the camera
-        b = inverse * weight[r] if r == 1 else 0.0
-        c = -across
-        z = 1 / inverse
-        by_pose[r, 0], by_pose[r, 1], by_pose[r, 2] = b * z - c * y, c * x - a * z, a * y - b * x
-        by_pose[r, 3], by_pose[r, 4], by_pose[r, 5] = -a, -b, -c
-        for j in range(3):
-            by_point[r, j] = a * T[0, j] + b * T[1, j] + c * T[2, j]
-    return 1 / (1 + squared / outlier_sigmas**2)
-
-
-@compiled
-def _add_point(robust: float, residual: Any, by_point: Any, V: Any, own_g: Any) -> None:
-    """Add what a sighting says of its point: V (3, 3), own_g (3,)."""
-    for i in range(3):
-        own_g[i] += robust * (by_point[0, i] * residual[0] + by_point[1, i] * residual[1] + by_point[2, i] * residual[2])
-        for j in range(3):
-            across = by_point[0, i] * by_point[0, j] + by_point[1, i] * by_point[1, j] + by_point[2, i] * by_point[2, j]
-            V[i, j] += robust * across
-
-
-@compiled
-def _add_pose(robust: float, residual: Any, by_pose: Any, damping: float, H: Any, g: Any) -> None:
-    """Add what a sighting says of its pose: H (6, 6), g (6,)."""
-    for i in range(6):
-        g[i] += robust * (by_pose[0, i] * residual[0] + by_pose[1, i] * residual[1] + by_pose[2, i] * residual[2])
-        for j in range(6):
-            by = robust * (1 + damping) if i == j else robust
-            H[i, j] += by * (by_pose[0, i] * by_pose[0, j] + by_pose[1, i] * by_pose[1, j] + by_pose[2, i] * by_pose[2, j])
 
 
 @compiled
