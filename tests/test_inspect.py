@@ -98,6 +98,15 @@ def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
     assert "--refine" not in printed
 
 
+def test_a_pair_of_open_water_is_no_misfit(make_dive) -> None:
+    dive = make_dive(3)
+    for seed, side in enumerate("LR"):
+        image = sorted((dive.root / side).iterdir())[1]
+        water = np.random.default_rng(seed).normal(90, 2, cv2.imread(str(image)).shape)
+        cv2.imwrite(str(image), np.clip(water, 0, 255).astype(np.uint8))
+    assert inspect([dive.root]).misfits == ()
+
+
 def test_swapped_sides_are_exchanged_in_the_run_line(make_dive) -> None:
     dive = make_dive(1)
     for old, new in (("L", "x"), ("R", "L"), ("x", "R")):

@@ -1,5 +1,6 @@
 from functools import partial
 
+import cv2
 import numpy as np
 import pytest
 
@@ -50,6 +51,45 @@ def test_a_pair_of_which_little_matches_passes() -> None:
 def test_images_of_different_scenes_fail() -> None:
     with pytest.raises(MatchingError, match=r"^a: only 2\.0% of the pixels match: the two images do not show the same thing"):
         PairCheck(Swapped(0.02))("a", matched(0.02), partial(pair, "a"))
+
+
+def water(seed: int) -> np.ndarray:
+    """Brighter above, with a camera's noise and a few drifting particles."""
+    rng = np.random.default_rng(seed)
+    image = np.linspace(120, 80, 480)[:, None, None] * np.ones((1, 640, 3)) + rng.normal(0, 2, (480, 640, 3))
+    image[rng.integers(0, 480, 40), rng.integers(0, 640, 40)] += 100
+    return np.clip(image, 0, 255).astype(np.uint8)
+
+
+def reef(seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    coarse = [cv2.resize(rng.normal(100, 20, (480 // n, 640 // n)), (640, 480), interpolation=cv2.INTER_CUBIC) for n in (2, 4, 8)]
+    return np.clip(np.mean(coarse, axis=0)[..., None] + rng.normal(0, 2, (480, 640, 3)), 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "said"),
+    [
+        (water(0), water(1), "both images show"),
+        (reef(0), water(1), "the right image shows"),
+        (water(0), reef(1), "the left image shows"),
+    ],
+)
+def test_images_without_texture_are_not_called_two_scenes(left: np.ndarray, right: np.ndarray, said: str) -> None:
+    """Nor are they matched the other way round, which later pairs may need."""
+    swapped = Swapped(0.9)
+    with pytest.raises(MatchingError, match=rf"^a: only 1\.0% of the pixels match: {said} too little texture to match"):
+        PairCheck(swapped)("a", matched(0.01), lambda: StereoFrame("a", left, right))
+    assert swapped.names == []
+
+
+def test_images_with_texture_that_do_not_match_are_two_scenes() -> None:
+    with pytest.raises(MatchingError, match="the two images do not show the same thing"):
+        PairCheck(lambda raw: matched(0.01))("a", matched(0.01), lambda: StereoFrame("a", reef(0), reef(1)))
+
+
+def test_water_of_which_something_matches_passes() -> None:
+    PairCheck(lambda raw: matched(0.05))("a", matched(0.2), lambda: StereoFrame("a", water(0), water(1)))
 
 
 def test_an_image_that_cannot_be_matched_fails_with_the_reason() -> None:

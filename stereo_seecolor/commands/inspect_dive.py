@@ -15,6 +15,7 @@ from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.neighbors import neighbor_that_fits, show_one_scene
 from stereo_seecolor.inputs.pairing import Pair, Pairing
+from stereo_seecolor.matching.texture import sides_without_texture
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import FrameResult, Image
 from stereo_seecolor.run_folder.products import correction_files, range_files
@@ -55,15 +56,20 @@ class Measured:
 
 
 def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> tuple[Misfit, ...]:
-    """The sample pairs whose two images do not show one scene; none if that is all and no neighbor fits: then the rig is wrong."""
+    """The sample pairs whose two images do not show one scene; none if that is all and no neighbor fits: then the rig is wrong.
+
+    Pairs without texture (open water, even sand) say nothing of it and are left out.
+    """
     rectification, reader = Rectification.from_rig(rig), FrameReader(config.input)
-    found = []
+    found, fitting = [], 0
     for pair in sample:
         frame = reader.read(pair)
-        if not show_one_scene(rectification, frame.left, frame.right):
+        if show_one_scene(rectification, frame.left, frame.right):
+            fitting += 1
+        elif not sides_without_texture(frame):
             other = neighbor_that_fits(pair, pairing.pairs, rectification, config.input)
             found.append(Misfit(pair.name, other.name if other else None))
-    rig_is_wrong = len(found) == len(sample) and not any(misfit.fits for misfit in found)
+    rig_is_wrong = not fitting and not any(misfit.fits for misfit in found)
     return () if rig_is_wrong else tuple(found)
 
 

@@ -1,4 +1,4 @@
-"""Whether the two images of a pair show the same thing, judged by how much of them matched."""
+"""Whether the two images of a pair show the same thing, judged by how much of them matched, and by whether anything could."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -7,6 +7,7 @@ import numpy as np
 
 from stereo_seecolor.compute.threads import Lock
 from stereo_seecolor.errors import MatchingError, SwappedError
+from stereo_seecolor.matching.texture import sides_without_texture
 from stereo_seecolor.records import RangeMap, StereoFrame
 
 
@@ -47,7 +48,9 @@ class PairCheck:
         self._lock = Lock()
 
     def __call__(self, name: str, range_map: RangeMap, raw: Callable[[], StereoFrame]) -> None:
-        """Raise MatchingError if the sides look swapped, or if so little matched that these are not images of one scene.
+        """Raise MatchingError if the sides look swapped, or if so little matched that nothing is known of the pair.
+
+        Then its images lack texture, or else they are not of one scene.
 
         raw: gives the pair as the cameras gave it, which is hardly ever needed and need not stay in memory until here.
         """
@@ -56,8 +59,11 @@ class PairCheck:
             return
         if matched == 0 and range_map.warnings:
             raise MatchingError(f"{name}: {'; '.join(range_map.warnings)}")
+        too_little = matched < CONSTANTS.least_coverage
+        if too_little:
+            _refuse_without_texture(name, matched, raw())
         self._check_swapped(name, matched, raw)
-        if matched < CONSTANTS.least_coverage:
+        if too_little:
             raise MatchingError(
                 f"{name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of one pair?), or "
                 "all of it lies outside matching.min_range_m to matching.max_range_m"
@@ -78,3 +84,13 @@ class PairCheck:
                 f"{name}: left and right look swapped: {matched:.0%} of the pixels match as given, and {self._swapped_pair} "
                 "matched better the other way round: exchange --left and --right"
             )
+
+
+def _refuse_without_texture(name: str, matched: float, frame: StereoFrame) -> None:
+    plain = sides_without_texture(frame)
+    if plain:
+        show = "both images show" if len(plain) == 2 else f"the {plain[0]} image shows"
+        raise MatchingError(
+            f"{name}: only {matched:.1%} of the pixels match: {show} too little texture to match (open water, even sand, "
+            "turbid water, a dark frame): no range is known, and without range no color"
+        )
