@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 
 from stereo_seecolor.compute.interface import Item, Result, Usage
@@ -77,6 +78,16 @@ def core_pool() -> ThreadPoolExecutor:
     What runs in it must not wait for anything else that does.
     """
     return ThreadPoolExecutor(cores(), "core")
+
+
+def in_parts(work: Callable[[int, int], None], count: int, least: int = 1) -> None:
+    """``work`` on all of ``count`` things from a to before b, in as many parts as there are cores, each of ``least`` or more."""
+    parts = max(1, min(cores(), count // least))
+    bounds = list(pairwise(count * i // parts for i in range(parts + 1)))
+    others = [core_pool().submit(work, *part) for part in bounds[1:]]
+    work(*bounds[0])
+    for other in others:
+        other.result()
 
 
 if hasattr(os, "register_at_fork"):

@@ -3,8 +3,6 @@
 Compiled without numba's own threads, whose simplest layer must not be entered by two threads at once.
 """
 
-import itertools
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +14,7 @@ from stereo_seecolor.color.render.tone import NODES, Display
 from stereo_seecolor.color.table.bins import LOW_BITS
 from stereo_seecolor.color.table.counting import L, U, position_of
 from stereo_seecolor.compute.compiled import compiled
-from stereo_seecolor.compute.threads import core_pool, cores
+from stereo_seecolor.compute.threads import in_parts
 
 FINE_SHIFT = LOW_BITS - FINE.bit_length() + 1
 """A fine range bin is a position after a shift by this many bits."""
@@ -56,7 +54,7 @@ def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Dis
         here = Shown(out.image[a:b], out.unknown[a:b], out.unrecoverable[a:b])
         numbers.append(_correct(image[a:b], bits[a:b], gains, shown, looked_up, here))
 
-    _in_parts(part, bits.size)
+    in_parts(part, bits.size, PART_PIXELS)
     clipped, known = map(sum, zip(*numbers, strict=True))
     return out, clipped / max(known, 1)
 
@@ -64,7 +62,7 @@ def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Dis
 def linear(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, decoded: NDArray[np.float32]) -> NDArray[np.float32]:
     """(N, 3) float32 linear light, neither clipped nor encoded; 0 where unknown."""
     out = np.empty(image.shape, np.float32)
-    _in_parts(lambda a, b: _linear(image[a:b], bits[a:b], gains, decoded, out[a:b]), bits.size)
+    in_parts(lambda a, b: _linear(image[a:b], bits[a:b], gains, decoded, out[a:b]), bits.size, PART_PIXELS)
     return out
 
 
@@ -73,16 +71,6 @@ def code_table(gains: Gains, shown: Display) -> NDArray[np.uint16]:
     table: Table = _new_table(shown.codes)
     _tabulate((0, FINE_BINS - 1), gains, shown.decoded, table)
     return table.rows
-
-
-def _in_parts(work: Callable[[int, int], None], pixels: int) -> None:
-    """``work`` on all pixels from a to before b, in as many parts as there are cores."""
-    parts = max(1, min(cores(), pixels // PART_PIXELS))
-    bounds = list(itertools.pairwise(pixels * i // parts for i in range(parts + 1)))
-    others = [core_pool().submit(work, *part) for part in bounds[1:]]
-    work(*bounds[0])
-    for other in others:
-        other.result()
 
 
 @compiled

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
-from stereo_seecolor.compute.threads import core_pool
+from stereo_seecolor.compute.threads import Lock, Threads, core_pool, in_parts
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
@@ -28,6 +28,7 @@ class MosaicSettings:
     views_a_meter: int = 12  # frames that a block is painted from, for each meter of its edge: more never win
     repaints: int = 3  # so often views are chosen anew for what the first ones do not see,
     unpainted: float = 0.01  # where that is more than this fraction of the cells
+    windows_at_once: int = 2  # one is blended while the cells of the other are looked up on all cores
     cached_frames: int = 16  # read frames that are kept, 8 bytes a pixel: neighboring blocks share them
     smooth_px: int = 21  # costs are averaged over it, cells: seams run in straight stretches (Rhemann et al. 2011)
     feather_px: float = 2.0  # standard deviation of the blend across a seam, cells
@@ -64,11 +65,14 @@ def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder
     boxes = {int(i): _box(component.points_m(int(i))) for i in component.frames if len(survey.index.points_m[i])}
     cache = _Cache(survey.frames)
     windows = _windows(terrain, grid)
-    for done, (rows, columns) in enumerate(windows):
-        cells = _cells(terrain, grid, rows, columns)
+
+    def paint(window: tuple[slice, slice]) -> None:
+        cells = _cells(terrain, grid, *window)
         if np.isfinite(cells.z_m).any():
-            mosaic.write(rows, columns, _painted(cells, boxes, component, cache))
-        survey.progress(f"painting the mosaic{component.label}", done + 1, len(windows))
+            mosaic.write(*window, _painted(cells, boxes, component, cache))
+
+    for done, _ in enumerate(Threads(SETTINGS.windows_at_once).each(paint, windows), 1):
+        survey.progress(f"painting the mosaic{component.label}", done, len(windows))
     return mosaic
 
 
@@ -97,22 +101,24 @@ class _Sight:
 
 
 class _Cache:
-    """The frames read last."""
+    """The frames read last; several threads may ask."""
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
         self._held: OrderedDict[int, _Sight | None] = OrderedDict()
+        self._reading = Lock()
 
     def read(self, wanted: list[int]) -> list[_Sight | None]:
         """These frames, None for one that is lost; those not held on all cores; the ones asked for last are held on to."""
-        missing = [i for i in wanted if i not in self._held]
-        self._held.update(zip(missing, core_pool().map(self._sight, missing), strict=True))
-        for i in wanted:
-            self._held.move_to_end(i)
-        found = [self._held[i] for i in wanted]
-        while len(self._held) > SETTINGS.cached_frames:
-            self._held.popitem(last=False)
-        return found
+        with self._reading:
+            missing = [i for i in wanted if i not in self._held]
+            self._held.update(zip(missing, core_pool().map(self._sight, missing), strict=True))
+            for i in wanted:
+                self._held.move_to_end(i)
+            found = [self._held[i] for i in wanted]
+            while len(self._held) > SETTINGS.cached_frames:
+                self._held.popitem(last=False)
+            return found
 
     def _sight(self, number: int) -> _Sight | None:
         frame = self._frames[number]
@@ -176,7 +182,8 @@ def _paint(cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedP
         return np.zeros((4, *cells.z_m.shape), np.uint8)
     colors, costs, weights = (np.stack(parts) for parts in zip(*found, strict=True))
     mean = np.zeros((*cells.z_m.shape, 3), np.float32)
-    agree(colors, costs, weights, SETTINGS.disagreement / 3 / 25.5, SETTINGS.outlier, mean)
+    cost_a_level = SETTINGS.disagreement / 3 / 25.5
+    in_parts(lambda a, b: agree(colors, costs, weights, cost_a_level, SETTINGS.outlier, mean, a, b), len(mean))
     return _blend(colors, costs, mean)
 
 

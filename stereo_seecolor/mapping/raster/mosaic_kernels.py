@@ -88,15 +88,16 @@ def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any) -> bool:
 
 
 @compiled
-def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_levels: float, mean: Any) -> None:
+def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_levels: float, mean: Any, first: int, last: int) -> None:
     """Write the mean color (h, w, 3) float32 of all views that see a cell; add to their cost what they are off their median.
 
+    first, last: the rows from the one to before the other.
     color: (views, h, w, 3) uint8. cost: (views, h, w), infinite where a view does not see the cell. weight: as cost, of the mean;
     a color that is off the median by ``outlier_levels`` weighs half (Cauchy).
     """
-    views, height, width = cost.shape
+    views, _, width = cost.shape
     values, seeing, off = np.empty(views), np.empty(views, np.int64), np.empty(views)
-    for r in range(height):
+    for r in range(first, last):
         for c in range(width):
             count = 0
             for view in range(views):

@@ -7,12 +7,14 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.geometry import RectifiedPair
 from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
 from stereo_seecolor.mapping.track.loop_closure import Pairs, by_overlap
-from stereo_seecolor.mapping.track.relative_pose import Edge, relative_pose
-from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.mapping.track.relative_pose import Edge
+from stereo_seecolor.mapping.track.track_work import Relating
 
 QUICK = FeatureSettings(max_width_px=480, max_features=800)
 """A quarter of the track's pixels: a pose is told to some millimeters, at a fifth of the cost."""
@@ -61,16 +63,27 @@ def spot_check(survey: Survey, given: Placement, voxel_m: float) -> Spots:
 
 def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:
     order = survey.index.order
-    features: dict[int, Features] = {}
-    edges = []
-    for done, (a, b) in enumerate(pairs):
-        for rank in {a, b} - features.keys():
-            frame = survey.frames[int(order[rank])]
-            features[rank] = detect(frame, survey.geometry, QUICK) if isinstance(frame, SurveyFrame) else Features.none()
-        if found := relative_pose(features[a], features[b], survey.geometry):
-            edges.append(Edge(int(order[a]), int(order[b]), found.T_a_b, found.covariance, len(found.index_a)))
-        survey.progress("looking at the given poses", done + 1, len(pairs))
-    return edges
+    ranks = sorted({rank for pair in pairs for rank in pair})
+    features: list[Features] = []
+    for found in survey.compute.each(_QuickDetection(survey.frames, survey.geometry), [int(order[rank]) for rank in ranks]):
+        features.append(found)
+        survey.progress("looking at the given poses", len(features), len(ranks))
+    place = {rank: i for i, rank in enumerate(ranks)}
+    relating = Relating(features, survey.geometry)
+    relations = ((a, b, relating((place[a], place[b]))) for a, b in pairs)
+    return [Edge(int(order[a]), int(order[b]), r.T_a_b, r.covariance, len(r.index_a)) for a, b, r in relations if r]
+
+
+@dataclass(frozen=True, eq=False)
+class _QuickDetection:
+    """Finds the features of the frame of a number, as an object that can be sent to another process."""
+
+    frames: Frames
+    geometry: RectifiedPair
+
+    def __call__(self, number: int) -> Features:
+        frame = self.frames[number]
+        return Features.none() if isinstance(frame, Unplaced) else detect(frame, self.geometry, QUICK)
 
 
 def _off_m(edge: Edge, given: Placement, points_m: NDArray[np.floating]) -> float:
