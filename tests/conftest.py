@@ -21,8 +21,6 @@ from calibration.formats import native
 from stereo_seecolor.cli import main
 from stereo_seecolor.commands import demo
 from stereo_seecolor.commands.demo import DemoResult
-from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.mapping.surface.open3d_extractor import open3d as open3d_library
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -134,15 +132,6 @@ def real_data() -> Path:
     if not REAL_DATA.is_dir():
         pytest.skip(f"real frames are not in the repository, and {REAL_DATA} does not exist here")
     return REAL_DATA
-
-
-@pytest.fixture
-def open3d() -> None:
-    """Skips where Open3D cannot be imported, for want of a system library say."""
-    try:
-        open3d_library()
-    except DeviceError as error:
-        pytest.skip(str(error))
 
 
 class AtPair:

@@ -210,9 +210,7 @@ def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
         (["--fuse", "--poses", "nowhere.tum"], "nowhere.tum: cannot be read"),
     ],
 )
-def test_what_is_not_there(make_dive, cli, tmp_path, request, words, message) -> None:
-    if "--fuse" in words:
-        request.getfixturevalue("open3d")
+def test_what_is_not_there(make_dive, cli, tmp_path, words, message) -> None:
     code, printed, said = cli(*make_dive(1).command(tmp_path / "out"), *words)
     assert (code, printed) == (1, "")
     assert message in said

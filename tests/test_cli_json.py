@@ -112,7 +112,6 @@ def test_two_videos(parsed, tmp_path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("open3d")
 def test_the_map_is_part_of_the_object(make_dive, parsed, tmp_path) -> None:
     dive, poses = make_dive(2), tmp_path / "track.tum"
     poses.write_text(TRACK)

@@ -124,7 +124,7 @@ def run_block(language: str, content: str, monkeypatch: pytest.MonkeyPatch, shel
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.usefixtures("open3d", "demo_at_hand")
+@pytest.mark.usefixtures("demo_at_hand")
 @pytest.mark.parametrize("page", [page for page in PAGES if runnable(page)], ids=lambda page: page.stem)
 def test_commands_of_a_page_run(page: Path, checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     if "board/left" in page.read_text(encoding="utf-8"):  # images of the chessboard that the examples calibrate with
@@ -137,7 +137,6 @@ def test_commands_of_a_page_run(page: Path, checkout: Path, shell: Shell, monkey
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("open3d")
 def test_commands_of_the_readme_run(checkout: Path, shell: Shell, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(checkout / DIVE)
     for language, content in runnable(ROOT / "README.md"):

@@ -2,8 +2,7 @@
 
 import dataclasses
 import errno
-import importlib.util
-import sys
+import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import BinaryIO
@@ -13,13 +12,16 @@ import pytest
 from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, height_at, read_cloud, track
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.errors import DeviceError, OutputError
+from stereo_seecolor.errors import OutputError
 from stereo_seecolor.evaluation.maps import nearest_distance_m
 from stereo_seecolor.files import raw_arrays
 from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.mapping import kept_frames
-from stereo_seecolor.mapping.surface import extraction, marching_cubes, open3d_extractor
+from stereo_seecolor.mapping.surface import extraction
+from stereo_seecolor.mapping.surface.extraction import extract
+from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.volume import Volume
 from stereo_seecolor.mapping.survey_map import Workspace, build_map
 from stereo_seecolor.records import SurveyFrame
@@ -246,49 +248,7 @@ def test_a_frame_without_ranges_does_no_harm(tmp_path: Path) -> None:
     assert build_map(frames, PAIR, tmp_path, CONFIG, track(3)).placed == 3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("error", [OSError("libGL.so.1: cannot open"), None])
-def test_where_open3d_is_missing_scikit_image_makes_the_same_map(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception | None
-) -> None:
-    class Finder:
-        def find_spec(self, name: str, *_: object) -> None:
-            if name == "open3d" and error:
-                raise error
-
-    waves = [
-        dataclasses.replace(f, range_m=f.range_m + 0.05 * np.sin(np.arange(160) / 9).astype(np.float32))
-        for f in map(flat_frame, range(4))
-    ]
-    build_map(waves, PAIR, tmp_path / "open3d", CONFIG, track(4))
-    monkeypatch.setitem(sys.modules, "open3d", None) if error is None else monkeypatch.delitem(sys.modules, "open3d", raising=False)
-    monkeypatch.setattr(sys, "meta_path", [Finder(), *sys.meta_path])
-    extraction.open3d_available.cache_clear()
-    with pytest.raises(DeviceError, match=r"apt-get install" if error else "pip install open3d"):
-        open3d_extractor.open3d()
-    build_map(waves, PAIR, tmp_path / "skimage", CONFIG, track(4))
-    extraction.open3d_available.cache_clear()
-    a, b = (read_cloud(tmp_path / name / "cloud.ply") for name in ("open3d", "skimage"))
-    assert len(b) == pytest.approx(len(a), rel=5e-3)
-    for one, other in ((a, b), (b, a)):
-        apart_m = nearest_distance_m(one["position"], other["position"], 0.1)
-        assert np.quantile(apart_m, 0.999) < 0.1 * CONFIG.voxel_m
-    up_a, up_b = (read_cloud(tmp_path / name / "cloud.ply")["normal"][:, 2] for name in ("open3d", "skimage"))
-    assert np.median(up_b) == pytest.approx(np.median(up_a), abs=0.02)
-    triangles = [len(read_triangles(tmp_path / name / "mesh.ply")) for name in ("open3d", "skimage")]
-    assert triangles[1] == pytest.approx(triangles[0], rel=0.01)
-
-
-def test_without_any_extractor_it_is_named_before_the_first_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(extraction, "open3d_available", lambda: False)
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    frames = Counting([flat_frame(0)])
-    with pytest.raises(DeviceError, match="pip install scikit-image"):
-        build_map(frames, PAIR, tmp_path, CONFIG, track(1))
-    assert frames.reads == 0
-
-
-def volume_of(distance_m: Callable[[NDArray, NDArray, NDArray], NDArray], seed: int) -> Volume:
+def volume_of(distance_m: Callable[[NDArray, NDArray, NDArray], NDArray], seed: int, unknown: float = 0.02) -> Volume:
     """All blocks of a cube from -3 to 2 blocks, some voxels unknown."""
     voxel_m = 0.02
     blocks = np.stack(np.meshgrid(*[np.arange(-3, 3)] * 3, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.int32)
@@ -296,21 +256,88 @@ def volume_of(distance_m: Callable[[NDArray, NDArray, NDArray], NDArray], seed: 
     k, j, i = np.indices((8, 8, 8))
     x, y, z = ((blocks[:, axis, None, None, None] * 8 + index) * voxel_m for axis, index in enumerate((i, j, k)))
     volume.tsdf[:] = np.clip(distance_m(x, y, z) / (4 * voxel_m), -1, 1)
-    volume.weight[:] = np.random.default_rng(seed).random(volume.weight.shape) > 0.02
+    volume.weight[:] = np.random.default_rng(seed).random(volume.weight.shape) >= unknown
     return volume
 
 
-@pytest.mark.usefixtures("open3d")
+def extracted(volume: Volume) -> Surface:
+    return extract(volume, np.arange(len(volume.blocks)))
+
+
+def test_a_ball_is_closed_and_of_its_size() -> None:
+    volume = volume_of(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 0.3, 0, unknown=0)
+    surface = extracted(volume)
+    radius = np.linalg.norm(surface.points_m, axis=1)
+    np.testing.assert_allclose(radius, 0.3, atol=0.05 * volume.voxel_m)
+    np.testing.assert_allclose(surface.normals, surface.points_m / radius[:, None], atol=0.05)
+    assert surface.areas_m2.sum() == pytest.approx(4 * np.pi * 0.3**2, rel=0.01)
+    a, b, c = np.moveaxis(surface.points_m[surface.triangles].astype(float), 1, 0)
+    assert (np.cross(a, b) * c).sum() / 6 == pytest.approx(4 / 3 * np.pi * 0.3**3, rel=0.01)  # positive: outside is outside
+
+
 @pytest.mark.parametrize("seed", [0, 1])
-def test_both_extractors_find_the_same_points(seed: int) -> None:
+def test_the_points_lie_where_the_distance_along_an_edge_is_zero(seed: int) -> None:
     rough = np.random.default_rng(seed).normal(0, 0.01, (216, 8, 8, 8))
     volume = volume_of(lambda x, y, z: np.sqrt(x * x + y * y + z * z) - 0.3 + rough, seed)
-    one, other = open3d_extractor.extract(volume), marching_cubes.extract(volume)
-    assert one is not None
-    assert other is not None
-    for a, b in ((one, other), (other, one)):
-        assert nearest_distance_m(a.points_m, b.points_m, 0.1).max() < 1e-3 * volume.voxel_m
-    center = other.points_m[other.indices].mean(axis=1)
-    across = np.cross(*(other.points_m[other.indices[:, k]] - other.points_m[other.indices[:, 0]] for k in (1, 2)))
-    assert ((across * center).sum(axis=1) > 0).mean() > 0.95  # outwards, as Open3D's
-    assert len(np.unique(other.points_m, axis=0)) == len(other.points_m)
+    surface = extracted(volume)
+    wanted = zero_crossings(volume)
+    assert len(np.unique(surface.points_m, axis=0)) == len(surface.points_m) == len(wanted)
+    assert nearest_distance_m(surface.points_m, wanted, 0.1).max() < 1e-4 * volume.voxel_m
+
+
+def test_a_rough_surface_has_no_holes_but_where_voxels_are_unknown() -> None:
+    rough = np.random.default_rng(3).normal(0, 1, (216, 8, 8, 8))
+    volume = volume_of(lambda x, y, z: rough, 0, unknown=0)  # every case of a cube
+    triangles = extracted(volume).triangles.astype(np.int64)
+    sides = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    forth, times = np.unique(sides[:, 0] << 32 | sides[:, 1], return_counts=True)
+    assert (times == 1).all()  # a side lies between two triangles that face the same way
+    alone = ~np.isin(sides[:, 1] << 32 | sides[:, 0], forth)
+    ends = np.abs(extracted(volume).points_m[sides[alone]] / volume.voxel_m + 4.5)  # the cube's faces are voxels -24 and 15
+    assert (ends.max(axis=2) > 19.5 - 1e-3).all()
+
+
+@pytest.mark.parametrize("first", [0, 100])
+def test_cores_change_nothing_in_what_is_extracted(first: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    volume = volume_of(lambda x, y, z: z + 0.1 * np.sin(20 * x), 5)
+    own = np.arange(first, len(volume.blocks))
+    one = extract(volume, own)
+    monkeypatch.setattr(extraction, "PART_BLOCKS", 1)
+    limit_cores(5)
+    try:
+        five = extract(volume, own)
+    finally:
+        limit_cores(os.cpu_count() or 1)
+    for name in ("points_m", "normals", "colors", "triangles"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(five, name))
+
+
+def zero_crossings(volume: Volume) -> NDArray[np.float64]:
+    """On every edge of a cube whose corners are all known."""
+    size = 48
+    tsdf, known = np.ones((size,) * 3), np.zeros((size,) * 3, np.bool_)
+    for block, distance, weight in zip(volume.blocks, volume.tsdf, volume.weight, strict=True):
+        x, y, z = (slice(8 * (n + 3), 8 * (n + 4)) for n in block)
+        tsdf[x, y, z], known[x, y, z] = distance.transpose(2, 1, 0), weight.transpose(2, 1, 0) > 0
+    cubes = np.ones((size - 1,) * 3, np.bool_)
+    for x, y, z in np.ndindex(2, 2, 2):
+        cubes &= known[x : size - 1 + x, y : size - 1 + y, z : size - 1 + z]
+    inside = np.zeros((size,) * 3, np.bool_)
+    for x, y, z in np.ndindex(2, 2, 2):
+        inside[x : size - 1 + x, y : size - 1 + y, z : size - 1 + z] |= cubes
+    points = []
+    for axis in range(3):
+        one = np.eye(3, dtype=int)[axis]
+        for at in np.argwhere(inside):
+            other = at + one
+            if other[axis] >= size or (tsdf[tuple(at)] < 0) == (tsdf[tuple(other)] < 0) or not has_cube(cubes, at, axis):
+                continue
+            t = tsdf[tuple(at)] / (tsdf[tuple(at)] - tsdf[tuple(other)])
+            points.append((at - 24 + t * one) * volume.voxel_m)
+    return np.array(points)
+
+
+def has_cube(cubes: NDArray[np.bool_], at: NDArray[np.int64], axis: int) -> bool:
+    """Whether one of the four cubes around an edge is known."""
+    low = np.maximum(at - (np.arange(3) != axis), 0)
+    return bool(cubes[tuple(slice(a, b + 1) for a, b in zip(low, at, strict=True))].any())

@@ -449,7 +449,7 @@ def test_a_folder_turned_into_a_file_is_left_alone(dive: Dive, tmp_path: Path) -
 
 
 @pytest.mark.slow
-def test_a_users_file_in_the_map_is_refused(dive: Dive, tmp_path: Path, open3d: None) -> None:
+def test_a_users_file_in_the_map_is_refused(dive: Dive, tmp_path: Path) -> None:
     out = tmp_path / "out"
     go(dive, out)
     mine = keep(out / "map/report.docx")

@@ -1,6 +1,5 @@
 """What this machine has for the job, what it lacks, what is lost without, and the command that installs it."""
 
-import contextlib
 import importlib
 import importlib.metadata
 import os
@@ -8,9 +7,8 @@ import platform
 import sys
 from dataclasses import dataclass
 
+from stereo_seecolor.commands.open3d_library import LIBRARIES
 from stereo_seecolor.compute.threads import cores
-from stereo_seecolor.errors import DeviceError
-from stereo_seecolor.mapping.surface.open3d_extractor import LIBRARIES, open3d
 
 OLDEST_PYTHON = (3, 11)
 INSTALL = "pip install -c constraints.txt"
@@ -142,9 +140,7 @@ def _cuda() -> Finding:
 
 
 def _open3d() -> Finding:
-    with contextlib.suppress(DeviceError):
-        open3d()  # starts numba's threads first, which must come before Open3D's older TBB
-    found = examine(Library("open3d", "open3d", without="no window onto a map (view); scikit-image makes its surface"))
+    found = examine(Library("open3d", "open3d", without="no window onto a map (view)"))
     fix = ""
     if found.detail == "not installed":
         fix = f"{INSTALL} open3d"

@@ -9,8 +9,8 @@ import webbrowser
 from dataclasses import dataclass
 from pathlib import Path
 
+from stereo_seecolor.commands.open3d_library import open3d
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.mapping.surface.open3d_extractor import open3d
 from stereo_seecolor.run_folder.layout import INDEX
 
 

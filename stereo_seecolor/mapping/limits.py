@@ -20,7 +20,7 @@ class Limits:
 
     pixels_a_voxel: float = 1 / 8  # edge of a voxel in pixels on the bottom: finer ones hold nothing that the images show
     voxels_a_range: float = 4.0  # truncation: a voxel larger than a quarter of the range reaches into the cameras
-    block_bytes: int = 20_000  # of a block of 8^3 voxels: 24 a voxel for fusion, 8 for the extraction, the rest for triangles
+    block_bytes: int = 20_000  # of a block of 8^3 voxels: 24 a voxel for fusion, 13 for the extraction, the rest for triangles
     square_cell_bytes: int = 120  # of a terrain cell while its square is measured: 15 float64
     tile_cell_bytes: int = 32  # of a terrain cell while a tile is drawn: its height, twice, and coordinates
     cells: float = 4e9  # of a mosaic or terrain: 16 GB on disk, a day's work

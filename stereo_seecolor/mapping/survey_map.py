@@ -28,7 +28,7 @@ from stereo_seecolor.mapping.raster.georeference import Georeference, crs_name
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, encoded, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import Frames, RecoveredFrames, Unplaced
-from stereo_seecolor.mapping.surface import extraction, islands
+from stereo_seecolor.mapping.surface import islands
 from stereo_seecolor.mapping.surface.join import write_map
 from stereo_seecolor.mapping.surface.kernels import BLOCK
 from stereo_seecolor.mapping.surface.tile_store import TileStore
@@ -93,7 +93,6 @@ def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
     Raises DeviceError, with the command that installs it, where a library is missing; MappingError for a map in UTM of a survey
     whose place on Earth is not known.
     """
-    extraction.check_available()
     if config.crs != "utm":
         return
     if trajectory is None or trajectory.origin is None:

@@ -1,9 +1,8 @@
-"""Weighted TSDF integration of one frame into voxel blocks, on all cores."""
+"""Weighted TSDF integration of one frame into a range of voxel blocks."""
 
 from typing import Any
 
 import numpy as np
-from numba import prange
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.color_weight import color_weight
@@ -11,6 +10,8 @@ from stereo_seecolor.mapping.color_weight import color_weight
 BLOCK = 8
 """Voxels along the edge of a block."""
 
+CELL = 16
+"""Pixels along the edge of the cells whose deepest measurement is known."""
 NEAREST_M = 0.05
 """Nearer than the cameras' housing nothing is measured, meters."""
 BITS = 21
@@ -27,26 +28,79 @@ def weigh(
     voxel_m: float,
     depth_m: Any,  # (H, W) float32, written
     weight: Any,  # (H, W) float32, written: 0 where nothing was measured
-) -> float:
-    """Depths and weights of a frame's pixels; the farthest range, 0 where there is none.
+    deepest_m: Any,  # (H / CELL, W / CELL) float32, rounded up, written: of each cell of CELL x CELL pixels, 0 where there is none
+    first: int,
+    last: int,
+) -> None:
+    """Depths and weights of a frame's pixels in the rows of cells from first to before last.
 
     Weight = confidence (voxel / standard error)^2. The error of stereo grows with the square of the range; without regard to
     that, one near fish would outweigh all that see through it.
     """
-    farthest = 0.0
-    for row in range(range_m.shape[0]):
+    for row in range(first * CELL, min(last * CELL, range_m.shape[0])):
+        if row % CELL == 0:
+            deepest_m[row // CELL] = 0
         for column in range(range_m.shape[1]):
             measured, trust, std = range_m[row, column], confidence[row, column], range_std_m[row, column]
             weight[row, column] = 0
             if not (measured > 0 and trust > 0 and measured < np.inf):
                 continue
-            farthest = max(farthest, measured)
-            depth_m[row, column] = measured / ray_length[row, column]
+            depth = np.float32(measured / ray_length[row, column])
+            depth_m[row, column] = depth
             weight[row, column] = trust * (voxel_m / std) ** 2 if std > 0 else trust
-    return farthest
+            cell = column // CELL
+            deepest_m[row // CELL, cell] = max(deepest_m[row // CELL, cell], depth)
 
 
-@compiled(parallel=True)
+@compiled
+def in_sight(
+    keys: Any,  # (B, 3) int32 block coordinates
+    deepest_m: Any,  # of ``weigh``
+    camera: Any,  # (3,) float64: focal_px, cx, cy
+    T: Any,  # (4, 4) float64, camera from world
+    voxel_m: float,
+    truncation_m: float,
+) -> Any:
+    """The numbers of the blocks of which something may be in front of a measurement, or not deeper behind it than the truncation.
+
+    Of each block its enclosing sphere is held against the deepest measurement in the window of the image that it covers.
+    """
+    chosen = np.empty(len(keys), np.int64)
+    count = 0
+    for b in range(len(keys)):
+        half, radius = BLOCK / 2, 0.87 * BLOCK * voxel_m
+        x, y, z = _in_camera(
+            T, (keys[b, 0] * BLOCK + half) * voxel_m, (keys[b, 1] * BLOCK + half) * voxel_m, (keys[b, 2] * BLOCK + half) * voxel_m
+        )
+        if z < -radius:
+            continue
+        if z < 2 * radius or _measured(deepest_m, camera, x / z, y / z, 2 * radius / (z - radius), z - radius - truncation_m):
+            chosen[count] = b
+            count += 1
+    return chosen[:count]
+
+
+@compiled
+def _measured(deepest_m: Any, camera: Any, across: float, down: float, margin: float, least_m: float) -> bool:
+    """Whether anything as deep was measured in the window around a direction. across, down, margin: of the depth."""
+    rows, columns = deepest_m.shape
+    top, bottom = _cells(camera[0] * (down - margin) + camera[2], camera[0] * (down + margin) + camera[2], rows)
+    left, right = _cells(camera[0] * (across - margin) + camera[1], camera[0] * (across + margin) + camera[1], columns)
+    for row in range(top, bottom):
+        for column in range(left, right):
+            if deepest_m[row, column] > 0 and deepest_m[row, column] >= least_m:
+                return True
+    return False
+
+
+@compiled
+def _cells(low_px: float, high_px: float, count: int) -> Any:
+    """The cells from the first to before the last that an interval of pixels meets, one pixel more at each end."""
+    low, high = np.floor((low_px - 1) / CELL), np.floor((high_px + 1) / CELL) + 1
+    return int(min(max(low, 0.0), float(count))), int(min(max(high, 0.0), float(count)))
+
+
+@compiled
 def integrate(
     keys: Any,  # (B, 3) int32 block coordinates
     tsdf: Any,  # (B, 8, 8, 8) float32 in units of the truncation, index z, y, x
@@ -57,29 +111,30 @@ def integrate(
     doubtful: Any,  # (H, W) bool: its color counts next to nothing
     depth_m: Any,  # (H, W) float32, of ``weigh``
     pixel_weight: Any,  # (H, W) float32, of ``weigh``
-    camera: Any,  # (4,) float64: focal_px, cx, cy, farthest range
+    camera: Any,  # (3,) float64: focal_px, cx, cy
     T: Any,  # (4, 4) float64, camera from world
     voxel_m: float,
     truncation_m: float,
+    chosen: Any,  # (n,) int64, of ``in_sight``
+    first: int,
+    last: int,
 ) -> None:
-    """Update every voxel that projects onto a measured pixel and does not lie deeper behind it than the truncation.
+    """Update the voxels of the blocks chosen[first:last] that project onto a measured pixel and lie no deeper behind it than the
+    truncation.
 
     Curless and Levoy's (1996) running weighted mean. Voxels in front of the surface are updated as well: that carves away what
     other frames saw only once, such as fish.
     """
-    height, width = depth_m.shape
-    for b in prange(keys.shape[0]):
-        corner = np.array([keys[b, 0] * BLOCK * voxel_m, keys[b, 1] * BLOCK * voxel_m, keys[b, 2] * BLOCK * voxel_m])
-        if _out_of_sight(corner, camera, T, width, height, voxel_m, truncation_m):
-            continue
+    for b in chosen[first:last]:
+        corner = keys[b, 0] * BLOCK * voxel_m, keys[b, 1] * BLOCK * voxel_m, keys[b, 2] * BLOCK * voxel_m
         for k, j in np.ndindex((BLOCK, BLOCK)):
-            first = _in_camera(T, corner[0], corner[1] + j * voxel_m, corner[2] + k * voxel_m)
+            start = _in_camera(T, corner[0], corner[1] + j * voxel_m, corner[2] + k * voxel_m)
             for i in range(BLOCK):
                 along = i * voxel_m
-                z = first[2] + T[2, 0] * along
+                z = start[2] + T[2, 0] * along
                 if z <= NEAREST_M:
                     continue
-                across, down = (first[0] + T[0, 0] * along) / z, (first[1] + T[1, 0] * along) / z
+                across, down = (start[0] + T[0, 0] * along) / z, (start[1] + T[1, 0] * along) / z
                 u, v = camera[0] * across + camera[1] + 0.5, camera[0] * down + camera[2] + 0.5
                 w = _at(pixel_weight, v, u)
                 if w == 0:
@@ -120,61 +175,11 @@ def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
 
 
 @compiled
-def _out_of_sight(corner: Any, camera: Any, T: Any, width: int, height: int, voxel_m: float, truncation_m: float) -> bool:
-    """True for a block whose enclosing sphere lies behind the camera, beyond the farthest range, or beside the image."""
-    half, radius = BLOCK / 2 * voxel_m, 0.87 * BLOCK * voxel_m
-    x, y, z = _in_camera(T, corner[0] + half, corner[1] + half, corner[2] + half)
-    if z < -radius or z - radius > camera[3] + truncation_m:
-        return True
-    if z < 2 * radius:
-        return False
-    margin = 2 * camera[0] * radius / (z - radius)
-    u, v = camera[0] * x / z + camera[1], camera[0] * y / z + camera[2]
-    return bool(u < -margin or v < -margin or u > width + margin or v > height + margin)
-
-
-@compiled
 def _mix(color: Any, color_weights: Any, i: int, rgb: Any, w: float) -> None:
     """One more view of a voxel's color, into the running weighted mean."""
     color_weights[i] += w
     for c in range(3):
         color[c] += (rgb[c] - color[c]) * w / color_weights[i]
-
-
-@compiled(parallel=True)
-def colors_at(points_m: Any, sorted_keys: Any, order: Any, color: Any, color_weight: Any, voxel_m: float) -> Any:
-    """(V, 3) float32 color of points, interpolated between the voxels around them that have one; NaN where none has.
-
-    sorted_keys: (B,) int64 packed coordinates of the blocks; order: (B,) which block each is. color, color_weight: as in
-    ``integrate``. A voxel that was only seen through has no color of its own, and must not darken its neighbors'.
-    """
-    result = np.full((len(points_m), 3), np.nan, np.float32)
-    for v in prange(len(points_m)):
-        total = 0.0
-        mixed = np.zeros(3)
-        low = np.floor(points_m[v] / voxel_m + 1e-3).astype(np.int64)
-        for corner in range(8):
-            fraction = 1.0
-            cell = low.copy()
-            for axis in range(3):
-                past = points_m[v, axis] / voxel_m - low[axis]
-                if corner >> axis & 1:
-                    cell[axis] += 1
-                    fraction *= max(past, 1e-6)
-                else:
-                    fraction *= max(1 - past, 1e-6)
-            key = packed(cell[0] // BLOCK, cell[1] // BLOCK, cell[2] // BLOCK)
-            found = np.searchsorted(sorted_keys, key)
-            if found == len(sorted_keys) or sorted_keys[found] != key:
-                continue
-            b = order[found]
-            i, j, k = cell % BLOCK
-            if color_weight[b, k, j, i] > 0:
-                total += fraction
-                mixed += fraction * color[b, k, j, i]
-        if total > 0:
-            result[v] = mixed / total
-    return result
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""A tile's voxels, and the triangles that an extractor finds in them."""
+"""A tile's voxels."""
 
 from dataclasses import dataclass
 
@@ -13,8 +13,8 @@ MIN_WEIGHT = 0.05
 
 @dataclass(frozen=True, eq=False)
 class Volume:
-    """A tile's voxels. blocks: (B, 3) int32 coordinates. tsdf: signed distance in units of the truncation; weight: its weight,
-    both (B, 8, 8, 8) float32, index z, y, x. color: (B, 8, 8, 8, 3) float32, 0..255; color_weight: (B, 8, 8, 8) float32.
+    """A tile's voxels. blocks: (B, 3) int32 coordinates, sorted. tsdf: signed distance in units of the truncation; weight: its
+    weight, both (B, 8, 8, 8) float32, index z, y, x. color: (B, 8, 8, 8, 3) float32, 0..255; color_weight: (B, 8, 8, 8) float32.
     """
 
     blocks: NDArray[np.int32]
@@ -30,12 +30,3 @@ class Volume:
         shape = (len(blocks), BLOCK, BLOCK, BLOCK)
         tsdf, weight, color_weight = (np.zeros(shape, np.float32) for _ in range(3))
         return cls(blocks, voxel_m, tsdf, weight, np.zeros((*shape, 3), np.float32), color_weight)
-
-
-@dataclass(frozen=True, eq=False)
-class Triangles:
-    """points_m, normals: (V, 3) float32. indices: (T, 3) int64."""
-
-    points_m: NDArray[np.float32]
-    normals: NDArray[np.float32]
-    indices: NDArray[np.int64]
