@@ -53,10 +53,7 @@ class _Named(Lazy[tuple[str, Pair]]):
         return pair.name, pair
 
 
-LEAST_LIT_FRAMES = 10
-"""Of fewer frames the light is not solved: too few spots are seen in many parts of the picture, and reef passes for light (three
-frames of a real dive came out pink on one side and yellow in a corner, though spots left out of the fit agreed better).
-"""
+NO_OVERLAP = "light: no two frames show the same spots, so that lamps, lens and exposure stay in the images"
 
 
 class Dive:
@@ -161,7 +158,7 @@ class Dive:
         """What the dive's own overlapping frames say of its light: an earlier run's, or solved now."""
         color, geometry = self._config.color, self._geometry
         allowed = Use(color.lights == "auto", color.lights == "auto", color.camera_exposure == "auto")
-        if geometry is None or len(pairs) < LEAST_LIT_FRAMES or not any(allowed):
+        if geometry is None or len(pairs) < 2 or not any(allowed):
             return
         kept = KeptLight.load(self._folder.root)
         if kept is None or self._options.verify or kept.key != self._stages.fit_key(pairs):
@@ -187,7 +184,7 @@ class Dive:
         found = replace(search, frames=_Named(self._not_failed(pairs))).solve(allowed)
         light = found.light
         content = light.content() if light and light.light else None
-        kept = KeptLight(self._stages.fit_key(pairs) or "", light.note if light else "", content, found.linked)
+        kept = KeptLight(self._stages.fit_key(pairs) or "", light.note if light else NO_OVERLAP, content, found.linked)
         if kept.key:
             kept.save(self._folder.root)
         return kept

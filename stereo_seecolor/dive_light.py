@@ -12,7 +12,8 @@ from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences,
 from stereo_seecolor.color.photometry.light_model import FrameGains
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
-from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
+from stereo_seecolor.color.photometry.sightings import SeenWindow
+from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.lazy import Lazy
@@ -115,7 +116,7 @@ class LightSearch:
         if light and len(chosen) < len(names) and allowed.gains:
             every = self._looked(range(len(names)), _DifferenceLook(look_at, light), self.compute.parts)
             light = self._followed(light, names, every, links, confirmed)
-        elif light and (light.solved.gains or light.recorded):
+        elif light and (allowed.gains or light.recorded):
             few = [(seen.frames, differences(seen, light, size)) for seen in windows]
             light = self._followed(light, names, few, links, confirmed)
         return Found(light, tuple(names[k] for k in np.flatnonzero(links.frames)))

@@ -138,6 +138,19 @@ def test_recorded_exposures_give_the_gains_also_of_frames_without_overlap() -> N
 
 
 @pytest.mark.slow
+def test_two_frames_are_enough_for_gains() -> None:
+    true = np.array([0.0, -0.5])
+    dive = DrawnDive(true)
+    frames = [(name, partial(dive.read, name)) for name in dive.names[:2]]
+    found = LightSearch(frames, lambda read: read(), [Capture()] * 2, HALF, "srgb", Threads(2)).solve(ALL).light
+    assert found is not None
+    assert found.light is not None
+    gains = np.array([found.light.gains[name].mean() for name in dive.names[:2]])
+    np.testing.assert_allclose(gains, true - true.mean(), atol=0.04)
+    assert "a gain for each of 2 frames" in found.note
+
+
+@pytest.mark.slow
 def test_exposures_that_are_recorded_wrongly_change_nothing() -> None:
     true = exposures()
     dive = DrawnDive(true)

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry.crossing import alike, pictures_crossed
 from stereo_seecolor.color.photometry.even_light import even_light
 from stereo_seecolor.color.photometry.light_model import TERMS, Light, with_fall_off
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.sightings import Sightings
-from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, solve_light
+from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.records import Water
 
 SIZE = (160, 128)
@@ -185,3 +186,39 @@ def test_what_the_camera_clipped_stays_clipped() -> None:
     image = np.full((*SIZE[::-1], 3), 255, np.uint8)
     out = even_light(image, np.full(SIZE[::-1], 2.0, np.float32), some_light().on("a", SIZE), "srgb")
     assert (out == 255).all()
+
+
+def crossing(pictures: float, patches: int = 800) -> list[SeenWindow]:
+    """Three frames of one spot, over which the reef moves by so many pictures in all; the picture's left side is lit red."""
+    rng, found = np.random.default_rng(8), []
+    step = np.array([0.0, 0.5 * pictures * SIZE[1]])
+    for later in (1, 2):
+        start = rng.uniform(0, SIZE - np.array([1, 1]) - step, (patches, 2))
+        patch, view = np.repeat(np.arange(patches), 2), np.tile([1, 0], patches)
+        pixel = start[patch] + view[:, None] * step + np.stack([30.0 * view * rng.uniform(-1, 1, view.size), 0.0 * view], axis=1)
+        x = (2 * pixel[:, :1] + 1 - SIZE[0]) / SIZE[0]
+        log_light = rng.uniform(-2.5, -1.5, (patches, 3))[patch] + x * np.array([-0.4, -0.1, -0.1])
+        light = np.exp(log_light + 0.01 * rng.standard_normal((view.size, 1)))
+        found.append(SeenWindow(np.array([later, later - 1]), Sightings(patch, 1 - view, np.full(view.size, 2.0), light, pixel)))
+    return found
+
+
+def test_a_dive_is_as_long_as_the_reef_that_its_frames_show() -> None:
+    assert pictures_crossed(crossing(0.3), SIZE) == pytest.approx(0.3, abs=0.02)
+    assert pictures_crossed([], SIZE) == 0
+    assert alike(3.0) == alike(1.5) == 10
+    assert alike(0.5) == pytest.approx(30)
+    assert np.isfinite(alike(0.0))
+
+
+@pytest.mark.parametrize(
+    ("pictures", "patches", "used"), [(0.3, 800, (True, False)), (1.2, 800, (True, True)), (0.3, 100, (False, False))]
+)
+def test_a_few_frames_give_a_pattern_of_brightness_and_more_reef_one_of_color(
+    pictures: float, patches: int, used: tuple[bool, bool]
+) -> None:
+    found = solve_light(crossing(pictures, patches), ["a", "b", "c"], SIZE, ALL)
+    assert found is not None
+    assert (found.luminance.use.pattern, found.color.use.pattern) == used
+    assert ("its color is not: too few frames (0.3 pictures of reef" in found.note) == (used == (True, False))
+    assert ("only 100 spots are seen by two frames" in found.note) == (not any(used))

@@ -230,9 +230,10 @@ def test_a_rerun_fits_no_water_again_unless_something_changed(make_dive, tmp_pat
     dive, out, fits = make_dive(3), tmp_path / "out", []
     fit = Corrector.fit
     monkeypatch.setattr(Corrector, "fit", lambda *arguments: fits.append(1) or fit(*arguments))
-    run_in_process(dive, out)
+    notes = run_in_process(dive, out).notes
     before, first = contents(out), len(fits)
-    assert run_in_process(dive, out).notes == ()
+    assert run_in_process(dive, out).notes == notes
+    assert notes[0].startswith("light: no two frames show the same spots")
     assert len(fits) == first
     (out / ".state" / "fit.json").write_text("{}")
     run_in_process(dive, out)

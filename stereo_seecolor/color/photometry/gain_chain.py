@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_prior import COLOR
-from stereo_seecolor.color.photometry.survey_light import SeenWindow, SurveyLight, usable
+from stereo_seecolor.color.photometry.sightings import SeenWindow
+from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
 from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 Array = NDArray[np.float64]

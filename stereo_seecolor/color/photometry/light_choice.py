@@ -46,12 +46,21 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A solution with the terms that help; what was there before and what is left, both on patches left out of a fit."""
+    """A solution with the terms that help; what was there before and what is left, both on patches left out of a fit.
+
+    judging: number of these patches.
+    """
 
     use: Use
     solution: Solution
     before: Spread
     after: Spread
+    judging: int
+
+    @property
+    def judged(self) -> bool:
+        """Whether these were enough for any term to be used."""
+        return self.judging >= SETTINGS.least_patches
 
 
 def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, frames: int, priors: Sequence[LightPrior]) -> Choice:
@@ -61,21 +70,21 @@ def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, fra
     """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
     fitted, judged = ([value[window.held == held] for window, value in zip(windows, values, strict=True)] for held in (False, True))
-    enough = sum(len(np.unique(window.patch)) for window in judge) >= SETTINGS.least_patches
+    judging = sum(len(np.unique(window.patch)) for window in judge)
 
     def score(use: Use) -> Spread:
         return spread_left(judge, judged, _best(fit, fitted, use, frames, priors))
 
     use, before = Use(), score(Use())
     now = before
-    while enough:
+    while judging >= SETTINGS.least_patches:
         steps = [step for step in _next(use) if all(map(_at_most, step, allowed))]
         scored = [(score(step), step) for step in steps]
         worth = [(spread.between_views, step, spread) for spread, step in scored if _worth(spread, now)]
         if not worth:
             break
         _, use, now = min(worth)
-    return Choice(use, _best(windows, values, use, frames, priors), before, now)
+    return Choice(use, _best(windows, values, use, frames, priors), before, now, judging)
 
 
 def _best(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, priors: Sequence[LightPrior]) -> Solution:

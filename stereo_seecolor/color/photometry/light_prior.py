@@ -58,23 +58,27 @@ class Gaussian:
 
 @dataclass(frozen=True, eq=False)
 class LightPrior:
-    """mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations."""
+    """mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations.
+
+    alike: so many sightings count as one against it.
+    """
 
     mean: Array
     covariance: Array
     gain: float
     systematic: float
+    alike: float
 
     @classmethod
-    def unknown(cls, about: Deviations) -> "LightPrior":
+    def unknown(cls, about: Deviations, alike: float) -> "LightPrior":
         """Where nothing is known of where the light comes from."""
         deviations = [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
-        return cls(np.zeros(TERMS + 1), np.diag(np.square(deviations)), about.gain, about.systematic)
+        return cls(np.zeros(TERMS + 1), np.diag(np.square(deviations)), about.gain, about.systematic, alike)
 
     @classmethod
-    def lamps(cls, reference_m: float) -> "LightPrior":
+    def lamps(cls, reference_m: float, alike: float) -> "LightPrior":
         """Of the luminance of pictures that are lit by lamps on the rig, and taken from about ``reference_m``."""
-        return cls(*lamp_ensemble(reference_m), LUMINANCE.gain, LUMINANCE.systematic)
+        return cls(*lamp_ensemble(reference_m), LUMINANCE.gain, LUMINANCE.systematic, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int) -> Gaussian:
         """Of the terms that are used, and of the gains of so many frames."""

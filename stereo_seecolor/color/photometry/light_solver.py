@@ -30,8 +30,6 @@ class SolverSettings:
     """Of new weights; more change nothing that is seen."""
     outlier: float = 1.5
     """Robust standard deviations beyond which a sighting weighs less than half (Cauchy): caustics, fish, wrong matches."""
-    alike: float = 10.0
-    """So many sightings count as one: neighbors are under the same caustic, and share errors of range and pose."""
     first_prior: float = 1e-3
     """Precision of all unknowns in the first round, before the scatter is known: it only keeps the system solvable."""
     least_scale: float = 1e-4
@@ -124,7 +122,7 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
         off = [part.off(found, weight) for part, weight in zip(parts, weights, strict=True)]
         scale = max(_robust_deviation(np.concatenate(off)), SETTINGS.least_scale)
         weights = [1.0 / (1.0 + (distance / (SETTINGS.outlier * scale)) ** 2) for distance in off]
-        trust = SETTINGS.alike * max(scale, prior.systematic) ** 2
+        trust = prior.alike * max(scale, prior.systematic) ** 2
     squares = sum(float((weight * distance**2).sum()) for weight, distance in zip(weights, off, strict=True))
     number, outputs = int(columns.sum()), found.shape[1]
     coefficients = np.zeros((TERMS + 1, outputs))

@@ -65,6 +65,14 @@ class Sightings:
     pixel: Vector
 
 
+@dataclass(frozen=True, eq=False)
+class SeenWindow:
+    """frames: numbers in the dive of the sightings' frames. seen: what they saw."""
+
+    frames: NDArray[np.int64]
+    seen: Sightings
+
+
 def find_sightings(frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding) -> Sightings:
     """Where the frames see the same patches; wrong matches are few but not none. Each frame is asked for twice, one at a time."""
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))

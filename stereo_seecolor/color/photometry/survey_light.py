@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry.crossing import SETTINGS, alike, pictures_crossed
 from stereo_seecolor.color.photometry.light_choice import Choice, choose
 from stereo_seecolor.color.photometry.light_model import SHAPE, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
 from stereo_seecolor.color.photometry.light_solver import Use, Views, Window
-from stereo_seecolor.color.photometry.sightings import Sightings
+from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
 
 
 @dataclass(frozen=True)
@@ -30,24 +31,18 @@ ANGLE = 0.8165
 
 
 @dataclass(frozen=True, eq=False)
-class SeenWindow:
-    """frames: numbers in the dive of the sightings' frames. seen: what they saw."""
-
-    frames: NDArray[np.int64]
-    seen: Sightings
-
-
-@dataclass(frozen=True, eq=False)
 class SurveyLight:
     """solved: the light of the survey; terms that do not help are 0. luminance, color: what was chosen of each, and how much it
     helps. offsets: rms of luminance between neighbors, without and with the gains of all frames; None where these were not solved.
-    recorded: the gains are about what the camera recorded. refused: as offsets, without and with what the camera recorded, where
-    that was not used since it does not explain how frames differ; None where nothing was refused.
+    crossed: pictures of reef that the frames show one after another. recorded: the gains are about what the camera recorded.
+    refused: as offsets, without and with what the camera recorded, where that was not used since it does not explain how frames
+    differ; None where nothing was refused.
     """
 
     solved: Light
     luminance: Choice
     color: Choice
+    crossed: float
     offsets: tuple[float, float] | None = None
     recorded: bool = False
     refused: tuple[float, float] | None = None
@@ -60,13 +55,18 @@ class SurveyLight:
     @property
     def note(self) -> str:
         """What was used and how much it helps, for a person; "" where nothing was."""
-        used = f"light: {'; '.join(self._used())}; on spots left out of the fit" if self.light else ""
+        used = f"light: {'; '.join(self._used())}; on spots left out of the fit" if self.light else self._why_not()
         if self.refused is None:
             return used
         as_taken, about = map(_percent, self.refused)
         numbers = f"frames of one spot differ by {about} with them, {as_taken} without"
         refused = f"the exposures that the camera recorded are not used: {numbers}"
         return f"{used}; {refused}" if used else f"light: {refused}"
+
+    def _why_not(self) -> str:
+        """Where even light is not what was found: "" where it is."""
+        few = f"only {self.luminance.judging} spots are seen by two frames and left out of the fit"
+        return "" if self.luminance.judged else f"light: {few}: too few to take anything out"
 
     def _used(self) -> list[str]:
         parts = []
@@ -81,6 +81,9 @@ class SurveyLight:
         if any(color.use):
             before_deg, after_deg = (np.degrees(ANGLE * part.between_views) for part in (color.before, color.after))
             parts.append(f"in color: {color.use}: {after_deg:.1f} degrees between views (before {before_deg:.1f})")
+        if luminance.use.pattern and self.crossed < SETTINGS.color:
+            needed = f"{self.crossed:.1f} pictures of reef shown in turn, {SETTINGS.color:.0f} needed"
+            parts.append(f"its color is not: too few frames ({needed})")
         if self.offsets and self.solved.gains:
             without, with_gains = (_percent(offset) for offset in self.offsets)
             parts.append(f"a gain for each of {len(self.solved.gains)} frames: {with_gains} between neighbors (before {without})")
@@ -104,6 +107,7 @@ class SurveyLight:
         return {
             "luminance": _choice(self.luminance),
             "color": _choice(self.color),
+            "pictures_crossed": self.crossed,
             **({} if self.offsets is None else {"spread_between_neighbors": list(self.offsets)}),
             **({"recorded_exposures": True} if self.recorded else {}),
             **({} if self.light is None else self.light.content()),
@@ -132,17 +136,20 @@ def solve_light(
     made = [_exposed_alike(window, recorded) for window in made if len(window.patch)]
     if not made:
         return None
-    priors = LightPrior.unknown(LUMINANCE), LightPrior.lamps(views.reference_m)
+    crossed = pictures_crossed(windows, size)
+    one = alike(crossed)
+    priors = LightPrior.unknown(LUMINANCE, one), LightPrior.lamps(views.reference_m, one)
     made, measured = _numbered(made)
     luminance = choose(made, [_mean(window) for window in made], allowed, len(measured), priors)
     colors = [window.log_light - _mean(window) for window in made]
-    color = choose(made, colors, allowed, len(measured), (LightPrior.unknown(COLOR),))
+    of_color = allowed._replace(pattern=allowed.pattern and crossed >= SETTINGS.color)
+    color = choose(made, colors, of_color, len(measured), (LightPrior.unknown(COLOR, one),))
     gains = luminance.solution.gains + color.solution.gains
     coefficients = luminance.solution.coefficients + color.solution.coefficients
     fade = -float(luminance.solution.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0
     by_name = {names[frame]: gain for frame, gain in zip(measured, gains, strict=True)} if gains.any() else {}
     light = Light(coefficients, views.reference_m, views.seen_m, by_name, fade)
-    return SurveyLight(light, luminance, color, recorded=recorded is not None)
+    return SurveyLight(light, luminance, color, crossed, recorded=recorded is not None)
 
 
 def _exposed_alike(window: Window, recorded: NDArray[np.float64] | None) -> Window:
