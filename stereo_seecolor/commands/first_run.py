@@ -3,15 +3,18 @@
 from functools import cache, partial
 from importlib import import_module
 
+import cv2
 import numpy as np
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.compute.first_run import call_in_processes
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.ply import encode_cloud
+from stereo_seecolor.files.quick_decode import quickly_decoded
 from stereo_seecolor.matching.sgm.search import is_first_run
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow, Water
@@ -57,10 +60,12 @@ def compile_for(config: RunConfig, options: RunOptions) -> None:
 
 
 def fit_noise() -> None:
-    """Counting and fitting."""
+    """Decoding, counting, fitting, and how bright a frame becomes."""
     image, range_m = _noise()
+    quickly_decoded(cv2.imencode(".png", image)[1].tobytes())
     corrector = Corrector()
-    corrector.fit(corrector.measure(image, range_m))
+    table = corrector.measure(image, range_m)
+    choose(table, corrector.fit(table), corrector.config)
 
 
 def correct_noise() -> None:

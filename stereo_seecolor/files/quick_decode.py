@@ -19,6 +19,16 @@ SUB, UP, PAETH = 1, 2, 4
 """Filters of PNG that other programs use."""
 
 
+_compiled: list[bool] = []
+
+
+def is_compiled() -> bool:
+    """False while machine code to decode PNG could be kept on disk and is not there yet: before a first run, OpenCV takes less."""
+    if not _compiled and not _unfilter.missing:
+        _compiled.append(True)
+    return bool(_compiled)
+
+
 def quickly_decoded(content: bytes) -> NDArray[Any] | None:
     """(H, W), or (H, W, 3) RGB; None for a file of any other form, and for one that is cut short or damaged."""
     try:

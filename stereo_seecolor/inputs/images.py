@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.png import SIGNATURE
-from stereo_seecolor.files.quick_decode import quickly_decoded
+from stereo_seecolor.files.quick_decode import is_compiled, quickly_decoded
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.headers import image_size
@@ -87,7 +87,8 @@ def decode_raw(content: bytes, path: Path, flags: int) -> NDArray[np.generic]:
         raise InputError(f"{path}: {error}: copy it again from the vehicle, or leave it out") from error
     if width * height > MAX_PIXELS:
         raise InputError(f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not read")
-    if "numba" in sys.modules and content.startswith(SIGNATURE) and b"eXIf" not in content:  # OpenCV turns what EXIF says is turned
+    turned = b"eXIf" in content  # OpenCV turns what EXIF says is turned
+    if "numba" in sys.modules and content.startswith(SIGNATURE) and not turned and is_compiled():
         quick = quickly_decoded(content)
         if quick is not None:
             return cv2.cvtColor(quick, cv2.COLOR_RGB2BGR) if quick.ndim == 3 else quick

@@ -6,7 +6,7 @@ from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
 from stereo_seecolor.matching import diagnostics
 from stereo_seecolor.matching.disparity import MatchedDisparity
-from stereo_seecolor.matching.gray import GrayPair
+from stereo_seecolor.matching.gray import GrayPair, shrink
 from stereo_seecolor.matching.matcher import Matcher, disparity_limits
 from stereo_seecolor.matching.sgm.search import SemiGlobalMatching, is_first_run
 from stereo_seecolor.records import StereoFrame
@@ -17,7 +17,8 @@ SHIFT_PX = 5
 
 def search_noise() -> None:
     """Smoothing, census, search and its diagnostics."""
-    frame, pair = _noise()
+    frame = _noise()
+    pair = GrayPair.from_frame(frame, 2)
     found = SemiGlobalMatching(*disparity_limits(PAIR, MatchingConfig())).find(frame, pair)
     diagnostics.vertical_disparity_px(pair.left, pair.right, found.disparity)
 
@@ -30,15 +31,16 @@ def load_search() -> None:
 
 def judge_noise() -> None:
     """All that is done with disparities."""
-    _, pair = _noise()
+    frame = _noise()
+    left, right = (image[..., 1].astype(np.uint16) * 256 for image in (frame.left, frame.right))  # gray() is compiled elsewhere
+    pair = GrayPair(left, right, shrink(left, 2), shrink(right, 2), 2)
     disparity = np.full(pair.left.shape, SHIFT_PX, np.float32)
     found = MatchedDisparity(disparity, disparity.copy(), np.ones_like(disparity))
     Matcher(PAIR, MatchingConfig()).range_map(found, pair)
     diagnostics.one_sided_warning(pair.small_left, disparity[::2, ::2].copy(), np.zeros(pair.small_left.shape, np.bool_), 2)
 
 
-def _noise() -> tuple[StereoFrame, GrayPair]:
+def _noise() -> StereoFrame:
     width, height = PAIR.image_size
     left = np.random.default_rng(0).integers(30, 220, (height, width, 3), np.uint8)
-    frame = StereoFrame("noise", left, np.roll(left, -SHIFT_PX, axis=1))
-    return frame, GrayPair.from_frame(frame, 2)
+    return StereoFrame("noise", left, np.roll(left, -SHIFT_PX, axis=1))
