@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.errors import CalibrationError
+from calibration.lengths import length_m
 
+FLAT_PORT = "30mm:10mm"
+"""Lens to window, and its thickness, of usual housings: what is proposed where nothing is known. Ranges at 0.5 to 5 m are then
+right to about a percent for windows at 0 to 100 mm; without a port they are a quarter wrong.
+"""
+WORKING_RANGE = "1.5m"  # of divers and vehicles over reefs; 0.5 to 5 m leave 0.4 % at most (docs/calibration.md)
+WATER_C, WATER_PSU = 15.0, 35.0  # sea water of any temperature differs by 0.2 % in its index, fresh water by 0.5 %
 MAX_DISTANCE_M = 0.5  # larger housings are unknown: more is a mistake of unit
 MAX_THICKNESS_M = 0.1  # the same
 MAX_TILT_DEG = 30.0  # a window seen at more would be seen from the side
@@ -58,6 +65,19 @@ class FlatPort:
                 raise CalibrationError(f"port: {name} of {getattr(self, name):g} cannot be: 1 to 2.5")
         if not 0.1 <= self.working_range_m <= 100:
             raise CalibrationError(f"port: working_range_m of {self.working_range_m:g} m cannot be: 0.1 to 100 m")
+
+
+def flat_port(text: str) -> FlatPort:
+    """The port of ``DISTANCE:THICKNESS`` or ``DISTANCE:THICKNESS:WORKING_RANGE``, lengths with units: ``30mm:10mm:1.5m``.
+
+    Both windows alike and square to the cameras, acrylic, in sea water. Raises CalibrationError.
+    """
+    parts = text.split(":")
+    if len(parts) not in (2, 3):
+        raise CalibrationError(f"flat port {text!r}: expected lens to window and its thickness, such as {FLAT_PORT}")
+    distance_m, thickness_m, range_m = (length_m(part, f"flat port {text!r}") for part in (*parts, WORKING_RANGE)[:3])
+    window = FlatWindow(distance_m, thickness_m, np.array([0.0, 0.0, 1.0]))
+    return FlatPort(window, window, range_m, seawater_index(WATER_C, WATER_PSU))
 
 
 @dataclass(frozen=True)

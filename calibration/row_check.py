@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from calibration.port import FLAT_PORT
 from calibration.wording import counted
 
 
@@ -91,7 +92,7 @@ class RowCheck:
             advice.append(
                 f"light bent by a flat port (index {self.index:.2f}) explains the rows, {self.index_unexplained_px:.2f} px left "
                 f"instead of {self.unexplained_px:.2f} px: it looks like a calibration made in air; calibrate in water, "
-                "or describe the port in cam.yaml"
+                f"or describe the port: --set input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
             )
         if self.row_error_px > LIMITS.acceptable_px and not self.air_in_water:
             advice.append(self._explanation())

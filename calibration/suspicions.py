@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from calibration.plan import DIAGONAL_DEG, plan_rectification, rectified_points
+from calibration.port import FLAT_PORT
 from calibration.rig import Camera, StereoRig
 from calibration.turns import quarter_turn, quarter_turns_of
 
@@ -46,10 +47,10 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
         found.append(f"rectified images keep {kept:.0%} of what the cameras see: check rotation, focal lengths and distortion")
     if rig.rms_px is not None and rig.rms_px > LIMITS.rms_px:
         found.append(f"the calibration's own error is {rig.rms_px:.2f} px, over {LIMITS.rms_px:g} px: calibrate again")
-    if rig.medium == "air" and rig.port is None:
+    if rig.medium == "air" and rig.port is None and not rig.is_rectified:
         found.append(
             "calibrated in air: behind a flat port under water, ranges come out about a quarter wrong; calibrate in water, "
-            "or describe the port in cam.yaml"
+            f"or describe the port: --set input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
         )
     return tuple(found)
 

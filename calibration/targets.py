@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration import lengths
 from calibration.errors import CalibrationError
 
-UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 MIN_CORNERS = 8  # a pose has 6 unknowns, corners have two numbers: 8 leave 10 to judge it
 DETECTION_SIDE_PX = 1600  # larger images are searched at this size first: quick, and refined at full size after
 
@@ -129,12 +129,7 @@ def _counts(text: str, target: str) -> tuple[int, int]:
 
 
 def _length_m(text: str, target: str) -> float:
-    number = text.rstrip("cm")
-    unit = text[len(number) :]
-    try:
-        length_m = float(number) * UNITS_M[unit]
-    except (ValueError, KeyError):
-        raise CalibrationError(f"target {target!r}: {text!r} must be a length with its unit, such as 24.23mm") from None
+    length_m = lengths.length_m(text, f"target {target!r}")
     if not 1e-4 < length_m < 2:
         raise CalibrationError(f"target {target!r}: a length of {length_m:g} m cannot be a target's")
     return length_m

@@ -1,6 +1,5 @@
 """All settings: one small frozen model a stage, with the reason for each default in its description."""
 
-from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -12,8 +11,9 @@ from pydantic import (
     model_validator,
 )
 
+from stereo_seecolor.input_config import InputConfig
 from stereo_seecolor.mapping_config import MappingConfig, MountConfig
-from stereo_seecolor.stage_config import StageConfig
+from stereo_seecolor.stage_config import FilePath, StageConfig
 
 __all__ = [
     "ColorConfig",
@@ -28,55 +28,9 @@ __all__ = [
     "RunConfig",
 ]
 
-FilePath = Annotated[Path, Strict(False)]
-"""A path, also given as text."""
-
 Light = Annotated[float, Field(ge=1e-4, le=1e4)]
 Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
 """Three positive numbers, also given as a list."""
-
-
-class InputConfig(StageConfig):
-    """How files become pairs and images."""
-
-    pairing: Literal["auto", "name", "timestamp"] = Field(
-        "auto",
-        description="Match left and right by name stem, by the time stamp in the name, or by name and else by time stamp.",
-    )
-    timestamp_tolerance_s: float = Field(0.01, ge=0, description="Largest difference of the two time stamps of a pair, seconds.")
-    bayer: Literal["none", "rggb", "bggr", "gbrg", "grbg"] = Field(
-        default="none",
-        description="Color filter pattern of single-channel raw images, by the first two pixels of the first two rows.",
-    )
-    significant_bits: Literal["auto", None, 10, 12, 14] = Field(
-        default="auto",
-        description="Bits that 16-bit files really use (12 for a 12-bit sensor stored unshifted); scaled to full. auto: the fewest "
-        "that hold the values of pairs spread over the dive, and for correct and folders of live all 16. None: all 16.",
-    )
-    exposures: FilePath | None = Field(
-        default=None,
-        description="CSV with exposure_s and gain of each image by its file's name; what it does not say is read from EXIF.",
-    )
-    refine: bool = Field(
-        default=False,
-        description="Estimate what has moved in the rig since its calibration from pairs spread over the dive, before the run. "
-        "Used only where rows of pairs left out agree better for it.",
-    )
-    video_every: int = Field(default=1, ge=1, description="Of a video, take every nth frame.")
-    video_overlap: float | None = Field(
-        default=None,
-        gt=0,
-        lt=1,
-        description="Of a video, take a frame where it shows less than this fraction of what the last one showed (0.7 suits maps), "
-        "instead of every nth.",
-    )
-    video_skip_blurred: bool = Field(
-        default=False, description="Of a video, leave out frames that are much less sharp than those around them, on either side."
-    )
-    video_offset_s: float | None = Field(
-        default=None,
-        description="What to add to the time of a left frame to get that of the right one, of two videos; found where not given.",
-    )
 
 
 class MatchingConfig(StageConfig):

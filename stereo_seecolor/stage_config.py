@@ -1,6 +1,12 @@
 """What the settings of every stage have in common."""
 
-from pydantic import BaseModel, ConfigDict
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Strict
+
+FilePath = Annotated[Path, Strict(False)]
+"""A path, also given as text."""
 
 
 class StageConfig(BaseModel):

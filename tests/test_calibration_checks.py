@@ -55,7 +55,7 @@ def test_air_calibration_in_water_is_told_by_the_images(toe_in: float) -> None:
     check = judge_matches(replace(rig, port=None), [matches_of(rig, replace(rig, port=None))])
     assert check.air_in_water
     assert check.index == pytest.approx(1.34, abs=0.05)
-    assert "made in air" in check.advice[0]
+    assert "made in air" in check.advice[0] and "--set input.flat_port=30mm:10mm" in check.advice[0]
 
 
 def test_camera_turned_since_is_explained() -> None:

@@ -12,7 +12,7 @@ from hypothesis.strategies import floats
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.formats import load_rig, write_rig
 from calibration.plan import plan_rectification
-from calibration.port import DomePort, FlatPort, FlatWindow, seawater_index
+from calibration.port import FLAT_PORT, DomePort, FlatPort, FlatWindow, flat_port, seawater_index
 from calibration.port_error import port_error
 from calibration.refraction import CameraInWater
 
@@ -181,3 +181,33 @@ def test_water_by_temperature_and_salinity(tmp_path: Path) -> None:
 def test_rig_without_port_has_no_port_error() -> None:
     with pytest.raises(CalibrationError, match="no flat port"):
         port_error(replace(port_rig(), port=None), np.array([1.0]))
+
+
+def test_one_setting_describes_a_port(tmp_path: Path) -> None:
+    """As the block of cam.yaml, for every reading of a file that can be read in several ways."""
+    from stereo_seecolor.commands.dive_rig import behind_port
+    from stereo_seecolor.config import InputConfig
+
+    bare = replace(port_rig(), port=None, medium="water")
+    rig = behind_port(bare.with_alternatives([bare]), InputConfig(flat_port="3cm:10mm:2m"))
+    described = replace(port_rig(), port=replace(port_rig().port, working_range_m=2.0, water_index=seawater_index(15, 35)))
+    seen, expected = (port_error(port_rig(), np.array([1.0, 3.0]), seen_as=one) for one in (rig, described))
+    np.testing.assert_allclose(seen.range_error, expected.range_error)
+    assert rig.medium == rig.alternatives[0].medium == "air"
+    assert isinstance(rig.alternatives[0].port, FlatPort)
+    assert behind_port(bare, InputConfig()) is bare
+    with pytest.raises(CalibrationError, match="describes a port already"):
+        behind_port(port_rig(), InputConfig(flat_port="30mm:10mm"))
+
+
+@pytest.mark.parametrize("distance_m", [0.0, 0.01, 0.06, 0.1])
+def test_the_proposed_port_is_near_enough_to_others(distance_m: float) -> None:
+    proposed = replace(port_rig(distance_m), port=flat_port(FLAT_PORT))
+    error = port_error(port_rig(distance_m), np.array([0.75, 1.5, 3.0]), seen_as=proposed)
+    assert error.range_error.max() < 0.03
+
+
+@pytest.mark.parametrize("text", ["30mm", "30:10", "30mm:10mm:1.5m:2", "900mm:10mm", "30mm:10mm:1mm"])
+def test_ports_that_cannot_be_are_refused(text: str) -> None:
+    with pytest.raises(CalibrationError, match="port"):
+        flat_port(text)

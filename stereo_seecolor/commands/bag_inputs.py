@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration.checks import suspicions
-from stereo_seecolor.commands.dive_rig import load_rig_for
+from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
 from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, sample, used_bits_set
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.bags.dive import open_dive
@@ -43,7 +43,7 @@ class BagInputs:
         """The pairs of the bag, and the pipeline for their rig. Raises InputError, CalibrationError, DeviceError."""
         dive = open_dive(self.bag, self.topics, config.input)
         config = used_bits_set(config, dive.pairing.pairs)
-        rig = load_rig_for(self.calib, dive.pairing.pairs, config.input) if self.calib else dive.rig()
+        rig = load_rig_for(self.calib, dive.pairing.pairs, config.input) if self.calib else behind_port(dive.rig(), config.input)
         notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(dive.pairing.with_notes(notes), Pipeline(rig, config))
 

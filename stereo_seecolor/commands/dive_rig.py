@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -13,6 +14,7 @@ from calibration.checks import vertical_disparity
 from calibration.formats import load_rig
 from calibration.formats.kitti import for_channels
 from calibration.matches import Matches, raw_matches
+from calibration.port import flat_port
 from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
@@ -43,10 +45,21 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
     lefts = _left_images(pairs, images)
     image = next(lefts)
     first = _size(image)
-    rig = for_channels(load_rig(calib, first), is_monochrome(image))
+    rig = behind_port(for_channels(load_rig(calib, first), is_monochrome(image)), images)
     if rig.left.image_size != first and rig.left.image_size not in map(_size, islice(lefts, DECIDING_PAIRS - 1)):
         raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)))
     return rig
+
+
+def behind_port(rig: StereoRig, images: InputConfig) -> StereoRig:
+    """The rig, calibrated in air, behind the flat port of the settings; as it is where they name none. Raises CalibrationError."""
+    if images.flat_port is None:
+        return rig
+    if rig.port is not None:
+        raise CalibrationError("input.flat_port: the calibration describes a port already: leave one of them out")
+    port = flat_port(images.flat_port)
+    readings = [replace(reading, medium="air", port=port, alternatives=()) for reading in (rig, *rig.alternatives)]
+    return readings[0].with_alternatives(readings[1:])
 
 
 def _left_images(pairs: Sequence[Pair], images: InputConfig) -> Iterator[Image]:

@@ -11,6 +11,7 @@ import numpy as np
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.formats.kitti import for_channels
+from calibration.port import FLAT_PORT
 from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
@@ -173,6 +174,8 @@ def command_line(
     words = ["stereo-seecolor", "run", "--left", str(first), "--right", str(second), "--calib", calib, "--out", "out"]
     if rows and rows.has_moved:
         words.append("--refine")
+    if rows and rows.air_in_water:
+        words += ["--set", f"input.flat_port={FLAT_PORT}"]
     if left and left.kind == "mosaic":
         words += ["--set", "input.bayer=rggb"]
     words += [word for limit in limits for word in ("--set", limit.option)]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from calibration.formats import load_rig
 from stereo_seecolor.commands.bag_inputs import BagInputs
+from stereo_seecolor.commands.dive_rig import behind_port
 from stereo_seecolor.commands.live_outputs import KeptFiles, published, recorder
 from stereo_seecolor.compute.background import pin
 from stereo_seecolor.compute.threads import limit_cores
@@ -80,7 +81,7 @@ class LiveInputs:
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
             return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
-        pipeline = Pipeline(load_rig(self.calib), config)
+        pipeline = Pipeline(behind_port(load_rig(self.calib), config.input), config)
         return live_source(str(self.left), str(self.right), config.input, stack), pipeline
 
 
