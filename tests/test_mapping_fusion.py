@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, height_at, read_cloud, track
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import MappingConfig
@@ -310,6 +312,18 @@ def test_cores_change_nothing_in_what_is_extracted(first: int, monkeypatch: pyte
         limit_cores(os.cpu_count() or 1)
     for name in ("points_m", "normals", "colors", "triangles"):
         np.testing.assert_array_equal(getattr(one, name), getattr(five, name))
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_parts_and_areas_are_those_of_scipy_and_numpy(seed: int) -> None:
+    generator = np.random.default_rng(seed)
+    points, triangles = generator.normal(0, 1, (200, 3)).astype(np.float32), generator.integers(0, 200, (60, 3)).astype(np.int32)
+    surface = Surface(points, points, np.zeros((200, 3), np.uint8), triangles)
+    ends = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
+    graph = coo_array((np.ones(len(ends[0])), ends), (200, 200))
+    np.testing.assert_array_equal(surface.parts, connected_components(graph, directed=False)[1])
+    a, b, c = np.moveaxis(points[triangles].astype(float), 1, 0)
+    np.testing.assert_allclose(surface.areas_m2, np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2, rtol=1e-12)
 
 
 def zero_crossings(volume: Volume) -> NDArray[np.float64]:

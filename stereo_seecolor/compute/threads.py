@@ -5,7 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from functools import cache
 from itertools import pairwise
@@ -78,6 +78,16 @@ def core_pool() -> ThreadPoolExecutor:
     What runs in it must not wait for anything else that does.
     """
     return ThreadPoolExecutor(cores(), "core")
+
+
+@contextmanager
+def beside(work: Callable[[], Result]) -> Iterator[Future[Result]]:
+    """``work``, of one core, while the block runs; both are done at its end."""
+    under_way = core_pool().submit(work)
+    try:
+        yield under_way
+    finally:
+        wait([under_way])
 
 
 def in_parts(work: Callable[[int, int], None], count: int, least: int = 1) -> None:

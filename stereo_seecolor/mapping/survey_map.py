@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
-from stereo_seecolor.compute.threads import Threads
+from stereo_seecolor.compute.threads import Threads, beside
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
@@ -211,14 +211,13 @@ class _Builder:
         store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component)
         surfaces = partial(store.surfaces, tiling)
         self._fuse(component, tiling, store)
-        for tile, kept in zip(tiling.tiles, islands.kept_parts(surfaces(), tiling), strict=True):
-            if not kept.all():
-                surface = store.load(tile)
-                store.save(tile, surface.only(kept[surface.parts]))
-        cloud, mesh, points = write_map(surfaces(), tiling, folder, _comment(place))
-        files += [cloud, mesh, write_preview(folder, surfaces)]
-        scratch = folder / ".rasters"
-        rasters = Rasters.render(component, surfaces, config, scratch)
+        islands.drop(store, tiling)
+        with beside(partial(write_map, surfaces(), tiling, folder, _comment(place))) as written:
+            with beside(partial(write_preview, folder, surfaces)) as preview:
+                scratch = folder / ".rasters"
+                rasters = Rasters.render(component, surfaces, config, scratch)
+            cloud, mesh, points = written.result()
+            files += [cloud, mesh, preview.result()]
         files += write_rasters(folder, rasters, place) if rasters else ()
         shutil.rmtree(scratch, ignore_errors=True)
         return files, points

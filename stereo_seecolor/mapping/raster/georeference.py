@@ -84,8 +84,8 @@ def in_utm(T_world_camera: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np
     return T
 
 
-def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()) -> None:
-    """Write float32 with NaN as nodata, or uint8 RGBA with alpha; tiled, compressed, sparse, with overviews.
+def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()) -> Path:
+    """Write float32 with NaN as nodata, or uint8 RGBA with alpha; tiled, compressed, sparse, with overviews; the path.
 
     Coordinates are the world's; without an origin on Earth they are its meters, and no CRS is given.
     """
@@ -114,10 +114,14 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
         if factors:
             with rasterio.open(temporary, "r+") as file:
                 file.build_overviews(factors, Resampling.average)
+    return path
 
 
-def write_laz(path: Path, cloud: Path, place: Georeference) -> None:
-    """The cloud as LAZ in the system of the GeoTIFFs, millimeters, its offset near the map; read from cloud.ply in pieces."""
+def write_laz(path: Path, cloud: Path, place: Georeference) -> Path:
+    """The cloud as LAZ in the system of the GeoTIFFs, millimeters, its offset near the map; the path.
+
+    cloud: the PLY file, read in pieces.
+    """
     import laspy
     import pyproj
 
@@ -139,3 +143,4 @@ def write_laz(path: Path, cloud: Path, place: Georeference) -> None:
             points.x, points.y, points.z = position.T
             points.red, points.green, points.blue = (part["color"][:, c].astype(np.uint16) * 257 for c in range(3))
             file.write_points(points)
+    return path

@@ -3,12 +3,14 @@
 import csv
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.threads import Threads, beside, cores
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.files.atomic import atomic_path, write_atomic
 from stereo_seecolor.mapping.component import Component
@@ -44,8 +46,9 @@ class Rasters:
         if not np.isfinite(low).all():
             return None
         terrain = render_terrain(surfaces(), Grid.around(low, high, config.terrain_cell_m), scratch / "terrain")
-        mosaic = render_mosaic(component, terrain, Grid.around(low, high, config.mosaic_cell_m), scratch / "mosaic")
-        return cls(terrain, mosaic, measure_squares(terrain, config.square_m, scratch / "squares"))
+        with beside(partial(measure_squares, terrain, config.square_m, scratch / "squares")) as squares:
+            mosaic = render_mosaic(component, terrain, Grid.around(low, high, config.mosaic_cell_m), scratch / "mosaic")
+        return cls(terrain, mosaic, squares.result())
 
 
 def write_preview(folder: Path, surfaces: Surfaces) -> Path:
@@ -55,20 +58,20 @@ def write_preview(folder: Path, surfaces: Surfaces) -> Path:
 
 def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterator[Path]:
     """The mosaic small and the metrics as a table; GeoTIFFs, and the cloud as LAZ, where the geo extra is there."""
-    yield _write_image(folder / "orthomosaic_preview.png", _reduced(rasters.mosaic))
-    yield _write_csv(folder / "reef_metrics.csv", rasters.squares, place)
-    if not georeference.available():
-        return
-    for name, raster, descriptions in (
-        ("dem.tif", rasters.terrain, ("height_m",)),
-        ("orthomosaic.tif", rasters.mosaic, ()),
-        ("reef_metrics.tif", rasters.squares, ReefMetrics.names()),
-    ):
-        georeference.write_geotiff(folder / name, raster, place, descriptions)
-        yield folder / name
-    if place.origin:
-        georeference.write_laz(folder / "cloud.laz", folder / "cloud.ply", place)
-        yield folder / "cloud.laz"
+    works: list[Callable[[], Path]] = [
+        lambda: _write_image(folder / "orthomosaic_preview.png", _reduced(rasters.mosaic)),
+        partial(_write_csv, folder / "reef_metrics.csv", rasters.squares, place),
+    ]
+    if georeference.available():
+        write = georeference.write_geotiff
+        works += [
+            partial(write, folder / "dem.tif", rasters.terrain, place, ("height_m",)),
+            partial(write, folder / "orthomosaic.tif", rasters.mosaic, place),
+            partial(write, folder / "reef_metrics.tif", rasters.squares, place, ReefMetrics.names()),
+        ]
+        if place.origin:
+            works.append(partial(georeference.write_laz, folder / "cloud.laz", folder / "cloud.ply", place))
+    return Threads(cores()).each(lambda work: work(), works)
 
 
 def _extent(surfaces: Iterable[Surface]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,14 +1,18 @@
 """Connected surfaces across tiles; a small one that touches nothing else is a fish, or a mismatch."""
 
+from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.mapping.surface.surface import Surface
-from stereo_seecolor.mapping.surface.tiles import Tiling
+from stereo_seecolor.mapping.surface.tile_store import TileStore
+from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
 MIN_ISLAND_M2 = 0.05
 """Less than a sheet of paper that touches nothing else: not the bottom."""
@@ -22,20 +26,46 @@ def near_border(points_m: NDArray[np.float32], tiling: Tiling) -> NDArray[np.boo
     return np.asarray((np.abs(tiles - np.rint(tiles)) * tiling.tile_m < BORDER_VOXELS * tiling.voxel_m).any(axis=1))
 
 
-def kept_parts(surfaces: Iterable[Surface], tiling: Tiling) -> list[NDArray[np.bool_]]:
-    """For each tile's surface, which of its connected parts are, with what they continue into, large enough to keep."""
+def drop(store: TileStore, tiling: Tiling) -> None:
+    """Take the islands out of the tiles of a store."""
+    on_cores = Threads(cores())
+    parts = on_cores.each(lambda tile: _Parts.of(store.load(tile), tiling), tiling.tiles)
+
+    def leave(found: tuple[Tile, NDArray[np.bool_]]) -> None:
+        tile, kept = found
+        if not kept.all():
+            surface = store.load(tile)
+            store.save(tile, surface.only(kept[surface.parts]))
+
+    deque(on_cores.each(leave, zip(tiling.tiles, _kept(parts), strict=True)), maxlen=0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """The connected parts of a tile. areas_m2: (P,). border: points that a neighboring tile may hold, and the part of each."""
+
+    areas_m2: NDArray[np.float64]
+    border: list[tuple[bytes, int]]
+
+    @classmethod
+    def of(cls, surface: Surface, tiling: Tiling) -> "_Parts":
+        part = surface.parts
+        count = int(part.max(initial=-1)) + 1
+        areas_m2 = np.bincount(part[surface.triangles[:, 0]], surface.areas_m2, minlength=count).astype(np.float64)
+        on_border = np.flatnonzero(near_border(surface.points_m, tiling))
+        return cls(areas_m2, [(surface.points_m[i].tobytes(), int(part[i])) for i in on_border])
+
+
+def _kept(tiles: Iterable[_Parts]) -> list[NDArray[np.bool_]]:
+    """For each tile, which of its connected parts are, with what they continue into, large enough to keep."""
     areas: list[NDArray[np.float64]] = []
     joined: list[tuple[int, int]] = []
     border: dict[bytes, int] = {}
     first = 0
-    for surface in surfaces:
-        part = surface.parts
-        count = int(part.max(initial=-1)) + 1
-        areas.append(np.bincount(part[surface.triangles[:, 0]], surface.areas_m2, minlength=count).astype(np.float64))
-        for i in np.flatnonzero(near_border(surface.points_m, tiling)):
-            own = first + int(part[i])
-            joined.append((own, border.setdefault(surface.points_m[i].tobytes(), own)))
-        first += count
+    for tile in tiles:
+        joined += [(first + part, border.setdefault(point, first + part)) for point, part in tile.border]
+        areas.append(tile.areas_m2)
+        first += len(tile.areas_m2)
     if not first:
         return [np.zeros(0, np.bool_) for _ in areas]
     ends = np.array(joined, np.int64).reshape(-1, 2)

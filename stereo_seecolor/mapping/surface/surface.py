@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
+
+from stereo_seecolor.mapping.surface.part_kernels import connected_parts, triangle_areas
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,16 +26,14 @@ class Surface:
     @property
     def parts(self) -> NDArray[np.int64]:
         """(V,) which connected part of the surface each point belongs to, numbered from 0."""
-        a, b, c = self.triangles.T
-        ends = np.concatenate([a, b]), np.concatenate([b, c])
-        graph = coo_array((np.ones(len(ends[0]), np.int8), ends), (len(self.points_m),) * 2)
-        return np.asarray(connected_components(graph, directed=False)[1], np.int64)
+        parts: NDArray[np.int64] = connected_parts(self.triangles, len(self.points_m))
+        return parts
 
     @property
     def areas_m2(self) -> NDArray[np.float64]:
         """(T,) of each triangle."""
-        a, b, c = np.moveaxis(self.points_m[self.triangles].astype(np.float64), 1, 0)
-        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+        areas: NDArray[np.float64] = triangle_areas(self.points_m, self.triangles)
+        return areas
 
     def only(self, kept: NDArray[np.bool_]) -> "Surface":
         """The points that are kept (V,), and the triangles whose first point is."""

@@ -81,9 +81,10 @@ Boxes = dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]
 
 def _blocks_near(points: NDArray[np.float64], reach_m: float, block_m: float) -> NDArray[np.int64]:
     """Packed coordinates of all blocks within reach of the points."""
-    corners = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T * reach_m
-    near = np.floor((points[:, None] + corners) / block_m).astype(np.int64).reshape(-1, 3)
-    return np.unique(packed(near[:, 0], near[:, 1], near[:, 2]))
+    low, high = (np.floor((points + sign * reach_m) / block_m).astype(np.int64) for sign in (-1, 1))
+    lowest = packed(*low.T)
+    x, y, z = (high - low).T << np.array([[2 * BITS], [BITS], [0]])
+    return np.unique(np.concatenate([lowest + i * x + j * y + k * z for i, j, k in np.ndindex(2, 2, 2)]))
 
 
 def _unpack(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
