@@ -63,12 +63,10 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
             made += frame.name in folder.written["page"]
             shown[frame.name] = tuple(record.stages["page"].outputs)
     folder.update(replace(folder.dive, settings={**folder.dive.settings, "page": settings}))
-    for name in ASSETS:
-        if (STATIC / name).is_file():
-            folder.write(f"{PAGE}/{name}", (STATIC / name).read_bytes())
     write_map_files(folder, facts, with_raw=not brief)
-    folder.write(f"{PAGE}/dive.js", script("dive", _data(facts, shown)))
-    folder.write(INDEX, render(facts, shown, kept_charts(folder)), made_from=folder.digest("corrected"))
+    files = {f"{PAGE}/{name}": (STATIC / name).read_bytes() for name in ASSETS if (STATIC / name).is_file()}
+    files |= {f"{PAGE}/dive.js": script("dive", _data(facts, shown)), INDEX: render(facts, shown, kept_charts(folder))}
+    folder.write_files(files, {INDEX: folder.digest("corrected")})
     return PageSummary(folder.root / INDEX, made, len(shown) - made, left_out)
 
 

@@ -227,14 +227,14 @@ class RunFolder:
 
         made_from: hash of the frames that it was made from.
         """
-        if isinstance(content, bytes) and self._has(name, content):
-            return
-        temporaries = self._files.write_temporaries([(name, content)])
-        files = {name: (Stamp.of(temporaries[name]), *self._dive.files.get(name, ())[:2])}
-        made = {**self._dive.made_from, **({name: made_from} if made_from else {})}
-        self.update(replace(self._dive, files={**self._dive.files, **files}, made_from=made))
-        self._files.move_into_place(temporaries, files)
-        self.files_written.add(name)
+        self.write_files({name: content}, {name: made_from} if made_from else {})
+
+    def write_files(self, contents: Mapping[str, Content], made_from: Mapping[str, str]) -> None:
+        """Write several such files; the manifest is written once. made_from: as above, by name. Raises OutputError."""
+        new = {name: content for name, content in contents.items() if not (isinstance(content, bytes) and self._has(name, content))}
+        if new:
+            self._put(self._files.write_temporaries(new.items()), made_from)
+            self.files_written.update(new)
 
     def write_all(self, name: str, contents: Iterable[tuple[str, bytes]], made_from: str) -> None:
         """Write all files of a folder of OUT: path in it, content. Raises OutputError.
@@ -244,8 +244,12 @@ class RunFolder:
         temporaries: dict[str, Path] = {}
         for path, content in contents:
             temporaries |= self._files.write_temporaries([(f"{name}/{path}", content)])
+        self._put(temporaries, {name: made_from})
+
+    def _put(self, temporaries: Mapping[str, Path], made_from: Mapping[str, str]) -> None:
+        """Put written files into their places, once the manifest knows them."""
         files = {path: (Stamp.of(temporary), *self._dive.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
-        made = {**self._dive.made_from, name: made_from}
+        made = {**self._dive.made_from, **made_from}
         self.update(replace(self._dive, files={**self._dive.files, **files}, made_from=made))
         self._files.move_into_place(temporaries, files)
 

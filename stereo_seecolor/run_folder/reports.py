@@ -58,8 +58,8 @@ def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -
     """Write run.json and frames.csv. Raises OutputError."""
     points = track_points(folder.root)
     table = frames_csv(summary.rows)
-    folder.write(FRAMES_TABLE, with_residuals(b"".join(table), points) if points else table)
-    folder.write(RUN, _run_json(_content(run, summary, folder.dive.settings), summary.rows))
+    rows = with_residuals(b"".join(table), points) if points else table
+    folder.write_files({FRAMES_TABLE: rows, RUN: _run_json(_content(run, summary, folder.dive.settings), summary.rows)}, {})
 
 
 def _run_json(content: dict[str, Any], rows: Sequence[FrameRow]) -> Iterator[bytes]:
@@ -95,7 +95,8 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
             folder.removed.append(f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}")
         sources = {name: folder.digest("corrected") for name in (MAP, FIRST_LOOK, INDEX)} | {MEASURED_WATER: folder.digest("range")}
         stale = [name for name, source in sources.items() if folder.dive.made_from.get(name, source) != source]
-        folder.remove(*stale)
+        if stale:
+            folder.remove(*stale)
     folder.update(replace(folder.dive, state="complete" if complete else "stopped"))
 
 
