@@ -1,4 +1,5 @@
 from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -6,6 +7,7 @@ import pytest
 
 from stereo_seecolor.errors import MatchingError
 from stereo_seecolor.matching.pair_check import CONSTANTS, PairCheck, coverage
+from stereo_seecolor.matching.texture import textured_fraction
 from stereo_seecolor.records import RangeMap, StereoFrame
 
 PIXELS = 1000
@@ -88,6 +90,14 @@ def test_images_with_texture_that_do_not_match_are_two_scenes() -> None:
         PairCheck(lambda raw: matched(0.01))("a", matched(0.01), lambda: StereoFrame("a", reef(0), reef(1)))
 
 
+def test_frames_half_in_the_dark_can_still_be_two_scenes() -> None:
+    left, right = reef(0), reef(1)
+    for image in (left, right):
+        image[: image.shape[0] // 2] = water(2)[: image.shape[0] // 2] // 20
+    with pytest.raises(MatchingError, match="the two images do not show the same thing"):
+        PairCheck(lambda raw: matched(0.01))("a", matched(0.01), lambda: StereoFrame("a", left, right))
+
+
 def test_water_of_which_something_matches_passes() -> None:
     PairCheck(lambda raw: matched(0.05))("a", matched(0.2), lambda: StereoFrame("a", water(0), water(1)))
 
@@ -114,3 +124,11 @@ def test_a_dive_of_poor_pairs_is_not_matched_twice() -> None:
     for number in range(20):
         check(str(number), matched(0.2), partial(pair, str(number)))
     assert len(swapped.names) == CONSTANTS.swap_tries
+
+
+@pytest.mark.real_data
+def test_real_water_is_told_from_real_bottoms(real_data: Path) -> None:
+    frames = {path.stem: cv2.imread(str(path)) for path in sorted((real_data / "flsea" / "rgb").glob("*.tiff"))}
+    assert frames and all(textured_fraction(image) > 0.6 for image in frames.values())
+    for water in (frames["0003"][:150, 500:], frames["0006"][:190, :170], frames["0010"][:180, 560:700]):
+        assert textured_fraction(water.copy()) < 0.1
