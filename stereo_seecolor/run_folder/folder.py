@@ -237,10 +237,7 @@ class RunFolder:
             self.files_written.update(new)
 
     def write_all(self, name: str, contents: Iterable[tuple[str, bytes]], made_from: str) -> None:
-        """Write all files of a folder of OUT: path in it, content. Raises OutputError.
-
-        made_from: hash of what they were made from. The manifest is written once, before the first file is in its place.
-        """
+        """The same of all files of a folder of OUT: path in it, content. made_from: hash of what they were made from."""
         temporaries: dict[str, Path] = {}
         for path, content in contents:
             temporaries |= self._files.write_temporaries([(f"{name}/{path}", content)])
@@ -249,8 +246,7 @@ class RunFolder:
     def _put(self, temporaries: Mapping[str, Path], made_from: Mapping[str, str]) -> None:
         """Put written files into their places, once the manifest knows them."""
         files = {path: (Stamp.of(temporary), *self._dive.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
-        made = {**self._dive.made_from, **made_from}
-        self.update(replace(self._dive, files={**self._dive.files, **files}, made_from=made))
+        self.update(replace(self._dive, files=self._dive.files | files, made_from={**self._dive.made_from, **made_from}))
         self._files.move_into_place(temporaries, files)
 
     def _has(self, name: str, content: bytes) -> bool:
