@@ -12,6 +12,29 @@ ROUNDING_PX = 1.0
 """A side of a resized image may be off so far from the exact factor: binning drops the odd last row."""
 
 
+SAME_FACTOR = 0.15
+"""The middles of both images, by their principal points, agree so far on another size: lenses are mounted within 10 % of it."""
+OTHER_SIZE = (0.67, 1.5)
+"""Middles nearer to that of the image are those of a lens that is not mounted in the middle."""
+
+
+def refuse_other_resolution(rig: StereoRig, where: str) -> None:
+    """Raise CalibrationError if both cameras' principal points lie in the middle of images of one other size than the rig's.
+
+    Files that store no image size give no other sign of it, and ranges would be off by the factor.
+    """
+    factors = np.array([2 * camera.K[:2, 2] / camera.image_size for camera in (rig.left, rig.right)])
+    factor = float(factors.mean())
+    if np.abs(factors / factor - 1).max() < SAME_FACTOR and not OTHER_SIZE[0] < factor < OTHER_SIZE[1]:
+        images = rig.left.image_size
+        made = tuple(round(2 * float(center)) for center in rig.left.K[:2, 2])
+        raise CalibrationError(
+            f"{where}: its principal points lie in the middle of images of about {made[0]}x{made[1]} px, and these are of "
+            f"{_text(images)}: if they were resized since, run: stereo-seecolor convert-calib {where} resized.yaml "
+            f"--size WIDTHxHEIGHT --resize {_text(images)} with the size of the images that it was made with"
+        )
+
+
 def resize_factor(calibrated: Size, images: Size) -> float | None:
     """How many times as large the images are as those of the calibration; None if not the same for both sides: a cut-out."""
     factor = images[0] / calibrated[0]

@@ -178,7 +178,7 @@ def test_kalibr_poses_to_an_imu(key: str, inverse: bool, tmp_path: Path) -> None
 def test_middlebury_without_the_size_of_the_images(tmp_path: Path) -> None:
     file = tmp_path / "calib.txt"
     file.write_text("".join(line for line in MIDDLEBURY.splitlines(True) if not line.startswith(("width", "height"))))
-    assert load_rig(file, (1000, 800)).left.image_size == (1000, 800)
+    assert load_rig(file, (2400, 2000)).left.image_size == (2400, 2000)
 
 
 def test_opencv_two_files_in_any_order_and_the_size_of_the_images(tmp_path: Path) -> None:

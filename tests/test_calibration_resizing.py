@@ -1,6 +1,8 @@
 """Calibrations for resized images, and cameras whose images differ in size."""
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +11,11 @@ from test_calibration_spellings import RIG
 from test_turned_pairs import turned_dive
 
 from calibration import CalibrationError, Camera, StereoRig
+from calibration.formats import load_rig
 from calibration.resizing import resized_rig, wrong_size
 from calibration.transforms import rigid
 from calibration.turns import quarter_turn
+from stereo_seecolor.commands.convert_calib import convert_calib
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.records import StereoFrame
@@ -65,3 +69,16 @@ def test_a_right_camera_whose_images_are_turned(scene: Scene) -> None:
 @pytest.fixture
 def scene() -> Scene:
     return render((256, 192))
+
+
+@pytest.mark.parametrize(("size", "made"), [((320, 240), "644x476"), ((1280, 960), "644x476")])
+def test_a_file_without_a_size_that_was_made_at_another_is_refused(size: tuple[int, int], made: str, tmp_path: Path) -> None:
+    content = {f"K{n}": camera.K.tolist() for n, camera in ((1, RIG.left), (2, RIG.right))}
+    content |= {f"D{n}": camera.distortion.tolist() for n, camera in ((1, RIG.left), (2, RIG.right))}
+    file = tmp_path / "stereo.json"
+    file.write_text(json.dumps(content | {"R": RIG.R.tolist(), "T": RIG.T_right_left[:3, 3].tolist()}))
+    assert load_rig(file, (640, 480)).left.image_size == (640, 480)
+    with pytest.raises(CalibrationError, match=f"in the middle of images of about {made} px, and these are of {size[0]}x{size[1]}"):
+        load_rig(file, size)
+    convert_calib(file, tmp_path / "resized.yaml", "native", "640x480", f"{size[0]}x{size[1]}")
+    assert load_rig(tmp_path / "resized.yaml", size).left.K[0, 0] == pytest.approx(RIG.left.K[0, 0] * size[0] / 640)

@@ -31,6 +31,7 @@ from calibration.formats import (
 from calibration.formats.document import load_document
 from calibration.formats.folder import calibration_files, left_first, merged
 from calibration.formats.section import Section, naming
+from calibration.resizing import refuse_other_resolution
 from calibration.rig import StereoRig
 
 __all__ = ["WritableFormat", "format_name", "load_rig", "parse_size", "write_rig"]
@@ -66,7 +67,10 @@ def load_rig(path: str | Path, image_size: Size | None = None) -> StereoRig:
     """
     documents = _documents(path)
     with naming(documents[0].where):
-        return _parse(documents, image_size)
+        rig = _parse(documents, image_size)
+    if image_size == rig.left.image_size:
+        refuse_other_resolution(rig, str(path))
+    return rig
 
 
 def format_name(path: str | Path) -> str:
