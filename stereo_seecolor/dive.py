@@ -7,7 +7,7 @@ run finished with the same inputs and settings is kept, in either pass.
 
 from array import array
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
@@ -16,14 +16,14 @@ from typing import Any
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
-from stereo_seecolor.color.photometry.survey import ReadPixels
+from stereo_seecolor.color.photometry.survey import CountedFrames, ReadPixels
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.lazy import Chosen, Lazy
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.frame_facts import recorded_capture
 from stereo_seecolor.frame_source import PageMaker, Source
 from stereo_seecolor.frame_stages import FrameStages, water_key
-from stereo_seecolor.frame_work import Correction, FrameWork, Result, Work, rows_alone
+from stereo_seecolor.frame_work import Correction, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Capture, FrameRow, Water
@@ -56,6 +56,25 @@ class _Named(Lazy[tuple[str, Pair]]):
 NO_OVERLAP = "light: no two frames show the same spots, so that lamps, lens and exposure stay in the images"
 
 
+@dataclass(frozen=True)
+class _Groups(Lazy[Sequence[Pair]]):
+    """Neighbors together, whoever works on them: so the sums of a dive are always added in the same order."""
+
+    pairs: Sequence[Pair]
+
+    def __len__(self) -> int:
+        return -(-len(self.pairs) // GROUP)
+
+    def item(self, number: int) -> Sequence[Pair]:
+        return self.pairs[number * GROUP : (number + 1) * GROUP]
+
+
+LONG_DIVE, GROUP = 10_000, 32
+"""Pairs of a dive beyond which tables are added up in groups of so many before they are fitted. A stretch with a water of its own
+has 256 frames or more in such a dive, so that it is no matter that it begins with a group.
+"""
+
+
 class Dive:
     """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
 
@@ -68,7 +87,7 @@ class Dive:
         self._light_found: dict[str, Any] | None = None
         self._ranged = False
         self._light_known = not options.shard.whole  # a part of a dive must be lit as the other parts are
-        self._linked: frozenset[str] = frozenset()
+        self._linked: Collection[str] = ()
         self._config, self._corrector, self._geometry = source.config, source.corrector, source.geometry
         self._folder, self._options = folder, options
         self._progress = ProgressFile(folder.root)
@@ -94,7 +113,7 @@ class Dive:
         for row, (ranged, table) in self._pass("ranges", pairs, self._stages.counted):
             take(row.name, table, partial(self._stages.read, ranged))
 
-    def waters(self, pairs: Sequence[Pair]) -> dict[str, Water]:
+    def waters(self, pairs: Sequence[Pair]) -> Mapping[str, Water]:
         """Each frame's water, by name: an earlier run's where it was fitted to the same, or fitted in a first pass."""
         self._begin_color(pairs)
         kept = KeptFit.load(self._folder.root)
@@ -104,26 +123,42 @@ class Dive:
                 self.notes += kept.notes
                 return waters
         waters, notes = self._fit(pairs)
-        self._linked = frozenset()
+        self._linked = ()
         self.notes += notes
         key = self._stages.fit_key(pairs)
         if key:
             KeptFit.of(key, notes, waters_content(waters, self.light)).save(self._folder.root)
         return waters
 
-    def _fit(self, pairs: Sequence[Pair]) -> tuple[dict[str, Water], tuple[str, ...]]:
+    def _fit(self, pairs: Sequence[Pair]) -> tuple[Mapping[str, Water], tuple[str, ...]]:
         """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
         fitter = self._corrector.survey_fitter(self._stages.light, self._linked)
         stage = "waters" if self._ranged else "ranges"
-        for row, (ranged, table) in self._pass(stage, self._not_failed(pairs), self._stages.counted):
-            fitter.add(row.name, table, partial(self._stages.read, ranged))
+        pairs = self._not_failed(pairs)
+        if fitter.joins and len(pairs) > LONG_DIVE:
+            for counted in self._sums(stage, pairs):
+                fitter.join(counted)
+        else:
+            for row, (ranged, table) in self._pass(stage, pairs, self._stages.counted):
+                fitter.add(row.name, table, partial(self._stages.read, ranged))
         return fitter.waters(), fitter.notes()
+
+    def _sums(self, stage: str, pairs: Sequence[Pair]) -> Iterator[CountedFrames]:
+        """The tables of neighbors, added up where they are counted: a long dive's are too many for one process to add."""
+        self._begin_pass(stage, len(pairs))
+        count = GroupCount(FrameWork(self._stages.counted, self._folder), self._config.color)
+        for outcomes, counted in self._options.compute.each(count, _Groups(pairs)):
+            for outcome in outcomes:
+                self._note(outcome)
+            yield counted
 
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
         """The second pass: each frame that has a water without it, and its cloud."""
         self._begin_color(pairs)
         keys = {id(water): water_key(water) for water in {id(water): water for water in waters.values()}.values()}
-        self._folder.set_waters({name: keys[id(water)] for name, water in waters.items()})
+        shared = set(keys.values())
+        each = {"*": shared.pop()} if len(shared) == 1 else {name: keys[id(water)] for name, water in waters.items()}
+        self._folder.set_waters(each)
         if waters:
             self.each("colors", _chosen(pairs, lambda pair: pair.name in waters), Correction.of(self._stages, waters))
 
@@ -165,7 +200,7 @@ class Dive:
             kept = self._solve_light(pairs, geometry, allowed)
         self._stages.light = Light.from_content(kept.light) if kept.light else None
         self._light_found = {name: value for name, value in (kept.light or {}).items() if name != "log_gains"}
-        self._linked = frozenset(kept.linked)
+        self._linked = kept.linked
         self.notes += (kept.note,) if kept.note else ()
 
     def _solve_light(self, pairs: Sequence[Pair], geometry: RectifiedPair, allowed: Use) -> KeptLight:
@@ -204,14 +239,21 @@ class Dive:
 
     def _pass(self, stage: str, pairs: Sequence[Pair], work: Work[Result]) -> Iterator[tuple[FrameRow, Result]]:
         """``work`` on all pairs, in their order; what is wrong with one pair becomes its row, and ends no pass."""
-        self._options.listener.begin(stage, len(pairs))
-        self._progress.begin(stage, len(pairs))
+        self._begin_pass(stage, len(pairs))
         for outcome in self._options.compute.each(FrameWork(work, self._folder), pairs):
-            self._folder.note(outcome.row.name, outcome.written, outcome.aside)
-            self.table.add(outcome.row)
-            self._progress.advance(outcome.row)
-            self._options.listener.advance(outcome.row)
-            if outcome.failure and self._options.strict:
-                raise outcome.failure
+            self._note(outcome)
             if outcome.result is not None:
                 yield outcome.row, outcome.result
+
+    def _begin_pass(self, stage: str, pairs: int) -> None:
+        self._options.listener.begin(stage, pairs)
+        self._progress.begin(stage, pairs)
+
+    def _note(self, outcome: Outcome[Any]) -> None:
+        """What became of a pair. Raises what was wrong with it where the run is to stop at the first bad pair."""
+        self._folder.note(outcome.row.name, outcome.written, outcome.aside)
+        self.table.add(outcome.row)
+        self._progress.advance(outcome.row)
+        self._options.listener.advance(outcome.row)
+        if outcome.failure and self._options.strict:
+            raise outcome.failure

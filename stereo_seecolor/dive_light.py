@@ -17,6 +17,7 @@ from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_lig
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.frame_looks import LOOK, FrameLook, ReadFrame, Stretch, reduced, reduction
 from stereo_seecolor.records import Capture
 
@@ -64,7 +65,7 @@ class Found:
     """
 
     light: SurveyLight | None
-    linked: tuple[str, ...]
+    linked: SomeNames
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +96,7 @@ class LightSearch:
 
         The pattern of a long dive is solved from a part of it, and then all frames are looked at for their gains.
         """
-        names = [name for name, _ in self.frames]
+        names = Names(name for name, _ in self.frames)
         chosen = looked_at(len(names))
         look_at = self._frame_look
         parts = self.compute.parts if len(chosen) < len(names) else 1  # a cut would part the loops of a short dive
@@ -119,7 +120,7 @@ class LightSearch:
         elif light and (allowed.gains or light.recorded):
             few = [(seen.frames, differences(seen, light, size)) for seen in windows]
             light = self._followed(light, names, few, links, confirmed)
-        return Found(light, tuple(names[k] for k in np.flatnonzero(links.frames)))
+        return Found(light, SomeNames(names, links.frames))
 
     def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]) -> tuple[float, float] | None:
         """How frames differ without and with the (F,) records; None where no two frames show the same."""
@@ -129,7 +130,7 @@ class LightSearch:
 
     @staticmethod
     def _followed(
-        light: SurveyLight, names: list[str], windows: Iterable[Differing], links: "_Links", recorded: Array | None
+        light: SurveyLight, names: Names, windows: Iterable[Differing], links: "_Links", recorded: Array | None
     ) -> SurveyLight:
         """With the gains of all frames, which have these names; with none where they do not help."""
         table = DifferenceTable()
@@ -139,7 +140,7 @@ class LightSearch:
         found, number, chosen = table.all, len(names), (light.luminance.use.gains, light.color.use.gains)
         solved = solve_chain(found, number, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
         measured = solved.measured & solved.gains.any()
-        return light.with_gains(FrameGains((names[k] for k in np.flatnonzero(measured)), solved.gains[measured]), solved.offsets)
+        return light.with_gains(FrameGains(names, np.where(measured[:, None], solved.gains, np.nan)), solved.offsets)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int) -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""

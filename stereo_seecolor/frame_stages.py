@@ -83,7 +83,7 @@ class FrameStages:
         key = content_key({side: file.sha256 for side, file in inputs.items()}, self.range_settings)
         known = self._folder.finished("range", pair.name, key) is not None
         record = self._folder.frame(pair.name, pair.timestamp_s, inputs, pair.place)
-        return Ranged(pair, record, key, kept=known and pair.name not in self._folder.written["range"]), known
+        return Ranged(pair, record, key, kept=known and "range" not in self._folder.written.stages(pair.name)), known
 
     def ranged(self, pair: Pair, clock: Clock) -> Ranged:
         """The pair's range: an earlier run's, or measured and written now."""

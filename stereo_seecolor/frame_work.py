@@ -1,13 +1,18 @@
 """The work on one pair of a dive, as an object that can be sent to another process with all that it needs."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from calibration import CalibrationError
+from stereo_seecolor.color.photometry.survey import CountedFrames
+from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.compute.threads import Clock
+from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
+from stereo_seecolor.frame_source import Ranged
 from stereo_seecolor.frame_stages import FrameStages
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow, Water
@@ -50,8 +55,28 @@ class FrameWork(Generic[Result]):
             kept = f" (what an earlier run made of it is in {SET_ASIDE})" if self.folder.retire(pair.name) else ""
             row, failure = FrameRow(pair.name, status="failed", error=f"{error}{kept}"), error.with_traceback(None)
         named = replace(row, left=str(pair.left), right=str(pair.right), timestamp_s=pair.timestamp_s, seconds=clock.seconds)
-        written = tuple(stage for stage, names in self.folder.written.items() if pair.name in names)
-        return Outcome(named, result, failure, written, tuple(self.folder.set_aside))
+        return Outcome(named, result, failure, self.folder.written.stages(pair.name), tuple(self.folder.set_aside))
+
+
+@dataclass(frozen=True, eq=False)
+class GroupCount:
+    """Neighboring pairs counted, and their tables added up: what became of each, and the sum of those that did not fail."""
+
+    work: FrameWork[tuple[Ranged, MomentTable]]
+    config: ColorConfig
+
+    def __call__(self, pairs: Sequence[Pair]) -> tuple[list[Outcome[bool]], CountedFrames]:
+        """Raises as the work on one pair."""
+        outcomes: list[Outcome[bool]] = []
+
+        def tables() -> Iterator[tuple[str, MomentTable]]:
+            for pair in pairs:
+                outcome = self.work(pair)
+                outcomes.append(replace(outcome, result=outcome.result is not None))  # type: ignore[arg-type]
+                if outcome.result is not None:
+                    yield pair.name, outcome.result[1]
+
+        return outcomes, CountedFrames.of(tables(), self.config)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +91,7 @@ class Correction:
     def of(cls, stages: FrameStages, waters: Mapping[str, Water]) -> "Correction":
         """For frames by name, of which there must be one."""
         usual = next(iter(waters.values()))
-        return cls(stages, usual, {name: water for name, water in waters.items() if water is not usual})
+        return cls(stages, usual, ByName((name, water) for name, water in waters.items() if water is not usual))
 
     def __call__(self, pair: Pair, clock: Clock) -> FrameRow:
         """The frame without its water, written; its row."""

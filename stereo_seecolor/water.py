@@ -1,6 +1,5 @@
 """The water between camera and reef: the model's parameters, their limits, and the JSON that holds them."""
 
-import io
 import json
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.files.atomic import write_atomic
-from stereo_seecolor.files.json_values import plain
+from stereo_seecolor.files.json_values import JsonText, plain
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.water_limits import MATRICES, PARAMETERS, problem_of
 
@@ -122,13 +121,9 @@ class Water:
             raise InputError(f"{path}: {error}") from error
 
 
-def water_document(body: dict[str, Any]) -> bytes:
+def water_document(body: dict[str, Any]) -> JsonText:
     """A water.json of this body: {"water": content}, or {"frames": {name: content}}."""
-    content = io.BytesIO()
-    for piece in json.JSONEncoder(indent=1, allow_nan=False).iterencode({"format": FORMAT, "version": VERSION, **body}):
-        content.write(piece.encode())  # of a million frames all pieces together take five times as much memory
-    content.write(b"\n")
-    return content.getvalue()
+    return JsonText({"format": FORMAT, "version": VERSION, **body}, indent=1)
 
 
 def read_water_document(path: Path) -> dict[str, Any]:

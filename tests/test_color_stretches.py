@@ -6,6 +6,7 @@ from test_color_engine_survey import reef, same
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry import stretches
+from stereo_seecolor.color.photometry.survey import CountedFrames
 from stereo_seecolor.config import ColorConfig
 
 CLEAR = np.array([0.9, 0.95, 1.0])
@@ -79,3 +80,25 @@ def test_frames_that_show_the_same_are_not_cut_apart():
         fitter.add(str(i), corrector.measure(image, range_m), lambda: None)
     fitter.waters()
     assert fitter.stretches == [["0", "1", "2", "3"], ["4", "5"]]
+
+
+@pytest.mark.parametrize("lock", ["auto", "survey"])
+def test_frames_that_were_added_up_before_give_the_water_of_the_same_frames(lock):
+    frames = frames_under(*[CLEAR] * 4, *[GREEN] * 4)
+    config = ColorConfig(input_encoding="as-is", lock=lock)
+    corrector = Corrector(config)
+    tables = [(str(i), corrector.measure(*frame)) for i, frame in enumerate(frames)]
+    fitter = corrector.survey_fitter()
+    assert fitter.joins
+    for start in (0, 4):
+        fitter.join(CountedFrames.of(tables[start : start + 4], config))
+    expected = fitted(frames, lock)[1]
+    waters = fitter.waters()
+    assert list(waters) == list(expected)
+    assert all(same(waters[name], expected[name]) for name in expected)
+
+
+@pytest.mark.parametrize("changes", [{"lock": "frame"}, {"lock": "sliding"}, {"lock": "survey", "camera_exposure": "brightness"}])
+def test_frames_of_a_fit_that_goes_from_one_to_the_next_are_not_added_up_before(changes):
+    fitter = Corrector(ColorConfig(input_encoding="as-is", **changes)).survey_fitter()
+    assert not fitter.joins

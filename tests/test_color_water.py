@@ -99,7 +99,7 @@ def test_saved_and_loaded_it_is_the_same(tmp_path: Path) -> None:
 
 
 def test_each_frames_own_water_is_not_one_water(tmp_path: Path) -> None:
-    (tmp_path / "w.json").write_bytes(waters_content({"a": some_water(), "b": some_water(exposure=2.0)}))
+    (tmp_path / "w.json").write_bytes(b"".join(waters_content({"a": some_water(), "b": some_water(exposure=2.0)})))
     with pytest.raises(InputError, match=r"holds each frame's own water: run with color\.lock=survey"):
         Water.load(tmp_path / "w.json")
 

@@ -46,6 +46,23 @@ class Killer:
 
 
 @pytest.mark.slow
+def test_a_long_dive_is_added_up_in_the_same_order_wherever_it_is_counted(make_dive, tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("stereo_seecolor.dive.LONG_DIVE", 2)
+    monkeypatch.setattr("stereo_seecolor.dive.GROUP", 2)
+    dive = make_dive(6)
+    (dive.root / "R/0003.png").write_bytes(b"")
+    sides = (dive.root / "L", dive.root / "R", dive.root / "cam.yaml")
+    summary = run(*sides, tmp_path / "threads")
+    assert (summary.count("ok"), summary.count("failed")) == (5, 1)
+    with cluster("local:2") as compute:
+        assert run(*sides, tmp_path / "cluster", options=RunOptions(cluster=compute)).count("ok") == 5
+    assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
+    before = (tmp_path / "threads/water.json").read_bytes()
+    again = run(*sides, tmp_path / "threads")
+    assert (again.kept, (tmp_path / "threads/water.json").read_bytes()) == (5, before)
+
+
+@pytest.mark.slow
 @pytest.mark.timeout(600)  # new workers of a busy machine need a minute to start
 def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
     dive = make_dive(6)

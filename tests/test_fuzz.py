@@ -163,7 +163,7 @@ def exposures(folder: Path) -> list[Path]:
 
 
 def waters(folder: Path) -> list[Path]:
-    (folder / "water.json").write_bytes(waters_content({"a": Water(*np.random.default_rng(0).uniform(0, 1, (9, 3)))}))
+    (folder / "water.json").write_bytes(b"".join(waters_content({"a": Water(*np.random.default_rng(0).uniform(0, 1, (9, 3)))})))
     return sorted(folder.iterdir())
 
 

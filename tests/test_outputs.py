@@ -131,7 +131,7 @@ def some_water(seed: int) -> Water:
 
 def test_water_comes_back_and_serves_other_frames(tmp_path: Path) -> None:
     water = some_water(1)
-    (tmp_path / "water.json").write_bytes(waters_content({"a": water, "b": water}))
+    (tmp_path / "water.json").write_bytes(b"".join(waters_content({"a": water, "b": water})))
     json.loads((tmp_path / "water.json").read_text(), parse_constant=pytest.fail)
     back = read_waters(tmp_path / "water.json", ["c"])["c"]
     np.testing.assert_array_equal(back.white, water.white)
@@ -141,7 +141,7 @@ def test_water_comes_back_and_serves_other_frames(tmp_path: Path) -> None:
 
 def test_waters_of_single_frames_serve_only_those(tmp_path: Path) -> None:
     path = tmp_path / "water.json"
-    path.write_bytes(waters_content({"a": some_water(1), "b": some_water(2)}))
+    path.write_bytes(b"".join(waters_content({"a": some_water(1), "b": some_water(2)})))
     np.testing.assert_array_equal(read_waters(path, ["b"])["b"].x, some_water(2).x)
     with pytest.raises(InputError, match=r"none for 'c': fit it with color\.lock=survey"):
         read_waters(path, ["c"])

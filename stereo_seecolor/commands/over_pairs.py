@@ -12,6 +12,7 @@ from stereo_seecolor.commands.pages import drop_live_page, early_frames, end_pag
 from stereo_seecolor.commands.planned import Meter
 from stereo_seecolor.commands.refine_dive import DiveRefinement
 from stereo_seecolor.commands.video_pairs import video_pairing
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive import Dive
@@ -171,7 +172,7 @@ class Job:
         ]
         aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
         notes = (*self.pairing.notes, *dive.notes, *aside, *folder.removed, *self._misfit_notes(rows))
-        return RunSummary(final_rows(folder, self.description, rows, unpaired), notes, seconds, stopped)
+        return RunSummary(final_rows(folder, self.description, dive.table, unpaired), notes, seconds, stopped)
 
     def _misfit_notes(self, rows: Sequence[FrameRow]) -> tuple[str, ...]:
         rectification = self.description.rectification
@@ -208,7 +209,7 @@ def claim(owner: Owner, options: RunOptions, inputs: Sequence[Path | None]) -> C
 
 def describe(inputs: dict[str, str], config: RunConfig, pairing: Pairing, last: Stage, options: RunOptions) -> RunDescription:
     """What run.json says of a command."""
-    names = [pair.name for pair in pairing.pairs]
+    names = Names(pair.name for pair in pairing.pairs)
     return RunDescription(inputs, config, names, last, command_line=options.command_line)
 
 

@@ -20,7 +20,7 @@ _numbers = itertools.count()
 _process = secrets.token_hex(3)
 """Process numbers of two machines that write into one folder can be the same."""
 
-Content = bytes | memoryview | Iterator[bytes | memoryview]
+Content = bytes | memoryview | Iterable[bytes | memoryview]
 
 
 def write_atomic(path: Path, content: Content) -> None:
@@ -71,13 +71,20 @@ def output_errors(path: Path) -> Iterator[None]:
         ) from error
 
 
+def holds(path: Path, content: Content) -> bool:
+    """True if the file at ``path`` has this content. Raises OSError where it cannot be read."""
+    pieces = [content] if isinstance(content, bytes | memoryview) else content
+    with path.open("rb") as file:
+        return all(file.read(len(piece)) == piece for piece in pieces) and not file.read(1)
+
+
 def write_temporary(path: Path, content: Content) -> Path:
     """Write ``content`` beside ``path``, to be flushed, and return where; nothing is left there on an error. Raises OSError."""
     temporary = temporary_path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
         with temporary.open("wb") as file:
-            file.writelines(content if isinstance(content, Iterator) else [content])
+            file.writelines([content] if isinstance(content, bytes | memoryview) else content)
     except BaseException:
         _remove(temporary)
         raise

@@ -1,6 +1,7 @@
 """What is known of a run and its map, gathered for the page."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -47,7 +48,7 @@ class DiveFacts(RowFacts):
     """A run for the page. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None where none was made."""
 
     run: FinishedRun
-    waters: dict[str, Water]
+    waters: Mapping[str, Water]
     map: FinishedMap | None
     posed: PosedRun | None
 
@@ -85,7 +86,7 @@ class DiveFacts(RowFacts):
         return range_m / geometry.focal_px if range_m is not None and geometry is not None else None
 
 
-def _waters(run: FinishedRun) -> dict[str, Water]:
+def _waters(run: FinishedRun) -> Mapping[str, Water]:
     try:
         return read_waters(run.water_file, [frame.name for frame in run.frames])
     except (InputError, ColorError):

@@ -60,7 +60,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
         if isinstance(record, FrameError):
             left_out[frame.name] = str(record)
         elif record is not None:
-            made += frame.name in folder.written["page"]
+            made += "page" in folder.written.stages(frame.name)
             shown[frame.name] = tuple(record.stages["page"].outputs)
     folder.update(replace(folder.dive, settings={**folder.dive.settings, "page": settings}))
     write_map_files(folder, facts, with_raw=not brief)

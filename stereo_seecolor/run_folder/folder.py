@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from numpy.typing import NDArray
 
-from stereo_seecolor.files.atomic import Content, link_temporary, output_errors
+from stereo_seecolor.files.atomic import Content, holds, link_temporary, output_errors
 from stereo_seecolor.files.decode import read_array
 from stereo_seecolor.files.keys import content_key_of
 from stereo_seecolor.run_folder.claim import Claim, Owner, check_claim, refuse_foreign, refuse_inputs, refuse_links, refuse_used
@@ -31,6 +31,7 @@ from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, InputRecord, Manifest, StageRecord
 from stereo_seecolor.run_folder.owned_files import OwnedFiles, is_ours, remove_empty_folders
 from stereo_seecolor.run_folder.stamp import Stamp
+from stereo_seecolor.run_folder.written_frames import WrittenFrames
 
 
 class RunFolder:
@@ -45,7 +46,7 @@ class RunFolder:
         self.manifest = Manifest(root)
         self._files = OwnedFiles(root)
         self.removed: list[str] = []
-        self.written: dict[Stage, set[str]] = {"range": set(), "corrected": set(), "rectified": set(), "page": set()}
+        self.written = WrittenFrames()
         self.files_written: set[str] = set()
         self._claim, self._dive = claim, DiveRecord()
         self._hold, self._token = ExitStack(), ""
@@ -129,9 +130,8 @@ class RunFolder:
         self.update(replace(self._dive, state="running", settings=settings, waters=kept))
 
     def set_waters(self, keys: Mapping[str, str]) -> None:
-        """Each frame's water, as its hash; frames corrected with another are no longer current. Raises OutputError."""
-        shared = set(keys.values())
-        self.update(replace(self._dive, waters={"*": shared.pop()} if len(shared) == 1 else dict(keys)))
+        """Each frame's water by name ("*": of all), as its hash; others' corrections are no longer current. Raises OutputError."""
+        self.update(replace(self._dive, waters=dict(keys)))
 
     def frame(self, name: str, timestamp_s: float | None, inputs: dict[str, InputRecord], place: tuple[int, int]) -> FrameRecord:
         """The record of a frame with the inputs as they are now. place: a new one's number in the dive, of so many."""
@@ -165,7 +165,7 @@ class RunFolder:
         check_lease(self.root, self._token)
         self.manifest.save_frame(frame)
         self._files.move_into_place(temporaries, files)
-        self.written[stage].add(frame.name)
+        self.written.add(stage, frame.name)
         return frame
 
     def adopt(self, other: Path, frame: FrameRecord) -> None:
@@ -189,7 +189,7 @@ class RunFolder:
     def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
         """What a worker did for a frame: the stages that it wrote, and files that it moved aside."""
         for stage in written:
-            self.written[stage].add(name)
+            self.written.add(stage, name)
         self._files.set_aside += [path for path in aside if path not in self.set_aside]
 
     def rewrite(self, frame: FrameRecord, contents: Mapping[str, bytes]) -> None:
@@ -208,7 +208,7 @@ class RunFolder:
         What an earlier run made of it is moved aside, since it cannot be made again without its images; True if there was any.
         """
         frame = self.manifest.frame(name)
-        earlier = frame is not None and not any(name in names for names in self.written.values())
+        earlier = frame is not None and not self.written.stages(name)
         products = [path for path in frame.files if not path.startswith(f"{PAGE}/")] if frame and earlier else []
         kept = self._files.retire(products)
         self.discard(name)
@@ -231,7 +231,7 @@ class RunFolder:
 
     def write_files(self, contents: Mapping[str, Content], made_from: Mapping[str, str]) -> None:
         """Write several such files; the manifest is written once. made_from: as above, by name. Raises OutputError."""
-        new = {name: content for name, content in contents.items() if not (isinstance(content, bytes) and self._has(name, content))}
+        new = {name: content for name, content in contents.items() if isinstance(content, Iterator) or not self._has(name, content)}
         if new:
             self._put(self._files.write_temporaries(new.items()), made_from)
             self.files_written.update(new)
@@ -249,8 +249,8 @@ class RunFolder:
         self.update(replace(self._dive, files=self._dive.files | files, made_from={**self._dive.made_from, **made_from}))
         self._files.move_into_place(temporaries, files)
 
-    def _has(self, name: str, content: bytes) -> bool:
-        return is_ours(self.root, name, self._dive.files) and (self.root / name).read_bytes() == content
+    def _has(self, name: str, content: Content) -> bool:
+        return is_ours(self.root, name, self._dive.files) and holds(self.root / name, content)
 
     def remove(self, *names: str) -> None:
         """Delete files of the whole dive, or all files of a folder such as map, that the program wrote."""

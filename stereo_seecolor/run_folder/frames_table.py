@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.records import FrameRow, Status
@@ -30,12 +31,11 @@ class FrameTable:
 
     def __init__(self) -> None:
         self._rows: Packed[FrameRow] = Packed()
-        self._places: dict[int, int] = {}
+        self._names = Names()
 
     def add(self, row: FrameRow) -> None:
-        """The row of a pair or a file, which its left path tells from the others; or what a later stage has to say of it."""
-        key = hash(row.left)  # of a million paths no two have the same; the paths themselves take 100 MB more
-        place = self._places.setdefault(key, len(self._rows))
+        """The row of a pair, which its name tells from the others; or what a later stage has to say of it."""
+        place = self._names.add(row.name)
         if place == len(self._rows):
             self._rows.append(row)
         else:
@@ -45,6 +45,11 @@ class FrameTable:
     def rows(self) -> Sequence[FrameRow]:
         """All rows."""
         return self._rows
+
+    def row(self, name: str) -> FrameRow | None:
+        """What is known of a pair; None where nothing is."""
+        place = self._names.number(name)
+        return None if place is None else self._rows[place]
 
 
 @dataclass(frozen=True)

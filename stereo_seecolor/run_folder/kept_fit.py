@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -21,9 +22,12 @@ class KeptFit:
     sha256: str
 
     @classmethod
-    def of(cls, key: str, notes: tuple[str, ...], content: bytes) -> "KeptFit":
+    def of(cls, key: str, notes: tuple[str, ...], content: Iterable[bytes]) -> "KeptFit":
         """The record of a fit that gave the water.json of this content."""
-        return cls(key, notes, hashlib.sha256(content).hexdigest())
+        digest = hashlib.sha256()
+        for piece in content:
+            digest.update(piece)
+        return cls(key, notes, digest.hexdigest())
 
     def save(self, root: Path) -> None:
         """Write it. Raises OutputError."""
@@ -38,11 +42,12 @@ class KeptFit:
         except (OSError, ValueError, TypeError, KeyError):
             return None
 
-    def waters(self, root: Path, names: list[str]) -> dict[str, Water] | None:
+    def waters(self, root: Path, names: Iterable[str]) -> Mapping[str, Water] | None:
         """The waters of water.json; None where it is gone, or not what the fit gave."""
         path = root / WATER
         try:
-            same = hashlib.sha256(path.read_bytes()).hexdigest() == self.sha256
+            with path.open("rb") as file:
+                same = hashlib.file_digest(file, "sha256").hexdigest() == self.sha256
             return read_waters(path, names) if same else None
         except (OSError, InputError):
             return None

@@ -1,11 +1,14 @@
 """What the light of a dive was solved from, and the solution, kept in OUT so that a rerun does not solve it again."""
 
 import json
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.json_values import JsonText, StreamedList
 from stereo_seecolor.run_folder.layout import light_file
 
 
@@ -19,18 +22,18 @@ class KeptLight:
     key: str
     note: str
     light: dict[str, Any] | None
-    linked: tuple[str, ...]
+    linked: Collection[str]
 
     def save(self, root: Path) -> None:
         """Write it. Raises OutputError."""
-        content = {"key": self.key, "note": self.note, "light": self.light, "linked": self.linked}
-        write_atomic(light_file(root), (piece.encode() for piece in json.JSONEncoder().iterencode(content)))
+        content = {"key": self.key, "note": self.note, "light": self.light, "linked": StreamedList(lambda: self.linked)}
+        write_atomic(light_file(root), JsonText(content))
 
     @classmethod
     def load(cls, root: Path) -> "KeptLight | None":
         """What an earlier run kept; None where there is none, or it is damaged."""
         try:
             content = json.loads(light_file(root).read_bytes())
-            return cls(**{**content, "linked": tuple(content["linked"])})
+            return cls(**{**content, "linked": Names(content["linked"])})
         except (OSError, ValueError, TypeError, KeyError):
             return None

@@ -51,7 +51,7 @@ class Part:
         """What is recorded of its finished frames."""
         return Manifest(self.root).frames()
 
-    def waters(self) -> dict[str, Water] | None:
+    def waters(self) -> Mapping[str, Water] | None:
         """Name of a finished frame -> its water; None where no water was taken out yet."""
         path = self.root / WATER
         return read_waters(path, [row.name for row in self.rows if row.status == "ok"]) if path.exists() else None

@@ -2,24 +2,24 @@
 
 import platform
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
-from json import JSONEncoder, dumps
 from pathlib import Path
 from typing import Any
 
 from calibration import Rectification
 from calibration.wording import counted
+from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.files.json_values import plain
+from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList, plain
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_map import track_points
 from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary, frames_csv, with_residuals
+from stereo_seecolor.run_folder.frames_table import FrameTable, ProductSummary, RunSummary, frames_csv, with_residuals
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     FIRST_LOOK,
@@ -37,8 +37,6 @@ from stereo_seecolor.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "open3d", "gtsam")
 """What shapes the numbers."""
-FILES_HERE = '"<the hashes of all files>"'
-"""What stands in run.json, while it is written, for what is too much to be held."""
 NOT_REACHED = "not finished when the run was stopped; run the same line again to go on"
 
 
@@ -48,7 +46,7 @@ class RunDescription:
 
     inputs: Mapping[str, str]
     config: RunConfig
-    names: Sequence[str]
+    names: Names
     last: Stage
     rectification: Rectification | None = None
     command_line: Sequence[str] = ()
@@ -59,23 +57,8 @@ def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -
     points = track_points(folder.root)
     table = frames_csv(summary.rows)
     rows = with_residuals(b"".join(table), points) if points else table
-    folder.write_files({FRAMES_TABLE: rows, RUN: _run_json(_content(run, summary, folder.dive.settings), summary.rows)}, {})
-
-
-def _run_json(content: dict[str, Any], rows: Sequence[FrameRow]) -> Iterator[bytes]:
-    """run.json, piece by piece: the hashes of a million pairs' files are not held in memory."""
-    for piece in JSONEncoder(indent=2, allow_nan=False).iterencode(content):
-        if piece != FILES_HERE:
-            yield piece.encode()
-            continue
-        before = b"{"
-        for row in rows:
-            if row.hashes:
-                text = dumps({row.name: row.hashes}, indent=2)[1:-2].replace("\n", "\n    ")
-                yield before + text.encode()
-                before = b","
-        yield b"{}" if before == b"{" else b"\n    }"
-    yield b"\n"
+    described = JsonText(_content(run, summary, folder.dive.settings), indent=2)
+    folder.write_files({FRAMES_TABLE: rows, RUN: described}, {})
 
 
 def renew_frames_table(folder: RunFolder) -> None:
@@ -89,7 +72,7 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
     """End a run. What belongs to no pair of a complete run is moved aside; what was made from frames that changed is deleted."""
     if complete:
         folder.remove_leftovers()  # of workers that were lost
-        retired = sum(folder.retire(name) for name in set(folder.manifest.names()) - {*run.names})
+        retired = sum(folder.retire(name) for name in folder.manifest.names() if name not in run.names)
         if retired:
             gone = f"{counted(retired, 'frame')} of an earlier run, no longer in the dive"
             folder.removed.append(f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}")
@@ -100,14 +83,12 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
     folder.update(replace(folder.dive, state="complete" if complete else "stopped"))
 
 
-def final_rows(
-    folder: RunFolder, run: RunDescription, rows: Sequence[FrameRow], unpaired: Iterable[FrameRow]
-) -> Sequence[FrameRow]:
+def final_rows(folder: RunFolder, run: RunDescription, table: FrameTable, unpaired: Iterable[FrameRow]) -> Sequence[FrameRow]:
     """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not come to is pending."""
-    places, final = {hash(row.name): place for place, row in enumerate(rows)}, Packed[FrameRow]()
+    final = Packed[FrameRow]()
     for name in run.names:
-        place = places.get(hash(name))
-        final.append(FrameRow(name, "pending", error=NOT_REACHED) if place is None else _checked(folder, run, rows[place]))
+        row = table.row(name)
+        final.append(_checked(folder, run, row) if row else FrameRow(name, "pending", error=NOT_REACHED))
     for row in unpaired:
         final.append(row)
     return final
@@ -130,7 +111,7 @@ def products(folder: RunFolder) -> tuple[ProductSummary, ...]:
             if dive.is_current(frame, stage):
                 for product in record.outputs.keys() & PRODUCTS.keys():
                     counts[product] += 1
-                    written[product] += frame.name in folder.written[stage]
+                    written[product] += stage in folder.written.stages(frame.name)
     names = {name for path in dive.files for name in (path, path.split("/")[0]) if (folder.root / name).exists()}
     counts |= {name: 1 for name in (*DIVE_FILES, MAP) if name in names}
     written |= {name: int(name in folder.files_written) for name in (*DIVE_FILES, MAP)}
@@ -157,12 +138,12 @@ def _content(run: RunDescription, summary: RunSummary, settings: Mapping[Stage, 
             "host": platform.node(),
             "platform": platform.platform(),
             "libraries": {"python": sys.version.split()[0]} | {name: _version(name) for name in LIBRARIES},
-            "inputs": {**run.inputs, "files": FILES_HERE[1:-1]},
+            "inputs": {**run.inputs, "files": Streamed(lambda: ((row.name, row.hashes) for row in summary.rows if row.hashes))},
             "settings": {stage: key for stage, key in settings.items() if stage != "page"},  # which is made of what this describes
             "config": run.config.model_dump(mode="json"),
             "geometry": asdict(rectification.pair) if rectification else None,
             "T_rectified_left": rectification.T_rectified_left.tolist() if rectification else None,
-            "frames": list(run.names),
+            "frames": StreamedList(lambda: run.names),
             "totals": summary.totals(),
         }
     )

@@ -16,7 +16,7 @@ from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
 from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 Array = NDArray[np.float64]
-Indices = NDArray[np.int64]
+Indices = NDArray[np.signedinteger]
 
 
 @dataclass(frozen=True)
@@ -132,10 +132,15 @@ def _offsets(found: Differences, gains: Array, part: slice) -> tuple[float, floa
     """rms between frames on patches that took no part, without and with gains."""
     if not len(found):
         return 0.0, 0.0
-    before = found["judged"][:, part].astype(np.float64)
-    after = before - (gains[found["i"]] - gains[found["j"]])
-    rms = [float(np.sqrt(np.average((off**2).mean(axis=1), weights=found["patches"]))) for off in (before, after)]
-    return rms[0], rms[1]
+    columns = range(4)[part]
+    squares = np.zeros((2, len(found)))
+    for gain, column in zip(gains.T, columns, strict=True):  # one after the other: a long dive has millions of differences
+        off = found["judged"][:, column].astype(np.float64)
+        squares[0] += off**2
+        off -= gain[found["i"]] - gain[found["j"]]
+        squares[1] += off**2
+    without, with_gains = (float(np.sqrt(np.average(square / len(columns), weights=found["patches"]))) for square in squares)
+    return without, with_gains
 
 
 def _helps(offsets: tuple[float, float]) -> bool:
@@ -148,7 +153,7 @@ def _outputs(found: Differences, frames: int, medians: str) -> Array:
     solved = np.zeros((frames, 4))
     if not len(found):
         return solved
-    i, j = (found[end].astype(np.int64) for end in "ij")
+    i, j = (np.ascontiguousarray(found[end]) for end in "ij")
     for output in range(4):
         deviation, floor = (COLOR.gain, SETTINGS.floor[1]) if output else (SETTINGS.gain, SETTINGS.floor[0])
         variance = found["spread"][:, output].astype(np.float64) ** 2 * SETTINGS.alike / found["patches"] + floor**2
@@ -163,14 +168,19 @@ def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Arr
     frames, reach = len(deviation), int((i - j).max())
     weight, gains = 1.0 / variance, np.zeros(frames)
     for _ in range(SETTINGS.rounds):
-        band, slope = np.zeros((reach + 1, frames)), np.zeros(frames)
+        band, slope = np.zeros((reach + 1, frames), order="F"), np.zeros(frames)
         band[0] = deviation**-2
         np.add.at(band[0], i, weight)
         np.add.at(band[0], j, weight)
         np.add.at(band, (i - j, j), -weight)
         np.add.at(slope, i, weight * value)
         np.add.at(slope, j, -weight * value)
-        gains = solveh_banded(band, slope, lower=True)
-        off = value - gains[i] + gains[j]
-        weight = 1.0 / (variance * (1.0 + off**2 / (SETTINGS.outlier**2 * variance)))
+        gains = solveh_banded(band, slope, overwrite_ab=True, overwrite_b=True, lower=True)
+        weight = value - gains[i]
+        weight += gains[j]
+        weight **= 2
+        weight /= SETTINGS.outlier**2 * variance
+        weight += 1.0
+        weight *= variance
+        np.reciprocal(weight, out=weight)
     return np.asarray(gains - gains.mean(), np.float64)

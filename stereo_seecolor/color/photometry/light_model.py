@@ -6,14 +6,17 @@ The pattern is the lens' vignette times the light of the rig's own lamps: smooth
 frames. Its logarithm is a polynomial, of mean 0 over the picture at every range: the trend with range is the water's.
 """
 
+from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.compute.names import Names, SomeNames
+from stereo_seecolor.files.json_values import Streamed
 from stereo_seecolor.files.keys import content_key, content_key_of
 from stereo_seecolor.records import Water
 from stereo_seecolor.water_limits import LIMITS
@@ -43,21 +46,37 @@ PATTERN = len(POWERS)
 TERMS = PATTERN * (SHAPE.range_degree + 1)
 
 
+@dataclass(frozen=True, eq=False)
 class FrameGains(Mapping[str, Array]):
-    """Name of a frame -> (3,) logarithm of its gain; of a million frames, as one array. names: of the (F, 3) values."""
+    """Name of a frame -> (3,) logarithm of its gain. log_gains: (F, 3) of all ``names``, NaN for those that have none."""
 
-    def __init__(self, names: Iterable[str] = (), values: Array | Sequence[Array] = ()) -> None:
-        self._places = {name: place for place, name in enumerate(names)}
-        self._values = np.array(values, np.float64).reshape(-1, 3)
+    names: Names = field(default_factory=Names)
+    log_gains: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __getitem__(self, name: str) -> Array:
-        return np.asarray(self._values[self._places[name]])
+        number = self.names.number(name)
+        if number is None or np.isnan(self.log_gains[number, 0]):
+            raise KeyError(name)
+        return np.asarray(self.log_gains[number])
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
+        return iter(SomeNames(self.names, self._known))
 
     def __len__(self) -> int:
-        return len(self._places)
+        return int(np.count_nonzero(self._known))
+
+    @property
+    def _known(self) -> NDArray[np.bool_]:
+        return ~np.isnan(self.log_gains[:, 0])
+
+    @classmethod
+    def of(cls, gains: Iterable[tuple[str, Sequence[float]]]) -> Self:
+        """The gains of these frames, one after the other."""
+        names, values = Names(), array("d")
+        for name, gain in gains:
+            names.add(name)
+            values.extend(gain)
+        return cls(names, np.frombuffer(values, np.float64).reshape(-1, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +143,7 @@ class Light:
             "seen_m": list(self.seen_m),
             "fade": self.fade,
             "log_pattern": self.coefficients.tolist(),
-            "log_gains": {name: gain.tolist() for name, gain in self.gains.items()},
+            "log_gains": Streamed(lambda: ((name, gain.tolist()) for name, gain in self.gains.items())),
         }
 
     @classmethod
@@ -132,7 +151,7 @@ class Light:
         """What ``content`` gave. Raises ValueError, KeyError or TypeError where it is something else."""
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
-        gains = FrameGains(map(str, content["log_gains"]), list(content["log_gains"].values()))
+        gains = FrameGains.of(content["log_gains"].items())
         return cls(coefficients, float(content["reference_m"]), (near_m, far_m), gains, float(content["fade"]))
 
 

@@ -4,7 +4,7 @@ Frames are collected in chunks of neighbors, at most 64, each with the sum of it
 most alike first, as long as they fit the water of both together about as well as they fit waters of their own.
 """
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import reduce
 from itertools import pairwise
@@ -19,12 +19,13 @@ from stereo_seecolor.color.fitting.misfit import quality
 from stereo_seecolor.color.photometry.exposure import Brightness
 from stereo_seecolor.color.photometry.survey import (
     BLACK,
+    CountedFrames,
     ExposureClass,
     FitTable,
     Fitter,
     FrameBrightness,
     ReadPixels,
-    class_of,
+    add_to,
     completed,
     survey_waters,
     usual_exposure,
@@ -98,11 +99,10 @@ class _OpenChunk:
         self.frames = range(start, start)
         self._classes: dict[int, ExposureClass] = {}
 
-    def add(self, frame: ExposureClass, kind: int) -> None:
-        """One more frame, of that class."""
-        self.frames = range(self.frames.start, self.frames.stop + 1)
-        if frame.table.pixels.any():
-            self._classes[kind] = self._classes[kind] + frame if kind in self._classes else frame
+    def add(self, several: CountedFrames) -> None:
+        """More frames."""
+        self.frames = range(self.frames.start, self.frames.stop + len(several.frames))
+        add_to(self._classes, several.classes)
 
     def closed(self) -> _Chunk:
         """As it is kept."""
@@ -130,40 +130,56 @@ class AutoFitter(Fitter):
         self._frames = FrameBrightness()
         self._open = _OpenChunk(0)
         self._chunk_frames = 1
-        self.stretches: list[list[str]] = []
+        self._stretches: list[range] = []
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame."""
-        brightness = Brightness.of(table, self._config.input_encoding)
-        if self._open.frames and name not in self._linked and len(self._open.frames) >= self._chunk_frames:
+        self.join(CountedFrames.of([(name, table)], self._config))
+
+    @property
+    def joins(self) -> bool:
+        """Always."""
+        return True
+
+    def join(self, several: CountedFrames) -> None:
+        """Several more frames, between which the dive is not cut."""
+        if not several.frames:
+            return
+        linked = several.frames[0][0] in self._linked
+        if self._open.frames and not linked and len(self._open.frames) >= self._chunk_frames:
             self._chunks.append(self._open.closed())
             self._open = _OpenChunk(len(self._frames))
             if len(self._chunks) == SETTINGS.most_chunks:
                 self._chunk_frames *= 2
                 self._chunks = [reduce(add, self._chunks[i : i + 2]) for i in range(0, len(self._chunks), 2)]
-        self._frames.add(name, brightness)
-        self._open.add(ExposureClass(table, brightness), class_of(brightness, self._config))
+        self._frames.add(several.frames)
+        self._open.add(several)
 
-    def waters(self) -> dict[str, Water]:
+    def waters(self) -> Mapping[str, Water]:
         """Each frame's, by its stretch; a stretch without a known range gets the water of that before it."""
         chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
         evidence = [self._evidence(chunk) for chunk in chunks]
         parts = _parts(evidence, self._config) if chunks else []
-        waters: dict[str, Water | None] = {}
-        for part in parts:
-            whole = reduce(add, chunks[part.start : part.stop])
-            classes = {kind: frames.unpacked for kind, frames in whole.classes.items()}
-            names = self._frames.names[whole.frames.start : whole.frames.stop]
-            found: Mapping[str, Water | None] = dict.fromkeys(names)
-            waters |= survey_waters(self._frames.of(whole.frames), classes, self._config, self._fit) if classes else found
-            self.stretches.append(names)
-        return completed(waters)
+        stretches = [reduce(add, chunks[part.start : part.stop]) for part in parts]
+        self._stretches = [stretch.frames for stretch in stretches]
+        return completed(water for stretch in stretches for water in self._waters(stretch))
+
+    def _waters(self, stretch: _Chunk) -> Iterator[tuple[str, Water | None]]:
+        """Of its frames, by name."""
+        classes = {kind: frames.unpacked for kind, frames in stretch.classes.items()}
+        return survey_waters(self._frames.of(stretch.frames), classes, self._config, self._fit)
+
+    @property
+    def stretches(self) -> list[list[str]]:
+        """Names of the frames that share a water, once ``waters`` has been asked for."""
+        return [self._frames.names[frames.start : frames.stop] for frames in self._stretches]
 
     def notes(self) -> tuple[str, ...]:
         """Where the dive was cut; nothing where all frames share a water."""
-        if len(self.stretches) < 2:
+        if len(self._stretches) < 2:
             return ()
-        named = [f"{names[0]} to {names[-1]}" if len(names) > 1 else names[0] for names in self.stretches]
+        ends = [(self._frames.names[frames[0]], self._frames.names[frames[-1]]) for frames in self._stretches]
+        named = [f"{first} to {last}" if first != last else first for first, last in ends]
         return (f"the frames do not share one water: {len(named)} waters were fitted, one each for {'; '.join(named)}",)
 
     def _evidence(self, chunk: _Chunk) -> _Evidence | None:

@@ -1,7 +1,7 @@
 """One water for many frames: tables add, so the water of a survey is the fit to the sum of its frames' tables."""
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
@@ -12,6 +12,7 @@ import numpy as np
 from stereo_seecolor.color.photometry.exposure import Brightness, darkened, exposed
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.compute.names import ByName, Names
 from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
@@ -34,7 +35,16 @@ class Fitter(Protocol):
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame: its table; ``pixels`` reads its image and range map, for fits that need every pixel."""
 
-    def waters(self) -> dict[str, Water]:
+    @property
+    def joins(self) -> bool:
+        """Whether ``join`` may be called."""
+        return False
+
+    def join(self, several: "CountedFrames") -> None:
+        """Several more frames at once."""
+        raise TypeError("the frames of this fit are added one by one")
+
+    def waters(self) -> Mapping[str, Water]:
         """Name of a frame -> its water, for all frames added. Raises ColorError where no frame has a pixel with a known range."""
 
     def notes(self) -> tuple[str, ...]:
@@ -56,9 +66,9 @@ class FrameFitter(Fitter):
             self._last = self._fit(table, pixels, self._last)
         self._waters[name] = self._last if table.pixels.any() else None
 
-    def waters(self) -> dict[str, Water]:
+    def waters(self) -> Mapping[str, Water]:
         """Each frame's own; a frame without a known range gets that of the frame before it."""
-        return completed(self._waters)
+        return completed(self._waters.items())
 
 
 class SlidingFitter(Fitter):
@@ -89,9 +99,9 @@ class SlidingFitter(Fitter):
             self._last = _fitted(self._total, self._config, self._fit, self._last)
         return self._last
 
-    def waters(self) -> dict[str, Water]:
+    def waters(self) -> Mapping[str, Water]:
         """Each frame's window's; a frame without a known range gets that of the frame before it."""
-        return completed(self._waters)
+        return completed(self._waters.items())
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,20 +115,48 @@ class ExposureClass:
         return ExposureClass(self.table + other.table, self.brightness + other.brightness)
 
 
+@dataclass(frozen=True, eq=False)
+class CountedFrames:
+    """Neighbors in the dive, added up where they were counted. frames: name and packed brightness of each. classes: their tables,
+    by brightness; none of a frame without a known range.
+    """
+
+    frames: Sequence[tuple[str, bytes]]
+    classes: Mapping[int, ExposureClass]
+
+    @classmethod
+    def of(cls, tables: Iterable[tuple[str, MomentTable]], config: ColorConfig) -> "CountedFrames":
+        """Of frames by name, in their order."""
+        frames, classes = [], dict[int, ExposureClass]()
+        for name, table in tables:
+            brightness = Brightness.of(table, config.input_encoding)
+            frames.append((name, brightness.packed()))
+            if table.pixels.any():
+                add_to(classes, {class_of(brightness, config): ExposureClass(table, brightness)})
+        return cls(frames, classes)
+
+
+def add_to(classes: dict[int, ExposureClass], more: Mapping[int, ExposureClass]) -> None:
+    """Add the tables of each class to those that are there."""
+    for kind, frames in more.items():
+        classes[kind] = classes[kind] + frames if kind in classes else frames
+
+
 class FrameBrightness:
     """Names of frames, and how bright each is, in the order they came: 400 bytes a frame, which do not stay in memory."""
 
     def __init__(self) -> None:
-        self.names: list[str] = []
+        self.names = Names()
         self._packed: Packed[bytes] = Packed()
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def add(self, name: str, brightness: Brightness) -> None:
-        """One more frame."""
-        self.names.append(name)
-        self._packed.append(brightness.packed())
+    def add(self, frames: Iterable[tuple[str, bytes]]) -> None:
+        """More frames: name and packed brightness of each."""
+        for name, packed in frames:
+            self.names.add(name)
+            self._packed.append(packed)
 
     def of(self, numbers: range) -> Iterator[tuple[str, Brightness]]:
         """Names and brightness of the frames of these numbers."""
@@ -139,31 +177,39 @@ class SurveyFitter(Fitter):
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
         """One more frame."""
-        brightness = Brightness.of(table, self._config.input_encoding)
-        self._frames.add(name, brightness)
-        if not table.pixels.any():
-            return
-        kind = class_of(brightness, self._config)
+        frame = CountedFrames.of([(name, table)], self._config)
         reference = self._classes.get(0)
-        if self._config.camera_exposure == "brightness" and reference and kind != BLACK:
-            table = darkened(table, brightness.ratio(reference.brightness), self._config.input_encoding)
-        frame = ExposureClass(table, Brightness.of(table, self._config.input_encoding))
-        self._classes[kind] = self._classes[kind] + frame if kind in self._classes else frame
+        if self._config.camera_exposure == "brightness" and reference and 0 in frame.classes:
+            table = darkened(table, frame.classes[0].brightness.ratio(reference.brightness), self._config.input_encoding)
+            frame = replace(frame, classes={0: ExposureClass(table, Brightness.of(table, self._config.input_encoding))})
+        self.join(frame)
 
-    def waters(self) -> dict[str, Water]:
+    @property
+    def joins(self) -> bool:
+        """Unless frames are brought to the exposure of those before them."""
+        return self._config.camera_exposure != "brightness"
+
+    def join(self, several: CountedFrames) -> None:
+        """Several more frames."""
+        self._frames.add(several.frames)
+        add_to(self._classes, several.classes)
+
+    def waters(self) -> Mapping[str, Water]:
         """The survey's, as each frame's camera exposure shows it."""
-        if not self._classes:
-            return completed(dict.fromkeys(self._frames.names))
-        return survey_waters(self._frames.of(range(len(self._frames))), self._classes, self._config, self._fit)
+        frames = self._frames.of(range(len(self._frames)))
+        return completed(survey_waters(frames, self._classes, self._config, self._fit))
 
 
 def survey_waters(
     frames: Iterable[tuple[str, Brightness]], classes: Mapping[int, ExposureClass], config: ColorConfig, fit: FitTable
-) -> dict[str, Water]:
-    """One water for ``frames`` (name, brightness), as each one's exposure shows it. classes: their tables, one at least."""
+) -> Iterator[tuple[str, Water | None]]:
+    """One water for ``frames`` (name, brightness), as each one's exposure shows it. classes: their tables; no water without."""
+    if not classes:
+        yield from ((name, None) for name, _ in frames)
+        return
     most, survey = usual_exposure(classes)
     water = _fitted(survey.table, config, fit, None)
-    return {name: _as_exposed(water, frame, survey.brightness, most, config) for name, frame in frames}
+    yield from ((name, _as_exposed(water, frame, survey.brightness, most, config)) for name, frame in frames)
 
 
 def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
@@ -201,17 +247,21 @@ def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water
     return replace(water, exposure=exposure, highlights=highlights)
 
 
-def completed(waters: Mapping[str, Water | None]) -> dict[str, Water]:
+def completed(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
     """Frames that have no water get the last before them, or else the first there is."""
-    fitted = [water for water in waters.values() if water is not None]
-    if waters and not fitted:
+    found, before, last = ByName[Water](), list[str](), None
+    for name, water in waters:
+        last = water or last
+        if last is None:
+            before.append(name)
+            continue
+        for earlier in before:
+            found.put(earlier, replace(last, warnings=(NO_RANGE,)))
+        before.clear()
+        found.put(name, water or replace(last, warnings=(NO_RANGE,)))
+    if before:
         raise ColorError(
-            f"none of the {len(waters)} frames has a pixel with a known range: nothing can be fitted; check the range maps, "
+            f"none of the {len(before)} frames has a pixel with a known range: nothing can be fitted; check the range maps, "
             "or the calibration and which side is left"
         )
-    completed, last = {}, fitted[0] if fitted else None
-    for name, water in waters.items():
-        last = water or last
-        assert last is not None
-        completed[name] = water or replace(last, warnings=(NO_RANGE,))
-    return completed
+    return found
