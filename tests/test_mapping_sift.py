@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.mapping.track import sift
+from stereo_seecolor.mapping.track.near_matches import alike_near
 
 
 def test_each_is_the_others_nearest_and_clearly_so() -> None:
@@ -25,10 +26,24 @@ def test_parts_give_what_the_whole_gives(monkeypatch: pytest.MonkeyPatch) -> Non
         np.float32
     )
     whole = sift.alike(a, b, 0.9)
-    monkeypatch.setattr(sift, "MOST_DISTANCES", 2000)
+    monkeypatch.setattr(sift, "AT_ONCE", 7)
     parts = sift.alike(a, b, 0.9)
     assert 150 < len(whole[0]) < 250
     assert [index.tolist() for index in parts] == [index.tolist() for index in whole]
+
+
+def test_near_its_expected_place_a_feature_is_found_among_others_that_look_like_it_elsewhere() -> None:
+    rng = np.random.default_rng(2)
+    a = np.repeat(rng.integers(0, 255, (1, 128)), 40, axis=0).astype(np.uint8)  # all look alike but for a little
+    a[:, :30] = rng.integers(0, 120, (40, 30))
+    places = rng.uniform(0, 1, (40, 2))
+    order = rng.permutation(40)
+    expected = places + rng.uniform(-0.02, 0.02, (40, 2))
+    expected[:5] = np.nan  # not in the other image
+    index_a, index_b = alike_near(a, expected, a[order], places[order], 0.2, 0.8)
+    assert len(index_a) > 20 and index_a.min() == 5
+    assert np.array_equal(order[index_b], index_a)
+    assert not len(alike_near(a, expected + 0.5, a[order], places[order], 0.02, 0.8)[0])
 
 
 def test_a_flat_image_has_no_keypoints() -> None:

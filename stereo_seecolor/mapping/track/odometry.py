@@ -17,7 +17,7 @@ from stereo_seecolor.mapping.track.feature_store import FeatureStore
 from stereo_seecolor.mapping.track.features import Features
 from stereo_seecolor.mapping.track.image_errors import find_image_errors
 from stereo_seecolor.mapping.track.place_recognition import by_appearance
-from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose
+from stereo_seecolor.mapping.track.relative_pose import Edge, Expected, RelativePose
 from stereo_seecolor.mapping.track.track_work import (
     CorrectedFeatures,
     Detection,
@@ -44,6 +44,21 @@ class OdometrySettings:
 SETTINGS = OdometrySettings()
 
 
+@dataclass(frozen=True, eq=False)
+class Guess:
+    """Poses (N, 4, 4) and components (N,) as known so far."""
+
+    T: Array
+    components: NDArray[np.int64]
+
+    def expected(self, frames: NDArray[np.int64], sure: bool) -> Expected | None:
+        """How two frames lie to each other; None for frames of two components."""
+        i, j = frames
+        if self.components[i] < 0 or self.components[i] != self.components[j]:
+            return None
+        return Expected(inverse(self.T[i]) @ self.T[j], sure)
+
+
 @dataclass(eq=False)
 class Track:
     """What is known while the track grows. features: of every frame, in the order of time. edges: measured so far.
@@ -59,10 +74,16 @@ class Track:
     links: list[Edge] = field(default_factory=list)
     found: dict[Ends, RelativePose | None] = field(default_factory=dict)
 
-    def measure(self, pairs: Iterable[Ends], what: str, loop: bool = False) -> list[Edge]:
-        """The edges between the frames at two positions on the track; each pair is measured once. what: for the progress."""
+    def measure(
+        self, pairs: Iterable[Ends], what: str, loop: bool = False, guess: Guess | None = None, sure: bool = False
+    ) -> list[Edge]:
+        """The edges between the frames at two positions on the track; each pair is measured once. what: for the progress.
+
+        guess: where the frames are thought to be, so that features are looked for there first; sure: as ``Expected``.
+        """
         new = [ends for ends in pairs if ends not in self.found]
-        relations = self.survey.compute.each(Relating(self.features, self.survey.geometry), new)
+        expected = [guess.expected(self.survey.index.order[list(ends)], sure) if guess else None for ends in new]
+        relations = self.survey.compute.each(Relating(self.features, self.survey.geometry), zip(new, expected, strict=True))
         for done, (ends, relation) in enumerate(zip(new, relations, strict=True), 1):
             self.found[ends] = relation
             self.survey.progress(what, done, len(new))
@@ -100,24 +121,22 @@ class Track:
         return Edge(int(order[a]), int(order[b]), relation.T_a_b, relation.covariance, len(relation.index_a), loop)
 
 
-@dataclass(frozen=True, eq=False)
-class _Guess:
-    """Poses (N, 4, 4) and components (N,) as known so far."""
-
-    T: Array
-    components: NDArray[np.int64]
-
-
 def follow(survey: Survey) -> Track:
-    """Measure each frame, in the order of time, against the last three; then without the errors that all images have."""
+    """Measure each frame, in the order of time, against the last one, and against those before it around the places that this
+    gives; then without the errors that all images have.
+    """
     order, store = survey.index.order.tolist(), FeatureStore.of(survey)
     track = Track(survey, store, reasons=dict.fromkeys(order, "it shows nothing that another frame shows"))
     detection = Detection(survey.frames, survey.geometry, order, store)
     for done, lost in enumerate(survey.compute.each(detection, range(len(order)))):
         track.reasons |= {order[done]: lost} if lost else {}
         survey.progress("finding features", done + 1, len(order))
-    near = [(back, here) for here in range(len(order)) for back in range(here - 1, max(0, here - SETTINGS.window) - 1, -1)]
-    track.edges += track.measure(near, "following the track")
+    guess: Guess | None = None
+    for steps in range(1, SETTINGS.window + 1):
+        pairs = [(here - steps, here) for here in range(steps, len(order))]
+        what = "following the track" if steps == 1 else f"following the track, {steps} frames back"
+        track.edges += track.measure(pairs, what, guess=guess, sure=True)
+        guess = Guess(*chain(track.edges, survey.index.rank)) if track.edges else None
     track.take_out_image_errors()
     return track
 
@@ -133,7 +152,7 @@ def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) ->
     if not track.edges:
         raise MappingError("no two frames show the same things: the track cannot be followed; give --poses")
     index = track.survey.index
-    guess = _Guess(*chain(track.edges, index.rank))
+    guess = Guess(*chain(track.edges, index.rank))
     warnings: list[str] = []
     if priors or (loops and pose_graph.available()):
         guess = _close_loops(track, guess, priors, SETTINGS.loop_rounds if loops else 0)
@@ -159,7 +178,7 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
         for i, j in pairwise(frames.tolist()):
             T_i_j = inverse(given.T_world_camera[i]) @ given.T_world_camera[j]
             track.links.append(Edge(i, j, T_i_j, np.eye(6), 0))
-    guess = _settle(track, _Guess(*chain(track.edges + track.links, index.rank)), priors)
+    guess = _settle(track, Guess(*chain(track.edges + track.links, index.rank)), priors)
     for prior in priors:  # a single frame is no component of the chain
         if guess.components[prior.frame] < 0:
             guess.T[prior.frame] = prior.T_world_camera
@@ -169,7 +188,7 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
     return Placement(guess.T, guess.components, tuple(Unplaced(name, lost[name]) for name in names), given.warnings)
 
 
-def _close_loops(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior], rounds: int) -> _Guess:
+def _close_loops(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior], rounds: int) -> Guess:
     """Solve; then find loops by appearance and by overlap and solve again, so often, since overlap is better known each time."""
     rank = track.survey.index.rank
     guess = _settle(track, guess, priors)
@@ -184,12 +203,12 @@ def _close_loops(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior]
         joins = agreeing(joins, guess.T, guess.components)
         track.edges += inside + joins
         if joins:
-            guess = _Guess(*chain(track.edges, rank))
+            guess = Guess(*chain(track.edges, rank))
         guess = _settle(track, guess, priors)
     return guess
 
 
-def _measure_loops(track: Track, guess: _Guess, number: int) -> list[Edge]:
+def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
     """The edges of all candidates that were not tried yet; by appearance in round 0 only, which poses do not change."""
     index, rank = track.survey.index, track.survey.index.rank
     candidates = set(by_appearance(track.features, track.survey.compute)) if number == 0 else set()
@@ -199,22 +218,22 @@ def _measure_loops(track: Track, guess: _Guess, number: int) -> list[Edge]:
         frames = frames[np.argsort(rank[frames])]
         points = ((int(rank[i]), transformed(guess.T[i], index.points_m[i])) for i in frames)
         candidates |= set(loop_closure.by_overlap(points, SETTINGS.window))
-    return track.measure(sorted(candidates), f"closing loops, round {number + 1}", loop=True)
+    return track.measure(sorted(candidates), f"closing loops, round {number + 1}", loop=True, guess=guess)
 
 
-def _settle(track: Track, guess: _Guess, priors: Sequence[pose_graph.Prior]) -> _Guess:
+def _settle(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior]) -> Guess:
     """Solve each component; drop the false loops, let components fall apart that only they held together, and solve again."""
     T, false = _solve(guess, track.edges, priors)
     if not false:
-        return _Guess(T, guess.components)
+        return Guess(T, guess.components)
     dropped = {id(edge) for edge in false}
     track.edges = [edge for edge in track.edges if id(edge) not in dropped]
     _, components = chain(track.edges + track.links, track.survey.index.rank)
     T = np.where((components >= 0)[:, None, None], T, np.nan)
-    return _Guess(_solve(_Guess(T, components), track.edges, priors)[0], components)
+    return Guess(_solve(Guess(T, components), track.edges, priors)[0], components)
 
 
-def _solve(guess: _Guess, edges: Sequence[Edge], priors: Sequence[pose_graph.Prior]) -> tuple[Array, list[Edge]]:
+def _solve(guess: Guess, edges: Sequence[Edge], priors: Sequence[pose_graph.Prior]) -> tuple[Array, list[Edge]]:
     T, rejected = guess.T, []
     for number in range(guess.components.max() + 1):
         frames = np.flatnonzero(guess.components == number).tolist()

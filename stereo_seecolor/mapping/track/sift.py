@@ -6,8 +6,8 @@ from numpy.typing import NDArray
 
 CONTRAST = 0.01
 """SIFT's threshold, a quarter of Lowe's 0.04: hazy frames have little contrast."""
-MOST_DISTANCES = 32_000_000
-"""Held at a time, 128 MB: between two frames all of them."""
+AT_ONCE = 128
+"""Descriptors compared with all of the other image: their distances stay in the cache."""
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -32,15 +32,13 @@ def alike(a: NDArray[np.float32], b: NDArray[np.float32], ratio: float) -> tuple
     """
     if min(len(a), len(b)) < 2:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
-    doubled, norms = (-2 * b).T, (b * b).sum(1)
+    from_a = np.column_stack([-2 * a, (a * a).sum(1), np.ones(len(a), np.float32)])
+    from_b = np.column_stack([b, np.ones(len(b), np.float32), (b * b).sum(1)]).T  # one product gives squared distances
     nearest, least, second = np.zeros(len(a), np.int64), *np.zeros((2, len(a)), np.float32)
     least_of_b = np.full(len(b), np.inf, np.float32)
-    step = max(1, MOST_DISTANCES // len(b))
-    for start in range(0, len(a), step):
-        part = slice(start, start + step)
-        squared = a[part] @ doubled
-        squared += (a[part] * a[part]).sum(1)[:, None]
-        squared += norms
+    for start in range(0, len(a), AT_ONCE):
+        part = slice(start, start + AT_ONCE)
+        squared = from_a[part] @ from_b
         np.minimum(least_of_b, squared.min(axis=0), out=least_of_b)
         rows, best = np.arange(len(squared)), squared.argmin(axis=1)
         nearest[part], least[part] = best, squared[rows, best]

@@ -70,7 +70,7 @@ def _measured(survey: Survey, pairs: Pairs) -> list[Edge]:
         survey.progress("looking at the given poses", len(features), len(ranks))
     place = {rank: i for i, rank in enumerate(ranks)}
     relating = Relating(features, survey.geometry)
-    relations = ((a, b, relating((place[a], place[b]))) for a, b in pairs)
+    relations = ((a, b, relating(((place[a], place[b]), None))) for a, b in pairs)
     return [Edge(int(order[a]), int(order[b]), r.T_a_b, r.covariance, len(r.index_a)) for a, b, r in relations if r]
 
 

@@ -10,7 +10,7 @@ from stereo_seecolor.mapping.track.feature_store import FeatureStore
 from stereo_seecolor.mapping.track.features import Features, detect
 from stereo_seecolor.mapping.track.image_errors import ImageErrors, Pair
 from stereo_seecolor.mapping.track.image_space import Observed
-from stereo_seecolor.mapping.track.relative_pose import RelativePose, fit_pose, relative_pose
+from stereo_seecolor.mapping.track.relative_pose import Expected, RelativePose, fit_pose, relative_pose
 
 Ends = tuple[int, int]
 """Two positions on the track."""
@@ -39,14 +39,15 @@ class Detection:
 
 @dataclass(frozen=True, eq=False)
 class Relating:
-    """The relative pose of the frames at two positions; None where they do not see the same."""
+    """The relative pose of the frames at two positions, with what is expected of it; None where they do not see the same."""
 
     features: Sequence[Features]
     geometry: RectifiedPair
 
-    def __call__(self, ends: Ends) -> RelativePose | None:
+    def __call__(self, pair: tuple[Ends, Expected | None]) -> RelativePose | None:
         """As ``relative_pose``."""
-        return relative_pose(self.features[ends[0]], self.features[ends[1]], self.geometry)
+        (a, b), expected = pair
+        return relative_pose(self.features[a], self.features[b], self.geometry, expected)
 
 
 @dataclass(frozen=True, eq=False)
