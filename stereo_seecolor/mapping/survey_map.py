@@ -5,6 +5,7 @@ import json
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.lazy import Chosen
 from stereo_seecolor.compute.threads import Threads, beside
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
@@ -38,10 +40,12 @@ from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit
 from stereo_seecolor.mapping.track.navigation import Navigation
-from stereo_seecolor.mapping.track.placing import Placed, place_survey
+from stereo_seecolor.mapping.track.placing import Placed, place_survey, show_given
 from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
+FIRST_FRAMES = 100
+"""So many, spread over a dive, show where it went and what is there: some three seconds' reading."""
 WITHOUT_GEO = "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install 'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
 
 
@@ -127,15 +131,23 @@ def build_map(
     config = with_voxel(config, found, geometry)
     check_voxel(found, geometry, config.voxel_edge_m)
     kept = KeptFrames(found, scratch / "frames")
-    index = _index(kept, geometry, config.voxel_edge_m, workspace)
-    look = partial(_show, index, workspace.look) if workspace.look else None
-    survey = Survey(kept, geometry, index, workspace.progress, workspace.compute, scratch, look)
+    if workspace.look and trajectory and len(kept) > 2 * FIRST_FRAMES:
+        with suppress(MappingError):  # none of these frames may be readable or have a pose: there is nothing to show yet
+            some = Chosen(kept, range(0, len(kept), -(-len(kept) // FIRST_FRAMES)))
+            show_given(_survey(some, geometry, config, workspace, scratch), config, trajectory)
+    survey = _survey(kept, geometry, config, workspace, scratch)
     placed = _in_crs(place_survey(survey, config, trajectory), config)
     if placed.range_scale != 1:
         survey = survey.scaled(placed.range_scale)
     built = _Builder(survey, placed, config, scratch, found.lost).build_all(out_dir)
     shutil.rmtree(scratch, ignore_errors=True)
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
+
+
+def _survey(frames: Frames, geometry: RectifiedPair, config: MappingConfig, workspace: Workspace, scratch: Path) -> Survey:
+    index = _index(frames, geometry, config.voxel_edge_m, workspace)
+    look = partial(_show, index, workspace.look) if workspace.look else None
+    return Survey(frames, geometry, index, workspace.progress, workspace.compute, scratch, look)
 
 
 def _show(index: FrameIndex, look: Callable[[bytes], None], placement: Placement) -> None:

@@ -73,6 +73,12 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     return replace(placed, placement=placed.placement.with_warnings(*said))
 
 
+def show_given(survey: Survey, config: MappingConfig, trajectory: Trajectory) -> None:
+    """Show the frames where their poses say. Raises MappingError if none has one."""
+    if not trajectory.fixes:
+        _show(survey, place(survey.index, trajectory, config), trajectory.up)
+
+
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
     unknown = np.full(len(survey.index.names), np.nan)
     if trajectory is None or trajectory.fixes:
