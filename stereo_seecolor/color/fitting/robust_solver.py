@@ -45,8 +45,8 @@ class Steps(NamedTuple):
 
 
 STEPS = Steps()
-BRIGHTEST = 20.0
-"""Logarithms of light beyond count as this: exp(20) is finite, and no image's."""
+BRIGHTEST = np.exp(20.0)
+"""Light beyond counts as this: it is finite, and no image's."""
 LEAST_PIVOT = 1e-300
 """Of Cholesky's factors: a matrix that rounding made singular gives a huge step, which ``largest_move`` bounds."""
 
@@ -87,7 +87,7 @@ class Prior(NamedTuple):
 
 
 class Normal(NamedTuple):
-    """matrix (n, n): Gauss-Newton's; slope (n,): the gradient. Empty where neither is wanted."""
+    """matrix (n, n): the lower triangle of Gauss-Newton's; slope (n,): the gradient."""
 
     matrix: Array
     slope: Array
@@ -97,41 +97,39 @@ class Normal(NamedTuple):
 def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, Array]:
     """Levenberg's damped Gauss-Newton steps: the parameters at the least cost, and the Gauss-Newton matrix there."""
     n = x.size
-    normal, nothing = Normal(np.zeros((n, n)), np.zeros(n)), Normal(np.zeros((0, 0)), np.zeros(0))
+    here, there = Normal(np.zeros((n, n)), np.zeros(n)), Normal(np.zeros((n, n)), np.zeros(n))
     weights = np.empty(data.light.shape)
     trial, damping = x.copy(), STEPS.first_damping
     yes, no = n > 0, n < 0  # for the literals True and False, numba would compile the cost twice
     for _ in range(STEPS.outer):
-        cost = _cost(x, data, prior, weights, noise, yes, normal)
+        cost = _cost(x, data, prior, weights, noise, yes, here)
         start = cost
         for _ in range(STEPS.inner):
-            damped = normal.matrix.copy()
+            damped = here.matrix.copy()
             for i in range(n):
                 damped[i, i] *= 1 + damping
-            move = _solve(damped, normal.slope)
+            move = _solve(damped, here.slope)
             for i in range(n):
                 trial[i] = x[i] - min(max(move[i], -STEPS.largest_move), STEPS.largest_move)
-            new = _cost(trial, data, prior, weights, noise, no, nothing)
+            new = _cost(trial, data, prior, weights, noise, no, there)
             if new >= cost:
                 damping = min(damping * STEPS.more_damping, STEPS.most_damping)
                 continue
             small = cost - new < STEPS.inner_converged * cost
-            for i in range(n):
-                x[i] = trial[i]
-            cost = new
+            x, trial, here, there, cost = trial, x, there, here, new
             damping = max(damping * STEPS.less_damping, STEPS.least_damping)
             if small:
                 break
-            _cost(x, data, prior, weights, noise, no, normal)
         if start - cost < STEPS.outer_converged * start:
             break
-    _cost(x, data, prior, weights, noise, no, normal)
-    return x, normal.matrix
+    _mirror(here.matrix)
+    return x, here.matrix
 
 
 def cost_at(x: Array, data: Data, prior: Prior, noise: Noise) -> float:
     """Half the weighted sum of squares at ``x``, the prior's included."""
-    return float(_cost(x, data, prior, np.empty(data.light.shape), noise, True, Normal(np.zeros((0, 0)), np.zeros(0))))
+    n = x.size
+    return float(_cost(x, data, prior, np.empty(data.light.shape), noise, True, Normal(np.zeros((n, n)), np.zeros(n))))
 
 
 @compiled
@@ -145,47 +143,47 @@ def _at(x: Any, c: int, z: float) -> Any:
 
 @compiled(shared=True)
 def _cost(x: Any, data: Any, prior: Any, weights: Any, noise: Any, renew: bool, normal: Any) -> Any:
-    """Half the sum of squares; into ``normal`` its matrix and slope, unless that is empty.
+    """Half the sum of squares; into ``normal`` its matrix and slope.
 
     renew: into ``weights`` (3, G, P) go those of the quantiles under ``x``. Of a quantile's model, q is the fraction that is direct
     signal, and u is one over it: five sums of their products give what a range adds for the water and the range's brightness.
     """
     channels, groups, quantiles = data.light.shape
     cost = _prior_cost(x, prior, normal)
+    reflectance = np.empty(channels * quantiles)
+    for i in range(reflectance.size):
+        reflectance[i] = np.exp(x[WATER + i])
     for c in range(channels):
         for g in range(groups):
             depth, near_part, backscatter, rising = _at(x, c, data.range_m[g])
             by_direct, by_backscatter = (-depth, -near_part, 0.0, 0.0, 1.0), (0.0, 0.0, rising, backscatter, backscatter)
             bright, qq, qu, uu, qr, ur = WATER + channels * quantiles + g, 0.0, 0.0, 0.0, 0.0, 0.0
+            arriving = np.exp(x[12 + c] - depth + x[bright])
             over = np.log((backscatter + noise.floor) / (data.light[c, g, 0] + noise.floor))
             if over > 0.0 and not data.clipped[c, g, 0]:
                 u, weight = 1 / (backscatter + noise.floor), data.trust[g] / noise.darker**2
                 uu, ur, cost = weight * u * u, weight * u * over, cost + 0.5 * weight * over * over
             for p in range(quantiles):
                 content = WATER + c * quantiles + p
-                direct = np.exp(min(x[12 + c] - depth + x[content] + x[bright], BRIGHTEST))
+                direct = min(arriving * reflectance[content - WATER], BRIGHTEST)
                 u = 1 / (direct + backscatter + noise.floor)
                 q, r = direct * u, -np.log((data.light[c, g, p] + noise.floor) * u)
                 if renew:
                     weights[c, g, p] = data.trust[g] * _weight(noise.content[p] * q, r, data.clipped[c, g, p], noise)
                 weight = weights[c, g, p]
-                cost += 0.5 * weight * r * r
-                if normal.slope.size:
-                    wq, wu = weight * q, weight * u
-                    qq, qu, uu, qr, ur = qq + wq * q, qu + wq * u, uu + wu * u, qr + wq * r, ur + wu * r
-                    _add_row(content, c, wq * q, wq * u, by_direct, by_backscatter, normal)
-                    normal.matrix[content, content] += wq * q
-                    normal.matrix[bright, content] += wq * q
-                    normal.slope[content] += wq * r
-            if normal.slope.size:
-                for i in range(5):
-                    a, b = by_direct[i], by_backscatter[i]
-                    _add_row(3 * i + c, c, a * qq + b * qu, a * qu + b * uu, by_direct, by_backscatter, normal)
-                    normal.slope[3 * i + c] += a * qr + b * ur
-                _add_row(bright, c, qq, qu, by_direct, by_backscatter, normal)
-                normal.matrix[bright, bright] += qq
-                normal.slope[bright] += qr
-    _mirror(normal.matrix)
+                wq, wu, cost = weight * q, weight * u, cost + 0.5 * weight * r * r
+                qq, qu, uu, qr, ur = qq + wq * q, qu + wq * u, uu + wu * u, qr + wq * r, ur + wu * r
+                _add_row(content, c, wq * q, wq * u, by_direct, by_backscatter, normal)
+                normal.matrix[content, content] += wq * q
+                normal.matrix[bright, content] += wq * q
+                normal.slope[content] += wq * r
+            for i in range(5):
+                a, b = by_direct[i], by_backscatter[i]
+                _add_row(3 * i + c, c, a * qq + b * qu, a * qu + b * uu, by_direct, by_backscatter, normal)
+                normal.slope[3 * i + c] += a * qr + b * ur
+            _add_row(bright, c, qq, qu, by_direct, by_backscatter, normal)
+            normal.matrix[bright, bright] += qq
+            normal.slope[bright] += qr
     return cost
 
 
@@ -216,16 +214,16 @@ def _add_row(row: int, c: int, q: float, u: float, by_direct: Any, by_backscatte
 @compiled(fastmath=True)
 def _prior_cost(x: Any, prior: Any, normal: Any) -> Any:
     """Half the squared distance from the prior's mean; its matrix and slope begin ``normal``."""
-    cost = 0.0
+    cost, away = 0.0, np.empty(x.size)
+    for i in range(x.size):
+        away[i] = x[i] - prior.mean[i]
     for i in range(x.size):
         pull = 0.0
         for j in range(x.size):
-            pull += prior.precision[i, j] * (x[j] - prior.mean[j])
-        cost += 0.5 * pull * (x[i] - prior.mean[i])
-        if normal.slope.size:
-            normal.slope[i] = pull
-            for j in range(x.size):
-                normal.matrix[i, j] = prior.precision[i, j]
+            pull += prior.precision[i, j] * away[j]
+            normal.matrix[i, j] = prior.precision[i, j]
+        cost += 0.5 * pull * away[i]
+        normal.slope[i] = pull
     return cost
 
 

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import FINE, fine_ranges_m, unexposed
-from stereo_seecolor.color.render.tone import BRIGHTEST_SHOWN, Tone
-from stereo_seecolor.color.table.encoding import decode, decoded_bins
+from stereo_seecolor.color.render.tone import BRIGHTEST_LIGHT, BRIGHTEST_SHOWN, Tone
+from stereo_seecolor.color.table.encoding import decoded_bins
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.config import ColorConfig
@@ -28,13 +28,13 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     occupied = np.flatnonzero(table.pixels)
     gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
     number, light = np.zeros(_OCTAVES, np.int64), decoded_bins(table.bit_depth, config.input_encoding)
-    _add_up(table.counts[:, occupied].reshape(-1, light.size), gain.ravel(), offset.ravel(), light, number)
+    _add_up(table.counts, occupied, gain, offset, light, number)
     pixels = int(table.pixels.sum())
     few_and_half = np.array([int(config.clipped_fraction * pixels), 3 * pixels // 2])
     brightest, median = (float(value) for value in _exceeded(number, few_and_half))
     if brightest <= 0:
         return Tone(1.0)
-    full = float(decode(np.array(BRIGHTEST_SHOWN), "as-is" if config.input_encoding == "as-is" else "srgb"))
+    full = BRIGHTEST_SHOWN if config.input_encoding == "as-is" else BRIGHTEST_LIGHT
     if config.highlights == "clip" or config.input_encoding == "as-is":
         return Tone(full / brightest)
     lift = min(max(MEDIAN_SHOWN * brightest / max(median, 1e-9), 1.0), MOST_LIFT)
@@ -46,15 +46,18 @@ def _exceeded(number: NDArray[np.int64], allowed: NDArray[np.int64]) -> NDArray[
 
     number: (32640,) values counted, by the leading bits of the light that they are shown as (``_add_up``).
     """
-    place = number.size - 1 - np.searchsorted(np.cumsum(number[::-1]), allowed, side="right")
-    edge = (np.maximum(place + 1, 0).astype(np.int32) << _MANTISSA_BITS).view(np.float32)
-    return np.where(place > 0, edge, 0.0)
+    places = np.flatnonzero(number)[::-1]
+    reached = np.append(places, 0)[np.searchsorted(np.cumsum(number[places]), allowed, side="right")]
+    edge = ((reached + 1).astype(np.int32) << _MANTISSA_BITS).view(np.float32)
+    return np.where(reached > 0, edge, 0.0)
 
 
 @compiled
-def _add_up(counts: Any, gain: Any, offset: Any, light: Any, number: Any) -> None:
-    """Adds counts (N, V) to ``number``, each at the leading bits (exponent and 7 more) of the light that it is shown as."""
-    for row in range(gain.size):
-        for value in range(light.size):
-            shown = np.float32(max(gain[row] * light[value] - offset[row], 0.0))
-            number[shown.view(np.int32) >> _MANTISSA_BITS] += counts[row, value]
+def _add_up(counts: Any, bins: Any, gain: Any, offset: Any, light: Any, number: Any) -> None:
+    """Adds counts (3, 256, V) of range ``bins`` (N,) to ``number``, each at the leading bits (exponent and 7 more) of the light
+    that it is shown as. gain, offset: (3, N)."""
+    for c in range(3):
+        for i in range(bins.size):
+            for value in range(light.size):
+                shown = np.float32(max(gain[c, i] * light[value] - offset[c, i], 0.0))
+                number[shown.view(np.int32) >> _MANTISSA_BITS] += counts[c, bins[i], value]

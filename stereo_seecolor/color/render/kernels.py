@@ -106,24 +106,27 @@ def _correct(image: Any, bits: Any, gains: Any, shown: Any, looked_up: bool, out
     codes, factors = np.empty(3 * BLOCK, np.uint16), np.empty(BLOCK, np.float32)
     table = _new_table(shown.values if shown.values.size else shown.codes)
     out.unrecoverable[:] = False
+    first, last = FINE_BINS, -1
     for start in range(0, bits.size, BLOCK):
         end = min(start + BLOCK, bits.size)
         pixels, bins = image[start:end], fine[: end - start]
         here = Shown(out.image[start:end], out.unknown[start:end], out.unrecoverable[start:end])
         _fine_bins(bits[start:end], bins, here.unknown)
-        span = _span(bins)
+        nearest, farthest = _span(bins)
         known -= _number_true(here.unknown)
         if not looked_up:
             here.image[:] = 0
         else:
-            _tabulate(span, gains, shown.decoded, table)
+            if nearest < first or farthest > last:  # the table grows with the ranges met
+                first, last = min(nearest, first), max(farthest, last)
+                _tabulate((first, last), gains, shown.decoded, table)
         if looked_up and shown.values.size:
             _look_up(pixels.reshape(-1), bins, table.rows, here.image.reshape(-1))
         elif looked_up:
             _look_up(pixels.reshape(-1), bins, table.rows, codes)
             _display(codes, factors, shown.shoulder, here.image.reshape(-1))
         highest = _highest(pixels.reshape(-1))
-        if not looked_up or highest >= near or span[1] >= first_capped:
+        if not looked_up or highest >= near or farthest >= first_capped:
             number = _chosen(pixels, bins, gains.capped, (near if looked_up else 0, highest), places)
             _compute(pixels, bins, places[:number], gains, (shown, near), here)
         if _highest(here.image.reshape(-1)) == full:

@@ -13,11 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import MID_GRAY
-from stereo_seecolor.color.table.encoding import InputEncoding, decode, decoded_values, encode
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values, encode
 from stereo_seecolor.files import srgb
 
 BRIGHTEST_SHOWN = 0.97
 """Of full scale, as displayed: where the brightest pixel that may not clip comes to lie; a white target's noise needs the rest."""
+BRIGHTEST_LIGHT = float(srgb.decode_srgb(np.array(BRIGHTEST_SHOWN)))
+"""The same in linear light."""
 NODES = 16384
 """Steps of the encoding curve from light 0 to 1: where it is steepest, in the dark, one is a fifth of an 8-bit step."""
 REACH = 4
@@ -64,8 +66,7 @@ def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Displ
     zero = 0.0 if encoding == "as-is" else srgb.OFFSET
     shoulder = [np.inf, 1.0, 0.0, 1 / each, values * zero - 0.5]
     if highlights > 1:
-        brightest = float(decode(np.array(BRIGHTEST_SHOWN), "srgb"))
-        light = np.array([MID_GRAY, brightest, highlights * brightest])
+        light = np.array([MID_GRAY, BRIGHTEST_LIGHT, highlights * BRIGHTEST_LIGHT])
         knee, top, most = values * each * srgb.SCALE * light ** (1 / srgb.POWER)
         shoulder[:3] = knee, top - knee, ((top - knee) / (most - knee)) ** 2
     known = np.clip((FULL_AT - np.arange(values + 1) / values) / (FULL_AT - FULL_FROM), 0, 1).astype(np.float32)

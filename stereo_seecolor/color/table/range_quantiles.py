@@ -6,7 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.table.bins import RANGE_BINS
 from stereo_seecolor.color.table.encoding import InputEncoding, decode
 from stereo_seecolor.color.table.moment_table import MomentTable
 
@@ -36,7 +35,8 @@ def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuan
     """Groups of neighboring range bins of about equal numbers of pixels, and their quantiles; the table must not be empty."""
     first = _first_of_groups(table.pixels)
     size = np.add.reduceat(table.pixels, first).astype(np.float64)
-    bounds = itertools.pairwise([*first.tolist(), RANGE_BINS])  # sums of slices: numpy's reduceat takes three times as long
+    end = int(np.flatnonzero(table.pixels)[-1]) + 1
+    bounds = itertools.pairwise([*first.tolist(), end])  # sums of slices: numpy's reduceat takes twice as long
     values = _quantiles(np.stack([table.counts[:, a:b].sum(axis=1) for a, b in bounds], axis=1))
     full = 2.0**table.bit_depth - 1
     step, offset = (1.0, 0.0) if table.bit_depth == 8 else (16.0, 7.5)
