@@ -15,9 +15,10 @@ class InputConfig(StageConfig):
         description="Match left and right by name stem, by the time stamp in the name, or by name and else by time stamp.",
     )
     timestamp_tolerance_s: float = Field(0.01, ge=0, description="Largest difference of the two time stamps of a pair, seconds.")
-    bayer: Literal["none", "rggb", "bggr", "gbrg", "grbg"] = Field(
-        default="none",
-        description="Color filter pattern of single-channel raw images, by the first two pixels of the first two rows.",
+    bayer: Literal["auto", "none", "rggb", "bggr", "gbrg", "grbg"] = Field(
+        default="auto",
+        description="Color filter pattern of single-channel raw images, by the first two pixels of the first two rows. auto: found "
+        "out from pairs spread over the dive, red taken for darker than blue; for correct and folders of live as none.",
     )
     significant_bits: Literal["auto", None, 10, 12, 14] = Field(
         default="auto",

@@ -19,7 +19,7 @@ from stereo_seecolor.commands.dive_rig import load_unsettled, read_both, spread
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.new_folder import refuse_existing
 from stereo_seecolor.inputs.pairing import pair_folders
-from stereo_seecolor.inputs.used_bits import with_used_bits
+from stereo_seecolor.inputs.stored_pixels import as_stored
 
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
 """Ranges at which the error of a flat port is stated, in units of the range at which the port model is exact."""
@@ -84,7 +84,7 @@ def check(
     if refine:
         refuse_existing(refine)
     pairs = pair_folders(left, right, images).pairs
-    images = with_used_bits(images, spread(pairs, most_pairs))
+    images = as_stored(images, spread(pairs, most_pairs))
     rig = load_unsettled(calib, pairs, images)
     raw = raw_matches(rig, (read_both(pair, images) for pair in spread(pairs, most_pairs)))
     rig = settle_matches(rig, raw)

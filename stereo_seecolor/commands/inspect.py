@@ -20,7 +20,7 @@ from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
-from stereo_seecolor.commands.over_pairs import used_bits_set
+from stereo_seecolor.commands.over_pairs import stored_as
 from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -99,14 +99,14 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     left, right = image_facts(pairing.pairs[0].left), image_facts(pairing.pairs[0].right)
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
-    config = RunConfig.model_validate({"input": {"bayer": "rggb"}} if left.kind == "mosaic" else {})
-    config = used_bits_set(config, pairing.pairs)
+    config, notes = stored_as(RunConfig(), pairing.pairs)
     tested = _Tested()
     if found:
         _refuse_wrong_sizes(found[0], left, right)
         tested = _tested(found[0], pairing, config)
     problems = (
-        *_problems_of_images(sides, (left, right), pairing),
+        *_problems_of_images(sides, pairing),
+        *notes,
         *_missing_calibration(places, found, left.size),
         *_problems_of_calibration(found, tested.facts, tested.fitting),
         *(f"range: {limit.note}" for limit in tested.limits),
@@ -124,7 +124,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         measured=tested.measured,
         misfits=tested.misfits,
         problems=problems,
-        run_command=command_line(sides, found, left, tested.rows, tested.limits),
+        run_command=command_line(sides, found, tested.rows, tested.limits),
     )
 
 
@@ -160,7 +160,6 @@ def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageF
 def command_line(
     sides: Sides,
     found: Sequence[FoundCalibration],
-    left: ImageFacts | None,
     rows: RowCheck | None = None,
     limits: Sequence[RangeLimits] = (),
 ) -> str:
@@ -176,8 +175,6 @@ def command_line(
         words.append("--refine")
     if rows and rows.air_in_water:
         words += ["--set", f"input.flat_port={FLAT_PORT}"]
-    if left and left.kind == "mosaic":
-        words += ["--set", "input.bayer=rggb"]
     words += [word for limit in limits for word in ("--set", limit.option)]
     return shlex.join(words)
 
@@ -224,7 +221,7 @@ def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Imag
 def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     size = _video_size(sides)
     found = find_calibration(places, size)
-    paths, command = tuple(one.path for one in found), command_line(sides, found, None)
+    paths, command = tuple(one.path for one in found), command_line(sides, found)
     problems = (*_missing_calibration(places, found, size), *_problems_of_calibration(found, None))
     return Inspection(sides, None, None, 0, 0, None, False, paths, None, None, (), problems, command)
 
@@ -244,14 +241,12 @@ def _exposure_recorded(pairing: Pairing, config: RunConfig) -> bool:
     return frame.left_capture.relative_exposure is not None
 
 
-def _problems_of_images(sides: Sides, images: Sequence[ImageFacts], pairing: Pairing) -> tuple[str, ...]:
+def _problems_of_images(sides: Sides, pairing: Pairing) -> tuple[str, ...]:
     problems = list(pairing.notes)
     if sides.guessed:
         problems.append("no name says which side is left and which right: they were taken in order")
     if pairing.unpaired:
         problems.append(f"{counted(len(pairing.unpaired), 'file without a partner')}, the first: {pairing.unpaired[0].path.name}")
-    if any(image.kind == "mosaic" for image in images):
-        problems.append("one channel with a color filter pattern: the camera's manual tells whether it is rggb, bggr, gbrg or grbg")
     return tuple(problems)
 
 

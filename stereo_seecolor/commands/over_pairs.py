@@ -23,7 +23,7 @@ from stereo_seecolor.frame_source import Source
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_folders
-from stereo_seecolor.inputs.used_bits import with_used_bits
+from stereo_seecolor.inputs.stored_pixels import as_stored, stored_notes
 from stereo_seecolor.inputs.video import Videos
 from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
@@ -37,8 +37,8 @@ from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports
 
-BITS_FROM_PAIRS = 6
-"""So many pairs are looked at for the bits that their images use: one dark frame must not decide."""
+STORAGE_PAIRS = 6
+"""So many pairs are looked at for how images store their pixels: one dark frame must not decide."""
 
 SAMPLE_BYTES = 1 << 20
 """So much of a video's begin tells it from others."""
@@ -78,7 +78,8 @@ class StereoInputs:
         What looks wrong with the rig, though it can be used, is added to the pairing's notes.
         """
         pairing = pair_folders(self.left, self.right, config.input)
-        return self._opened(pairing, used_bits_set(config, pairing.pairs))
+        config, notes = stored_as(config, pairing.pairs)
+        return self._opened(pairing.with_notes(notes), config)
 
     def open_videos(self, folder: RunFolder, config: RunConfig) -> "Opened":
         """The same of videos; which of their frames are pairs is kept in OUT. Raises as ``open``, and DeviceError."""
@@ -92,9 +93,10 @@ class StereoInputs:
         return Opened(pairing.with_notes(notes), Pipeline(rig, config))
 
 
-def used_bits_set(config: RunConfig, pairs: Sequence[Pair]) -> RunConfig:
-    """The same with the bits that the images of these pairs use, where ``input.significant_bits`` is "auto"."""
-    return config.model_copy(update={"input": with_used_bits(config.input, spread(pairs, BITS_FROM_PAIRS))})
+def stored_as(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
+    """The same with ``input.bayer`` and ``input.significant_bits`` as the pairs' images have them, and what to say of it."""
+    images = as_stored(config.input, spread(pairs, STORAGE_PAIRS))
+    return config.model_copy(update={"input": images}), stored_notes(config.input, images)
 
 
 @dataclass(frozen=True, eq=False)

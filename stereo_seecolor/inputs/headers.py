@@ -8,6 +8,7 @@ import struct
 import zlib
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_FINISHED = (b"\x08\x02", b"\x08\x06")  # bits and color type: RGB and RGBA
 JPEG_SIGNATURE = b"\xff\xd8"
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
@@ -30,9 +31,12 @@ def image_size(content: bytes) -> tuple[int, int]:
     raise ValueError("is no PNG, TIFF or JPEG image")
 
 
-def is_eight_bit(content: bytes) -> bool:
-    """Whether the header alone says that no value takes more than 8 bits: of JPEG and PNG. Nothing is checked: see image_size."""
-    return content.startswith(JPEG_SIGNATURE) or (content.startswith(PNG_SIGNATURE) and content[24:25] <= b"\x08")
+def is_finished_color(content: bytes) -> bool:
+    """Whether the header alone says that a camera has made colors of 8 bits: any JPEG, a PNG of several channels and 8 bits.
+
+    Nothing is checked: see image_size.
+    """
+    return content.startswith(JPEG_SIGNATURE) or (content.startswith(PNG_SIGNATURE) and content[24:26] in PNG_FINISHED)
 
 
 def exif_block(content: bytes) -> bytes:

@@ -18,13 +18,14 @@ MOSAIC_RATIO = 1.5
 class ImageFacts:
     """size: (width, height). bits: a channel, of the file. used_bits: the fewest of 8, 10, 12, 14, 16 that hold its values.
 
-    kind: "color", "monochrome", or "mosaic" (one channel with a Bayer pattern).
+    kind: "color", "monochrome", or "mosaic" (one channel with a Bayer pattern). bayer: the pattern, "none" for the others.
     """
 
     size: tuple[int, int]
     bits: int
     used_bits: int
     kind: str
+    bayer: str = "none"
 
 
 def image_facts(path: Path) -> ImageFacts:
@@ -33,7 +34,9 @@ def image_facts(path: Path) -> ImageFacts:
     highest = int(pixels.max(initial=0))
     bits = 8 * pixels.dtype.itemsize
     used = next((number for number in (8, 10, 12, 14) if highest < 1 << number), 16)
-    return ImageFacts((pixels.shape[1], pixels.shape[0]), bits, min(used, bits), _kind(pixels))
+    kind = _kind(pixels)
+    bayer = _pattern(pixels) if kind == "mosaic" else "none"
+    return ImageFacts((pixels.shape[1], pixels.shape[0]), bits, min(used, bits), kind, bayer)
 
 
 def _kind(pixels: NDArray[np.generic]) -> str:
@@ -42,3 +45,13 @@ def _kind(pixels: NDArray[np.generic]) -> str:
     values = pixels.astype(np.float32)
     next_to_it, two_apart = (float(np.abs(values[:, step:] - values[:, :-step]).mean()) for step in (1, 2))
     return "mosaic" if next_to_it > MOSAIC_RATIO * two_apart else "monochrome"
+
+
+def _pattern(mosaic: NDArray[np.generic]) -> str:
+    """The likeliest filter pattern: the two greens are alike, and water and sensors leave red darker than blue."""
+    height, width = (size // 2 * 2 for size in mosaic.shape)
+    values = mosaic[:height, :width].astype(np.float32)
+    a, b, c, d = values[::2, ::2], values[::2, 1::2], values[1::2, ::2], values[1::2, 1::2]
+    if np.abs(b - c).mean() < np.abs(a - d).mean():
+        return "rggb" if a.mean() < d.mean() else "bggr"
+    return "grbg" if b.mean() < c.mean() else "gbrg"

@@ -49,7 +49,7 @@ def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
         raise InputError(f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel")
     if isinstance(config.significant_bits, int):
         pixels = _scale_to_full(pixels, config.significant_bits, path)
-    if config.bayer != "none":
+    if config.bayer in BAYER_CODES:
         if pixels.ndim != 2:
             raise InputError(
                 f"{path}: has {pixels.shape[2]} channels, but input.bayer={config.bayer} needs a single-channel raw image"

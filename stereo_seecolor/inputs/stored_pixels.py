@@ -1,0 +1,69 @@
+"""How a dive's images store their pixels: raw cameras write color filter patterns, and 10, 12 or 14 bits unshifted."""
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from statistics import mode
+from typing import Literal
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.headers import is_finished_color
+from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
+from stereo_seecolor.inputs.images import read_image_bytes
+from stereo_seecolor.inputs.pairing import Pair
+
+UNSHIFTED: tuple[Literal[10, 12, 14], ...] = (10, 12, 14)
+"""Bits of the sensors whose values lie at the lower end of 16-bit files."""
+
+
+def as_stored(config: InputConfig, sample: Iterable[Pair]) -> InputConfig:
+    """The same with ``significant_bits`` and ``bayer`` as the images have them, where they are "auto".
+
+    sample: pairs from all parts of a dive. An image that cannot be read is left out.
+    """
+    if "auto" not in (config.significant_bits, config.bayer):
+        return config
+    facts = _facts(path for pair in sample for path in (pair.left, pair.right))
+    update: dict[str, object] = {}
+    if config.significant_bits == "auto":
+        update["significant_bits"] = _used_bits(facts)
+    if config.bayer == "auto":
+        update["bayer"] = _pattern([one.bayer for one in facts])
+    return config.model_copy(update=update)
+
+
+def stored_notes(given: InputConfig, found: InputConfig) -> tuple[str, ...]:
+    """What to say of settings that were found out."""
+    notes = []
+    if found.bayer != given.bayer and found.bayer != "none":
+        notes.append(
+            f"input: raw images with a color filter pattern, taken for {found.bayer}, red for darker than blue: if colors come out "
+            "exchanged, set input.bayer"
+        )
+    if found.significant_bits != given.significant_bits and found.significant_bits is not None:
+        notes.append(f"input: the 16-bit images hold {found.significant_bits} bits, which are scaled to full")
+    return tuple(notes)
+
+
+def _facts(paths: Iterable[Path]) -> list[ImageFacts]:
+    """Of raw and of deep images; none where one is neither."""
+    facts = []
+    for path in paths:
+        with suppress(InputError):  # the run names it
+            if is_finished_color(read_image_bytes(path)):
+                return []
+            facts.append(image_facts(path))
+            if facts[-1].bits < 16 and facts[-1].bayer == "none":
+                return []
+    return facts
+
+
+def _pattern(found: Sequence[str]) -> str:
+    """What most images show, where all show one."""
+    return mode(found) if found and "none" not in found else "none"
+
+
+def _used_bits(facts: Iterable[ImageFacts]) -> Literal[None, 10, 12, 14]:
+    most = max((one.used_bits for one in facts), default=0)
+    return next((bits for bits in UNSHIFTED if bits == most), None)
