@@ -72,31 +72,22 @@ class Compiled(Generic[P, R]):
 def compiled(function: Callable[P, R], /) -> Compiled[P, R]: ...
 @overload
 def compiled(
-    *, parallel: bool = False, fastmath: bool = False, inline: bool = False, shared: bool = False
+    *, fastmath: bool = False, inline: bool = False, shared: bool = False
 ) -> Callable[[Callable[P, R]], Compiled[P, R]]: ...
 def compiled(
     function: Callable[..., Any] | None = None,
     /,
     *,
-    parallel: bool = False,
     fastmath: bool = False,
     inline: bool = False,
     shared: bool = False,
 ) -> Any:
-    """Compile a function with numba: ``@compiled``, or ``@compiled(parallel=True)`` and so on.
+    """Compile a function with numba: ``@compiled``, or ``@compiled(fastmath=True)`` and so on.
 
-    parallel: ``numba.prange`` loops run on numba's own threads; never call such a function from two threads at once.
     fastmath: floating-point sums may be reordered. inline: put the code into the callers, even where LLVM finds it too long.
     shared: called from Python and from other compiled functions: it is compiled once for both.
     """
-    options = {"parallel": parallel, "fastmath": fastmath, "forceinline": inline}
+    options = {"fastmath": fastmath, "forceinline": inline}
     if function is None:
         return lambda decorated: Compiled(decorated, options, shared)
     return Compiled(function, options, shared)
-
-
-def use_threads(number: int) -> None:
-    """Parallel loops that this thread calls from now on run on so many threads, or on as many as numba has."""
-    import numba
-
-    numba.set_num_threads(min(number, numba.config.NUMBA_NUM_THREADS))  # type: ignore[attr-defined]

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from stereo_seecolor.compute.cluster.ticket import Ticket, admit
-from stereo_seecolor.compute.compiled import use_threads
 from stereo_seecolor.compute.process_usage import core_seconds, peak_bytes
+from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import DeviceError, OutputError
 
 WORKS_KEPT = 4
@@ -71,8 +71,11 @@ def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:
 
     with _whole_worker:
         admit(ticket)
-        use_threads(get_worker().state.nthreads)
-        return do_batch(ticket, work, items)
+        limit_cores(get_worker().state.nthreads)
+        try:
+            return do_batch(ticket, work, items)
+        finally:
+            limit_cores(1)  # as a batch has it
 
 
 @lru_cache(maxsize=WORKS_KEPT)
