@@ -176,31 +176,31 @@ def _paint(cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedP
     A view costs the tangent of its angle from the vertical, more where its color is doubtful, and more where its color differs
     from the median of all views: fish, shadows and badly placed frames lose there, and seams move to where views agree.
     """
-    tried = core_pool().map(lambda view: _view(cells, view[0], view[1], geometry), views)
-    found = [view for view in tried if view is not None]
-    if not found:
+    shape = len(views), *cells.z_m.shape
+    found = np.zeros((*shape, 3), np.uint8), np.empty(shape, np.float32), np.zeros(shape, np.float32)
+    seeing = list(core_pool().map(lambda k: _look(cells, views[k], geometry, found, k), range(len(views))))
+    if not any(seeing):
         return np.zeros((4, *cells.z_m.shape), np.uint8)
-    colors, costs, weights = (np.stack(parts) for parts in zip(*found, strict=True))
+    colors, costs, weights = found if all(seeing) else (part[seeing] for part in found)
     mean = np.zeros((*cells.z_m.shape, 3), np.float32)
     cost_a_level = SETTINGS.disagreement / 3 / 25.5
     in_parts(lambda a, b: agree(colors, costs, weights, cost_a_level, SETTINGS.outlier, mean, a, b), len(mean))
     return _blend(colors, costs, mean)
 
 
-_View = tuple[NDArray[np.uint8], Float, Float]
-"""Colors (h, w, 3), costs (h, w) and weights (h, w) that a frame has for cells."""
+_Views = tuple[NDArray[np.uint8], Float, Float]
+"""Colors (views, h, w, 3), costs (views, h, w) and weights (views, h, w) that frames have for cells."""
 
 
-def _view(cells: Cells, sight: _Sight, T_local_camera: Array, geometry: RectifiedPair) -> _View | None:
-    """What a frame has for the cells; its cost is infinite where it does not see one."""
-    shape = cells.z_m.shape
-    color, cost, weight = np.zeros((*shape, 3), np.uint8), np.empty(shape, np.float32), np.zeros(shape, np.float32)
+def _look(cells: Cells, view: tuple[_Sight, Array], geometry: RectifiedPair, found: _Views, number: int) -> bool:
+    """Write what a frame has for the cells, its cost infinite where it does not see one; False where it sees none."""
+    sight, T_local_camera = view
     camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
     limits = np.array([SETTINGS.hidden_m, SETTINGS.hidden_fraction, SETTINGS.doubtful_cost, cells.edge_m])
     T, center_m = inverse(T_local_camera), np.ascontiguousarray(T_local_camera[:3, 3])
     frame = sight.color, sight.range_m, sight.doubtful
-    seen = see(cells.x_m, cells.y_m, cells.z_m, T, center_m, camera, *frame, limits, color, cost, weight)
-    return (color, cost, weight) if seen else None
+    color, cost, weight = (part[number] for part in found)
+    return see(cells.x_m, cells.y_m, cells.z_m, T, center_m, camera, *frame, limits, color, cost, weight) > 0
 
 
 def _blend(colors: NDArray[np.uint8], costs: Float, mean: Float) -> NDArray[np.uint8]:
