@@ -2,6 +2,8 @@
 
 import asyncio
 import os
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -219,6 +221,18 @@ def test_the_log_of_a_job_that_ended_is_told(slurm_job: BatchJobs, tmp_path: Pat
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs/dask-worker-12.err").write_text("a\nno module named dask\n\n")
     assert slurm_job.ended().endswith("dask-worker-12.err ends with 'no module named dask'")
+
+
+def test_what_a_killed_client_left_of_its_workers_is_deleted_by_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(connect.tempfile, "gettempdir", lambda: str(tmp_path))
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    kept = [tmp_path / f"{connect.SCRATCH}{os.getpid()}-a", tmp_path / "stereo-seecolor-elsewhere-1-a", tmp_path / "other"]
+    left = tmp_path / f"{connect.SCRATCH}{gone.pid}-a"
+    for folder in (*kept, left):
+        (folder / "dask-scratch-space").mkdir(parents=True)
+    connect.remove_abandoned()
+    assert sorted(tmp_path.iterdir()) == sorted(kept)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,10 @@
 """A cluster by its name on the command line: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
 
+import glob
+import os
+import platform
 import re
+import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -33,6 +37,8 @@ LOOK_S = 10.0
 """Seconds between two looks at the queue while no worker has come: batch systems are not to be asked every second."""
 ADAPT_S, IDLE_LOOKS = "10s", 6
 """How often it is looked whether more or fewer jobs are wanted, and for how many looks a job has nothing to do before it ends."""
+SCRATCH = f"stereo-seecolor-{platform.node()}-"
+"""How the folder of local workers begins, in the one for temporary files; the client's process follows."""
 MEMORY_SHARE = 0.95
 """Of the machine's memory, divided by the workers of this machine: what one may take."""
 
@@ -94,7 +100,8 @@ def _opener(name: str) -> Callable[[], Any]:
 @contextmanager
 def _local(workers: int) -> Iterator[Opened]:
     """Processes of this machine; they end with this one, however it ends."""
-    with tempfile.TemporaryDirectory(prefix="stereo-seecolor-") as scratch, ExitStack() as ends:
+    remove_abandoned()
+    with tempfile.TemporaryDirectory(prefix=f"{SCRATCH}{os.getpid()}-") as scratch, ExitStack() as ends:
         if not CAN_FORK:
             started = ends.enter_context(_scheduler(workers, scratch))
             yield Opened(started, revive=lambda: started.scale(workers))
@@ -104,6 +111,16 @@ def _local(workers: int) -> Iterator[Opened]:
         ends.callback(started.close)
         start(Orders(started.scheduler_address, workers, int(MEMORY_SHARE * _memory_bytes() / workers), scratch))
         yield Opened(started)
+
+
+def remove_abandoned() -> None:
+    """Delete the workers' folders of clients of this machine that were killed together with what would have deleted them."""
+    import psutil  # comes with Dask
+
+    for folder in Path(tempfile.gettempdir()).glob(f"{glob.escape(SCRATCH)}*"):
+        client = folder.name.removeprefix(SCRATCH).split("-")[0]
+        if client.isdecimal() and not psutil.pid_exists(int(client)):
+            shutil.rmtree(folder, ignore_errors=True)  # of another user it stays
 
 
 def _scheduler(workers: int, scratch: str) -> Any:
