@@ -20,6 +20,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes, special_kind
 from stereo_seecolor.frame_source import Source
+from stereo_seecolor.inputs.linear_look import encoding_notes
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_folders
@@ -115,7 +116,8 @@ class Opened:
             pairing = pairing.with_notes((note,))
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
         if not folder.manifest.names():  # a rerun has been told
-            pairing = pairing.with_notes(first_notes(pipeline, pairing.pairs))
+            notes = first_notes(pipeline, pairing.pairs), encoding_notes(pipeline.config, pairing.pairs)
+            pairing = pairing.with_notes((*notes[0], *notes[1]))
         return Opened(pairing, pipeline)
 
     def part(self, shard: Shard) -> "Opened":
