@@ -60,6 +60,16 @@ def test_sixteen_bits_give_the_same_ranges_as_eight() -> None:
     np.testing.assert_array_equal(carry_ranges(image, range_m), carry_ranges(image.astype(np.uint16) * 257, range_m))
 
 
+@pytest.mark.parametrize("shape", [(2, 2), (1, 40), (40, 2), (3, 1)])
+def test_pictures_narrower_than_a_step_are_filled_too(shape: tuple[int, int]) -> None:
+    range_m = np.full(shape, 2.0, np.float32)
+    range_m[-1, -1] = np.nan
+
+    filled = carry_ranges(np.full((*shape, 3), 90, np.uint8), range_m)
+
+    np.testing.assert_allclose(filled, 2.0, rtol=1e-5)
+
+
 @pytest.mark.slow
 def test_filled_pixels_of_the_sample_dive_are_nearly_as_true_as_measured_ones(sample_run: SampleRun) -> None:
     """Angular error to the true color, after one gain a channel, of pixels that are neither dark nor clipped."""

@@ -58,7 +58,9 @@ def carry_ranges(image: Image, range_m: Map, seen: Mask | None = None, smoother:
 def _smoothed(image: Image, range_m: Map, known: Mask, smoother: Smoother) -> NDArray[np.float32]:
     """Measured and carried ranges at the smoother's resolution."""
     step = smoother.step_px
-    guide = cv2.resize(image, None, fx=1 / step, fy=1 / step, interpolation=cv2.INTER_AREA)
+    height, width = range_m.shape
+    fx, fy = max(1 / step, 1 / width), max(1 / step, 1 / height)  # one pixel at least
+    guide = cv2.resize(image, None, fx=fx, fy=fy, interpolation=cv2.INTER_AREA)
     guide = guide if guide.dtype == np.uint8 else (guide >> 8).astype(np.uint8)
     size = guide.shape[1::-1]
     mask = known.view(np.uint8)
