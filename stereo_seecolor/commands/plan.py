@@ -82,7 +82,7 @@ def plan(
     hours = {count: (number * per_pair / count + fit_s) / 3600 for count in workers}
     found = Plan(number, ok, per_pair, stages, fit_s, written * number // ok, peak_bytes(), hours)
     if out:
-        kept = KeptPlan(number, settings_key(config), per_pair, fit_s, found.disk_bytes, found.memory_bytes)
+        kept = KeptPlan(number, settings_key(opened.pipeline.config), per_pair, fit_s, found.disk_bytes, found.memory_bytes)
         kept.save(out)
     return found
 
