@@ -64,6 +64,25 @@ def test_fine_voxels_leave_no_holes_in_what_was_seen(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+def test_ground_seen_at_a_grazing_angle_has_no_stripes(tmp_path: Path) -> None:
+    """A road before a camera that looks ahead, 1.65 m above it: rays at 9 to 18 degrees, voxels of 10 cm."""
+    rows = np.arange(128) - PAIR.cy_px
+    depth_m = np.where(rows > 10, PAIR.focal_px * 1.65 / np.maximum(rows, 1), np.nan)[:, None]
+    range_m = (depth_m * PAIR.ray_length).astype(np.float32)
+    frames = [dataclasses.replace(flat_frame(i), range_m=range_m, range_std_m=np.full_like(range_m, 0.02)) for i in range(4)]
+    poses = track(4, altitude_m=1.65, step_m=0.7)
+    poses.T_world_camera[:, :3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
+    build_map(frames, PAIR, tmp_path, CONFIG.model_copy(update={"voxel_m": 0.1, "tile_m": 100.0}), poses)
+    position = read_cloud(tmp_path / "cloud.ply")["position"]
+    x, y, z = position.T
+    seen = (x > 6) & (x < 10) & (abs(y) < 1)
+    assert np.abs(z[seen]).max() < 0.02
+    filled = np.zeros((20, 10), np.bool_)
+    filled[((x[seen] - 6) / 0.2).astype(int), ((y[seen] + 1) / 0.2).astype(int)] = True
+    assert filled.all()
+
+
+@pytest.mark.slow
 def test_tiles_join_without_seams(tmp_path: Path) -> None:
     frames = [flat_frame(i, altitude_m=1.5) for i in range(4)]
     waves = [dataclasses.replace(f, range_m=f.range_m + 0.05 * np.sin(np.arange(160) / 9).astype(np.float32)) for f in frames]

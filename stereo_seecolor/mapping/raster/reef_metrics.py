@@ -118,7 +118,7 @@ def surface_rugosity(heights: Heights, cell_m: float) -> float:
     area = np.zeros(a.shape)
     for right, down in ((b - a, c - a), (d - c, d - b), (b - a, d - b), (d - c, c - a)):
         area += 0.25 * cell_m * np.sqrt(cell_m**2 + right**2 + down**2)
-    return float(np.nanmean(area) / cell_m**2)
+    return float(np.nanmean(area) / cell_m**2) if np.isfinite(area).any() else float("nan")
 
 
 def _linear_rugosity(heights: Heights, cell_m: float) -> float:

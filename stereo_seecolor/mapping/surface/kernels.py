@@ -111,6 +111,7 @@ def integrate(
     doubtful: Any,  # (H, W) bool: its color counts next to nothing
     depth_m: Any,  # (H, W) float32, of ``weigh``
     pixel_weight: Any,  # (H, W) float32, of ``weigh``
+    stretch: Any,  # (H, W) float32, of ``stretches``: of the truncation
     camera: Any,  # (3,) float64: focal_px, cx, cy
     T: Any,  # (4, 4) float64, camera from world
     voxel_m: float,
@@ -141,19 +142,19 @@ def integrate(
                     continue
                 row, column = np.uint64(v), np.uint64(u)
                 # Compared by depth, which is the same all over a pixel that looks at level ground; range is not.
-                measured, stretch = depth_m[row, column], np.sqrt(1 + across * across + down * down)
-                signed = (measured - z) * stretch
-                if signed < -truncation_m:
+                measured, ray_length = depth_m[row, column], np.sqrt(1 + across * across + down * down)
+                signed, reach_m = (measured - z) * ray_length, truncation_m * stretch[row, column]
+                if signed < -reach_m:
                     continue
-                if signed > truncation_m:  # free space: as certain as a measurement at the voxel's own distance
+                if signed > reach_m:  # free space: as certain as a measurement at the voxel's own distance
                     w *= (measured / z) ** 4
                 total = weight[b, k, j, i] + w
-                value = min(1.0, signed / truncation_m)
+                value = min(1.0, signed / reach_m)
                 tsdf[b, k, j, i] += (value - tsdf[b, k, j, i]) * w / total
                 weight[b, k, j, i] = total
-                if signed <= truncation_m:
-                    vertical = abs(T[0, 2] * across + T[1, 2] * down + T[2, 2]) / stretch
-                    pixel_m = z * stretch / (camera[0] * max(vertical, 0.05))
+                if signed <= reach_m:
+                    vertical = abs(T[0, 2] * across + T[1, 2] * down + T[2, 2]) / ray_length
+                    pixel_m = z * ray_length / (camera[0] * max(vertical, 0.05))
                     w = color_weight(pixel_m / voxel_m, doubtful[row, column])
                     _mix(color[b, k, j, i], color_weights[b, k, j], i, rgb[row, column], w)
 
