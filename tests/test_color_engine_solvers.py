@@ -1,5 +1,7 @@
 """The two solvers of the paper's losses: what they find, how they begin, what they cannot know, and that they repeat themselves."""
 
+import os
+
 import numpy as np
 import pytest
 import torch
@@ -9,6 +11,7 @@ from stereo_seecolor.color.fitting import table_solver
 from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, raw_rates
 from stereo_seecolor.color.fitting.table_losses import attenuation_loss
 from stereo_seecolor.color.render import kernels
+from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.config import ColorConfig, PaperAdamConfig, PaperConfig
 from stereo_seecolor.errors import DeviceError
 
@@ -103,13 +106,16 @@ def test_same_result_whatever_the_number_of_threads(method, monkeypatch):
     image, range_m = scene(3, (150, 200))
 
     def result(parts):
-        monkeypatch.setattr(kernels, "cores", lambda: parts)
-        monkeypatch.setattr(kernels, "PART_PIXELS", 1000)
+        limit_cores(parts)
         table = corrector.measure(image, range_m)
         water = corrector.fit(table)
         return water, corrector.apply(image, range_m, water, table)
 
-    (one_water, one), (many_water, many) = result(1), result(5)
+    monkeypatch.setattr(kernels, "PART_PIXELS", 1000)
+    try:
+        (one_water, one), (many_water, many) = result(1), result(5)
+    finally:
+        limit_cores(os.cpu_count() or 1)
     assert np.array_equal(one.image, many.image)
     assert np.array_equal(one.unrecoverable, many.unrecoverable)
     assert one.clipped_fraction == many.clipped_fraction

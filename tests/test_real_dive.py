@@ -11,8 +11,15 @@ from stereo_seecolor.cli import main
 from stereo_seecolor.run_folder.finished_run import open_run
 
 PAIRS = 3
-SAME_SCENE = 0.6
+SAME_SCENE = 0.3
+"""Correlation of detail: 0.42 to 0.46 with the raw image of a frame, which is not rectified, at most 0.06 with its neighbor's."""
 """Correlation of a corrected frame with its raw image: 0.85 to 0.95 upright, about 0 turned."""
+
+
+def detail(image: np.ndarray) -> np.ndarray:
+    """Without what is smooth, of which the lamps' pattern is taken out."""
+    small = cv2.resize(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (136, 102), interpolation=cv2.INTER_AREA).astype(np.float32)
+    return (small - cv2.GaussianBlur(small, (0, 0), 6)).ravel()
 
 
 @pytest.mark.real_data
@@ -43,5 +50,4 @@ def test_the_first_pairs_run_as_they_are(
         assert corrected.shape == raw.shape
         assert (frame.read("mask") != 1).all()
         assert (corrected.max(axis=2) > 0).mean() > 0.99
-        small = [cv2.resize(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), (68, 51)).ravel() for image in (corrected, raw)]
-        assert np.corrcoef(*small)[0, 1] > SAME_SCENE
+        assert np.corrcoef(detail(corrected), detail(raw))[0, 1] > SAME_SCENE
