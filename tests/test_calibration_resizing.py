@@ -11,7 +11,7 @@ from test_calibration_spellings import RIG
 from test_turned_pairs import turned_dive
 
 from calibration import CalibrationError, Camera, StereoRig
-from calibration.formats import load_rig
+from calibration.formats import load_rig, load_rig_of_images
 from calibration.resizing import resized_rig, wrong_size
 from calibration.transforms import rigid
 from calibration.turns import quarter_turn
@@ -77,8 +77,8 @@ def test_a_file_without_a_size_that_was_made_at_another_is_refused(size: tuple[i
     content |= {f"D{n}": camera.distortion.tolist() for n, camera in ((1, RIG.left), (2, RIG.right))}
     file = tmp_path / "stereo.json"
     file.write_text(json.dumps(content | {"R": RIG.R.tolist(), "T": RIG.T_right_left[:3, 3].tolist()}))
-    assert load_rig(file, (640, 480)).left.image_size == (640, 480)
+    assert load_rig_of_images(file, (640, 480)).left.image_size == (640, 480)
     with pytest.raises(CalibrationError, match=f"in the middle of images of about {made} px, and these are of {size[0]}x{size[1]}"):
-        load_rig(file, size)
+        load_rig_of_images(file, size)
     convert_calib(file, tmp_path / "resized.yaml", "native", "640x480", f"{size[0]}x{size[1]}")
     assert load_rig(tmp_path / "resized.yaml", size).left.K[0, 0] == pytest.approx(RIG.left.K[0, 0] * size[0] / 640)

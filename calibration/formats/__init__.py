@@ -34,7 +34,7 @@ from calibration.formats.section import Section, naming
 from calibration.resizing import refuse_other_resolution
 from calibration.rig import StereoRig
 
-__all__ = ["WritableFormat", "format_name", "load_rig", "parse_size", "write_rig"]
+__all__ = ["WritableFormat", "format_name", "load_rig", "load_rig_of_images", "parse_size", "write_rig"]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
 SIZED = (native, kalibr, oplab, orbslam, basalt, depthai)  # these store the size of the images
@@ -67,8 +67,16 @@ def load_rig(path: str | Path, image_size: Size | None = None) -> StereoRig:
     """
     documents = _documents(path)
     with naming(documents[0].where):
-        rig = _parse(documents, image_size)
-    if image_size == rig.left.image_size:
+        return _parse(documents, image_size)
+
+
+def load_rig_of_images(path: str | Path, image_size: Size) -> StereoRig:
+    """As ``load_rig``, for images at hand of (width, height).
+
+    Raises CalibrationError also where the file stores no size and was made for images of another.
+    """
+    rig = load_rig(path, image_size)
+    if rig.left.image_size == image_size:
         refuse_other_resolution(rig, str(path))
     return rig
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from calibration import CalibrationError, StereoRig
 from calibration.checks import vertical_disparity
-from calibration.formats import load_rig
+from calibration.formats import load_rig_of_images
 from calibration.formats.kitti import for_channels
 from calibration.matches import Matches, raw_matches
 from calibration.port import flat_port
@@ -45,7 +45,7 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
     lefts = _left_images(pairs, images)
     image = next(lefts)
     first = _size(image)
-    rig = behind_port(for_channels(load_rig(calib, first), is_monochrome(image)), images)
+    rig = behind_port(for_channels(load_rig_of_images(calib, first), is_monochrome(image)), images)
     if rig.left.image_size != first and rig.left.image_size not in map(_size, islice(lefts, DECIDING_PAIRS - 1)):
         raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)))
     return rig

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from calibration import CalibrationError, StereoRig
-from calibration.formats import format_name, load_rig
+from calibration.formats import format_name, load_rig_of_images
 from stereo_seecolor.files.names import natural_key
 from stereo_seecolor.inputs.sides import DEPTH
 
@@ -42,7 +42,7 @@ def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple
         with suppress(CalibrationError):
             kind = format_name(path)
             try:
-                load_rig(path, size)
+                load_rig_of_images(path, size)
             except CalibrationError as error:
                 refused.append(f"{error} ({kind} format)")
     return tuple(refused)
@@ -68,6 +68,6 @@ def _is_candidate(path: Path) -> bool:
 
 def _try_load(path: Path, size: tuple[int, int]) -> FoundCalibration | None:
     try:
-        return FoundCalibration(path, format_name(path), load_rig(path, size))
+        return FoundCalibration(path, format_name(path), load_rig_of_images(path, size))
     except CalibrationError:
         return None
