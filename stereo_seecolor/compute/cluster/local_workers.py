@@ -15,6 +15,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -32,6 +33,8 @@ LOADED_ONCE = ("stereo_seecolor.matching.first_run:load_search",)
 """Functions that load the machine code which all workers need: 0.7 s."""
 LOOK_S = 0.5
 """Seconds between two looks at the workers."""
+THREADS_END_S = 1.0
+"""Most that threads take to end; those that a library keeps are idle."""
 CAN_FORK = hasattr(os, "fork")
 
 log = logging.getLogger(__name__)
@@ -143,7 +146,15 @@ def _load() -> None:
         getattr(importlib.import_module(module), function)()
     core_pool().shutdown()  # its threads would not be there in a copy of this process
     core_pool.cache_clear()
+    _wait_for_threads()
     gc.freeze()  # or the first look for garbage in each worker copies all that it shares
+
+
+def _wait_for_threads() -> None:
+    """A thread that Python calls ended still frees what OpenCV keeps for it, under a lock: copied while it is held, it stays so."""
+    end_s = time.monotonic() + THREADS_END_S
+    while not _one_thread() and time.monotonic() < end_s:
+        time.sleep(0.001)
 
 
 def _replace_lost(running: set[int], orders: Orders) -> None:
