@@ -6,7 +6,7 @@ from pathlib import Path
 
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
-from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, sample, stored_as
+from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, sample, settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.pairing import Pairing
@@ -42,7 +42,7 @@ class BagInputs:
     def open(self, config: RunConfig) -> Opened:
         """The pairs of the bag, and the pipeline for their rig. Raises InputError, CalibrationError, DeviceError."""
         dive = open_dive(self.bag, self.topics, config.input)
-        config, notes = stored_as(config, dive.pairing.pairs)
+        config, notes = settle_storage(config, dive.pairing.pairs)
         rig = load_rig_for(self.calib, dive.pairing.pairs, config.input) if self.calib else behind_port(dive.rig(), config.input)
         notes += tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
         return Opened(dive.pairing.with_notes(notes), Pipeline(rig, config))

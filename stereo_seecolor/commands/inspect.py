@@ -20,7 +20,7 @@ from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
-from stereo_seecolor.commands.over_pairs import stored_as
+from stereo_seecolor.commands.over_pairs import settle_storage
 from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -99,7 +99,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     left, right = image_facts(pairing.pairs[0].left), image_facts(pairing.pairs[0].right)
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
-    config, notes = stored_as(RunConfig(), pairing.pairs)
+    config, notes = settle_storage(RunConfig(), pairing.pairs)
     tested = _Tested()
     if found:
         _refuse_wrong_sizes(found[0], left, right)

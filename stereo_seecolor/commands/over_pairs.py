@@ -79,7 +79,7 @@ class StereoInputs:
         What looks wrong with the rig, though it can be used, is added to the pairing's notes.
         """
         pairing = pair_folders(self.left, self.right, config.input)
-        config, notes = stored_as(config, pairing.pairs)
+        config, notes = settle_storage(config, pairing.pairs)
         return self._opened(pairing.with_notes(notes), config)
 
     def open_videos(self, folder: RunFolder, config: RunConfig) -> "Opened":
@@ -94,7 +94,7 @@ class StereoInputs:
         return Opened(pairing.with_notes(notes), Pipeline(rig, config))
 
 
-def stored_as(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
+def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
     """The same with ``input.bayer`` and ``input.significant_bits`` as the pairs' images have them, and what to say of it."""
     images = as_stored(config.input, spread(pairs, STORAGE_PAIRS))
     return config.model_copy(update={"input": images}), stored_notes(config.input, images)
