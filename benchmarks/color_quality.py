@@ -206,13 +206,13 @@ def main() -> None:
         for name in [name for name in METHODS_COMPARED if asked.methods not in name]:
             del METHODS_COMPARED[name]
         SWITCHES.clear()
-    table("Drawn scenes in drawn waters", drawn, METHODS_COMPARED)
+    table("Synthetic scenes in drawn waters", drawn, METHODS_COMPARED)
     table("Synthetic reef, three waters, 1 to 4 m", reef, METHODS_COMPARED)
     chart_table()
     if asked.data.is_dir():
         table("Pictures of rooms in three waters", list(picture_cases(asked.data)), METHODS_COMPARED)
         card_table(asked.data, METHODS_COMPARED)
-    table("Switches: drawn scenes", drawn, SWITCHES)
+    table("Switches: synthetic scenes", drawn, SWITCHES)
     table("Switches: synthetic reef", reef, SWITCHES)
     if asked.data.is_dir():
         card_table(asked.data, SWITCHES)

@@ -3,6 +3,8 @@
 python benchmarks/fleet.py kills              # same bytes as threads, after kills of workers, clients and schedulers
 python benchmarks/fleet.py batches --number 2000          # processor time of client and scheduler a batch, and their memory
 python benchmarks/fleet.py million --folder OUT           # a million pairs on 200 workers, simulated; OUT: a run with tables
+python benchmarks/fleet.py client --number 1000000        # memory of the client through all passes; 20 minutes, /proc of Linux
+python benchmarks/fleet.py scheduler --number 1000000     # memory of a scheduler with 200 real workers; 15 minutes, free port 18786
 python benchmarks/fleet.py growth                         # docs/images/fleet_growth.svg
 """
 
@@ -12,8 +14,10 @@ import time
 from pathlib import Path
 
 import psutil
+from fleet_client import client
 from fleet_kills import Harm, kills
 from fleet_million import growth, million
+from fleet_scheduler import measure_scheduler
 
 from stereo_seecolor.compute.cluster import batches
 from stereo_seecolor.compute.cluster.connect import cluster
@@ -32,13 +36,13 @@ def overhead(number: int) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("kills", "batches", "million", "growth"))
+    parser.add_argument("what", choices=("kills", "batches", "million", "growth", "client", "scheduler"))
     parser.add_argument("--kills", type=int, default=30, help="of workers")
     parser.add_argument("--clients", type=int, default=5, help="clients killed")
     parser.add_argument("--schedulers", type=int, default=3, help="schedulers killed")
     parser.add_argument("--every-s", type=float, default=8.0, help="seconds between two kills of workers, on average")
     parser.add_argument("--pairs", type=int, default=40)
-    parser.add_argument("--number", type=int, default=2000)
+    parser.add_argument("--number", type=int, default=2000, help="of batches, or of pairs for client and scheduler")
     parser.add_argument("--folder", type=Path, help="of the dive and the runs; it stays")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
@@ -49,6 +53,10 @@ def main() -> None:
             kills(folder, options.pairs, harm)
         elif options.what == "batches":
             overhead(options.number)
+        elif options.what == "client":
+            client(options.number)
+        elif options.what == "scheduler":
+            measure_scheduler(options.number, 200)
         elif options.what == "growth":
             growth(Path(__file__).resolve().parents[1] / "docs" / "images" / "fleet_growth.svg")
         else:

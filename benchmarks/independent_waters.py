@@ -65,7 +65,7 @@ def main() -> None:
     parser.add_argument("--methods", default="", help="only methods whose name holds this")
     asked = parser.parse_args()
     methods = {name: method for name, method in METHODS_COMPARED.items() if asked.methods in name} | {"the true water": true_water}
-    sets = {"drawn scenes": lambda kind: drawn(kind, asked.first_seed, asked.cases)}
+    sets = {"synthetic scenes": lambda kind: drawn(kind, asked.first_seed, asked.cases)}
     if asked.data.is_dir():
         sets["photographs"] = lambda kind: photographs(asked.data, kind, max(asked.cases // 4, 1))
     for title, cases_of in sets.items():

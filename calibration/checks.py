@@ -1,4 +1,4 @@
-"""A calibration held against images of a dive: what is wrong, with its evidence in numbers."""
+"""A calibration compared with images of a dive: what is wrong, with its evidence in numbers."""
 
 from collections.abc import Iterable
 

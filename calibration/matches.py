@@ -48,10 +48,8 @@ def find_matches(
     rectification: Rectification, left: NDArray[np.generic], right: NDArray[np.generic], limits: MatchLimits = LIMITS
 ) -> Matches:
     """Match a raw pair, (H, W) or (H, W, C), 8 or 16 bit: SIFT both ways, then refined by optical flow there and back."""
-    clear = cv2.createCLAHE(2.0, (8, 8))
     images = [
-        clear.apply(apply(to_gray(image)))
-        for apply, image in ((rectification.apply_left, left), (rectification.apply_right, right))
+        _clear(apply(to_gray(image))) for apply, image in ((rectification.apply_left, left), (rectification.apply_right, right))
     ]
     at_left, at_right = _alike(images, limits)
     near = np.abs(at_left[:, 1] - at_right[:, 1]) < limits.max_row_fraction * images[0].shape[0]
@@ -65,9 +63,20 @@ def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
     return [Matches(*raw_points(rig, matches.left, matches.right)) for matches in found]
 
 
+def look_alikes(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:
+    """Points of the raw images that look alike, good to a pixel, wherever they lie and however they are turned; some are wrong."""
+    at_left, at_right = _alike([_clear(to_gray(image)) for image in (left, right)], LIMITS)
+    return Matches(at_left.astype(np.float64), at_right.astype(np.float64))
+
+
 def rectified_matches(rig: StereoRig, raw: Sequence[Matches]) -> list[Matches]:
     """Where matches in raw pixels lie in the rectified images of ``rig``."""
     return [Matches(*rectified_points(rig, matches.left, matches.right)) for matches in raw]
+
+
+def _clear(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+    """With its local contrast equalized, so that dim water does not hide features."""
+    return np.asarray(cv2.createCLAHE(2.0, (8, 8)).apply(image), np.uint8)
 
 
 def _alike(images: list[NDArray[np.uint8]], limits: MatchLimits) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -12,7 +12,7 @@ from calibration.rig import StereoRig
 
 CLEARLY_BETTER = 1.2
 """Readings whose vertical disparities are nearer than this to each other fit alike: the first, which is the likeliest, is taken.
-On drawn pairs a wrong reading is worse by a factor of two and more, or not told by them at all.
+On synthetic pairs a wrong reading is worse by a factor of two and more, or not told by them at all.
 """
 
 

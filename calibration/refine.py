@@ -6,7 +6,7 @@ pitch here. Where the right camera stands is not estimated: over a scene of one 
 another focal length, and both together fit whatever the lens model has wrong.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from calibration.checks import judge_matches
 from calibration.errors import CalibrationError
-from calibration.matches import Images, Matches, raw_matches, rectified_matches
+from calibration.matches import Matches, rectified_matches
 from calibration.plan import plan_rectification, rectified_points, upright_rotations
 from calibration.readings import settle_matches
 from calibration.refinement import Movement, Refinement
@@ -48,8 +48,8 @@ SCALE_STEP = 1e-3  # of the derivative of rays by the scale
 MODELS = tuple(PARAMETERS[:count] for count in range(1, len(PARAMETERS) + 1))  # simplest first; yaw last, since it moves ranges
 
 
-def refine_rig(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
-    """The rig with what has moved estimated from raw image pairs of a dive, (H, W) or (H, W, C), 8 or 16 bit.
+def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
+    """The rig with what has moved estimated from matches in raw pixels of image pairs of a dive.
 
     Twelve pairs spread over the dive are enough. The rig's ``refinement`` says what has moved, with standard errors.
 
@@ -58,11 +58,6 @@ def refine_rig(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
 
     Raises CalibrationError for fewer than three pairs with matches, and for a calibration made in air and used in water.
     """
-    return refine_matches(rig, raw_matches(rig, pairs))
-
-
-def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
-    """As refine_rig, from matches in raw pixels of each pair."""
     rig = settle_matches(rig, raw)
     kept = [_usable(rig, matches) for matches in raw]
     kept = [matches for matches in kept if len(matches.left) >= LIMITS.min_matches]

@@ -53,20 +53,20 @@ class Refinement:
 
     def lines(self) -> list[str]:
         """All of it for a person to read."""
-        said = [self.summary]
+        text_lines = [self.summary]
         if not self.movements:
-            return [*said, "nothing has moved beyond doubt: the calibration is left as it is", UNSEEN]
+            return [*text_lines, "nothing has moved beyond doubt: the calibration is left as it is", UNSEEN]
         for movement in self.movements:
-            said.append(f"  {self._described(movement)}")
+            text_lines.append(f"  {self._described(movement)}")
             if movement.name == "yaw":
-                said.append(f"  {YAW_WARNING.format(movement.value * self.focal_px)}")
-        return [*said, UNSEEN]
+                text_lines.append(f"  {YAW_WARNING.format(movement.value * self.focal_px)}")
+        return [*text_lines, UNSEEN]
 
     def _described(self, movement: Movement) -> str:
         if movement.name == "scale":
             return f"right focal length: {movement.value:+.4%} +- {movement.std:.4%}"
         value_deg, std_deg = np.degrees([movement.value, movement.std])
-        said = f"{movement.name}: {value_deg:+.4f} +- {std_deg:.4f} degrees"
+        text = f"{movement.name}: {value_deg:+.4f} +- {std_deg:.4f} degrees"
         if movement.name == "pitch":
-            said += f" (a vertical offset of {movement.value * self.focal_px:+.2f} +- {movement.std * self.focal_px:.2f} px)"
-        return said
+            text += f" (a vertical offset of {movement.value * self.focal_px:+.2f} +- {movement.std * self.focal_px:.2f} px)"
+        return text

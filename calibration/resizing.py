@@ -43,16 +43,30 @@ def resize_factor(calibrated: Size, images: Size) -> float | None:
 
 def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") -> str:
     """What to say of images that are not as large as those of the calibration, which the file ``calib`` holds."""
-    said = f"the {side} image is {_text(images)} px but the calibration is for {_text(calibrated)}"
+    mismatch = f"the {side} image is {_text(images)} px but the calibration is for {_text(calibrated)}"
     factor = resize_factor(calibrated, images)
     if side == "right":
-        return f"{said}, and the left image fits it: give images of the sizes that were calibrated"
+        return f"{mismatch}, and the left image fits it: give images of the sizes that were calibrated"
     if factor is None:
-        return f"{said}, a cut-out or another camera: use the calibration made at this resolution"
+        return f"{mismatch}, {_other_shape(images, calibrated)}"
     return (
-        f"{said}, {factor:.4g} times the size: if the whole images were binned or resized, run: stereo-seecolor convert-calib "
+        f"{mismatch}, {factor:.4g} times the size: if the whole images were binned or resized, run: stereo-seecolor convert-calib "
         f"{calib} resized.yaml --resize {_text(images)}; if they were cut out, use the calibration made at this resolution"
     )
+
+
+def _other_shape(images: Size, calibrated: Size) -> str:
+    """What images of another shape than the calibration's may be, and what to do."""
+    if images == calibrated[::-1]:
+        return "turned by a quarter: turn them back (or remove their EXIF orientation, if the calibration was made without it)"
+    across, down = images[0] / calibrated[0], images[1] / calibrated[1]
+    if across == 2 * down:
+        return "as if both sides lay side by side in it: cut left and right out, into folders of their own"
+    if down == 4 * across or (across, down) == (1, 2):
+        return "as if both sides lay one above the other: cut left and right out, into images or videos of their own"
+    if down == 2 * across:
+        return "as if each side were squeezed to half its width: stretch both sides to the width that was calibrated"
+    return "a cut-out or another camera: use the calibration made at this resolution"
 
 
 def resized_rig(rig: StereoRig, size: Size) -> StereoRig:

@@ -31,6 +31,7 @@ class RowCheck:
     vertical scale (1 = none) and rotation of the right image that explain the most of it; unexplained_px: the median that
     these leave. behind_fraction: of the matches, those with impossible disparity (points behind infinity).
     index: the refractive index of a flat port that explains the matches best, 1 = none; index_unexplained_px: what it leaves.
+    mistake: what was done wrong with the calibration and explains the rest, where one was looked for and found.
     """
 
     pairs: int
@@ -43,6 +44,7 @@ class RowCheck:
     behind_fraction: float
     index: float
     index_unexplained_px: float
+    mistake: str = ""
 
     @property
     def acceptable(self) -> bool:
@@ -69,7 +71,8 @@ class RowCheck:
     @property
     def has_moved(self) -> bool:
         """True if rows disagree as after a movement of a camera, which refining can find."""
-        return self.row_error_px > LIMITS.acceptable_px and self._is_drift and not self.swapped and not self.air_in_water
+        drifted = self.row_error_px > LIMITS.acceptable_px and self._is_drift
+        return drifted and not (self.swapped or self.air_in_water or self.mistake)
 
     @property
     def _is_drift(self) -> bool:
@@ -85,6 +88,8 @@ class RowCheck:
     @property
     def advice(self) -> tuple[str, ...]:
         """What to do, one line each, the gravest first."""
+        if self.mistake:
+            return (self.mistake,)
         if self.swapped:
             return (f"{self.behind_fraction:.0%} of the points lie behind infinity: the left and right folders are swapped",)
         advice = []

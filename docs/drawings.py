@@ -119,8 +119,8 @@ def draw_axes() -> None:
     drawing.write(HERE / "images" / "axes.svg")
 
 
-def draw_rooms() -> list[tuple[str, list[str]]]:
-    """The rooms in their layers with the imports between them; returns each room with the rooms that it imports."""
+def draw_rooms() -> list[str]:
+    """The rooms in their layers with the imports between them; returns the rooms."""
     layers = layers_of_rooms()
     rooms = [room for layer in layers for room in layer]
     imports = room_imports(rooms)
@@ -132,15 +132,25 @@ def draw_rooms() -> list[tuple[str, list[str]]]:
         for i, room in enumerate(layer):
             at[room] = (start + i * (width + 10) + width / 2, 20 + row * 84)
     for room in rooms:
-        for other in imports[room]:
-            if at[room][1] < at[other][1] and other not in GROUND:
-                drawing.curve((at[room][0], at[room][1] + 40), at[other])
+        for other in direct_imports(room, imports):
+            drawing.curve((at[room][0], at[room][1] + 40), at[other])
     for layer in layers:
         width = min(150, 960 / len(layer) - 10)
         for room in layer:
             drawing.box(at[room][0] - width / 2, at[room][1], width, 40, [room.removeprefix("stereo_seecolor.")])
     drawing.write(HERE / "images" / "rooms.svg")
-    return [(room, imports[room]) for room in rooms]
+    return rooms
+
+
+def direct_imports(room: str, imports: dict[str, list[str]]) -> list[str]:
+    """The rooms that a room imports and that no other of them imports too, directly or by others."""
+    chosen = [other for other in imports[room] if other not in GROUND]
+    return [other for other in chosen if not any(other in reached(third, imports) for third in chosen)]
+
+
+def reached(room: str, imports: dict[str, list[str]]) -> set[str]:
+    """All that a room imports, directly or by others."""
+    return set(imports[room]).union(*(reached(other, imports) for other in imports[room]))
 
 
 def layers_of_rooms() -> list[list[str]]:
@@ -158,28 +168,31 @@ def room_imports(rooms: list[str]) -> dict[str, list[str]]:
             source, target = room_of(module, rooms), room_of(other, rooms)
             if source and target and source != target:
                 found[source].add(target)
-    return {room: sorted(found[room], key=rooms.index) for room in rooms}
+    below = {room: number for number, layer in enumerate(layers_of_rooms()) for room in layer}
+    return {room: sorted(other for other in found[room] if below[room] < below[other]) for room in rooms}
 
 
 def room_of(module: str, rooms: list[str]) -> str:
     return max((room for room in rooms if module == room or module.startswith(f"{room}.")), key=len, default="")
 
 
-def table_of_rooms(imports: list[tuple[str, list[str]]]) -> str:
-    lines = ["| room | files | lines | what it holds | imports |", "| --- | --- | --- | --- | --- |"]
-    for room, others in imports:
+def table_of_rooms(rooms: list[str]) -> str:
+    """Packages with their sizes and what they hold."""
+    lines = ["| room | files | lines | what it holds |", "| --- | --- | --- | --- |"]
+    for room in rooms:
         place = ROOT / room.replace(".", "/")
-        files = sorted(place.rglob("*.py")) if place.is_dir() else [place.with_suffix(".py")]
+        if not place.is_dir():
+            continue
+        files = sorted(place.rglob("*.py"))
         count = sum(len(file.read_text(encoding="utf-8").splitlines()) for file in files)
-        names = ", ".join(f"`{other.removeprefix('stereo_seecolor.')}`" for other in others)
-        lines.append(f"| `{room.removeprefix('stereo_seecolor.')}` | {len(files)} | {count:,} | {first_line(place)} | {names} |")
+        lines.append(f"| `{room.removeprefix('stereo_seecolor.')}` | {len(files)} | {count:,} | {first_line(place)} |")
     return "\n".join(lines)
 
 
 def first_line(place: Path) -> str:
     """The first sentence of a room's docstring."""
-    file = place / "__init__.py" if place.is_dir() else place.with_suffix(".py")
-    words = (ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or "").split("\n\n")[0]
+    text = (place / "__init__.py").read_text(encoding="utf-8")
+    words = (ast.get_docstring(ast.parse(text)) or "").split("\n\n")[0]
     return " ".join(words.split()).replace("|", "/")
 
 

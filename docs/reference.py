@@ -5,6 +5,7 @@
 
 import sys
 import types
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, Union, get_args, get_origin
@@ -42,6 +43,13 @@ options. `stereo-seecolor --install-completion` sets up completion with the Tab 
 | 3 | finished, but some pairs failed or had no partner, or some frames are not in the map; they are named |
 | 130 | interrupted |
 """
+
+COMMON_COMMANDS = 4
+"""Options that this many commands share are described once."""
+COMMON_HEAD = """
+Several commands have these options, which are described here alone:
+"""
+OPTIONS_HEAD = "| option | value | default | what it does |\n| --- | --- | --- | --- |"
 
 CONFIGURATION_HEAD = """# Configuration
 
@@ -86,18 +94,30 @@ def commands_page() -> str:
     group = typer.main.get_command(app)
     order = [name for name in EXAMPLES if name in group.commands]  # type: ignore[attr-defined]
     order += [name for name in group.commands if name not in order]  # type: ignore[attr-defined]
-    return COMMANDS_HEAD + "".join(command_section(name, group.commands[name]) for name in order)  # type: ignore[attr-defined]
+    commands = {name: group.commands[name] for name in order}  # type: ignore[attr-defined]
+    times = Counter(
+        option_row(parameter) for command in commands.values() for parameter in options_of(command) if not parameter.required
+    )
+    common = [row for row, count in times.items() if count >= COMMON_COMMANDS]
+    sections = (command_section(name, command, common) for name, command in commands.items())
+    return COMMANDS_HEAD + "\n".join([COMMON_HEAD, OPTIONS_HEAD, *common, ""]) + "".join(sections)
 
 
-def command_section(name: str, command: Any) -> str:
-    shown = [p for p in command.params if p.name not in ("help", "install_completion", "show_completion")]
+def options_of(command: Any) -> list[Any]:
+    return [p for p in command.params if p.name not in ("help", "install_completion", "show_completion")]
+
+
+def command_section(name: str, command: Any, common: list[str]) -> str:
+    shown = options_of(command)
     needed = [usage_of(p) for p in shown if p.required]
     usage = " ".join(["stereo-seecolor", name, *needed, *(["[OPTIONS]"] if len(needed) < len(shown) else [])])
     lines = ["", f"## `{name}`", "", paragraph(command.help or ""), "", "```text", usage, "```", ""]
     if name in EXAMPLES:
         lines += ["```sh", *EXAMPLES[name], "```", ""]
-    if shown:
-        lines += ["| option | value | default | what it does |", "| --- | --- | --- | --- |", *map(option_row, shown)]
+    own = [row for row in map(option_row, shown) if row not in common]
+    also = [", ".join(f"`{opt}`" for opt in p.opts) for p in shown if option_row(p) in common]
+    lines += [OPTIONS_HEAD, *own, ""] if own else []
+    lines += [f"{'Also' if own else 'Options'}: {', '.join(also)}."] if also else []
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -122,7 +142,7 @@ def default_of(parameter: Any) -> str:
         return "one a core, at most 8"
     if parameter.required:
         return "(required)"
-    if parameter.default in (None, False, ()) or callable(parameter.default):
+    if parameter.default in (None, False, (), "") or callable(parameter.default):
         return ""
     return f"`{parameter.default}`"
 

@@ -57,10 +57,6 @@ class MatchingError(SeeColorError):
     """A pair that cannot be matched."""
 
 
-class SwappedError(MatchingError):
-    """A pair whose images match the other way round."""
-
-
 class ColorError(SeeColorError):
     """A frame or a survey whose colors cannot be fitted."""
 

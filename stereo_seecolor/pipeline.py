@@ -1,7 +1,7 @@
-"""START HERE: one pair through all stages. ``dive.py`` takes all pairs of a dive through the same steps, in two passes.
+"""START HERE: one pair through all stages. ``dive/passes.py`` takes all pairs of a dive through the same steps, twice.
 
 A pair is read, rectified onto one image plane, and matched to a range map (``measure``); a water is fitted to its colors over
-range; the water is taken out (``correct``). ``process`` is these steps in memory, for whoever holds two arrays.
+range; the water is taken out (``correct``). ``process`` is these steps in memory, from two arrays.
 """
 
 from collections.abc import Callable
@@ -18,19 +18,20 @@ from stereo_seecolor.color.render.carried_colors import less_red
 from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.frames import FrameReader
-from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.matching.pair_check import PairCheck
 from stereo_seecolor.matching.reduced import DetailMatcher
-from stereo_seecolor.records import Correction, FrameResult, Image, Map, Mask, RangeMap, StereoFrame, Water, is_monochrome
+from stereo_seecolor.records import Correction, FrameResult, Image, Mask, RangeMap, StereoFrame, Water, is_monochrome
 from stereo_seecolor.version import __version__
 
 Match = Callable[[StereoFrame], RangeMap]
 """The range map of a rectified pair."""
+
+AT_TYPICAL_RANGE = "no range is known: its colors are those of the dive's water at {:.2f} m, the typical range"
 
 PAIR_BYTES_A_PIXEL = 60
 """Of memory, while a pair is measured or corrected, most while it is matched: measured at 21 megapixels (benchmarks/growth.py)."""
@@ -107,7 +108,7 @@ class Pipeline:
         del frame
         with clock("match"):
             range_map = match(rectified)
-            self.check_pair(rectified.name, range_map, raw)
+            range_map = self.check_pair(rectified.name, range_map, raw)
         with clock("rectify"):
             upright = self.rectification.upright
             left, right = upright(rectified.left), upright(rectified.right)
@@ -139,47 +140,9 @@ class Pipeline:
             if callable(water):
                 water = water(rectified.left, range_map)
             water = water or self.corrector.fit_frame(rectified.left, range_map.measured_m)
-            ranges = ranges_for_color(rectified.left, range_map, self.config, self.seen)
+            ranges = ranges_for_color(rectified.left, range_map, self.config, water, self.seen)
             correction = correct(self.corrector, self.config, rectified.left, ranges, water)
         return FrameResult(rectified, range_map, correction, clock.seconds)
-
-
-class RangedImages:
-    """Images that come with range maps, pixel for pixel, instead of a second camera; otherwise like a Pipeline."""
-
-    makes_ranges = False
-    geometry: RectifiedPair | None = None
-    seen: Mask | None = None
-    original: OriginalView | None = None  # its images are the camera's own already
-
-    def __init__(self, config: RunConfig) -> None:
-        self.config = config
-        self.corrector = Corrector(config.color)
-        self.reader = FrameReader(config.input)
-        self.settings = content_key(__version__, self.reader.settings)
-
-    def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The files of a pair, by what they are."""
-        return {"image": pair.left, "range": pair.right}
-
-    def raw(self, pair: Pair, clock: Clock) -> Image:
-        """The image as it is. Raises InputError."""
-        with clock("read"):
-            return read_image(pair.left, self.config.input)
-
-    image = raw
-
-    def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """The image and its range map. Raises InputError if they differ in size or cannot be read."""
-        image = self.image(pair, clock)
-        with clock("read"):
-            range_m = read_range_map(pair.right)
-        if range_m.shape != image.shape[:2]:
-            raise InputError(
-                f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but its image {pair.left.name} is "
-                f"{image.shape[1]}x{image.shape[0]}: give the range map of this very image"
-            )
-        return image, ranges_alone(range_m, np.isfinite(range_m))
 
 
 def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: RangeMap, water: Water) -> Correction:
@@ -193,6 +156,8 @@ def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: Ra
         linear = corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure)
         correction = correction.with_linear(linear)
     correction = _carried_as_measured(correction, range_map)
+    if range_map.filled.any() and not np.isfinite(range_map.measured_m).any():
+        correction = replace(correction, warnings=(*correction.warnings, AT_TYPICAL_RANGE.format(water.typical_range_m)))
     return correction.one_band() if is_monochrome(image) else correction
 
 
@@ -204,19 +169,15 @@ def _carried_as_measured(correction: Correction, range_map: RangeMap) -> Correct
     return replace(correction, image=image, linear=linear)
 
 
-def ranges_for_color(image: Image, range_map: RangeMap, config: RunConfig, seen: Mask | None = None) -> RangeMap:
+def ranges_for_color(image: Image, range_map: RangeMap, config: RunConfig, water: Water, seen: Mask | None = None) -> RangeMap:
     """The range map that a frame is corrected with: where nothing was measured, carried over from neighbors and marked as filled.
 
-    seen: where the image shows something, None = everywhere.
+    Of a frame without any known range, all of it is the typical range of what the water was fitted to. seen: where the image shows
+    something, None = everywhere.
     """
     if config.color.unknown_pixels != "interpolate":
         return range_map
     range_m = carry_ranges(image, range_map.range_m, seen)
+    if water.typical_range_m is not None and not np.isfinite(range_m).any():
+        range_m = np.where(True if seen is None else seen, np.float32(water.typical_range_m), range_m)
     return range_map.with_ranges(range_m, range_map.filled | (np.isfinite(range_m) & ~np.isfinite(range_map.range_m)))
-
-
-def ranges_alone(range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> RangeMap:
-    """A range map of which nothing but the ranges is known, and which of them were measured: the rest is NaN."""
-    nothing = np.broadcast_to(np.float32(np.nan), range_m.shape)  # no map of a whole picture
-    known = np.isfinite(range_m)
-    return RangeMap(nothing, nothing, range_m, nothing, (known & measured).astype(np.float32), known & ~measured, warnings)

@@ -44,19 +44,36 @@ class Silence:
         """Report nothing."""
 
 
+class Both:
+    """Two listeners as one."""
+
+    def __init__(self, first: Listener, second: Listener) -> None:
+        self._listeners = first, second
+
+    def begin(self, stage: str, total: int) -> None:
+        """A pass begins."""
+        for listener in self._listeners:
+            listener.begin(stage, total)
+
+    def advance(self, row: FrameRow) -> None:
+        """One more pair is through."""
+        for listener in self._listeners:
+            listener.advance(row)
+
+
 class LoggingListener:
     """Writes to the log what a listener hears, then passes it on: stages, failed pairs, each kind of warning once."""
 
     def __init__(self, then: Listener | None = None) -> None:
         self._then = then or Silence()
         self._stage, self._done, self._failed, self._total = "", 0, 0, 0
-        self._began_s = self._said_s = 0.0
+        self._began_s = self._reported_s = 0.0
         self._kinds: set[str] = set()
 
     def begin(self, stage: str, total: int) -> None:
         """Log that a stage begins."""
         self._stage, self._done, self._failed, self._total = stage, 0, 0, total
-        self._began_s = self._said_s = time.monotonic()
+        self._began_s = self._reported_s = time.monotonic()
         log.info("%s: begins, %d in all", stage, total)
         self._then.begin(stage, total)
 
@@ -71,8 +88,8 @@ class LoggingListener:
             log.log(logging.DEBUG if kind in self._kinds else logging.WARNING, "%s: %s: %s", self._stage, row.name, warning)
             self._kinds.add(kind)
         now_s = time.monotonic()
-        if self._done == self._total or now_s - self._said_s >= LOG_EVERY_S:
-            self._said_s = now_s
+        if self._done == self._total or now_s - self._reported_s >= LOG_EVERY_S:
+            self._reported_s = now_s
             seconds = now_s - self._began_s
             log.info("%s: %d of %d, %d failed, %.1f s", self._stage, self._done, self._total, self._failed, seconds)
         self._then.advance(row)
@@ -82,7 +99,7 @@ class LoggingListener:
 class RunOptions:
     """How a command goes about it; what it makes of its inputs is in the configuration.
 
-    workers: pairs under way at once. overwrite: begin anew in a used folder. strict: stop at the first bad pair.
+    workers: pairs under way at once. overwrite: begin again in a used folder. strict: stop at the first bad pair.
     verify: read and hash every input again, also those whose size and time are those of an earlier run.
     config_file: where the settings came from, so that it is never deleted. command_line: for run.json.
     listener: hears how far the job is; by default the log of this module does. notice: is given what a person should know before

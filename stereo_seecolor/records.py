@@ -92,6 +92,13 @@ class RangeMap:
     warnings: tuple[str, ...] = ()
     vertical_px: float = math.nan
 
+    @classmethod
+    def of_ranges(cls, range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> "RangeMap":
+        """A map of which only the ranges are known, and which of them were measured; all else is NaN."""
+        nothing = np.broadcast_to(np.float32(np.nan), range_m.shape)  # takes no memory
+        known = np.isfinite(range_m)
+        return cls(nothing, nothing, range_m, nothing, (known & measured).astype(np.float32), known & ~measured, warnings)
+
     def __repr__(self) -> str:
         """Size, how much was measured, and the ranges that it spans."""
         known_m = self.measured_m[np.isfinite(self.measured_m)]
@@ -104,6 +111,13 @@ class RangeMap:
         maps = (self.disparity, self.depth_m, self.range_m, self.range_std_m, self.confidence, self.filled)
         disparity, depth_m, range_m, range_std_m, confidence, filled = (function(values) for values in maps)
         return RangeMap(disparity, depth_m, range_m, range_std_m, confidence, filled, self.warnings, self.vertical_px)
+
+    @classmethod
+    def unknown(cls, shape: tuple[int, int], warning: str) -> "RangeMap":
+        """The map of (H, W) pixels without a known one, and why."""
+        nothing = np.full(shape, np.nan, np.float32)
+        none = np.zeros(shape, np.float32)
+        return cls(nothing, nothing, nothing, nothing, none, np.zeros(shape, np.bool_), (warning,))
 
     def with_ranges(self, range_m: Map, filled: Mask) -> "RangeMap":
         """The same map with other ranges, of which ``filled`` were not measured."""
@@ -185,7 +199,7 @@ class SurveyFrame:
     unrecoverable: Mask | None = None
 
     def scaled(self, scale: float) -> "SurveyFrame":
-        """With ranges so many times as long: of a rig whose scale is known better than by its calibration."""
+        """With ranges scaled by this factor: of a rig whose scale is known better than by its calibration."""
         factor = np.float32(scale)
         return replace(self, range_m=factor * self.range_m, range_std_m=factor * self.range_std_m)
 
@@ -245,7 +259,7 @@ Status = Literal["ok", "failed", "unpaired", "pending"]
 
 @dataclass(frozen=True, slots=True)
 class FrameRow:
-    """What became of one pair, or of one file without a partner.
+    """The outcome of one pair, or of one file without a partner.
 
     kept: an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds: a stage's name -> seconds.
     facts: fractions and parameters, by column.
@@ -265,7 +279,7 @@ class FrameRow:
 
     @property
     def line(self) -> str:
-        """What became of it, for a person: the name once, also where the error begins with it."""
+        """The outcome, for a person: the name once, also where the error begins with it."""
         return f"{self.status}: {self.name}: {self.error.removeprefix(f'{self.name}: ')}"
 
     def then(self, later: "FrameRow") -> "FrameRow":

@@ -42,6 +42,8 @@ class Water:
     fall_off: power of the range by which the rig's own light falls off, beside A: 0 for daylight, 2 for lamps at the camera.
     matrix: (3, 3) the camera's colors to those of sRGB, applied to J in linear light; rows sum to 1, so that gray stays gray.
     matrix_errors: (3, 3) its standard errors; None where it was not measured.
+    typical_range_m: median range of the pixels that it was fitted to, at which frames without any known range are corrected; None
+    where it is not known.
 
     Raises ColorError for values that no water has.
     """
@@ -63,6 +65,7 @@ class Water:
     fall_off: float = 0.0
     matrix: Matrix = field(default_factory=lambda: np.eye(3))
     matrix_errors: Matrix | None = None
+    typical_range_m: float | None = None
 
     def __post_init__(self) -> None:
         if problem := problem_of(vars(self)):

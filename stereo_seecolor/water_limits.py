@@ -1,4 +1,4 @@
-"""What the parameters of a water can be: all that is read from a file, fitted or given by a program is held against it."""
+"""What the parameters of a water can be: all that is read from a file, fitted or given by a program is checked against it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -61,6 +61,8 @@ def problem_of(water: Mapping[str, Any]) -> str:
         problems.append(_number_problem("exposure", water["exposure"], 1 / LIMITS.exposure))
     problems.append(_number_problem("highlights", water["highlights"], 1.0))
     problems.append(_number_problem("fall_off", water["fall_off"], 0.0, LIMITS.fall_off))
+    if water["typical_range_m"] is not None:
+        problems.append(_number_problem("typical_range_m", water["typical_range_m"], 0.0))
     problems.append(_matrix_problem(water["matrix"], water["matrix_errors"]))
     errors = water["standard_errors"]
     for name, values in () if _errors_inside(list(errors.values())) else errors.items():

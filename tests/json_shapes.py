@@ -100,9 +100,9 @@ SHAPES: dict[str, Shape] = {
     "status": {
         "runs": [
             {
-                **keys(str, "out state stage writer"),
+                **keys(str, "out state stage writer rests_on"),
                 **keys(int, "done failed left"),
-                **{"failures": [[(str, int)]], "remaining_s": UNKNOWN},
+                **{"failures": [[(str, int)]], "to_come": [str], **keys(UNKNOWN, "remaining_s run_remaining_s")},
             }
         ],
     },
@@ -113,6 +113,7 @@ SHAPES: dict[str, Shape] = {
         **keys([str], "calibrations problems"),
         **{"interval_s": UNKNOWN, "exposure_recorded": bool, "run_command": str},
         "misfits": [{"pair": str, "fits": (str, None)}],
+        "poses": [{**keys(str, "path format by"), **keys(int, "poses pairs")}],
     },
     "run": {**RUN, "page": str},
     "run --fuse": {**RUN, "page": str, "map": MAP},

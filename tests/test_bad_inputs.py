@@ -13,7 +13,7 @@ import yaml
 from calibration import CalibrationError
 from calibration.formats import load_rig
 from calibration.quick_look import QuickLook
-from stereo_seecolor.commands import dive_rig
+from stereo_seecolor.commands import first_look
 
 
 def read(path: Path) -> np.ndarray:
@@ -150,7 +150,7 @@ def test_swapped_folders_stop_the_run(make_dive, cli, tmp_path) -> None:
     words = ["run", "--left", str(dive.root / "R"), "--right", str(dive.root / "L"), "--calib", str(dive.root / "cam.yaml")]
     code, _, said = cli(*words, "--out", str(tmp_path / "out"))
     assert code == 1
-    assert re.search(r"left and right look swapped: \d+% of \d+ points .*: exchange --left and --right", said)
+    assert re.search(r"left and right look swapped: \d+% of \d+ points lie behind .*: exchange --left and --right", said)
     assert said.count("\n") == 1
     assert cli(*dive.command(tmp_path / "out"))[0] == 0  # the refused run wrote nothing, and its folder is free
 
@@ -174,8 +174,8 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tm
         raise CalibrationError("only 12 points were found")
 
     if not points:
-        monkeypatch.setattr(dive_rig, "quick_look", lambda *_: QuickLook(False, np.zeros(0)))
-        monkeypatch.setattr(dive_rig, "vertical_disparity", too_few)
+        monkeypatch.setattr(first_look, "quick_look", lambda *_: QuickLook(False, np.zeros(0)))
+        monkeypatch.setattr(first_look, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):
         (tmp_path / other).mkdir()
@@ -258,3 +258,34 @@ def test_a_dive_that_begins_with_black_frames_settles_its_calibration_later(make
     assert code == 3
     assert "2 pairs done, 3 failed" in printed
     assert "images decide" in printed + said
+
+
+@pytest.mark.slow
+def test_an_inverse_transform_stops_the_run(cli, tmp_path) -> None:
+    reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
+    rig = yaml.safe_load((reef / "cam.yaml").read_text())
+    rig["T_right_left"] = np.linalg.inv(rig["T_right_left"]).tolist()
+    (tmp_path / "cam.yaml").write_text(yaml.safe_dump(rig))
+    words = ["--left", str(reef / "left"), "--right", str(reef / "right"), "--calib", str(tmp_path / "cam.yaml")]
+    for command in (
+        ["run", *words, "--out", str(tmp_path / "out")],
+        ["check", *words, "--pairs", "2", "--refine", str(tmp_path / "new.yaml")],
+    ):
+        code, _, said = cli(*command)
+        assert code == 1
+        assert "the inverse one, right to left, in the calibration" in said
+        assert said.count("\n") == 1
+    assert not (tmp_path / "new.yaml").exists()
+
+
+@pytest.mark.slow
+def test_sides_out_of_step_stop_the_run(cli, tmp_path) -> None:
+    reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
+    for side, first in (("left", 0), ("right", 1)):
+        (tmp_path / side).mkdir()
+        for number, image in enumerate(sorted((reef / side).iterdir())[first : first + 5]):
+            (tmp_path / side / f"{number:04d}.png").symlink_to(image)
+    words = ["--left", str(tmp_path / "left"), "--right", str(tmp_path / "right"), "--calib", str(reef / "cam.yaml")]
+    code, _, said = cli("run", *words, "--out", str(tmp_path / "out"))
+    assert code == 1
+    assert re.search(r"left and right are 1 image out of step: 000(\d).png fits 000\d.png, not 000\1.png", said)

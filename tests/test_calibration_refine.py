@@ -14,8 +14,8 @@ from test_calibration_rectification import rig_at
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.checks import vertical_disparity
 from calibration.formats import load_rig
-from calibration.matches import Matches
-from calibration.refine import PARAMETERS, moved_rig, refine_matches, refine_rig
+from calibration.matches import Matches, raw_matches
+from calibration.refine import PARAMETERS, moved_rig, refine_matches
 from calibration.refraction import CameraInWater, cameras_in_water
 
 RIGS = {"pinhole": pinhole_rig(), "fisheye": fisheye_rig(), "flat port": port_rig(), "vertical": rig_at(91.0)}
@@ -133,7 +133,8 @@ def test_a_real_rig_that_has_drifted(real_data: Path) -> None:
         (cv2.imread(str(left), cv2.IMREAD_UNCHANGED), cv2.imread(str(right), cv2.IMREAD_UNCHANGED))
         for left, right in zip(*files, strict=True)
     ]
-    rig = refine_rig(load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024)), pairs[::4])
+    calibrated = load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024))
+    rig = refine_matches(calibrated, raw_matches(calibrated, pairs[::4]))
     found = rig.refinement
     assert found and 0.4 < found.before_px < 0.8
     assert found.after_px < 0.15

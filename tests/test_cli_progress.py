@@ -25,7 +25,7 @@ def test_without_a_terminal_lines_say_how_far_it_is(make_dive, cli: Cli, tmp_pat
     dive = make_dive(3)
     (dive.root / "R/0001.png").write_bytes(b"")
     _, _, said = cli(*dive.command(tmp_path / "out"))
-    assert said.splitlines()[1] == "ranges: 0 of 3"  # after the need of disk
+    assert "ranges: 0 of 3" in said.splitlines()
     assert re.search(r"^failed: 0001: .*is empty", said, re.M)
     assert re.search(r"^ranges: 3 of 3, [\d.]+ s$", said, re.M)
     assert re.search(r"^colors: 2 of 2, [\d.]+ s$", said, re.M)

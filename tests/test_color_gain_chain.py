@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from calibration import Rectification
 from calibration.formats import load_rig
-from stereo_seecolor import dive_light
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, solve_chain
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
@@ -20,7 +19,8 @@ from stereo_seecolor.color.photometry.survey_light import SurveyLight
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config_file import load_config
-from stereo_seecolor.dive_light import LightSearch, SampleSettings
+from stereo_seecolor.dive import light_search
+from stereo_seecolor.dive.light_search import LightSearch, SampleSettings
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
@@ -31,7 +31,7 @@ REEF = Path(__file__).parents[1] / "data_samples" / "reef"
 FRAMES = 400
 ALL = Use(pattern=True, ranged=True, gains=True)
 RECTIFICATION = Rectification.from_rig(load_rig(REEF / "cam.yaml"))
-HALF = dive_light.reduced(RECTIFICATION.pair, every=2)
+HALF = light_search.reduced(RECTIFICATION.pair, every=2)
 
 
 def chained(gains: NDArray[np.float64], noise: float, wrong: int = 0) -> Differences:
@@ -230,7 +230,7 @@ def test_logarithms_of_recorded_exposures() -> None:
 @pytest.mark.slow
 def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monkeypatch: pytest.MonkeyPatch) -> None:
     """The sample dive, its frames exposed by known factors; two stretches of five of its twelve frames are looked at first."""
-    monkeypatch.setattr(dive_light, "SAMPLE", SampleSettings(most_frames=10))
+    monkeypatch.setattr(light_search, "SAMPLE", SampleSettings(most_frames=10))
     names = sorted(path.stem for path in (REEF / "left").iterdir())
     gains = dict(zip(names, np.random.default_rng(3).uniform(-0.4, 0.0, len(names)), strict=True))
 
@@ -251,13 +251,13 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monke
 
 
 @pytest.mark.parametrize("parts", [1, 2, 50])
-@pytest.mark.parametrize("numbers", [range(12), range(200), dive_light.looked_at(500)])
+@pytest.mark.parametrize("numbers", [range(12), range(200), light_search.looked_at(500)])
 def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(numbers: Sequence[int], parts: int) -> None:
-    length = dive_light.STRETCH.length(len(numbers), parts)
-    stretches = list(dive_light._Stretches(numbers, [(str(k), k) for k in range(500)], length))
+    length = light_search.STRETCH.length(len(numbers), parts)
+    stretches = list(light_search._Stretches(numbers, [(str(k), k) for k in range(500)], length))
     assert min(parts, len(numbers) // 15) <= len(stretches) <= max(parts, len(numbers) // 15)
     assert [number for stretch in stretches for number, _ in stretch.frames[stretch.before :]] == list(numbers)
     for stretch in stretches:
         inside = [number for number, _ in stretch.frames]
         for number in inside[stretch.before :]:
-            assert {number - back for back in dive_light.LOOK.back} & set(numbers) <= set(inside)
+            assert {number - back for back in light_search.LOOK.back} & set(numbers) <= set(inside)

@@ -1,5 +1,7 @@
 """The light of a survey from spots that several frames see: known patterns and gains come back; even light is left alone."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -147,6 +149,37 @@ def test_the_fall_off_of_lamps_is_told_from_frames_that_were_lit_less() -> None:
     assert found is not None
     assert found.light is not None
     assert found.light.fade == pytest.approx(2.0, abs=0.5)
+
+
+def two_lines(gains: NDArray[np.float64], pattern: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> list[SeenWindow]:
+    """Spots under two lines that a camera flies to and fro without turning, so that these overlap by a third of a picture."""
+    rng = np.random.default_rng(5)
+    place = [(0, 25 * k) if k < FRAMES // 2 else (110, 25 * (FRAMES - 1 - k)) for k in range(FRAMES)]
+    spots = rng.uniform([0, 0], [270, 250], (3000, 2))
+    pixel = spots[:, None] - np.array(place)
+    patch, view = np.nonzero(((pixel > 0) & (pixel < np.array(SIZE) - 1)).all(axis=2))
+    pixel, range_m = pixel[patch, view], rng.uniform(1.5, 2.5, len(patch))
+    log_light = np.log(rng.uniform(0.05, 0.3, (len(spots), 1)) * np.ones(3))[patch]
+    log_light += (gains[view] + pattern(pixel) + rng.normal(0, 0.05, len(patch)))[:, None]
+    return [SeenWindow(np.arange(FRAMES), Sightings(patch, view, range_m, np.exp(log_light), pixel))]
+
+
+def test_a_sun_that_sinks_is_not_taken_for_a_slope_across_the_track() -> None:
+    def radial(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
+        x, y = ((2 * pixel[:, axis] + 1 - SIZE[axis]) / SIZE[0] for axis in (0, 1))
+        return np.asarray(-0.3 * (x**2 + y**2))
+
+    gains = np.linspace(0.7, -0.7, FRAMES)
+    names = [f"{i:02d}" for i in range(FRAMES)]
+    found = solve_light(two_lines(gains, radial), names, SIZE, ALL)
+    assert found is not None
+    assert found.light is not None
+    y, x = np.mgrid[: SIZE[1] : 4, : SIZE[0] : 4]
+    pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
+    left = found.light.log_pattern(pixel, np.full(len(pixel), found.light.reference_m), SIZE)[:, 1] - radial(pixel)
+    assert left.std() < 0.05
+    measured = np.array([found.light.gains[name][1] for name in names])
+    assert np.abs(measured - gains).max() < 0.1
 
 
 def some_light() -> Light:

@@ -8,7 +8,9 @@ from pathlib import Path
 import pytest
 from conftest import contents
 
+from stereo_seecolor.cli.fleet_text import status_text
 from stereo_seecolor.commands.merge import merge
+from stereo_seecolor.commands.plan import plan
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.status import status
 from stereo_seecolor.compute.shard import Shard
@@ -16,6 +18,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder import progress_file
+from stereo_seecolor.run_folder.progress_file import Expected, Progress
 
 
 @pytest.mark.parametrize(("items", "of"), [(10, 3), (2, 5), (0, 2), (100, 7)])
@@ -123,6 +126,8 @@ def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
     assert f"process {os.getpid()}" in seen[0].writer
     assert seen[-1].stage == "colors"
     assert seen[-1].remaining_s is not None
+    assert (seen[0].stage, seen[0].to_come[-1], seen[0].rests_on) == ("ranges", "colors", "the usual shares of passes")
+    assert seen[0].run_remaining_s > seen[0].remaining_s
     done = status(tmp_path / "out")
     assert (done.state, done.done, done.failed, done.left) == ("complete", 2, 1, 0)
     assert "is empty" in done.failures[0][0]
@@ -130,6 +135,39 @@ def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
     assert code == 0
     assert "complete" in printed
     assert "is empty" in printed
+
+
+def test_a_run_ends_when_its_passes_have_taken_what_they_are_expected_to() -> None:
+    expected = Expected({"ranges": 2.0, "light": 1.0, "colors": 3.0}, planned=True)
+    ranges = Progress("ranges", 100, 50, 0, 1000.0, 1100.0, 50, [], expected)  # as fast as expected
+    assert ranges.ends_s == 1200
+    assert ranges.run_ends_s == 1200 + 100 * (1 + 3)
+    light = Progress("light", 100, 0, 0, 1000.0, 1000.0, 0, [("ranges", 100, 100.0)], expected)  # by two workers
+    assert light.ends_s is None
+    assert light.run_ends_s == 1000 + 100 * (1 + 3) / 2
+    kept = Progress("ranges", 100, 50, 0, 1000.0, 1001.0, 0, [], expected)  # nothing tells how fast it goes
+    assert kept.run_ends_s is None
+    assert kept.to_come == ["light", "colors"]
+    tiles = Progress("tiles", 10, 5, 0, 1000.0, 1010.0, 5, [], Expected({}))
+    assert (tiles.ends_s, tiles.run_ends_s) == (1020, None)
+
+
+def test_the_end_of_a_run_follows_from_its_plan(make_dive, tmp_path, cli) -> None:
+    dive, out = make_dive(2), tmp_path / "out"
+    plan(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out=out)
+    told = []
+
+    class Watcher:
+        def begin(self, stage: str, total: int) -> None:
+            told.append(status(out))
+
+        def advance(self, row) -> None:
+            pass
+
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", out, options=RunOptions(listener=Watcher()))
+    assert (told[0].state, told[0].stage) == ("running", "")
+    assert told[1].rests_on == "the plan"
+    assert "page and map not counted; by the plan)" in status_text(told)
 
 
 def test_a_killed_run_is_told_from_one_under_way(make_dive, tmp_path) -> None:

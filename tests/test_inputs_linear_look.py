@@ -10,6 +10,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.linear_look import encoding_notes
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.inputs.stored_pixels import stored_facts
 
 ENCODED = np.repeat(np.clip(np.random.default_rng(1).normal(0.3, 0.17, (64, 80, 1)), 0.02, 1), 3, axis=2)
 
@@ -28,11 +29,12 @@ def test_linear_light_read_as_encoded_is_named(tmp_path: Path, light: np.ndarray
     path = tmp_path / "0001.tiff"
     cv2.imwrite(str(path), np.round(light * full).astype(np.uint16 if full > 255 else np.uint8))
     config = RunConfig.model_validate({"color": {"input_encoding": encoding}})
-    notes = encoding_notes(config, [Pair("0001", path, path)])
+    notes = encoding_notes(config.color, stored_facts(config.input, [Pair("0001", path, path)]))
     assert bool(notes) == said
     assert all("0001.tiff" in note and "--set color.input_encoding=linear" in note for note in notes)
 
 
 def test_an_image_that_cannot_be_read_is_left_to_the_run(tmp_path: Path) -> None:
-    assert encoding_notes(RunConfig(), [Pair("a", tmp_path / "a.png", tmp_path / "b.png")]) == ()
-    assert encoding_notes(RunConfig(), []) == ()
+    config = RunConfig()
+    for pairs in ([Pair("a", tmp_path / "a.png", tmp_path / "b.png")], []):
+        assert encoding_notes(config.color, stored_facts(config.input, pairs)) == ()

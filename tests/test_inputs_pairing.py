@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.names import natural_key, product_name
+from stereo_seecolor.files.names import natural_key, product_name, sort_naturally
 from stereo_seecolor.inputs.listing import list_images
 from stereo_seecolor.inputs.pairing import pair_by_stem, pair_folders
 from stereo_seecolor.inputs.timestamps import timestamp_from_name
@@ -269,6 +269,13 @@ def test_natural_order_reads_digits_as_numbers(names: list[str]) -> None:
     assert sorted(names, key=natural_key) == sorted(names, key=parts)
 
 
+@given(st.lists(st.from_regex("[aA]b_[0-9]{3}(-[0-9])?", fullmatch=True), max_size=12))
+def test_names_are_sorted_by_their_natural_key(names: list[str]) -> None:
+    expected = sorted(names, key=natural_key)
+    sort_naturally(names)
+    assert names == expected
+
+
 STEMS = st.lists(st.sampled_from(["f1", "f2", "f10", "F1", "g1", "a-b", "a", "20180811_153729", "20180811_153730"]), max_size=4)
 
 
@@ -283,9 +290,27 @@ def test_folders_of_the_same_stems_are_paired_as_others(tmp_path_factory, lefts:
     found = pair_folders(left, right, InputConfig())
     assert (list(found.pairs), found.unpaired, found.notes) == (list(expected.pairs), expected.unpaired, expected.notes)
     assert [pair.place for pair in found.pairs] == [pair.place for pair in expected.pairs]
+    assert list(found.names) == [pair.name for pair in found.pairs]
 
 
 @given(st.text(max_size=40))
 def test_any_name_is_survived(stem: str) -> None:
     found = timestamp_from_name(stem)
     assert found is None or found > -1e11
+
+
+def test_counters_that_differ_by_a_constant_are_paired_and_that_is_said(tmp_path: Path) -> None:
+    lefts, rights = [f"DSC_{n}.png" for n in (998, 999, 1000, 1003)], [f"DSC_{n:04d}.png" for n in (520, 521, 522, 525)]
+    pairing = pair_folders(*folders(tmp_path, lefts, rights), InputConfig())
+    assert [(pair.name, pair.right.name) for pair in pairing.pairs] == [
+        (left[:-4], right) for left, right in zip(lefts, rights, strict=True)
+    ]
+    assert pairing.notes == (
+        "no names agree: 4 pairs were brought together by the order of their numbers, from DSC_998.png with DSC_0520.png on",
+    )
+
+
+@pytest.mark.parametrize("rights", [["DSC_520.png", "DSC_522.png"], ["DSC_520.png", "DSC_521.png", "DSC_522.png"]])
+def test_counters_of_which_an_image_is_missing_are_not_guessed(tmp_path: Path, rights: list[str]) -> None:
+    with pytest.raises(InputError, match="no left image matches a right one"):
+        pair_folders(*folders(tmp_path, ["DSC_998.png", "DSC_999.png"], rights), InputConfig())

@@ -10,7 +10,7 @@ import pytest
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
-from stereo_seecolor.inputs.stored_pixels import as_stored, stored_notes
+from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts, stored_notes
 
 REEF = Path(__file__).parents[1] / "data_samples" / "reef"
 
@@ -22,21 +22,25 @@ def pair(folder: Path, name: str, brightest: int, dtype: type = np.uint16) -> Pa
     return Pair(name, folder / f"{name}_l.png", folder / f"{name}_r.png")
 
 
+def settled(config: InputConfig, sample: list[Pair]) -> InputConfig:
+    return as_stored(config, stored_facts(config, sample))
+
+
 @pytest.mark.parametrize(("brightest", "bits"), [(1000, 10), (1023, 10), (3000, 12), (16383, 14), (16384, None), (200, None)])
 def test_the_brightest_value_tells(tmp_path: Path, brightest: int, bits: int | None) -> None:
     sample = [pair(tmp_path, "dark", 300), pair(tmp_path, "bright", brightest)]
     if brightest == 200:
         sample = sample[1:]  # black: nothing can be told
-    assert as_stored(InputConfig(), sample).significant_bits == bits
+    assert settled(InputConfig(), sample).significant_bits == bits
 
 
 def test_eight_bits_and_what_is_set_stay(tmp_path: Path) -> None:
-    assert as_stored(InputConfig(), [pair(tmp_path, "a", 255, np.uint8)]).significant_bits is None
+    assert settled(InputConfig(), [pair(tmp_path, "a", 255, np.uint8)]).significant_bits is None
     deep = pair(tmp_path, "b", 1000)
-    assert as_stored(InputConfig(significant_bits=None), [deep]).significant_bits is None
-    assert as_stored(InputConfig(significant_bits=14), [deep]).significant_bits == 14
+    assert settled(InputConfig(significant_bits=None), [deep]).significant_bits is None
+    assert settled(InputConfig(significant_bits=14), [deep]).significant_bits == 14
     deep.left.write_bytes(b"")
-    assert as_stored(InputConfig(), [deep]).significant_bits == 10
+    assert settled(InputConfig(), [deep]).significant_bits == 10
 
 
 def test_a_dive_of_ten_bits_runs_as_it_is(make_dive, tmp_path: Path) -> None:
@@ -69,9 +73,9 @@ def test_a_raw_dive_is_read_in_color(tmp_path: Path, pattern: str) -> None:
         for path in sorted((REEF / side).glob("*.png"))[:2]:
             cv2.imwrite(str(tmp_path / side / path.name), mosaic_of(cv2.imread(str(path)), pattern))
     sample = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig()).pairs
-    found = as_stored(InputConfig(), sample)
+    found = settled(InputConfig(), sample)
     assert (found.bayer, found.significant_bits) == (pattern, None)
-    assert as_stored(InputConfig(bayer="none"), sample).bayer == "none"
+    assert settled(InputConfig(bayer="none"), sample).bayer == "none"
     (said,) = stored_notes(InputConfig(), found)
     assert f"a color filter pattern, taken for {pattern}, red for darker than blue" in said
 
@@ -81,4 +85,4 @@ def test_one_raw_side_is_left_as_it_is(tmp_path: Path) -> None:
     one = Pair("a", tmp_path / "l.png", tmp_path / "r.png")
     cv2.imwrite(str(one.left), mosaic_of(color, "rggb"))
     cv2.imwrite(str(one.right), color)
-    assert as_stored(InputConfig(), [one]).bayer == "none"
+    assert settled(InputConfig(), [one]).bayer == "none"

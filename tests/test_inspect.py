@@ -182,3 +182,18 @@ def test_videos_are_named_and_not_unpacked(tmp_path: Path) -> None:
 def test_a_place_that_is_missing_is_named(make_dive, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"cam2\.yaml: does not exist"):
         inspect([make_dive(1).root, tmp_path / "cam2.yaml"])
+
+
+@pytest.mark.slow
+def test_trajectories_are_named(make_dive, cli) -> None:
+    dive = make_dive(3)
+    (dive.root / "nav.csv").write_text("name,lat,lon,depth,heading\n0000.png,1,2,3,4\n0002.png,1,2,3,4\n0009.png,1,2,3,4\n")
+    (dive.root / "a.tum").write_text("0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n")
+    (dive.root / "notes.txt").write_text("visibility 5 m\n")
+    found = inspect([dive.root])
+    assert [(one.path.name, one.format, one.poses, one.pairs, one.by) for one in found.poses] == [
+        ("a.tum", "TUM", 2, 0, "time"),
+        ("nav.csv", "table of navigation", 3, 2, "name"),
+    ]
+    _, printed = cli("inspect", str(dive.root))
+    assert "nav.csv (table of navigation): 3 poses, for 2 of 3 pairs by name" in printed

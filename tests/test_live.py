@@ -24,6 +24,7 @@ from stereo_seecolor.commands.live import LiveInputs, LiveOptions, live
 from stereo_seecolor.config import InputConfig, RunConfig
 from stereo_seecolor.errors import ColorError, InputError, OutputError
 from stereo_seecolor.export.recording import TOPICS
+from stereo_seecolor.files.previews import range_picture
 from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.live import session as live_session
@@ -427,3 +428,14 @@ def watch_dive(root: Path) -> Pair:
     found = FolderWatch(root / "L", root / "R", InputConfig()).newest()
     assert found is not None
     return found
+
+
+def test_a_picture_of_ranges_is_bright_where_it_is_near_and_black_where_nothing_is_known() -> None:
+    range_m = np.tile(np.linspace(1, 3, 64, dtype=np.float32), (48, 1))
+    range_m[:8] = np.nan
+    picture, near_m, far_m = range_picture(range_m)
+    assert not picture[:8].any()
+    assert picture[20, 4].sum() > picture[20, 32].sum() > picture[20, -5].sum() > 0
+    assert 1 < near_m < 1.1 and 2.9 < far_m < 3
+    nothing = range_picture(range_m[:8])
+    assert not nothing[0].any() and np.isnan(nothing[1:]).all()

@@ -40,8 +40,8 @@ def test_the_page_shows_what_arrives(make_dive, browser: Browser, tmp_path: Path
         counts.images_s.append(0.08)
         counts.last_error = "<img src=x onerror=alert(1)>"
         _until(lambda: page.inner_text("#state") == "0000")
-        _until(lambda: page.evaluate("document.getElementById('corrected').naturalWidth") == 176)
-        assert page.evaluate("document.getElementById('range').naturalWidth") == 176
+        for shown_image in ("corrected", "range"):
+            _until(lambda name=shown_image: page.evaluate("name => document.getElementById(name).naturalWidth", name) == 176)
         assert page.inner_text("#reduced") == "matched at 1/2 of the size"
         assert page.inner_text("#error") == "<img src=x onerror=alert(1)>"
         facts = page.inner_text("#facts")

@@ -16,7 +16,7 @@ from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import ConfigError, MappingError
 from stereo_seecolor.mapping import limits
 from stereo_seecolor.mapping.component import Component
-from stereo_seecolor.mapping.frame_index import FrameIndex, Sampling
+from stereo_seecolor.mapping.frame_index import SAMPLING, FrameIndex, Sampling
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.recovered_frames import Unplaced
 from stereo_seecolor.mapping.surface.surface import Surface
@@ -237,3 +237,17 @@ def test_voxels_follow_the_surface_seen_not_the_air_in_front_of_it() -> None:
         tiling = cut(component, 0.05, 30.0)
         blocks.append(sum(len(tile.blocks) for tile in tiling.tiles) / tiling.columns)
     assert blocks[1] < 2 * blocks[0]
+
+
+def test_what_is_near_has_no_more_points_for_what_is_far_beyond_it() -> None:
+    """Views that look ahead: their last tenth is eight times as far, and needs every pixel."""
+    near = flat_frame(0)
+    range_m = near.range_m.copy()
+    range_m[:13] *= 8
+    ahead = replace(near, range_m=range_m, range_std_m=(0.004 * range_m**2).astype(np.float32))
+    down, oblique = FrameIndex.build([near, ahead], PAIR).points_m
+    assert (oblique[:, 2] > 3).sum() == 13 * 160
+    closest = oblique[oblique[:, 2] < 3]
+    assert 0.8 * len(down) < len(closest) < 2 * len(down)
+    between_m = np.diff(np.unique(closest[:, 0]))
+    assert between_m[between_m > 1e-4].max() <= SAMPLING.spacing_m + 1e-3

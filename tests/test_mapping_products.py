@@ -191,6 +191,26 @@ def test_the_mosaic_has_the_mean_color_of_all_views_and_no_step_between_them(tmp
     assert np.abs(np.diff(middle, axis=1)).max() <= 2
 
 
+def test_the_mosaic_is_painted_up_to_both_sides_of_a_step_of_the_terrain(tmp_path: Path) -> None:
+    """A wall of half a meter right under the camera, which sees both the ground before it and the ground on top."""
+    terrain = BlockRaster(tmp_path, Grid(-0.41, 0.41, 0.02, (41, 41)), 1, np.float32, np.nan)
+    heights = np.where(np.arange(41) < 20, 0.0, 0.5) * np.ones((1, 41, 1))
+    terrain.write(slice(0, 41), slice(0, 41), heights.astype(np.float32))
+    cells = mosaic._cells(terrain, Grid(-0.2025, 0.2025, 0.005, (81, 81)), slice(0, 81), slice(0, 81))
+    edge_m = -0.01  # between the last low cell's center and the first high one's: the wall stands there
+    T = np.diag([1.0, -1, -1, 1])
+    T[:3, 3] = edge_m, 0, 1.5
+    before, on_top = (200, 120, 40), (40, 120, 200)
+    is_before = np.arange(160) < 80
+    color = np.broadcast_to(np.where(is_before[:, None], before, on_top).astype(np.uint8), (128, 160, 3)).copy()
+    range_m = np.where(is_before, 1.5, 1.0).astype(np.float32) * PAIR.ray_length
+    rgba = mosaic._paint(cells, [(mosaic._Sight(color, range_m, np.zeros((128, 160), np.bool_)), T)], PAIR)
+    assert (rgba[3] == 255).all()
+    low, high = cells.x_m < edge_m - 0.01, cells.x_m > edge_m + 0.01  # a pixel of the frame is 7 mm wide
+    np.testing.assert_array_equal(np.unique(rgba[:3][:, :, low].reshape(3, -1), axis=1).ravel(), before)
+    np.testing.assert_array_equal(np.unique(rgba[:3][:, :, high].reshape(3, -1), axis=1).ravel(), on_top)
+
+
 @pytest.mark.slow
 def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -75,7 +75,7 @@ def test_every_frame_has_its_pictures_and_its_ranges(out: Path) -> None:
 
 def test_the_calibrations_part_of_standard_errors_is_said_to_be_assumed(out: Path) -> None:
     report(out)
-    assert data(out)["calibration"].startswith("Standard errors hold 0.5 % of a length for the calibration")
+    assert data(out)["calibration"].startswith("Standard errors include 0.5 % of a length for the calibration")
     assert "0.5 % is an assumption" in data(out)["calibration"]
     assert "yaw" not in data(out)["calibration"]
     assert data(out)["calibration_std"] == 0.005
@@ -195,7 +195,7 @@ def test_a_brief_page_shows_some_frames_whole_and_the_rest_later(
     make_dive: Callable[..., Dive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("stereo_seecolor.report.early_frames.BRIEF_FRAMES", 2)
-    monkeypatch.setattr("stereo_seecolor.report.telling_frames.COUNT", 1)
+    monkeypatch.setattr("stereo_seecolor.report.example_frames.COUNT", 1)
     go(make_dive(5), tmp_path / "out")
     brief = report(tmp_path / "out", brief=True)
     assert {"0000", "0003"} <= set(data(tmp_path / "out")["shown"])
@@ -413,7 +413,7 @@ def test_while_a_run_works_its_page_says_how_far_it_is(
     assert colors.count("data:image/jpeg;base64,") == 3
     assert all(NASTY not in page for page in watch.seen)
     final = (tmp_path / "out/index.html").read_text("utf-8")
-    assert "is at work" not in final
+    assert "is in progress" not in final
     assert "1 of 3 pairs failed." in final
 
 
@@ -477,7 +477,7 @@ def test_coded_standard_errors_are_exact_to_three_percent() -> None:
 
 
 def test_the_tables_rows_are_read_back_as_they_were(out: Path) -> None:
-    from stereo_seecolor.run_folder.frames_table import frames_csv, read_frames
+    from stereo_seecolor.run_folder.frames_csv import frames_csv, read_frames
 
     stages = list(open_run(out).totals["stage_seconds"])
     rows = read_frames(out / "frames.csv", stages)

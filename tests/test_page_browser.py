@@ -95,13 +95,13 @@ def _is_local(url: str) -> bool:
 def test_the_overview_shows_its_pictures(opened: Callable[[str], Page]) -> None:
     page = opened("overview")
     assert page.locator(".verdict .line").inner_text().endswith("Look at this before you use the results:")
-    until(page, "[...document.querySelectorAll('.telling img')].every(image => image.naturalWidth > 0)")
+    until(page, "[...document.querySelectorAll('.examples img')].every(image => image.naturalWidth > 0)")
     assert page.locator("#frames").is_hidden()
 
 
 def test_a_name_with_markup_is_text_everywhere(opened: Callable[[str], Page]) -> None:
     page = opened("overview")
-    page.locator(".telling a", has_text=NASTY).first.click()
+    page.locator(".examples a", has_text=NASTY).first.click()
     expect(page.locator(".frame-name")).to_have_text(NASTY)
     until(page, "document.querySelector('.stage img').naturalWidth > 0")
     page.locator("a[data-tab=plots]").click()
@@ -270,6 +270,7 @@ def test_nothing_is_wider_than_a_phone(browser: Browser, out: Path) -> None:
         page.goto(f"{(out / 'index.html').as_uri()}#{place}")
         page.wait_for_timeout(200)
         assert page.evaluate("document.documentElement.scrollWidth") <= 360
+        assert page.evaluate("(tabs => tabs.scrollWidth <= tabs.clientWidth)(document.querySelector('.tabs'))")
     context.close()
 
 
@@ -334,6 +335,17 @@ def test_the_map_is_drawn_in_its_colors_and_a_click_finds_the_frames(on_map: Pag
     assert 1 <= found.count() <= 4
     found.first.click()
     expect(on_map.locator("#frames .frame-name")).to_be_visible()
+
+
+@pytest.mark.slow
+def test_the_whole_map_is_seen_in_a_window_that_changes_its_shape(on_map: Page) -> None:
+    on_map.wait_for_timeout(1000)
+    on_map.set_viewport_size({"width": 390, "height": 1000})
+    on_map.wait_for_timeout(1000)
+    turned = on_map.locator(".map-stage canvas").screenshot()
+    on_map.get_by_role("button", name="Whole map").click()
+    on_map.wait_for_timeout(1000)
+    assert on_map.locator(".map-stage canvas").screenshot() == turned
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ def test_the_page_works_in_firefox(make_dive: Callable[..., Dive], tmp_path: Pat
     page = (tmp_path / "out/index.html").as_uri()
     with firefox(FIREFOX, tmp_path / "profile") as browser:
         browser.open(page)
-        browser.until("[...document.querySelectorAll('.telling img')].every(image => image.naturalWidth > 0)")
+        browser.until("[...document.querySelectorAll('.examples img')].every(image => image.naturalWidth > 0)")
         browser.ask("location.hash = '#frames/0001'")
         browser.until("document.querySelector('.frame-name')?.textContent === '0001'")
         browser.until("document.querySelector('.stage .slider img').naturalWidth > 0")

@@ -72,7 +72,6 @@ def reef(seed: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("left", "right", "said"),
     [
-        (water(0), water(1), "both images show"),
         (reef(0), water(1), "the right image shows"),
         (water(0), reef(1), "the left image shows"),
     ],
@@ -83,6 +82,12 @@ def test_images_without_texture_are_not_called_two_scenes(left: np.ndarray, righ
     with pytest.raises(MatchingError, match=rf"^a: only 1\.0% of the pixels match: {said} too little texture to match"):
         PairCheck(swapped)("a", matched(0.01), lambda: StereoFrame("a", left, right))
     assert swapped.names == []
+
+
+def test_pairs_without_texture_are_known_nowhere() -> None:
+    known = PairCheck(Swapped(0.9))("a", matched(0.01), lambda: StereoFrame("a", water(0), water(1)))
+    assert np.isnan(known.range_m).all() and not known.confidence.any() and not known.filled.any()
+    assert known.warnings[0].startswith("only 1.0% of the pixels match: both images show too little texture to match")
 
 
 def test_images_with_texture_that_do_not_match_are_two_scenes() -> None:

@@ -19,7 +19,7 @@ from stereo_seecolor.records import FrameRow, GeoOrigin
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import frames_csv, with_residuals
+from stereo_seecolor.run_folder.frames_csv import frames_csv, with_residuals
 
 ORIGIN = GeoOrigin(-33.123456, -151.2)
 SUFFIX: dict[ImageFormat, str] = {"png": ".png", "jpg": ".jpg", "tiff": ".tiff", "tiff32": ".tiff"}

@@ -25,5 +25,6 @@ def test_readme_run_command_does_the_main_job(sample_run: SampleRun) -> None:
     assert f"{pairs} pairs done, 0 failed, 0 files without a partner" in sample_run.printed
     assert len(list((sample_run.out / "corrected").iterdir())) == pairs
     assert f"{pairs} of {pairs} frames fused" in sample_run.printed
+    assert "map/orthomosaic.tif: the reef from above, GeoTIFF" in sample_run.printed
     assert "pip install" not in sample_run.printed, "nothing that a map is made with is missing"
     assert {path.name for path in (sample_run.out / "map").iterdir()} >= {"preview.png", "orthomosaic.tif", "dem.tif", "mesh.ply"}

@@ -1,12 +1,16 @@
 """A real reef dive as it was published: a vertical pair, color on the left, monochrome on the right, calibrated with MATLAB."""
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
+from calibration.formats import load_rig
+from calibration.mistakes import likely_mistake
+from calibration.readings import settle_reading
 from stereo_seecolor.cli import main
 from stereo_seecolor.run_folder.finished_run import open_run
 
@@ -51,3 +55,19 @@ def test_the_first_pairs_run_as_they_are(
         assert (frame.read("mask") != 1).all()
         assert (corrected.max(axis=2) > 0).mean() > 0.99
         assert np.corrcoef(detail(corrected), detail(raw))[0, 1] > SAME_SCENE
+
+
+@pytest.mark.real_data
+@pytest.mark.slow
+def test_mistakes_with_its_calibration_are_named(real_data: Path) -> None:
+    left, right = (min((real_data / "acfr" / side).iterdir()) for side in ("left", "right"))
+    images = cv2.imread(str(left)), cv2.imread(str(right))
+    rig = settle_reading(load_rig(real_data / "acfr" / "stereo_calib.mat", (1360, 1024)), [images])
+    assert likely_mistake(rig, [images]) is None
+    inverse, transposed = np.linalg.inv(rig.T_right_left), rig.T_right_left.copy()
+    inverse[3], transposed[:3, :3] = [0, 0, 0, 1], rig.R.T
+    for T, said in ((inverse, "is the inverse one"), (transposed, "rotation between the cameras is transposed")):
+        found = likely_mistake(replace(rig, T_right_left=T), [images])
+        assert found and said in found.line
+    swapped = likely_mistake(rig, [(images[1], images[0])])
+    assert swapped and swapped.exchanged

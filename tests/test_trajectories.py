@@ -190,3 +190,27 @@ def test_what_cannot_be_read_is_named(tmp_path: Path, text: str | bytes, message
 def test_a_zero_quaternion_is_no_pose(tmp_path: Path) -> None:
     trajectory = read_trajectory(write(tmp_path, "0 0 0 1 1 0 0 0\n1 0 0 1 0 0 0 0\n"))
     assert np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).tolist() == [True, False]
+
+
+EUROC = "#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [], v_RS_R_x [m s^-1]"
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        f"{EUROC}\n1000500000000000000,1,2,3,0.5,-0.5,0.5,0.5,9\n",
+        "timestamp,tx,ty,tz,qx,qy,qz,qw\n1000500000,1,2,3,-0.5,0.5,0.5,0.5\n",
+        "1000500000000000000,1,2,3,-0.5,0.5,0.5,0.5\n",
+        "1000500000.0, 1, 2, 3, -0.5, 0.5, 0.5, 0.5\n",
+        "%time,field.header.seq,"
+        + ",".join(f"field.pose.pose.position.{axis}" for axis in "xyz")
+        + ","
+        + ",".join(f"field.pose.pose.orientation.{part}" for part in "xyzw")
+        + "\n1000500000000000000,7,1,2,3,-0.5,0.5,0.5,0.5\n",
+    ],
+)
+def test_poses_in_tables_are_those_of_tum(tmp_path: Path, table: str) -> None:
+    plain = read_trajectory(write(tmp_path, "1000500000 1 2 3 -0.5 0.5 0.5 0.5\n", "a.tum"))
+    found = read_trajectory(write(tmp_path, table, "data.csv"))
+    np.testing.assert_allclose(found.T_world_camera, plain.T_world_camera)
+    np.testing.assert_allclose(found.timestamps_s, [1000500000.0])

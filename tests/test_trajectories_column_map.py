@@ -99,3 +99,33 @@ def test_a_table_without_rows(tmp_path: Path) -> None:
 def test_a_missing_table(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"nav\.csv: cannot be read: No such file"):
         read_trajectory(spec(tmp_path / "nav.csv", MAP))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "Timestamp,Latitude,Longitude,Depth,Heading,Filename",
+        "utc_time,lat_deg,lon_deg,depth_m,hdg,image",
+        "% time;Lat [deg];Long (deg);Depth [m];Yaw (deg);file_name",
+        "Zeit;Breite;Laenge;Tiefe;Kurs;Image",
+    ],
+)
+def test_usual_names_need_no_map(tmp_path: Path, header: str) -> None:
+    separator = ";" if ";" in header else ","
+    rows = NAV.splitlines()[1:]
+    guessed = read_trajectory(write(tmp_path, "\n".join([header, *rows]).replace(",", separator), "nav.csv"))
+    np.testing.assert_allclose(guessed.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-12)
+    np.testing.assert_allclose(guessed.T_world_camera[:, :3, 3], [[0, 0, -5]] * 2, atol=1e-9)
+    assert guessed.timestamps_s.tolist() == [1000.5, 1001.5]
+    assert guessed.names == ("a.png", "b.png")
+
+
+def test_radians_are_told_by_the_name(tmp_path: Path) -> None:
+    table = NAV.replace("Hdg", "heading_rad").replace(",90,", f",{np.pi / 2},")
+    trajectory = read_trajectory(spec(write(tmp_path, table, "nav.csv"), MAP.replace("Hdg", "heading_rad")))
+    np.testing.assert_allclose(trajectory.T_world_camera[:, :3, :3], [NORTH_UP, EAST_UP], atol=1e-9)
+
+
+def test_a_table_without_a_heading_says_so(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="the column map lacks heading: write nav"):
+        read_trajectory(write(tmp_path, NAV.replace("Hdg", "Altitude").replace("D,", "Depth,"), "nav.csv"))

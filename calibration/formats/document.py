@@ -71,6 +71,10 @@ def _read_text(path: Path) -> str:
             raise CalibrationError(
                 f"{path}: is an archive: unpack it, and give the files of both cameras, left.yaml,right.yaml"
             ) from error
+        if path.suffix.lower() == ".mat":
+            raise CalibrationError(
+                f"{path}: is no MAT-file of MATLAB 5 or later: save it again, with -v7 (in Octave too)"
+            ) from error
         raise CalibrationError(
             f"{path}: is not UTF-8 text (byte {error.start}): a calibration is a text file, is it the right one?"
         ) from error

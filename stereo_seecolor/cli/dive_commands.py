@@ -179,7 +179,7 @@ def _end_with_page(report: Report, summary: "RunSummary", out: Path, out_mcap: P
 
 
 def _record(out: Path, out_mcap: Path | None) -> str:
-    """Write the recording that was asked for; what is said of it."""
+    """Write the recording that was asked for; a line that names it, or "" where none was."""
     if out_mcap is None:
         return ""
     from stereo_seecolor.commands.out_mcap import write_mcap

@@ -63,4 +63,5 @@ def _usage_message(error: Any) -> str:
         return ""
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "stereo-seecolor"
-    return f"{' '.join(error.format_message().split()).rstrip('.')}: see {path} --help"
+    message = " ".join(error.format_message().split()).rstrip(".").removeprefix("Invalid value: ")
+    return f"{message}: see {path} --help"

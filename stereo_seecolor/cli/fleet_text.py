@@ -1,4 +1,4 @@
-"""How far runs are, what became of a campaign, and what a dive will cost, as text for a person."""
+"""How far runs are, the outcome of a campaign, and what a dive will cost, as text for a person."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -25,8 +25,19 @@ def status_text(runs: "Sequence[RunStatus]") -> str:
 def _end(run: "RunStatus") -> str:
     if run.state in REMEDY:
         return REMEDY[run.state]
-    by = f" by {run.writer}" if run.writer else ""
-    return f"{duration(run.remaining_s)} left{by}" if run.remaining_s is not None else by.strip()
+    by = f"by {run.writer}" if run.writer else ""
+    left = f"{duration(run.remaining_s)} left" if run.remaining_s is not None else ""
+    return ", ".join(part for part in (left, _run_end(run), by) if part)
+
+
+def _run_end(run: "RunStatus") -> str:
+    """When the run ends, and what is not known of it."""
+    if run.state != "running":
+        return ""
+    then = f"then {', '.join(run.to_come)}; " if run.to_come else ""
+    if run.run_remaining_s is None:
+        return f"end of the run not known ({then}page, map)" if run.stage else "begins"
+    return f"{duration(run.run_remaining_s)} to the end of the run ({then}page and map not counted; by {run.rests_on})"
 
 
 def campaign_text(result: "CampaignResult") -> str:

@@ -1,4 +1,4 @@
-"""Ctrl-C: the first ends a command in good order, the second at once; the exit code is 130 both times."""
+"""Ctrl-C: the first lets a command finish what is under way, the second ends it at once; the exit code is 130 both times."""
 
 import contextlib
 import os

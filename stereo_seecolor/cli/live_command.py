@@ -43,11 +43,11 @@ Host = Annotated[
 BudgetMs = Annotated[
     float | None, opt.option("--budget-ms", "MS", "What a pair may take; where it takes longer, half the size is matched.", min=1)
 ]
-Cpus = Annotated[int | None, opt.option("--cpus", "N", "Run on at most so many processors.", min=1)]
+Cpus = Annotated[int | None, opt.option("--cpus", "N", "Run on at most N processors.", min=1)]
 Port = Annotated[
     int | None, opt.option("--port", "N", "Show the last pair on http://127.0.0.1:N; 0 takes a free port.", min=0, max=65535)
 ]
-Pairs = Annotated[int | None, opt.option("--pairs", "N", "End after so many pairs. Default: at Ctrl-C.", min=1)]
+Pairs = Annotated[int | None, opt.option("--pairs", "N", "End after N pairs. Default: at Ctrl-C.", min=1)]
 
 
 def live(
@@ -90,11 +90,11 @@ def live(
         )
         inputs = LiveInputs(left or "", right or "", bag, topics, calib or "")
         found = correct_live(inputs, settings.load(), options)
-    said = [f"{counted(found.done, 'pair')} corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
+    output = [f"{counted(found.done, 'pair')} corrected, {found.failed} failed, {found.dropped} passed over for newer ones"]
     if found.latency_median_s is not None and found.latency_p95_s is not None:
-        said.append(f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s")
+        output.append(f"latency: median {found.latency_median_s:.2f} s, 95% below {found.latency_p95_s:.2f} s")
     if found.products_median_s is not None and found.products_p95_s is not None:
-        said.append(f"all products: median {found.products_median_s:.2f} s, 95% below {found.products_p95_s:.2f} s")
-    said += [found.reduced] if found.reduced else []
-    said += [f"last failure: {found.last_error}"] if found.last_error else []
-    report.end(vars(found), lines(*said))
+        output.append(f"all products: median {found.products_median_s:.2f} s, 95% below {found.products_p95_s:.2f} s")
+    output += [found.reduced] if found.reduced else []
+    output += [f"last failure: {found.last_error}"] if found.last_error else []
+    report.end(vars(found), lines(*output))

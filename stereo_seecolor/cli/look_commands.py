@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.bag_info import BagFacts
     from stereo_seecolor.commands.inspect import CalibrationFacts, Inspection
     from stereo_seecolor.commands.inspect_dive import Measured
+    from stereo_seecolor.commands.inspect_poses import FoundPoses
     from stereo_seecolor.inputs.image_facts import ImageFacts
 
 Places = Annotated[list[Path], typer.Argument(help="Folders and files of the dive: images or videos, and the calibration.")]
@@ -37,21 +38,22 @@ def inspect(places: Places, report: LoggedReport) -> None:
 
 def inspection_text(found: "Inspection") -> str:
     """What was found, and last the command."""
-    said = [f"left:  {found.sides.left}{_image_text(found.left)}", f"right: {found.sides.right}{_image_text(found.right)}"]
+    output = [f"left:  {found.sides.left}{_image_text(found.left)}", f"right: {found.sides.right}{_image_text(found.right)}"]
     if found.pairs:
         every = f", one every {found.interval_s:.3g} s" if found.interval_s else ""
         exposure = "recorded with each image" if found.exposure_recorded else "not recorded"
-        said.append(
+        output.append(
             f"{counted(found.pairs, 'pair')}{every}; {counted(found.unpaired, 'file without a partner')}; exposure {exposure}"
         )
     if found.calibration:
-        said += _calibration_lines(found.calibration)
+        output += _calibration_lines(found.calibration)
+    output += [_poses_line(poses, found.pairs) for poses in found.poses]
     if found.measured:
-        said += _measured_lines(found.measured)
+        output += _measured_lines(found.measured)
     for misfit in found.misfits:
         fits = f"; the left image of {misfit.pair} fits the right one of {misfit.fits}" if misfit.fits else ""
-        said.append(f"not a pair: {misfit.pair}: its images do not show the same scene{fits}")
-    return lines(*said, *(f"note: {problem}" for problem in found.problems), "", found.run_command)
+        output.append(f"not a pair: {misfit.pair}: its images do not show the same scene{fits}")
+    return lines(*output, *(f"note: {problem}" for problem in found.problems), "", found.run_command)
 
 
 def _image_text(image: "ImageFacts | None") -> str:
@@ -71,6 +73,11 @@ def _calibration_lines(calibration: "CalibrationFacts") -> list[str]:
         f"calibration: {calibration.path} ({calibration.format}): cameras {arranged}, baseline {rig.baseline_m * 1000:.1f} mm, "
         f"focal length {rig.focal_px:.0f} px{tested}"
     ]
+
+
+def _poses_line(found: "FoundPoses", pairs: int) -> str:
+    of_pairs = f", for {found.pairs} of {pairs} pairs by {found.by}" if pairs else ""
+    return f"poses: {found.path} ({found.format}): {counted(found.poses, 'pose')}{of_pairs}; for a map with them add --fuse --poses"
 
 
 def _measured_lines(measured: "Measured") -> list[str]:
@@ -99,18 +106,18 @@ def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport)
 def bag_text(found: "BagFacts") -> str:
     """Topics, then the pairs, then the command."""
     width = max(len(topic.name) for topic in found.topics)
-    said = [f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} file{'s' * (found.files > 1)}"]
+    output = [f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} file{'s' * (found.files > 1)}"]
     for topic in found.topics:
         rate = f", {topic.rate_hz:.3g} Hz" if topic.rate_hz else ""
-        said.append(f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} messages{rate}")
+        output.append(f"  {topic.name:<{width}}  {topic.type or 'unknown type'}: {topic.messages} messages{rate}")
     if found.pairs:
         rig = f"baseline {1000 * found.baseline_m:.1f} mm, from camera_info" if found.baseline_m else "no calibration in it"
-        said.append(f"{counted(found.pairs, 'pair')}, {counted(found.unpaired, 'image without a partner')}; {rig}")
-    said += [f"note: {note}" for note in found.notes]
+        output.append(f"{counted(found.pairs, 'pair')}, {counted(found.unpaired, 'image without a partner')}; {rig}")
+    output += [f"note: {note}" for note in found.notes]
     if found.pairs:
         calib = "" if found.baseline_m else " --calib cam.yaml"
-        said += ["", f"stereo-seecolor run --bag {found.bag}{calib} --out out"]
-    return lines(*said)
+        output += ["", f"stereo-seecolor run --bag {found.bag}{calib} --out out"]
+    return lines(*output)
 
 
 def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
@@ -119,11 +126,11 @@ def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: Logge
 
     with report.working():
         found = find(left, right, calib or "")
-    said = [found.text]
-    said += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
-    said += [
+    output = [found.text]
+    output += [f"  {item.kind}: {item.offset_s:+.4f} s, standard error {1000 * item.std_s:.1f} ms" for item in found.evidence]
+    output += [
         counted(found.pairs, "pair of frames"),
         "",
         f"stereo-seecolor run --left {left} --right {right} --calib cam.yaml --out out",
     ]
-    report.end(vars(found), lines(*said))
+    report.end(vars(found), lines(*output))

@@ -27,14 +27,14 @@ def doctor(report: BareReport) -> None:
 
 def doctor_text(findings: "Sequence[Finding]") -> str:
     """What this machine has and lacks."""
-    said = []
+    output = []
     for finding in findings:
-        said.append(f"{'ok  ' if finding.ok else 'LACK'}  {finding.what}: {finding.detail}")
+        output.append(f"{'ok  ' if finding.ok else 'LACK'}  {finding.what}: {finding.detail}")
         if not finding.ok and finding.without:
-            said.append(f"      without it: {finding.without}")
+            output.append(f"      without it: {finding.without}")
         if finding.fix:
-            said.append(f"      fix it with: {finding.fix}")
-    return lines(*said)
+            output.append(f"      fix it with: {finding.fix}")
+    return lines(*output)
 
 
 def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> None:
@@ -47,15 +47,15 @@ def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> 
 
 def _section(entries: "list[tuple[list[str], Setting]]", depth: int) -> list[str]:
     """Settings as YAML that --config reads again; the origin of each value is a comment."""
-    said = []
+    output = []
     for name, group in groupby(entries, key=lambda entry: entry[0][0]):
         inside = list(group)
         if len(inside[0][0]) > 1:
-            said += [f"{'  ' * depth}{name}:", *_section([(keys[1:], setting) for keys, setting in inside], depth + 1)]
+            output += [f"{'  ' * depth}{name}:", *_section([(keys[1:], setting) for keys, setting in inside], depth + 1)]
         else:
             setting = inside[0][1]
-            said.append(f"{'  ' * depth}{name}: {_yaml(setting.value)}  # {setting.origin}")
-    return said
+            output.append(f"{'  ' * depth}{name}: {_yaml(setting.value)}  # {setting.origin}")
+    return output
 
 
 def _yaml(value: Any) -> str:

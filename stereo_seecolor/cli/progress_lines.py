@@ -15,12 +15,12 @@ class PlainLines:
 
     def __init__(self) -> None:
         self._stage, self._done, self._total = "", 0, 0
-        self._began_s = self._said_s = 0.0
+        self._began_s = self._reported_s = 0.0
 
     def begin(self, stage: str, total: int) -> None:
         """A stage begins."""
         self._stage, self._done, self._total = stage, 0, total
-        self._began_s = self._said_s = time.monotonic()
+        self._began_s = self._reported_s = time.monotonic()
         write_error(f"{stage}: 0 of {total}\n")
 
     def advance(self, row: FrameRow) -> None:
@@ -29,8 +29,8 @@ class PlainLines:
         now_s = time.monotonic()
         if row.status == "failed":
             write_error(f"{row.line}\n")
-        if self._done == self._total or now_s - self._said_s >= LINE_EVERY_S:
-            self._said_s = now_s
+        if self._done == self._total or now_s - self._reported_s >= LINE_EVERY_S:
+            self._reported_s = now_s
             write_error(f"{self._stage}: {self._done} of {self._total}, {now_s - self._began_s:.1f} s\n")
 
 

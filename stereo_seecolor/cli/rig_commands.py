@@ -97,12 +97,12 @@ def convert_calib(
     from stereo_seecolor.commands.convert_calib import convert_calib as convert
 
     result = convert(source, out, to, size, resize)
-    said = [
+    output = [
         f"{result.out}: {result.format}, baseline {result.baseline_m * 1000:.1f} mm",
         *(f"note: {note}" for note in result.notes),
     ]
     content = {"source": source, "out": out, "format": to, "baseline_m": result.baseline_m, "notes": list(result.notes)}
-    report.end(content, lines(*said))
+    report.end(content, lines(*output))
 
 
 def calibration_text(result: "CalibrationResult") -> str:
@@ -117,22 +117,22 @@ def calibration_text(result: "CalibrationResult") -> str:
 def check_text(result: "CheckResult") -> str:
     """A calibration against a dive."""
     suspicious = (f"suspicious: {text}" for text in result.suspicions)
-    said = [*_rig_lines(result.rig), *suspicious, *result.rows.lines()]
+    output = [*_rig_lines(result.rig), *suspicious, *result.rows.lines()]
     if result.refined is not None:
-        said += [*result.refined.lines(), f"  {result.refined_file}: the refined calibration"]
-    return lines(*said)
+        output += [*result.refined.lines(), f"  {result.refined_file}: the refined calibration"]
+    return lines(*output)
 
 
 def _rig_lines(rig: "RigFacts") -> list[str]:
     width, height = rig.image_size
-    said = [
+    output = [
         f"{rig.camera_model} cameras of {width}x{height} px, baseline {rig.baseline_m * 1000:.1f} mm, calibrated in {rig.medium}",
         f"rectified: focal length {rig.focal_px:.1f} px, {rig.field_deg:.0f} degrees across; a point at 1 m has a disparity of "
         f"{rig.disparity_at_1_m_px:.1f} px",
     ]
     if rig.port == "flat":
         listed = ", ".join(f"{error:.2%} at {range_m:.2g} m" for range_m, error in rig.port_error)
-        said.append(f"flat port, exact at {rig.working_range_m:g} m; range error left elsewhere: {listed}")
+        output.append(f"flat port, exact at {rig.working_range_m:g} m; range error left elsewhere: {listed}")
     elif rig.port == "dome":
-        said.append("dome port, taken to be centered on the cameras: nothing is corrected")
-    return said
+        output.append("dome port, taken to be centered on the cameras: nothing is corrected")
+    return output

@@ -1,4 +1,4 @@
-"""What became of a run and of a fusion, as text for a person."""
+"""The outcome of a run and of a fusion, as text for a person."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from calibration.wording import counted
 from stereo_seecolor.cli.console import duration, lines, table
 from stereo_seecolor.files.csv_table import csv_text
+from stereo_seecolor.run_folder.layout import MAP_FILES
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.measure import Measurement
@@ -15,11 +16,11 @@ if TYPE_CHECKING:
     from stereo_seecolor.run_folder.kept_plan import Compared
 
 MOST_NAMED = 20
-"""So many failed pairs are named on the terminal; frames.csv names all."""
+"""Failed pairs that are named on the terminal; frames.csv names all."""
 
 
 def run_text(summary: "RunSummary", out: Path) -> str:
-    """What became of a run: its failures, what went wrong how often, totals, and where the results are."""
+    """The outcome of a run: its failures, what went wrong how often, totals, and where the results are."""
     bad = [row.line for row in summary.rows if row.status != "ok"]
     named = bad[:MOST_NAMED]
     if len(bad) > MOST_NAMED:
@@ -69,7 +70,7 @@ def page_text(page: Path) -> str:
 
 
 def report_text(result: "PageSummary") -> str:
-    """What became of a page: frames that it does not show, totals, where it is."""
+    """The outcome of a page: frames that it does not show, totals, where it is."""
     left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
     totals = f"{counted(result.made + result.kept, 'frame')} shown, {result.kept} of them kept from an earlier page"
     return lines(*left_out, totals) + page_text(result.page)
@@ -81,11 +82,11 @@ def measures_text(results: "list[Measurement]") -> str:
 
 
 def map_text(made: "MapSummary") -> str:
-    """What became of a fusion: frames that are not in the map, warnings, totals, files."""
+    """The outcome of a fusion: frames that are not in the map, warnings, totals, files."""
     return lines(
         *(f"not placed: {frame.name}: {frame.reason}" for frame in made.unplaced),
         *(f"warning: {warning}" for warning in made.warnings),
-        *(str(said) for said in (made.navigation, made.markers) if said),
+        *(str(check) for check in (made.navigation, made.markers) if check),
         f"{made.placed} of {made.frames} frames fused into {made.points} points, in {made.seconds:.1f} s",
-        *(f"  {file}" for file in made.files),
+        *(f"  {file}: {MAP_FILES[file.name]}" for file in made.files),
     )

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_model import Light, with_fall_off
-from stereo_seecolor.color.photometry.survey import NO_RANGE, Fitter, FrameFitter, ReadPixels, SlidingFitter, SurveyFitter
+from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, ReadPixels, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.render.tone import Tone
@@ -59,6 +59,9 @@ class Corrector:
         """
         if not table.pixels.any():
             return self._without_pixels(start)
+        return replace(self._fit(table, start), typical_range_m=table.median_range_m)
+
+    def _fit(self, table: MomentTable, start: Water | None) -> Water:
         from stereo_seecolor.color.fitting import robust, table_solver
 
         if self.config.method == "robust":
@@ -78,7 +81,7 @@ class Corrector:
     def _fit_measured(self, table: MomentTable, pixels: ReadPixels, start: Water | None) -> Water:
         if self.config.method != "paper-adam" or not table.pixels.any():
             return self.fit(table, start)
-        return replace(self.fit_dense(*pixels(), start), warnings=doubts(table))
+        return replace(self.fit_dense(*pixels(), start), warnings=doubts(table), typical_range_m=table.median_range_m)
 
     def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
         """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""
@@ -148,4 +151,4 @@ class Corrector:
     def _without_pixels(self, start: Water | None) -> Water:
         if start is None:
             raise ColorError("no pixel with a known range: there is nothing to fit a water to")
-        return replace(start, warnings=(NO_RANGE,))
+        return start

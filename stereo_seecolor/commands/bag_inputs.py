@@ -6,7 +6,7 @@ from pathlib import Path
 
 from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
-from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, sample, settle_storage
+from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs, sample, settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.pairing import Pairing

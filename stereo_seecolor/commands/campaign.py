@@ -15,10 +15,10 @@ from calibration import CalibrationError
 from stereo_seecolor.commands.campaign_records import write_records
 from stereo_seecolor.commands.campaign_table import TABLE, DiveState, State, load_states, save_states
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.over_pairs import StereoInputs
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.site_water import SiteDive, fit_site
+from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.errors import InputError, SeeColorError
@@ -117,7 +117,7 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
 
 
 def _states(file: Path, content: CampaignFile, options: RunOptions, known: Mapping[str, DiveState]) -> Iterator[DiveState]:
-    """Of each dive when it is through, until one is stopped. known: what became of them; those that are done are skipped."""
+    """Of each dive when it is through, until one is stopped. known: their outcomes; those that are done are skipped."""
     waters = _SiteWaters(file, content, options, keep=bool(known))
     for dive in content.dives:
         if dive.name in known and known[dive.name].state == "done":

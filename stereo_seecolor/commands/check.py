@@ -1,25 +1,27 @@
 """Test a calibration against image pairs of a dive."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from calibration import Rectification, StereoRig
+from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches, suspicions
 from calibration.formats import write_rig
-from calibration.matches import raw_matches, rectified_matches
+from calibration.matches import Images, Matches, raw_matches, rectified_matches
+from calibration.mistakes import likely_mistake, may_be_mistaken
 from calibration.port import FlatPort
 from calibration.port_error import port_error
 from calibration.readings import settle_matches
 from calibration.refine import refine_matches
 from calibration.refinement import Refinement
 from calibration.row_check import LIMITS
-from stereo_seecolor.commands.dive_rig import load_unsettled, read_both, spread
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, load_unsettled, read_both, spread
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.new_folder import refuse_existing
 from stereo_seecolor.inputs.pairing import pair_folders
-from stereo_seecolor.inputs.stored_pixels import as_stored
+from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts
 
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
 """Ranges at which the error of a flat port is stated, in units of the range at which the port model is exact."""
@@ -84,15 +86,29 @@ def check(
     if refine:
         refuse_existing(refine)
     pairs = pair_folders(left, right, images).pairs
-    images = as_stored(images, spread(pairs, most_pairs))
+    images = as_stored(images, stored_facts(images, spread(pairs, most_pairs)))
     rig = load_unsettled(calib, pairs, images)
     raw = raw_matches(rig, (read_both(pair, images) for pair in spread(pairs, most_pairs)))
     rig = settle_matches(rig, raw)
-    rows = judge_matches(rig, rectified_matches(rig, raw))
+    rows = _judged(rig, raw, (read_both(pair, images) for pair in spread(pairs, DECIDING_PAIRS)))
+    if refine and rows.mistake:
+        raise CalibrationError(f"a wrong calibration is not refined: {rows.mistake}")
     refined = refine_matches(rig, raw) if refine else None
     if refine and refined:
         write_rig(refined, refine)
     return CheckResult(rig_facts(rig), rows, suspicions(rig), refined.refinement if refined else None, refine)
+
+
+def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> RowCheck:
+    """How rows agree, and the mistake that explains why they do not. Raises CalibrationError if too few points tell."""
+    try:
+        rows = judge_matches(rig, rectified_matches(rig, raw))
+    except CalibrationError:
+        if mistake := likely_mistake(rig, images):
+            raise CalibrationError(mistake.line) from None
+        raise
+    mistake = likely_mistake(rig, images) if may_be_mistaken(rows) else None
+    return replace(rows, mistake=mistake.line) if mistake else rows
 
 
 def rig_facts(rig: StereoRig) -> RigFacts:

@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
-from stereo_seecolor.commands.over_pairs import Job, claim, describe, sample
+from stereo_seecolor.commands.dive_job import Job, claim, describe
 from stereo_seecolor.commands.run import color
+from stereo_seecolor.commands.stereo_inputs import sample
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.pairing import pair_by_stem
-from stereo_seecolor.pipeline import RangedImages
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import RunFolder

@@ -1,40 +1,31 @@
-"""The rig of a dive: read for its images, held against its first pairs, and refined with pairs spread over it."""
+"""The rig of a dive: read for its images, and refined with pairs spread over it."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from calibration import CalibrationError, StereoRig
-from calibration.checks import vertical_disparity
 from calibration.formats import load_rig_of_images
 from calibration.formats.kitti import for_channels
 from calibration.matches import Matches, raw_matches
 from calibration.port import flat_port
-from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
-from calibration.wording import counted
-from stereo_seecolor.commands.range_limits import range_limits
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.errors import InputError, MatchingError, SwappedError
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.progress import RunOptions
-from stereo_seecolor.records import FrameRow, Image, StereoFrame, is_monochrome
+from stereo_seecolor.records import FrameRow, Image, is_monochrome
 
 DECIDING_PAIRS = 3
 """Pairs that decide how an ambiguous calibration file is read: each gives hundreds of matches."""
 REFINING_PAIRS = 8
 """Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as twelve, in half the time."""
-
-LOOKED_AT = 4
-"""Pairs over the dive of which the first that shows enough is looked at before a run: a descent may last a quarter of a dive."""
 
 
 def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
@@ -89,63 +80,6 @@ def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) 
         return settle_reading(rig, first_images(pairs, images))
     except CalibrationError:
         return settle_reading(rig, first_images(spread(pairs, REFINING_PAIRS), images, REFINING_PAIRS))
-
-
-def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """What the first pair that shows enough says before a run: of rows that disagree by over half a pixel, and of ranges not looked
-    for.
-
-    A quick look is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked at only where
-    rows disagree. Raises InputError where left and right are swapped: no pair could be matched.
-    """
-    try:
-        for pair in spread(pairs, LOOKED_AT):
-            for both in first_images([pair], pipeline.config.input):
-                look = quick_look(pipeline.rectification, both)
-                if look.rows_agree:
-                    limits = range_limits(look.range_m, pipeline.config.matching)
-                    return tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
-                if look.range_m.size:
-                    return _rows_note(pipeline, pairs[pairs.index(pair) :])
-        return _rows_note(pipeline, pairs)
-    except CalibrationError:  # too few points to tell
-        _refuse_swapped(pipeline, pairs)
-        return ()
-
-
-def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    rig, images = pipeline.rig, pipeline.config.input
-    for most in (1, DECIDING_PAIRS):
-        check = vertical_disparity(rig, first_images(pairs, images, most))
-        if check.warning is None:
-            return ()
-    if check.swapped and exchanging_helps(rig, list(first_images(pairs, images))):
-        raise InputError(
-            f"left and right look swapped: {check.behind_fraction:.0%} of {check.matches} points in {counted(check.pairs, 'pair')} "
-            "lie behind infinity, and in front the other way round: exchange --left and --right (or see whether both sides are "
-            "numbered alike, and whether the images were turned by 180 degrees since the calibration)"
-        )
-    return (f"calibration: {check.warning}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)
-
-
-def _refuse_swapped(pipeline: Pipeline, pairs: Sequence[Pair]) -> None:
-    """Match the first pair that can be read. Raises InputError if it matches the other way round alone: so would all others."""
-    for pair, (left, right) in islice(readable(pairs, pipeline.config.input), 1):
-        raw = StereoFrame(pair.name, left, right)
-        try:
-            pipeline.check_pair(raw.name, pipeline.match(pipeline.rectify(raw)), partial(StereoFrame, raw.name, left, right))
-        except SwappedError as error:
-            raise InputError(str(error)) from error
-        except (MatchingError, CalibrationError):
-            return  # the run names it with its pair
-
-
-def exchanging_helps(rig: StereoRig, images: Sequence[tuple[Image, Image]]) -> bool:
-    """Whether points that lie behind infinity lie in front of the cameras with left and right images exchanged."""
-    try:
-        return vertical_disparity(rig, [(right, left) for left, right in images]).in_front
-    except CalibrationError:
-        return False
 
 
 def refined_rig(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, options: RunOptions) -> StereoRig:

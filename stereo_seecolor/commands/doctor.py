@@ -39,6 +39,7 @@ CORE = (
     Library("rich", "rich"),
     Library("typer", "typer"),
     Library("filelock", "filelock"),
+    Library("threadpoolctl", "threadpoolctl"),
     Library("PIL", "pillow"),
     Library("jinja2", "jinja2"),
     Library("isal", "isal", without="nothing, but pictures are written in twice the time"),
@@ -66,7 +67,7 @@ EXTRAS = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at.
+    """One thing examined.
 
     ok: it is there and can be used. detail: version, or what is wrong. needed: nothing runs without it.
     without: what cannot be done without it. fix: the command that installs it, "" if there is none.
@@ -82,7 +83,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class DoctorReport:
-    """All that was looked at."""
+    """All that was examined."""
 
     findings: tuple[Finding, ...]
 

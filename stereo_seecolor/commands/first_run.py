@@ -26,7 +26,7 @@ WORKS = (
     "stereo_seecolor.commands.first_run:fit_noise",
     "stereo_seecolor.commands.first_run:correct_noise",
 )
-"""Dealt to the cores in turn: the first and third take as long as the second and fourth."""
+"""Assigned to the cores in turn: the first and third take as long as the second and fourth."""
 
 
 def load_beside(config: RunConfig, options: RunOptions) -> None:
@@ -40,7 +40,7 @@ def _load(page: bool) -> None:
     for name in WORKS:
         module, _, function = name.partition(":")
         getattr(import_module(module), function)()
-    for module in ("dive_light", *["report.page"] * page):
+    for module in ("dive.light_search", *["report.page"] * page):
         import_module(f"stereo_seecolor.{module}")
 
 

@@ -12,12 +12,13 @@ from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.inputs.trajectories import read_trajectory, rectified_trajectory, trajectory_file
-from stereo_seecolor.progress import Listener, Silence
+from stereo_seecolor.progress import Both, Listener, Silence
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import FIRST_LOOK, MAP, state
 from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
+from stereo_seecolor.run_folder.progress_file import ProgressFile
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def fuse(
     with RunFolder.existing(out, (trajectory_file(poses),) if poses else ()) as folder:
         frames = SurveyFrames(open_run(out))
         trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
-        progress = _stages_of(listener or Silence())
+        progress = _stages_of(Both(listener or Silence(), ProgressFile(folder.root)))
         with compute.sharing(state(out), ()), _building(folder) as building:
             workspace = Workspace(fusion_folder(out), progress, compute, partial(_show, folder, progress))
             summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)

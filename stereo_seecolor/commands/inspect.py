@@ -3,7 +3,7 @@
 import shlex
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +11,19 @@ import numpy as np
 from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.formats.kitti import for_channels
+from calibration.mistakes import Mistake, likely_mistake, may_be_mistaken
 from calibration.port import FLAT_PORT
 from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
 from calibration.wording import counted
 from stereo_seecolor.commands.check import RigFacts, rig_facts
-from stereo_seecolor.commands.dive_rig import spread
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, spread
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
+from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
-from stereo_seecolor.commands.over_pairs import settle_storage
 from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
+from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.frames import FrameReader
@@ -34,7 +36,7 @@ from stereo_seecolor.inputs.video_streams import gray
 from stereo_seecolor.records import Image, is_monochrome
 
 SAMPLE_PAIRS = 6
-"""Pairs, spread over the dive, that are looked at."""
+"""Pairs, spread over the dive, that are examined."""
 
 FLOAT_BITS = 32
 """A camera's images have 8 or 16 bits a channel; range maps are floating-point."""
@@ -61,8 +63,9 @@ class Inspection:
 
     files: image files of both sides, or frames of the videos. pairs, unpaired: of images (0 for videos, which run pairs).
     interval_s: median time between pairs, None where names hold none. exposure_recorded: EXIF holds exposure or gain.
-    calibrations: all that were found; calibration: the one that was tested. misfits: sample pairs that do not show one scene.
-    problems: what stands in the way, or should be looked at first. run_command: the line that runs it.
+    calibrations: all that were found; calibration: the one that was tested. poses: all trajectories.
+    misfits: sample pairs that do not show one scene.
+    problems: what stands in the way, or should be examined first. run_command: the line that runs it.
     """
 
     sides: Sides
@@ -74,6 +77,7 @@ class Inspection:
     exposure_recorded: bool
     calibrations: tuple[Path, ...]
     calibration: CalibrationFacts | None
+    poses: tuple[FoundPoses, ...]
     measured: Measured | None
     misfits: tuple[Misfit, ...]
     problems: tuple[str, ...]
@@ -100,7 +104,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
     config, notes = settle_storage(RunConfig(), pairing.pairs)
-    tested = _Tested()
+    tested = NOTHING_TESTED
     if found:
         _refuse_wrong_sizes(found[0], left, right)
         tested = _tested(found[0], pairing, config)
@@ -108,7 +112,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         *_problems_of_images(sides, pairing),
         *notes,
         *_missing_calibration(places, found, left.size),
-        *_problems_of_calibration(found, tested.facts, tested.fitting),
+        *_problems_of_calibration(found, tested),
         *(f"range: {limit.note}" for limit in tested.limits),
     )
     return Inspection(
@@ -121,26 +125,40 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         exposure_recorded=_exposure_recorded(pairing, config),
         calibrations=tuple(one.path for one in found),
         calibration=tested.facts,
+        poses=find_poses(places, pairing.pairs, {one.path for one in found}),
         measured=tested.measured,
         misfits=tested.misfits,
         problems=problems,
-        run_command=command_line(sides, found, tested.rows, tested.limits),
+        run_command=command_line(sides, found, tested),
     )
 
 
 @dataclass(frozen=True)
-class _Tested:
-    """A calibration held against sample pairs. fitting: at least one of them shows one scene. limits: ranges to be set."""
+class Tested:
+    """A calibration compared with sample pairs. fitting: at least one of them shows one scene. limits: ranges to be set.
+
+    mistake: explains why pairs do not fit the calibration.
+    """
 
     facts: CalibrationFacts | None = None
     misfits: tuple[Misfit, ...] = ()
     measured: Measured | None = None
     fitting: bool = True
     limits: tuple[RangeLimits, ...] = ()
+    mistake: Mistake | None = None
 
     @property
     def rows(self) -> RowCheck | None:
+        """Vertical disparity on sample pairs, None where too few points were found in both images."""
         return self.facts.rows if self.facts else None
+
+    @property
+    def exchanged(self) -> bool:
+        """True if left and right are to be exchanged."""
+        return self.mistake.exchanged if self.mistake else bool(self.rows and self.rows.swapped)
+
+
+NOTHING_TESTED = Tested()
 
 
 def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> None:
@@ -157,25 +175,19 @@ def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageF
             raise CalibrationError(wrong_size(side, image.size, camera.image_size, str(found.path)))
 
 
-def command_line(
-    sides: Sides,
-    found: Sequence[FoundCalibration],
-    rows: RowCheck | None = None,
-    limits: Sequence[RangeLimits] = (),
-) -> str:
+def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested = NOTHING_TESTED) -> str:
     """The ``run`` command for what was found, quoted for a shell; CALIBRATION stands where none was found.
 
-    rows: of sample pairs: whether the sides are swapped, and whether a camera has moved since the calibration. limits: ranges to
-    be set.
+    Exchanges sides that are swapped, refines a rig of which a camera has moved, sets limits of range.
     """
-    calib = str(found[0].path) if found else "CALIBRATION"
-    first, second = (sides.right, sides.left) if rows and rows.swapped else (sides.left, sides.right)
+    calib, rows = str(found[0].path) if found else "CALIBRATION", tested.rows
+    first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
     words = ["stereo-seecolor", "run", "--left", str(first), "--right", str(second), "--calib", calib, "--out", "out"]
     if rows and rows.has_moved:
         words.append("--refine")
     if rows and rows.air_in_water:
         words += ["--set", f"input.flat_port={FLAT_PORT}"]
-    words += [word for limit in limits for word in ("--set", limit.option)]
+    words += [word for limit in tested.limits for word in ("--set", limit.option)]
     return shlex.join(words)
 
 
@@ -187,24 +199,26 @@ def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> S
     return rig
 
 
-def _tested(found: FoundCalibration, pairing: Pairing, config: RunConfig) -> _Tested:
+def _tested(found: FoundCalibration, pairing: Pairing, config: RunConfig) -> Tested:
     sample = spread(pairing.pairs, SAMPLE_PAIRS)
-    rig = _settled_rig(found.rig, sample[:3], config)
+    rig = _settled_rig(found.rig, sample[:DECIDING_PAIRS], config)
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
     rows: RowCheck | None = None
     images = _images(fitting, config)
     with suppress(CalibrationError):
         rows = vertical_disparity(rig, images)
+    mistake = likely_mistake(rig, images[:DECIDING_PAIRS]) if rows is None or may_be_mistaken(rows) else None
+    rows = replace(rows, mistake=mistake.line) if rows and mistake else rows
     limits = _range_limits(rig, images, config)
     config = config.model_copy(
         update={"matching": config.matching.model_copy(update={limit.key: limit.fits_m for limit in limits})}
     )
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     facts = CalibrationFacts(found.path, found.format, rig_facts(rig), bool(abs(y_m) > abs(x_m)), rows, suspicions(rig))
-    useless = not fitting or (rows is not None and rows.swapped)
+    useless = not fitting or mistake is not None or (rows is not None and rows.swapped)
     measured = None if useless else measure(rig, fitting, len(pairing.pairs), config)
-    return _Tested(facts, wrong, measured, bool(fitting), () if useless else limits)
+    return Tested(facts, wrong, measured, bool(fitting), () if useless else limits, mistake)
 
 
 def _range_limits(rig: StereoRig, images: list[tuple[Image, Image]], config: RunConfig) -> tuple[RangeLimits, ...]:
@@ -222,8 +236,8 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     size = _video_size(sides)
     found = find_calibration(places, size)
     paths, command = tuple(one.path for one in found), command_line(sides, found)
-    problems = (*_missing_calibration(places, found, size), *_problems_of_calibration(found, None))
-    return Inspection(sides, None, None, 0, 0, None, False, paths, None, None, (), problems, command)
+    problems = (*_missing_calibration(places, found, size), *_problems_of_calibration(found, NOTHING_TESTED))
+    return Inspection(sides, None, None, 0, 0, None, False, paths, None, find_poses(places, (), paths), None, (), problems, command)
 
 
 def _video_size(sides: Sides) -> tuple[int, int]:
@@ -258,20 +272,20 @@ def _missing_calibration(places: Sequence[Path], found: Sequence[FoundCalibratio
     return refused or ("no calibration was found: make one with 'stereo-seecolor calibrate' from images of a target",)
 
 
-def _problems_of_calibration(
-    found: Sequence[FoundCalibration], facts: CalibrationFacts | None, fitting: bool = True
-) -> tuple[str, ...]:
+def _problems_of_calibration(found: Sequence[FoundCalibration], tested: Tested) -> tuple[str, ...]:
     problems = []
     if len(found) > 1:
         names = ", ".join(one.path.name for one in found[:5])
         problems.append(f"{len(found)} calibrations were found, the first was taken: {names}")
-    if facts:
-        problems += facts.suspicions
-        if not fitting:
+    if tested.facts:
+        problems += tested.facts.suspicions
+        if tested.mistake:
+            problems.append(tested.mistake.line)
+        elif not tested.fitting:
             problems.append("no sample pair shows one scene: bring left and right images of the same moments together first")
-        elif facts.rows is None:
+        elif tested.rows is None:
             problems.append("too few points were found in both images of the sample pairs to test the calibration")
         else:
-            problems += facts.rows.advice
-            problems += ["the run line exchanges the sides"] if facts.rows.swapped else []
+            problems += tested.rows.advice
+        problems += ["the run line exchanges the sides"] if tested.exchanged else []
     return tuple(problems)

@@ -1,7 +1,7 @@
 """Find the calibration among the files of a dive."""
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,9 +28,9 @@ class FoundCalibration:
 
 def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[FoundCalibration, ...]:
     """All calibrations in the places, for images of ``size`` (width, height): those of that size first, then in natural order."""
-    candidates = _all_candidates(places)
-    found = [one for path in candidates if (one := _try_load(path, size))]
-    folders = sorted({path.parent for path in candidates} - {one.path.parent for one in found})
+    paths = _all_candidates(places)
+    found = [one for path in paths if (one := _try_load(path, size))]
+    folders = sorted({path.parent for path in paths} - {one.path.parent for one in found})
     found += [one for folder in folders if (one := _try_load(folder, size))]
     return tuple(sorted(found, key=lambda one: one.rig.left.image_size != size))
 
@@ -49,21 +49,24 @@ def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple
 
 
 def _all_candidates(places: Sequence[Path]) -> list[Path]:
-    return sorted({path for place in places for path in _candidates(place)}, key=lambda path: natural_key(str(path)))
+    return sorted(candidates(places, EXTENSIONS, LARGEST_BYTES), key=lambda path: natural_key(str(path)))
 
 
-def _candidates(place: Path) -> Iterator[Path]:
+def candidates(places: Sequence[Path], extensions: Collection[str], largest_bytes: int) -> set[Path]:
+    """The places that are files, and in those that are folders, up to some folders deep, the files of these extensions."""
+    return {path for place in places for path in _in_place(place, extensions, largest_bytes)}
+
+
+def _in_place(place: Path, extensions: Collection[str], largest_bytes: int) -> Iterator[Path]:
     if place.is_file():
         yield place
         return
     for folder, below, names in os.walk(place):
         here = Path(folder)
         below[:] = [name for name in below if name[0] != "." and len(here.relative_to(place).parts) < DEPTH]
-        yield from (here / name for name in names if _is_candidate(here / name))
-
-
-def _is_candidate(path: Path) -> bool:
-    return path.suffix.lower() in EXTENSIONS and path.is_file() and 0 < path.stat().st_size < LARGEST_BYTES
+        for path in (here / name for name in names if Path(name).suffix.lower() in extensions):
+            if path.is_file() and 0 < path.stat().st_size < largest_bytes:
+                yield path
 
 
 def _try_load(path: Path, size: tuple[int, int]) -> FoundCalibration | None:

@@ -1,4 +1,4 @@
-"""``markers``: tags and scale bars on the bottom, found in a fused run and held against what is known of them."""
+"""``markers``: tags and scale bars on the bottom, found in a fused run and compared with what is known of them."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path

@@ -6,9 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from stereo_seecolor.commands.dive_job import claim
 from stereo_seecolor.commands.dive_rig import spread
-from stereo_seecolor.commands.over_pairs import Opened, StereoInputs, claim
 from stereo_seecolor.commands.run import KIND, StereoCommand, color, stereo_job
+from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.process_usage import peak_bytes
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -19,6 +20,7 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.kept_plan import KeptPlan, settings_key
+from stereo_seecolor.run_folder.progress_file import USUAL
 
 MEASURED_PAIRS = 10
 """Spread over the dive: the times of its pairs differ by some 10 %."""
@@ -65,24 +67,26 @@ def plan(
     opened = inputs.open(config)
     pairs = spread(opened.pairing.pairs, MEASURED_PAIRS)
     with tempfile.TemporaryDirectory(prefix="stereo-seecolor-plan-") as folder:
-        warm = _measure(inputs, _only(opened, pairs[:1]), Path(folder) / "warm", LightClock())
+        warm = _measure(inputs, _only(opened, pairs[:1]), Path(folder) / "warm", PassClock())
         start_s = time.process_time()
-        light = LightClock()
-        summary = _measure(inputs, _only(opened, pairs), Path(folder) / "measured", light)
+        clock = PassClock()
+        summary = _measure(inputs, _only(opened, pairs), Path(folder) / "measured", clock)
         core_s, ok = time.process_time() - start_s, summary.count("ok")
         if not ok:
             first = next(row.error for row in (*summary.rows, *warm.rows) if row.error)
             raise InputError(f"none of {len(pairs)} pairs spread over the dive goes through; the first: {first}")
         written = sum(path.stat().st_size for path in files_below(Path(folder) / "measured"))
-    # By the clock, which runs on where the machine is busy with other things.
-    seconds = summary.stage_seconds() | light.stage_seconds
-    once = max(1 - sum(seconds.values()) / summary.wall_seconds, 0.0)
-    number, fit_s, per_pair = len(opened.pairing.pairs), core_s * once, core_s * (1 - once) / ok
-    stages = {stage: per_pair * value / sum(seconds.values()) for stage, value in seconds.items()}
+    passes = {name: seconds / ok for name, seconds in clock.seconds.items()}
+    number, per_pair = len(opened.pairing.pairs), sum(passes.values())
+    fit_s = max(core_s - ok * per_pair, 0.0)
+    seconds = summary.stage_seconds()  # by the clock, which runs on where the machine is busy with other things
+    working = per_pair - passes.get("light", 0.0)
+    stages = {stage: working * value / sum(seconds.values()) for stage, value in seconds.items()}
+    stages |= {"light": stages.get("light", 0.0) + passes.get("light", 0.0)}
     hours = {count: (number * per_pair / count + fit_s) / 3600 for count in workers}
     found = Plan(number, ok, per_pair, stages, fit_s, written * number // ok, peak_bytes(), hours)
     if out:
-        kept = KeptPlan(number, settings_key(opened.pipeline.config), per_pair, fit_s, found.disk_bytes, found.memory_bytes)
+        kept = KeptPlan(number, settings_key(opened.pipeline.config), per_pair, fit_s, found.disk_bytes, found.memory_bytes, passes)
         kept.save(out)
     return found
 
@@ -91,25 +95,32 @@ def _only(opened: Opened, pairs: Sequence[object]) -> Opened:
     return replace(opened, pairing=Pairing(tuple(pair for pair in opened.pairing.pairs if pair in pairs), ()))
 
 
-class LightClock:
-    """How long the search for the dive's light takes, between two passes: it grows with the pairs, as the passes do."""
+class PassClock:
+    """Core-seconds that the passes take. The search for the dive's light lies in and after the first, on the thread of the client.
+
+    seconds: of all pairs, by pass.
+    """
 
     def __init__(self) -> None:
-        self._passed_s = 0.0
-        self.stage_seconds: dict[str, float] = {}
+        self.seconds: dict[str, float] = {}
+        self._stage = ""
+        self._began_s, self._light_began_s = 0.0, 0.0
 
     def begin(self, stage: str, total: int) -> None:
         """A pass begins."""
         if stage == "waters":  # the second of a dive whose light was looked for
-            self.stage_seconds = {"light": time.perf_counter() - self._passed_s}
+            self.seconds["light"] = time.thread_time() - self._light_began_s
+            self.seconds["ranges"] -= min(self.seconds["light"], self.seconds["ranges"] / 2)
+        self._stage, self._began_s, self._light_began_s = stage, time.process_time(), time.thread_time()
 
     def advance(self, row: FrameRow) -> None:
         """A pair is through."""
-        self._passed_s = time.perf_counter()
+        if self._stage in USUAL.seconds:
+            self.seconds[self._stage] = time.process_time() - self._began_s
 
 
-def _measure(inputs: StereoInputs, opened: Opened, out: Path, light: LightClock) -> RunSummary:
-    options = RunOptions(workers=1, listener=light)
+def _measure(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> RunSummary:
+    options = RunOptions(workers=1, listener=clock)
     command = StereoCommand(inputs, opened.pipeline.config, options, "corrected")
     with RunFolder(out, claim(inputs.owner(KIND, opened.pairing), options, inputs.paths)) as folder:
         passes = stereo_job(opened, command, lambda dive, held, pairing: color(dive, held, pairing, None))

@@ -3,10 +3,11 @@
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.over_pairs import Job, StereoInputs, claim, describe, with_rig
+from stereo_seecolor.commands.dive_job import Job, claim, describe
+from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.dive import Dive
+from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
@@ -32,7 +33,7 @@ def rectify(
     with RunFolder(out, claim(inputs.owner("rectify", opened.pairing if opened else None), options, inputs.paths)) as folder:
         opened = (opened or inputs.open_videos(folder, config)).for_dive(folder, options)
         pairing, pipeline = opened.pairing, opened.pipeline
-        description = with_rig(describe(inputs.names, pipeline.config, pairing, "rectified", options), pipeline.rectification)
+        description = describe(inputs.names, pipeline.config, pairing, "rectified", options, pipeline.rectification)
 
         def passes(dive: Dive, folder: RunFolder) -> None:
             folder.begin({"rectified": pipeline.settings})

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from calibration import CalibrationError, StereoRig
 from calibration.formats import native
-from stereo_seecolor.commands.dive_rig import REFINING_PAIRS, refined_rig, spread
+from calibration.mistakes import LIMITS, likely_mistake
+from stereo_seecolor.commands.dive_rig import REFINING_PAIRS, first_images, refined_rig, spread
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
@@ -25,10 +26,10 @@ class DiveRefinement:
     options: RunOptions
 
     def of(self, rig: StereoRig) -> tuple[StereoRig, str]:
-        """The rig refined, or as it is where that does not make it better; and what to say of it. Raises OutputError.
+        """The rig refined, or as it is where that does not make it better; and what to say of it.
 
         An earlier run's rig is used again while the calibration and the pairs that it rests on are the same, also where the dive
-        has grown since: all frames of a folder have one rig.
+        has grown since: all frames of a folder have one rig. Raises OutputError, and CalibrationError for a wrong rig.
         """
         key = content_key(__version__, native.to_bytes(rig), self.images.model_dump())
         earlier = KeptRefinement.load(self.folder.root)
@@ -48,6 +49,8 @@ class DiveRefinement:
         assert found
         if not found.better:
             return rig, f"calibration: used as it is, since refined it is no better: {found.summary}"
+        if found.before_px > LIMITS.wrong_px and (mistake := likely_mistake(rig, first_images(self.pairing.pairs, self.images))):
+            raise CalibrationError(f"a wrong calibration is not refined: {mistake.line}")
         return refined, f"calibration: refined, as rig.yaml records: {found.summary}"
 
     def _holds(self, kept: KeptRefinement) -> bool:

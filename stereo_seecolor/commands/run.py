@@ -7,11 +7,13 @@ from pathlib import Path
 
 from calibration.formats import native
 from stereo_seecolor.commands.bag_inputs import BagInputs
+from stereo_seecolor.commands.dive_job import Job, claim, describe
 from stereo_seecolor.commands.first_run import compile_for, load_beside
-from stereo_seecolor.commands.over_pairs import Job, Opened, StereoInputs, claim, describe, with_rig
+from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
+from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.dive import Dive
+from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.progress import RunOptions
@@ -24,6 +26,9 @@ from stereo_seecolor.run_folder.water_file import read_known_waters, read_waters
 
 KIND = "stereo"
 """What a folder of this command's results is called in its manifest."""
+
+Passes = Callable[[Dive, RunFolder, Pairing], None]
+"""What a command does with the pairs of a dive."""
 
 
 def run(
@@ -44,6 +49,7 @@ def run(
     return run_inputs(StereoInputs(left, right, calib), out, config, options)
 
 
+@one_thread_in_products()
 def run_inputs(
     inputs: StereoInputs | BagInputs, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
@@ -74,8 +80,8 @@ class StereoCommand:
     options: RunOptions
     last: Stage
 
-    def into(self, out: Path, passes: Callable[[Dive, RunFolder, Pairing], None]) -> RunSummary:
-        """Do ``passes`` into ``out``. Folders are looked at before OUT is touched; of videos OUT keeps which frames are pairs."""
+    def into(self, out: Path, passes: Passes) -> RunSummary:
+        """Do ``passes`` into ``out``. Folders are examined before OUT is touched; of videos OUT keeps which frames are pairs."""
         inputs, shard = self.inputs, self.options.shard
         kind = KIND if shard.whole else f"{KIND}, shard {shard}"
         if isinstance(inputs, StereoInputs) and inputs.is_video:
@@ -97,26 +103,27 @@ class StereoCommand:
     def _with_room(self, opened: Opened, folder: RunFolder) -> Opened:
         """The same; says how much of the disk the pairs take that OUT does not hold yet, and notes where that may be too much."""
         known = set(folder.manifest.names())
-        new = sum(pair.name not in known for pair in opened.pairing.pairs)
+        new = sum(name not in known for name in opened.pairing.names)
         room = Room.checked(folder.root, new, need_bytes(self.config.output, opened.pipeline.pixels, self.last == "corrected"))
         if new:
             self.options.notice(room.line)
         return replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_tight else opened
 
 
-def stereo_job(opened: Opened, command: StereoCommand, passes: Callable[[Dive, RunFolder, Pairing], None]) -> Job:
+def stereo_job(opened: Opened, command: StereoCommand, passes: Passes) -> Job:
     """The passes of a command over the pairs that were opened, and its rig.yaml."""
     pairing, pipeline = opened.pairing, opened.pipeline
-    description = describe(command.inputs.names, pipeline.config, pairing, command.last, command.options)
+    names, options = command.inputs.names, command.options
+    description = describe(names, pipeline.config, pairing, command.last, options, pipeline.rectification)
 
     def with_rig_file(dive: Dive, folder: RunFolder) -> None:
         folder.write(RIG, native.to_bytes(pipeline.rig))
         passes(dive, folder, pairing)
 
-    return Job(pipeline, pairing, with_rig(description, pipeline.rectification), with_rig_file)
+    return Job(pipeline, pairing, description, with_rig_file)
 
 
-def _coloring(options: RunOptions) -> Callable[[Dive, RunFolder, Pairing], None]:
+def _coloring(options: RunOptions) -> Passes:
     return partial(color, water=options.water, shard=options.shard)
 
 
@@ -126,9 +133,9 @@ def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, s
     The file was fitted to all shards of a dive where this is one: a pair without a water there had failed.
     """
     if water and not shard.whole:
-        color_with(dive, folder, pairing, read_known_waters(water, [pair.name for pair in pairing.pairs]))
+        color_with(dive, folder, pairing, read_known_waters(water, list(pairing.names)))
         return
-    waters = read_waters(water, [pair.name for pair in pairing.pairs]) if water else dive.waters(pairing.pairs)
+    waters = read_waters(water, list(pairing.names)) if water else dive.waters(pairing.pairs)
     if waters and (water is None or water.resolve() != (folder.root / WATER).resolve()):
         folder.write(WATER, waters_content(waters, dive.light))
     dive.correct(pairing.pairs, waters)

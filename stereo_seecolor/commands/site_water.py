@@ -1,17 +1,17 @@
 """One water for the dives of a site, fitted to the counts of colors over range of all their frames."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from calibration import CalibrationError
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.survey import Fitter
-from stereo_seecolor.commands.over_pairs import StereoInputs
-from stereo_seecolor.commands.run import StereoCommand
+from stereo_seecolor.commands.run import Passes, StereoCommand
+from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.dive import Dive
+from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.inputs.pairing import Pairing
@@ -54,7 +54,7 @@ def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
     return False
 
 
-def _adding(fitter: Fitter, dive: SiteDive) -> Callable[[Dive, RunFolder, Pairing], None]:
+def _adding(fitter: Fitter, dive: SiteDive) -> Passes:
     def passes(measured: Dive, _: RunFolder, pairing: Pairing) -> None:
         measured.count(pairing.pairs, lambda name, table, read: fitter.add(_key(dive.water, name), table, read))
 

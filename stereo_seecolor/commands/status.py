@@ -1,8 +1,8 @@
-"""``status``: how far a run is, or what became of it, from OUT alone: it may run on another machine."""
+"""``status``: how far a run is, or its outcome, from OUT alone: it may run on another machine."""
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -15,15 +15,18 @@ from stereo_seecolor.run_folder.part import read_rows
 from stereo_seecolor.run_folder.progress_file import Progress
 
 State = Literal["running", "killed", "stopped", "complete"]
+Basis = Literal["", "the plan", "the usual shares of passes"]
 
 
 @dataclass(frozen=True)
 class RunStatus:
     """A run of some pairs. state: killed is a run that ended without a word.
 
-    stage: the pass that it is in, "" after the end. done, failed, left: pairs of that pass, or of the run after the end.
-    failures: reason, how often, first frame, the most frequent first. writer: who writes into OUT now.
-    remaining_s: seconds until the pass ends at the rate so far; None where that is not known. A second pass may follow.
+    stage: the pass that it is in, "" before the first and after the end. done, failed, left: pairs of that pass, or of the run
+    after the end. failures: reason, how often, first frame, the most frequent first. writer: who writes into OUT now.
+    remaining_s: seconds until the pass ends at the rate so far; None where that is not known. to_come: passes after it.
+    run_remaining_s: until all passes have ended, each as fast against what is expected of it as those so far; rests_on: what that
+    is. Fits, the page and a map are not in it. None where nothing tells.
     """
 
     out: Path
@@ -35,13 +38,16 @@ class RunStatus:
     failures: Sequence[tuple[str, int, str]] = ()
     writer: str = ""
     remaining_s: float | None = None
+    to_come: Sequence[str] = ()
+    run_remaining_s: float | None = None
+    rests_on: Basis = ""
 
 
 def status(out: Path) -> RunStatus:
     """How far the run in ``out`` is. Raises InputError if it holds none."""
     now, progress = writer(out), Progress.load(out)
-    if now and progress:
-        return _pass_status(out, "running", progress, now)
+    if now:
+        return _pass_status(out, "running", progress, now) if progress else RunStatus(out, "running", "", 0, 0, 0, writer=now)
     manifest = Manifest(out)
     if manifest.exists() and manifest.dive().state == "running" and progress:
         return _pass_status(out, "killed", progress, "")
@@ -54,8 +60,18 @@ def status(out: Path) -> RunStatus:
 
 
 def _pass_status(out: Path, state: State, progress: Progress, now: str) -> RunStatus:
-    remaining_s = max(progress.ends_s - time.time(), 0.0) if now and progress.ends_s else None
     left = progress.total - progress.done
-    return RunStatus(
-        out, state, progress.stage, progress.done - progress.failed, progress.failed, left, progress.failures, now, remaining_s
+    counts = progress.done - progress.failed, progress.failed, left
+    found = RunStatus(out, state, progress.stage, *counts, progress.failures, now)
+    if not now:
+        return found
+    run_s = _until(progress.run_ends_s)
+    basis: Basis = "" if run_s is None else "the plan" if progress.expected.planned else "the usual shares of passes"
+    return replace(
+        found, remaining_s=_until(progress.ends_s), run_remaining_s=run_s, to_come=tuple(progress.to_come), rests_on=basis
     )
+
+
+def _until(ends_s: float | None) -> float | None:
+    """Seconds from now."""
+    return None if ends_s is None else max(ends_s - time.time(), 0.0)

@@ -71,9 +71,9 @@ def _rerun_program() -> str | None:
 def _open_in_rerun(program: str, mesh: Path) -> None:
     ended = subprocess.run([program, str(mesh)], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, check=False)
     if ended.returncode != 0:
-        said = ended.stdout.decode(errors="replace").strip().splitlines() or ["it gave no reason"]
+        output = ended.stdout.decode(errors="replace").strip().splitlines() or ["it gave no reason"]
         raise DeviceError(
-            f"rerun's viewer ({program}) ended with exit code {ended.returncode}: {said[-1]}: "
+            f"rerun's viewer ({program}) ended with exit code {ended.returncode}: {output[-1]}: "
             f"look at {mesh.with_name('preview.png')} instead"
         )
 

@@ -7,7 +7,7 @@ TRIM_THRESHOLD, MMAP_THRESHOLD, ARENA_MAX, MMAP_MAX = -1, -3, -8, -4
 """Parameters of mallopt(3)."""
 LARGEST_KEPT, MOST_KEPT = 1 << 25, (1 << 31) - 1
 """Bytes, the largest that the GNU C library takes. Larger blocks than 32 MiB come from the memory it keeps only where none at all
-(MMAP_MAX) may come from elsewhere: clearing them anew was 40 % of the processor time of images of 21 megapixels.
+(MMAP_MAX) may come from elsewhere: clearing them again was 40 % of the processor time of images of 21 megapixels.
 """
 
 

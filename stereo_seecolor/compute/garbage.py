@@ -5,7 +5,7 @@ import gc
 import sys
 
 NEW_OBJECTS, ROUNDS = 50_000, 10
-"""Containers made before the young ones are looked at, 700 by default; and rounds before older ones are. Images are freed at once
+"""Containers made before the young ones are examined, 700 by default; and rounds before older ones are. Images are freed at once
 by their count of references; what waits for a round are small objects, and errors with what they were raised from."""
 
 

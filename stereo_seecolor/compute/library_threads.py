@@ -1,8 +1,11 @@
-"""How many threads other libraries use: set once, by a process that does many things at once itself."""
+"""How many threads other libraries use, in a process that does many things at once itself."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 
-VARIABLES = ("OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+PRODUCTS = "OPENBLAS_NUM_THREADS"
+VARIABLES = (PRODUCTS, "OPENCV_FOR_THREADS_NUM")
 
 
 def one_thread_in_libraries() -> None:
@@ -13,3 +16,15 @@ def one_thread_in_libraries() -> None:
     """
     for variable in VARIABLES:
         os.environ.setdefault(variable, "1")
+
+
+@contextmanager
+def one_thread_in_products() -> Iterator[None]:
+    """The same for products of matrices alone, for a while, in a process of someone else's that has imported numpy before."""
+    if PRODUCTS in os.environ:
+        yield
+        return
+    from threadpoolctl import threadpool_limits
+
+    with threadpool_limits(1, user_api="blas"):
+        yield

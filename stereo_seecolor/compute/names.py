@@ -74,7 +74,7 @@ class Names(Lazy[str]):
 
 
 def _unpickled(text: bytes, ends: bytes) -> Names:
-    """What was pickled; slots are found anew, since another process has other hashes."""
+    """What was pickled; slots are found again, since another process has other hashes."""
     names = Names()
     names._text, names._ends = bytearray(text), array("q", ends)
     names._spread(max(SLOTS, 1 << (2 * len(names)).bit_length()))

@@ -1,4 +1,4 @@
-"""What others do, written from their papers, to be held against: image and ranges in, corrected image out.
+"""What others do, written from their papers, to compare with: image and ranges in, corrected image out.
 
 Every method takes an image as it is displayed (H, W, 3) float64 in [0, 1] with a range map (H, W) in meters, NaN where unknown,
 and gives (H, W, 3) float64 in the same encoding, not clipped, NaN where it cannot say. ``expose`` sets all to one exposure.

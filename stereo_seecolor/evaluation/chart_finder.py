@@ -41,9 +41,9 @@ class SearchLimits:
     """From one size to the next; between them the correlation falls by less than a tenth."""
     angles_deg: tuple[float, ...] = tuple(90.0 * turn + tilt for turn in range(4) for tilt in (-15, 0, 15))
     least_green: float = 0.4
-    """Correlation in green alone below which no place is looked at."""
+    """Correlation in green alone below which no place is examined."""
     candidates: int = 30
-    """Places of the green channel's best correlation that are looked at in all channels, for each size and kind of chart."""
+    """Places of the green channel's best correlation that are examined in all channels, for each size and kind of chart."""
     widths: tuple[float, ...] = (0.95, 1.15, 1.4, 1.7)
     """Times the width that green found: some columns of patches can look like all of them."""
     heights: tuple[float, ...] = (1.0, 0.85)

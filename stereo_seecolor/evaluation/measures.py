@@ -1,6 +1,6 @@
 """What a corrected image is worth: on neutral targets, against known truth, over range, across frames.
 
-Images are float arrays (..., 3), RGB, as a fraction of full scale, in the encoding that they are looked at in (sRGB for PNG),
+Images are float arrays (..., 3), RGB, as a fraction of full scale, in the encoding that they are viewed in (sRGB for PNG),
 unless said. Unknown pixels are NaN in any channel, and take part in nothing. A measure of nothing is NaN.
 """
 

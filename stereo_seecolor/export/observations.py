@@ -1,4 +1,4 @@
-"""Points of the map and the frames that see them: projected, and held against each frame's own measured range."""
+"""Points of the map and the frames that see them: projected, and compared with each frame's own measured range."""
 
 from dataclasses import dataclass
 

@@ -1,6 +1,7 @@
 """The program's own image files back to arrays."""
 
 import sys
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,9 @@ from stereo_seecolor.files.quick_decode import quickly_decoded
 from stereo_seecolor.files.srgb import encode_srgb
 
 JPEG_END = b"\xff\xd9"
+FEW_FILES = 16
+"""So many OpenCV decodes while numba is imported, a quarter of a second; more are decoded in half the time by our own kernels."""
+_read = count(1)
 
 
 def read_array(path: Path) -> NDArray[Any]:
@@ -26,7 +30,7 @@ def read_array(path: Path) -> NDArray[Any]:
         raise InputError(f"{path}: cannot be read: {error.strerror or error}") from error
     if path.suffix.lower() in (".jpg", ".jpeg") and not content.endswith(JPEG_END):  # OpenCV fills the rest with gray
         raise InputError(f"{path}: is cut short")
-    if "numba" in sys.modules and (quick := quickly_decoded(content)) is not None:  # else its import takes longer than a few files
+    if ("numba" in sys.modules or next(_read) > FEW_FILES) and (quick := quickly_decoded(content)) is not None:
         return quick
     pixels: NDArray[Any] | None = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED) if content else None
     if pixels is None:

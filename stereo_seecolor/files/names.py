@@ -1,6 +1,7 @@
 """File names: their natural order, and the names that outputs get from them."""
 
 import hashlib
+import os
 import re
 
 from stereo_seecolor.errors import printable
@@ -12,6 +13,7 @@ _HASH_DIGITS = 8  # hexadecimal: two names of a dive share them by chance in one
 
 
 _DIGITS = re.compile("[0-9]+")
+_ALIKE = str.maketrans("123456789", "000000000")
 
 
 def natural_key(name: str) -> str:
@@ -21,6 +23,18 @@ def natural_key(name: str) -> str:
     folder may hold a million names.
     """
     return f"{_DIGITS.sub(_number_key, name.casefold())}\0\0{name}"
+
+
+def sort_naturally(names: list[str]) -> None:
+    """Sort by ``natural_key``: those that differ in digits alone, as in most folders, in a tenth of the time."""
+    shape = names[0].translate(_ALIKE) if names else ""
+    alike = all(name.translate(_ALIKE) == shape for name in names)
+    names.sort(key=None if alike else natural_key)
+
+
+def stem_of(name: str) -> str:
+    """The name of a file without its suffix, as ``Path.stem``, which takes 20 s for a million names."""
+    return os.path.splitext(name)[0]  # noqa: PTH122
 
 
 def _number_key(digits: re.Match[str]) -> str:

@@ -35,7 +35,7 @@ def new_folder(folder: Path) -> Iterator[Path]:
             building.mkdir(parents=True)
             yield building
             if folder.is_dir():
-                folder.rmdir()  # empty, as was looked at
+                folder.rmdir()  # empty, as was checked
             building.rename(folder)
             flush_folder(folder.parent)
     finally:

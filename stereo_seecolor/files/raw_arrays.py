@@ -1,14 +1,21 @@
 """Arrays written as they are for a later pass of the same command: what is lost or does not fit is made again."""
 
 import contextlib
+import mmap
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.atomic import temporary_path
+from stereo_seecolor.files.numpy_files import PARSING
+
+ALIGNMENT = 64
+"""Of each array in its file, bytes: a line of the processor's cache."""
 
 
 def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
@@ -18,6 +25,7 @@ def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
         try:
             with temporary.open("wb") as file:
                 for array in arrays:
+                    file.write(bytes(-file.tell() % ALIGNMENT))
                     np.save(file, array)
             temporary.replace(path)
         finally:
@@ -25,9 +33,25 @@ def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
 
 
 def read_arrays(path: Path, count: int) -> list[NDArray[Any]] | None:
-    """The ``count`` arrays of a file; None where it was never written, or somebody removed or cut it."""
+    """The ``count`` arrays of a file; None where it was never written, or somebody removed or cut it.
+
+    They lie in the system's cache of the file, and are read from disk where they are used: a pass that looks at a part of a picture
+    costs no more than that. The file may be deleted, not cut, while they are in use; what is written into them stays in memory.
+    """
     try:
         with path.open("rb") as file:
-            return [np.load(file) for _ in range(count)]
-    except (OSError, ValueError, EOFError):
+            content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+        return [_next(content) for _ in range(count)]
+    except (OSError, ValueError, TypeError):
         return None
+
+
+def _next(content: mmap.mmap) -> NDArray[Any]:
+    """The array that begins at the next multiple of ALIGNMENT. Raises ValueError or TypeError where there is none."""
+    content.seek(content.tell() + -content.tell() % ALIGNMENT)
+    npy.read_magic(content)
+    with PARSING:
+        shape, by_columns, dtype = npy.read_array_header_1_0(content)
+    array: NDArray[Any] = np.ndarray(shape, dtype, content, content.tell(), order="F" if by_columns else "C")
+    content.seek(array.nbytes, os.SEEK_CUR)
+    return array

@@ -25,6 +25,11 @@ class OffsetLimits:
 
 
 LIMITS = OffsetLimits()
+DRIFT_PAIRS = 4
+"""Pairs with two time stamps that are needed to speak of drift: the medians of the first and the last quarter are compared."""
+
+DRIFT_S = 1e-3
+"""Movement of one clock against the other that is worth a note, seconds; less is the rounding of milliseconds."""
 
 
 def clock_offset_s(left_s: Sequence[float], right_s: Sequence[float], tolerance_s: float) -> float | None:
@@ -56,3 +61,17 @@ def _to_nearest(times_s: Array, others_s: Array) -> Array:
     before = others_s[after - 1] - times_s
     behind = others_s[after] - times_s
     return np.where(np.abs(before) < np.abs(behind), before, behind)
+
+
+def drift_notes(offsets_s: Sequence[float]) -> tuple[str, ...]:
+    """Say so if two cameras' clocks move against each other: the pairs that are still near enough are then few.
+
+    offsets_s: what the right clock is ahead, of each pair in the order of the dive.
+    """
+    if len(offsets_s) < DRIFT_PAIRS:
+        return ()
+    quarter = len(offsets_s) // 4
+    first, last = sorted(offsets_s[:quarter])[quarter // 2], sorted(offsets_s[-quarter:])[quarter // 2]
+    if abs(last - first) < DRIFT_S:
+        return ()
+    return (f"the right clock moved by {1000 * (last - first):+.1f} ms against the left one from first to last pair",)

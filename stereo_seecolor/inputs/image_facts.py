@@ -19,6 +19,7 @@ class ImageFacts:
     """size: (width, height). bits: a channel, of the file. used_bits: the fewest of 8, 10, 12, 14, 16 that hold its values.
 
     kind: "color", "monochrome", or "mosaic" (one channel with a Bayer pattern). bayer: the pattern, "none" for the others.
+    middle: median of the brightest channel over its brightest thousandth.
     """
 
     size: tuple[int, int]
@@ -26,6 +27,7 @@ class ImageFacts:
     used_bits: int
     kind: str
     bayer: str = "none"
+    middle: float = 1.0
 
 
 def image_facts(path: Path) -> ImageFacts:
@@ -36,7 +38,16 @@ def image_facts(path: Path) -> ImageFacts:
     used = next((number for number in (8, 10, 12, 14) if highest < 1 << number), 16)
     kind = _kind(pixels)
     bayer = _pattern(pixels) if kind == "mosaic" else "none"
-    return ImageFacts((pixels.shape[1], pixels.shape[0]), bits, min(used, bits), kind, bayer)
+    return ImageFacts((pixels.shape[1], pixels.shape[0]), bits, min(used, bits), kind, bayer, _middle(pixels, kind))
+
+
+def _middle(pixels: NDArray[np.generic], kind: str) -> float:
+    if kind == "mosaic":
+        height, width = (size // 2 * 2 for size in pixels.shape)
+        pixels = np.dstack([pixels[y:height:2, x:width:2] for y in (0, 1) for x in (0, 1)])
+    sample = pixels[::4, ::4]
+    median, full = np.quantile(sample if sample.ndim == 2 else sample.max(axis=2), (0.5, 0.999))
+    return float(median / full) if full else 1.0
 
 
 def _kind(pixels: NDArray[np.generic]) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from calibration.wording import counted
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.names import natural_key, product_name
+from stereo_seecolor.files.names import natural_key, product_name, sort_naturally, stem_of
 from stereo_seecolor.files.reading import entry_problem
 
 EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg"})
@@ -95,7 +95,7 @@ def list_images(source: Path, what: str) -> Listing:
         named = f" named {pattern}" if is_pattern(source) else ""
         hint = unread_hint([*others, *(file.path.name for file in problems)])
         raise InputError(f"{folder}: holds no {what}{named} ({', '.join(sorted(EXTENSIONS))}){hint}")
-    names.sort(key=natural_key)
+    sort_naturally(names)
     problems.sort(key=lambda file: natural_key(file.path.name))
     return Listing(FolderFiles(folder, names), tuple(problems))
 
@@ -111,5 +111,5 @@ def unread_hint(names: Iterable[str]) -> str:
 
 
 def _is_image(name: str, pattern: str) -> bool:
-    suffix = os.path.splitext(name)[1]  # noqa: PTH122  # a path for each of a million names takes 20 s
-    return suffix.lower() in EXTENSIONS and not name.startswith(".") and fnmatchcase(name, pattern)
+    suffix = name[len(stem_of(name)) :]
+    return suffix.lower() in EXTENSIONS and not name.startswith(".") and (pattern == "*" or fnmatchcase(name, pattern))

@@ -42,6 +42,24 @@ def affix_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Key
     return _within_affixes(lefts), _within_affixes(rights)
 
 
+def number_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
+    """The left stems, each for the right file whose number is that of the left one and a constant (``DSC_4711``, ``DSC_0523``).
+
+    None at all unless both sides have as many files, of which all numbers differ by that constant: no image is missing then.
+    """
+    numbers = [[int(found[0]) if (found := re.search(r"\d+$", path.stem)) else None for path in side] for side in (lefts, rights)]
+    known = [sorted(number for number in side if number is not None) for side in numbers]
+    if len(lefts) < 2 or len({len(lefts), len(rights), *map(len, known)}) > 1:
+        return {}, {}
+    shifts = {right - left for left, right in zip(*known, strict=True)}
+    if len(shifts) > 1 or any(len(set(side)) < len(side) for side in known):
+        return {}, {}
+    shift = shifts.pop()
+    names = {number: path.stem for number, path in zip(numbers[0], lefts, strict=True)}
+    by_right = {names[(number or 0) - shift]: [path] for number, path in zip(numbers[1], rights, strict=True)}
+    return {path.stem: [path] for path in lefts}, by_right
+
+
 def _grouped(paths: Sequence[Path], key_of: Callable[[str], str]) -> Keys:
     keys: Keys = defaultdict(list)
     for path in paths:

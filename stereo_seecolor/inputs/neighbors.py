@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration import CalibrationError, Rectification
 from calibration.matches import find_matches
+from calibration.wording import counted
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
@@ -15,7 +16,7 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image
 
 NOTED_MISFITS = 3
-"""So many failed pairs of a dive are compared with their neighbors, which takes as long as matching some pairs."""
+"""Failed pairs of a dive that are compared with their neighbors, which takes as long as matching some pairs."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class _Limits:
     """Feature matches that agree with the rectification, and how many of them make two images a pair."""
 
     row_px: float = 3.0  # a rig that has drifted is off by a pixel or two (0.6 px on a real dive)
-    reach: int = 2  # neighbors looked at on either side: numbering is off by one where a frame was dropped, seldom by more
+    reach: int = 2  # neighbors examined on either side: numbering is off by one where a frame was dropped, seldom by more
     points: int = 40  # false pairs of the sample dive and of a real reef have 4 at most, true ones 1,200 and more
     ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
 
@@ -57,6 +58,28 @@ def neighbor_that_fits(pair: Pair, pairs: Sequence[Pair], rectification: Rectifi
     found = [(_points_or_none(rectification, left, other, config), other) for other in others]
     points, best = max(found, key=lambda item: item[0], default=(0, pair))
     return best if points >= max(_LIMITS.points, _LIMITS.ratio * own) else None
+
+
+def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> str | None:
+    """What to say where all left images of ``sample`` fit right ones that lie as many places on in the dive; None where not.
+
+    Raises nothing of what a run says of single pairs.
+    """
+    shifts: set[int] = set()
+    example = ""
+    for pair in sample:
+        with contextlib.suppress(InputError, CalibrationError):
+            other = neighbor_that_fits(pair, pairs, rectification, config)
+            if other is None:
+                return None
+            shifts.add(pairs.index(other) - pairs.index(pair))
+            example = f"{pair.left.name} fits {other.right.name}, not {pair.right.name}"
+    if len(sample) < 2 or len(shifts) != 1:
+        return None
+    return (
+        f"left and right are {counted(abs(shifts.pop()), 'image')} out of step: {example}, alike in {counted(len(sample), 'pair')} "
+        "over the dive: number both sides alike, or correct the clock in the names of one (of videos: input.video_offset_s)"
+    )
 
 
 def misfit_notes(

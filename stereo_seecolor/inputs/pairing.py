@@ -3,27 +3,23 @@
 from array import array
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import zip_longest
 from math import inf
 from pathlib import Path
 
+import numpy as np
+
 from calibration.wording import counted
+from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.names import natural_key, product_name, short_hash
-from stereo_seecolor.inputs.clock_offset import clock_offset_s
-from stereo_seecolor.inputs.listing import Listing, Unpaired, list_images
-from stereo_seecolor.inputs.name_keys import Keys, affix_keys, side_keys, stem_keys
+from stereo_seecolor.files.names import natural_key, product_name, short_hash, stem_of
+from stereo_seecolor.inputs.clock_offset import clock_offset_s, drift_notes
+from stereo_seecolor.inputs.listing import FolderFiles, Listing, Unpaired, list_images
+from stereo_seecolor.inputs.name_keys import Keys, affix_keys, number_keys, side_keys, stem_keys
 from stereo_seecolor.inputs.timestamps import timestamp_from_name
-
-DRIFT_PAIRS = 4
-"""Pairs with two time stamps that are needed to speak of drift: the medians of the first and the last quarter are compared."""
-
-DRIFT_S = 1e-3
-"""Movement of one clock against the other that is worth a note, seconds; less is the rounding of milliseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +36,42 @@ class Pair:
     place: tuple[int, int] = field(default=(0, 1), compare=False)
 
 
-def in_place(pairs: Sequence[Pair]) -> Sequence[Pair]:
-    """All pairs of a dive, each with its place in it; packed, since a dive may have a million."""
-    return Packed(replace(pair, place=(number, len(pairs))) for number, pair in enumerate(pairs))
+class DivePairs(Lazy[Pair]):
+    """All pairs of a dive in order, each with its place in it: packed without their paths, which take long to unpack.
+
+    A dive may have a million.
+    """
+
+    def __init__(self) -> None:
+        self._files: Packed[tuple[str, str, str, float | None]] = Packed()
+
+    @classmethod
+    def of(cls, pairs: Iterable[Pair]) -> "DivePairs":
+        """The same pairs, whatever place they have."""
+        found = cls()
+        for pair in pairs:
+            found.add(pair.name, str(pair.left), str(pair.right), pair.timestamp_s)
+        return found
+
+    def add(self, name: str, left: str, right: str, timestamp_s: float | None) -> None:
+        """One pair more, after the others: as in ``Pair``. Raises OutputError as ``Packed``."""
+        self._files.append((name, left, right, timestamp_s))
+
+    def __len__(self) -> int:
+        return len(self._files)
+
+    def __iter__(self) -> Iterator[Pair]:
+        return map(self.item, range(len(self)))
+
+    def item(self, number: int) -> Pair:
+        """The pair of this number."""
+        name, left, right, time_s = self._files.item(number)
+        return Pair(name, Path(left), Path(right), time_s, (number, len(self)))
+
+    @property
+    def names(self) -> Iterator[str]:
+        """Of all pairs: ten times as fast as the pairs themselves."""
+        return (name for name, *_ in self._files)
 
 
 @dataclass(frozen=True)
@@ -55,6 +84,11 @@ class Pairing:
     pairs: Sequence[Pair]
     unpaired: tuple[Unpaired, ...]
     notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> Iterator[str]:
+        """Of all pairs, in their order."""
+        return self.pairs.names if isinstance(self.pairs, DivePairs) else (pair.name for pair in self.pairs)
 
     def with_notes(self, notes: tuple[str, ...]) -> "Pairing":
         """The same pairing with more to say of it."""
@@ -112,7 +146,7 @@ def pair_folders(left: Path, right: Path, config: InputConfig) -> Pairing:
     lefts, rights = list_images(left, "left images"), list_images(right, "right images")
     same = None if config.pairing == "timestamp" else _same_stems(lefts.files, rights.files)
     if same is not None:
-        return Pairing(same, _in_order([*lefts.unreadable, *rights.unreadable]), _drift_notes(same))
+        return Pairing(same, _in_order([*lefts.unreadable, *rights.unreadable]))
     matching = _matching(lefts, rights)
     _settle_single(matching, left, right)
     return _settled(matching, config, f"{left} and {right}")
@@ -121,23 +155,26 @@ def pair_folders(left: Path, right: Path, config: InputConfig) -> Pairing:
 def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair] | None:
     """The pairs of two folders that hold the same stems in the order of the dive: most do, and need no search for partners.
 
-    None for others, and where a stem comes twice. A million pairs take little memory here.
+    None for others, and where a name comes twice. A million pairs take little time and memory here, since no path is made of them.
     """
-    pairs: Packed[Pair] = Packed()
-    seen: set[str] = set()
-    timed = bool(lefts) and timestamp_from_name(lefts[0].stem) is not None
-    last: tuple[float, str] = (-inf, "")
-    for left, right in zip_longest(lefts, rights):
-        if left is None or right is None or left.stem != right.stem:
+    if not isinstance(lefts, FolderFiles) or not isinstance(rights, FolderFiles) or len(lefts) != len(rights):
+        return None
+    pairs, folded = DivePairs(), array("q")
+    left_folder, right_folder = (str(side.folder / "_")[:-1] for side in (lefts, rights))
+    timed = timestamp_from_name(stem_of(lefts.names[0])) is not None
+    last_s, last = -inf, ""
+    for left, right in zip(lefts.names, rights.names, strict=True):
+        stem = stem_of(left)
+        time_s, name = timestamp_from_name(stem), product_name(stem)
+        if stem != stem_of(right) or (time_s is not None) != timed:
             return None
-        time_s, name = timestamp_from_name(left.stem), product_name(left.stem)
-        place = (time_s or 0.0 if timed else 0.0, natural_key(name))
-        if (time_s is not None) != timed or place <= last or (folded := name.casefold()) in seen:
+        at_s = time_s or 0.0
+        if at_s < last_s or (at_s == last_s and natural_key(name) <= natural_key(last)):
             return None
-        seen.add(folded)
-        pairs.append(Pair(name, left, right, time_s, (len(pairs), len(lefts))))
-        last = place
-    return pairs if pairs else None
+        folded.append(hash(name.casefold()))
+        pairs.add(name, left_folder + left, right_folder + right, time_s)
+        last_s, last = at_s, name
+    return pairs if len(np.unique(folded)) == len(folded) else None
 
 
 def pair_files(lefts: Sequence[Path], rights: Sequence[Path], config: InputConfig, where: str) -> Pairing:
@@ -152,6 +189,8 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
     if config.pairing != "name":
         matching.settle_by_time(config.timestamp_tolerance_s)
         notes = _settle_by_offset(matching, config.timestamp_tolerance_s)
+    if not matching.pairs and config.pairing != "timestamp":
+        notes = _settle_by_number(matching)
     if not matching.pairs:
         example = (
             f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if matching.lefts and matching.rights else ""
@@ -175,6 +214,16 @@ def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...
     ahead = f"{abs(offset_s):.3f} s {'ahead of' if offset_s > 0 else 'behind'}"
     found = f"{counted(len(matching.pairs), 'pair')} of {len(lefts)} left and {len(rights)} right images"
     return (f"the right clock is {ahead} the left one: {found} were brought together by that",)
+
+
+def _settle_by_number(matching: _Matching) -> tuple[str, ...]:
+    """Where nothing else paired, by numbers that differ by a constant: each camera counts its own images."""
+    matching.settle(*number_keys(matching.lefts, matching.rights))
+    if not matching.pairs:
+        return ()
+    first = in_dive_order(matching.pairs)[0]
+    found = f"no names agree: {counted(len(matching.pairs), 'pair')} were brought together by the order of their numbers"
+    return (f"{found}, from {first.left.name} with {first.right.name} on",)
 
 
 def pair_by_stem(images: Path, ranges: Path) -> Pairing:
@@ -217,7 +266,7 @@ def _pairing(matching: _Matching, left_reason: str, right_reason: str) -> Pairin
     unpaired = [*matching.unpaired, *(Unpaired(path, left_reason) for path in matching.lefts)]
     unpaired += [Unpaired(path, right_reason) for path in matching.rights]
     pairs = in_dive_order(_with_unique_names(matching.pairs))
-    return Pairing(in_place(pairs), _in_order(unpaired), _drift_notes(pairs))
+    return Pairing(DivePairs.of(pairs), _in_order(unpaired), _drift_notes(pairs))
 
 
 def _in_order(unpaired: list[Unpaired]) -> tuple[Unpaired, ...]:
@@ -244,13 +293,5 @@ def _nearest(times: list[float], time_s: float) -> int | None:
 
 
 def _drift_notes(pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """Say so if the two cameras' clocks move against each other: the pairs that are still near enough are then few."""
     times = ((pair.timestamp_s, timestamp_from_name(pair.right.stem)) for pair in pairs if pair.timestamp_s is not None)
-    offsets = array("d", (right - left for left, right in times if left is not None and right is not None))
-    if len(offsets) < DRIFT_PAIRS:
-        return ()
-    quarter = len(offsets) // 4
-    first, last = sorted(offsets[:quarter])[quarter // 2], sorted(offsets[-quarter:])[quarter // 2]
-    if abs(last - first) < DRIFT_S:
-        return ()
-    return (f"the right clock moved by {1000 * (last - first):+.1f} ms against the left one from first to last pair",)
+    return drift_notes(array("d", (right - left for left, right in times if left is not None and right is not None)))

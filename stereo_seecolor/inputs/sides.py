@@ -18,7 +18,7 @@ from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.video_images import is_video
 
 DEPTH = 3
-"""So many levels of folders are looked through: a dive, a camera, a format."""
+"""Levels of folders that are searched: a dive, a camera, a format."""
 
 MAX_FOLDERS = 12
 """Folders with the most images that are tried as sides, each with each."""

@@ -1,6 +1,6 @@
 """How a dive's images store their pixels: raw cameras write color filter patterns, and 10, 12 or 14 bits unshifted."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from statistics import mode
@@ -17,14 +17,27 @@ UNSHIFTED: tuple[Literal[10, 12, 14], ...] = (10, 12, 14)
 """Bits of the sensors whose values lie at the lower end of 16-bit files."""
 
 
-def as_stored(config: InputConfig, sample: Iterable[Pair]) -> InputConfig:
-    """The same with ``significant_bits`` and ``bayer`` as the images have them, where they are "auto".
+def stored_facts(config: InputConfig, sample: Sequence[Pair]) -> dict[Path, ImageFacts]:
+    """Of raw and of deep images, in their order; none where one is neither. One that cannot be read is left out.
 
-    sample: pairs from all parts of a dive. An image that cannot be read is left out.
+    sample: pairs from all parts of a dive; one of them is read where the settings say how images are stored.
     """
     if "auto" not in (config.significant_bits, config.bayer):
-        return config
-    facts = _facts(path for pair in sample for path in (pair.left, pair.right))
+        sample = sample[:1]
+    facts: dict[Path, ImageFacts] = {}
+    for path in (path for pair in sample for path in (pair.left, pair.right)):
+        with suppress(InputError):  # the run names it
+            if is_finished_color(read_image_bytes(path)):
+                return {}
+            facts[path] = image_facts(path)
+            if facts[path].bits < 16 and facts[path].bayer == "none":
+                return {}
+    return facts
+
+
+def as_stored(config: InputConfig, found: Mapping[Path, ImageFacts]) -> InputConfig:
+    """The same with ``significant_bits`` and ``bayer`` as the images have them, where they are "auto". found: by stored_facts."""
+    facts = list(found.values())
     update: dict[str, object] = {}
     if config.significant_bits == "auto":
         update["significant_bits"] = _used_bits(facts)
@@ -44,19 +57,6 @@ def stored_notes(given: InputConfig, found: InputConfig) -> tuple[str, ...]:
     if found.significant_bits != given.significant_bits and found.significant_bits is not None:
         notes.append(f"input: the 16-bit images hold {found.significant_bits} bits, which are scaled to full")
     return tuple(notes)
-
-
-def _facts(paths: Iterable[Path]) -> list[ImageFacts]:
-    """Of raw and of deep images; none where one is neither."""
-    facts = []
-    for path in paths:
-        with suppress(InputError):  # the run names it
-            if is_finished_color(read_image_bytes(path)):
-                return []
-            facts.append(image_facts(path))
-            if facts[-1].bits < 16 and facts[-1].bayer == "none":
-                return []
-    return facts
 
 
 def _pattern(found: Sequence[str]) -> str:

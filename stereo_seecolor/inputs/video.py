@@ -7,7 +7,7 @@ from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
-from stereo_seecolor.inputs.pairing import Pair, Pairing, in_place
+from stereo_seecolor.inputs.pairing import DivePairs, Pair, Pairing
 from stereo_seecolor.inputs.video_choice import FrameChoice, choose_frames
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_images import SIDES, frame_path
@@ -43,4 +43,4 @@ class Videos:
         if not pairs:
             raise InputError(f"{self.left} and {self.right}: no frames of them are pairs")
         notes = (note for path in dict.fromkeys((self.left, self.right)) for note in video_file(path).notes)
-        return Pairing(in_place(pairs), (), (*choice.notes, *notes))
+        return Pairing(DivePairs.of(pairs), (), (*choice.notes, *notes))

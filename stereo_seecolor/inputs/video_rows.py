@@ -23,7 +23,7 @@ from stereo_seecolor.robust_statistics import deviation_about_zero
 
 @dataclass(frozen=True)
 class RowLagLimits:
-    """Decides which pairs are looked at, and what they must show."""
+    """Decides which pairs are examined, and what they must show."""
 
     pairs: int = 24  # each takes 0.1 s; the standard error falls with their root
     least_pairs: int = 8

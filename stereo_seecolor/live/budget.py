@@ -9,7 +9,7 @@ from statistics import median
 class BudgetConstants:
     """Decides when the size changes."""
 
-    pairs: int = 5  # the median of so many decides: one slow pair does not
+    pairs: int = 5  # the median of this many decides: one slow pair does not
     smallest: int = 4  # at less than a quarter of the size little is left of a reef's relief
     growth: float = 3.0  # times that a pair takes longer at twice the size: matching takes 4 to 8, reading and color stay
     patience: int = 20  # pairs before the larger size is tried again; doubled each time that it turns out too slow

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cached_property
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.compute.background import in_background
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.files.decode import eight_bit
+from stereo_seecolor.files.previews import PreviewSize, preview, range_picture
 from stereo_seecolor.live.processing import LiveFrame
 from stereo_seecolor.live.session import LiveCounts
 
@@ -26,44 +26,10 @@ TOKEN_BYTES = 16
 HEADERS = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"), ("X-Content-Type-Options", "nosniff"))
 """The token in the address is told to no other site."""
 
-WIDTH_PX, QUALITY = 960, 85
+SIZE = PreviewSize(960, 85)
 SLOW_CLIENT_S = 5.0
 
-PAGE = """<!doctype html><html lang="en"><meta charset="utf-8"><title>stereo-seecolor live</title>
-<meta name="viewport" content="width=device-width">
-<style>body{font:15px system-ui,sans-serif;margin:1em;background:#111;color:#eee}
-div{display:flex;flex-wrap:wrap;gap:1em}img{width:100%;background:#222;min-height:8em}figure{margin:0;flex:1 1 28em}
-table{border-spacing:1em 0}td:last-child{text-align:right;font-variant-numeric:tabular-nums}#error{color:#fa8}</style>
-<h1>Live</h1><p id="state">waiting for the first pair</p><p id="reduced"></p><p id="error"></p>
-<div><figure><img id="corrected" alt="last corrected image"><figcaption>Corrected</figcaption></figure>
-<figure><img id="range" alt="its range map"><figcaption id="span">Range</figcaption></figure></div>
-<table id="facts"></table>
-<script>
-let shown = "";
-async function look() {
-  try {
-    const status = await (await fetch("status.json")).json();
-    const waiting = status.waiting ? "waiting for " + status.waiting : status.name || "waiting for the first pair";
-    document.getElementById("state").textContent = waiting;
-    document.getElementById("error").textContent = status.last_error;
-    document.getElementById("reduced").textContent = status.reduced;
-    document.getElementById("span").textContent = "Range" + (status.range_span || "");
-    const table = document.getElementById("facts");
-    table.replaceChildren(...Object.entries(status.facts).map(([name, value]) => {
-      const row = document.createElement("tr");
-      for (const text of [name, value]) row.appendChild(document.createElement("td")).textContent = text;
-      return row;
-    }));
-    if (status.name && status.name !== shown) {
-      shown = status.name;
-      for (const id of ["corrected", "range"]) document.getElementById(id).src = id + ".jpg?" + encodeURIComponent(shown);
-    }
-  } catch (error) { document.getElementById("state").textContent = "the program has ended"; }
-  setTimeout(look, 500);
-}
-look();
-</script></html>
-"""
+PAGE = Path(__file__).with_name("preview.html")
 
 
 class _Shown:
@@ -73,13 +39,15 @@ class _Shown:
         self._frame = frame
 
     @cached_property
-    def range_picture(self) -> tuple[NDArray[np.uint8], str]:
-        return _range_picture(_small(self._frame.result.range_map.measured_m))
+    def ranges(self) -> tuple[NDArray[np.uint8], str]:
+        picture, near_m, far_m = range_picture(self._frame.result.range_map.measured_m)
+        span = f", {near_m:.2f} m (yellow) to {far_m:.2f} m (blue)" if np.isfinite(near_m) else ": unknown everywhere"
+        return picture, span
 
     def picture(self, name: str) -> bytes | None:
         if name == "corrected.jpg":
-            return _jpeg(_small(eight_bit(self._frame.result.correction.image)))
-        return _jpeg(self.range_picture[0]) if name == "range.jpg" else None
+            return preview(self._frame.result.correction.image, SIZE)
+        return preview(self.ranges[0], SIZE) if name == "range.jpg" else None
 
     @cached_property
     def status(self) -> dict[str, Any]:
@@ -88,7 +56,7 @@ class _Shown:
         }
         known = np.isfinite(self._frame.result.range_map.measured_m).mean()
         facts = {"seconds a pair": f"{self._frame.seconds:.2f}", "range known": f"{known:.0%}", **water}
-        return {"name": self._frame.pair.name, "range_span": self.range_picture[1], "facts": facts}
+        return {"name": self._frame.pair.name, "range_span": self.ranges[1], "facts": facts}
 
 
 class Preview:
@@ -117,7 +85,7 @@ class Preview:
         """(media type, content) of what a browser asks for; None for what there is not."""
         name = path.split("?")[0].lstrip("/")
         if name == "":
-            return "text/html; charset=utf-8", PAGE.encode()
+            return "text/html; charset=utf-8", PAGE.read_bytes()
         if name == "status.json":
             return "application/json", json.dumps(self.status()).encode()
         picture = self._shown.picture(name) if self._shown else None
@@ -166,24 +134,3 @@ def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
 def _parameters(frame: LiveFrame) -> dict[str, Any]:
     water = frame.result.correction.water
     return {name: value for name, value in vars(water).items() if isinstance(value, np.ndarray) and value.size == 3}
-
-
-def _range_picture(range_m: NDArray[np.float32]) -> tuple[NDArray[np.uint8], str]:
-    """Near is bright, unknown is black; the span in words."""
-    known = np.isfinite(range_m)
-    if not known.any():
-        return np.zeros((*range_m.shape, 3), np.uint8), ": unknown everywhere"
-    near_m, far_m = np.quantile(range_m[known], (0.02, 0.98))
-    scaled = np.clip((far_m - np.where(known, range_m, far_m)) / max(far_m - near_m, 1e-3), 0, 1)
-    colored = cv2.applyColorMap((255 * scaled).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1] * known[..., None]
-    return colored.astype(np.uint8), f", {near_m:.2f} m (yellow) to {far_m:.2f} m (blue)"
-
-
-def _small(image: NDArray[Any]) -> NDArray[Any]:
-    """Every second or third pixel of a large image: quick, and enough to look at."""
-    every = slice(None, None, -(-image.shape[1] // WIDTH_PX))
-    return np.ascontiguousarray(image[every, every])
-
-
-def _jpeg(image: NDArray[np.uint8]) -> bytes:
-    return bytes(cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])

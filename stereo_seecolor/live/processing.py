@@ -11,7 +11,7 @@ from stereo_seecolor.errors import ColorError
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.live.budget import Budget
 from stereo_seecolor.matching.reduced import ReducedMatcher
-from stereo_seecolor.pipeline import Pipeline, correct, ranges_alone, ranges_for_color
+from stereo_seecolor.pipeline import Pipeline, correct, ranges_for_color
 from stereo_seecolor.records import FrameResult, Image, RangeMap, StereoFrame, Water
 
 
@@ -77,5 +77,5 @@ def warm_up(pipeline: Pipeline) -> None:
     image = pipeline.rectification.upright(rectified.left)
     water = SlidingFitter(pipeline.config.color, pipeline.corrector.fit).water(pipeline.corrector.measure(image, range_m))
     assert water is not None
-    ranges = ranges_for_color(image, ranges_alone(range_m, np.isfinite(range_m)), pipeline.config, pipeline.seen)
+    ranges = ranges_for_color(image, RangeMap.of_ranges(range_m, np.isfinite(range_m)), pipeline.config, water, pipeline.seen)
     correct(pipeline.corrector, pipeline.config, image, ranges, water)

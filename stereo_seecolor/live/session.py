@@ -19,13 +19,13 @@ from stereo_seecolor.live.processing import LiveFrame
 from stereo_seecolor.records import StereoFrame
 
 POLL_S = 0.004
-"""A source is looked at so often: it adds 2 ms to the latency, and takes 1% of a processor."""
+"""A source is polled at this interval: it adds 2 ms to the latency, and takes 1% of a processor."""
 
 SETTLE_S = 2.0
 """A file that cannot be read may still be being written; after so long it counts as failed."""
 
 LATENCIES = 1000
-"""Of so many of the last pairs latencies are kept."""
+"""Latencies are kept of this many of the last pairs."""
 
 
 class Source(Protocol):

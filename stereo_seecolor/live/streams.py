@@ -16,7 +16,7 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image, StereoFrame
 
 KEPT = 4
-"""Images of a stream that wait for a partner: the other side may be late by so many."""
+"""Images of a stream that wait for a partner: the other side may be late by this many."""
 
 NEAR = 0.45
 """Of the time between images: a partner that is farther off is another pair's."""

@@ -19,7 +19,7 @@ from stereo_seecolor.inputs.pairing import Pair, pair_files
 from stereo_seecolor.records import StereoFrame
 
 TAIL = 64
-"""So many of the newest files a side are paired: right ones may arrive some pairs late."""
+"""Newest files of each side that are paired: right ones may arrive some pairs late."""
 
 RELIST_S = 1.0
 """A folder is listed at least so often: its time of change is too coarse for two files in 4 ms."""

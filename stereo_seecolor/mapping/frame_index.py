@@ -12,7 +12,7 @@ from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
-from stereo_seecolor.records import SurveyFrame
+from stereo_seecolor.records import Map, SurveyFrame
 
 Progress = Callable[[str, int, int], None]
 """Called with what is being done, how many are done, how many there are; the text is another for each pass."""
@@ -41,7 +41,7 @@ class FrameIndex:
     """Names, times (NaN where unknown) and coarse points of N frames.
 
     points_m: one (n, 3) float32 array a frame: measured points in the camera, every few pixels. lost: the frames that could not
-    be read, and why. checksums: (N,) of colors and points, to tell whether a frame was made anew.
+    be read, and why. checksums: (N,) of colors and points, to tell whether a frame was made again.
     certain: (n,) for each frame, False for points that are too uncertain to make voxels for; () where all are. colors: (n, 3) of
     each frame's points, () where they are not known.
     """
@@ -79,7 +79,7 @@ class FrameIndex:
         )
 
     def scaled(self, scale: float) -> "FrameIndex":
-        """Of the same frames, their ranges so many times as long."""
+        """Of the same frames, their ranges scaled by this factor."""
         points = tuple((scale * own).astype(np.float32) for own in self.points_m)
         return replace(self, points_m=points, checksums=self.checksums ^ crc32(np.float64(scale).tobytes()))
 
@@ -150,11 +150,29 @@ def _coarse_points(frame: SurveyFrame, geometry: RectifiedPair, sampling: Sampli
     rows, columns = np.mgrid[start : frame.range_m.shape[0] : stride, start : frame.range_m.shape[1] : stride]
     range_m = frame.range_m[rows, columns]
     known = np.isfinite(range_m) & (frame.confidence[rows, columns] > 0)
-    std_m = frame.range_std_m[rows, columns][known]
-    stated = std_m[np.isfinite(std_m)]
-    limit_m = max(sampling.max_std_m, sampling.usual_stds * float(np.median(stated))) if stated.size else np.inf
+    limit_m = _most_std_m(frame.range_std_m[rows, columns][known], sampling)
+    known &= _spaced(range_m, geometry.focal_px * sampling.spacing_m / stride, sampling.max_stride_px // stride)
+    certain = ~(frame.range_std_m[rows, columns][known] > limit_m)
     depth_m = range_m[known] / geometry.ray_length[rows, columns][known]
     x = (columns[known] - geometry.cx_left_px) / geometry.focal_px * depth_m
     y = (rows[known] - geometry.cy_px) / geometry.focal_px * depth_m
     points = np.stack([x, y, depth_m], axis=-1).astype(np.float32)
-    return _CoarsePoints(points, ~(std_m > limit_m), frame.color[rows[known], columns[known]])
+    return _CoarsePoints(points, certain, frame.color[rows[known], columns[known]])
+
+
+def _most_std_m(std_m: Map, sampling: Sampling) -> float:
+    """Of a point that is certain enough to make voxels for. std_m: (n,) of a frame's measured pixels."""
+    stated = std_m[np.isfinite(std_m)]
+    return max(sampling.max_std_m, sampling.usual_stds * float(np.median(stated))) if stated.size else np.inf
+
+
+def _spaced(range_m: Map, most_steps: float, limit: int) -> NDArray[np.bool_]:
+    """Which points of a lattice to keep so that they lie as far apart near the camera as far away: every second, fourth, ... there.
+
+    most_steps: of the lattice that the spacing is at a range of one meter. limit: most steps.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        steps = np.clip(np.nan_to_num(most_steps / range_m), 1, limit)
+    apart = 2 ** np.log2(steps).astype(np.int64)
+    row, column = np.ogrid[: range_m.shape[0], : range_m.shape[1]]
+    return np.asarray((row % apart == 0) & (column % apart == 0))

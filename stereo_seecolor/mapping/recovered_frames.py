@@ -20,7 +20,7 @@ Frames = Sequence[SurveyFrame | Unplaced]
 
 
 class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
-    """Frames whose ranges are so many times as long: of a rig whose scale is known better than by its calibration."""
+    """Frames whose ranges are scaled by this factor: of a rig whose scale is known better than by its calibration."""
 
     def __init__(self, frames: Frames, scale: float) -> None:
         self._frames, self._scale = frames, scale

@@ -16,7 +16,7 @@ from stereo_seecolor.mapping.recovered_frames import Frames, ScaledFrames, Unpla
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """Frames, the rectified geometry that they share, their index, who is told of the progress, and where the work runs.
+    """Frames, the rectified geometry that they share, their index, what receives the progress, and where the work runs.
 
     scratch: a folder for features, which are used again if they were found in the same frames; None for one that is deleted.
     look: is told where the frames are, z up, as soon as that is roughly known.
@@ -31,7 +31,7 @@ class Survey:
     look: "Callable[[Placement], None] | None" = None
 
     def scaled(self, scale: float) -> "Survey":
-        """The survey of a rig whose ranges are so many times as long."""
+        """The survey of a rig whose ranges are scaled by this factor."""
         return replace(self, frames=ScaledFrames(self.frames, scale), index=self.index.scaled(scale))
 
 

@@ -1,12 +1,10 @@
 """START HERE: a survey's finished frames into the map of a reef."""
 
-import csv
-import json
 import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -15,18 +13,18 @@ import numpy as np
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.lazy import Chosen
+from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.threads import Threads, beside
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import DeviceError, MappingError
-from stereo_seecolor.files.atomic import atomic_path, write_atomic
-from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import FrameIndex, Progress, Sampling, silent
 from stereo_seecolor.mapping.kept_frames import KeptFrames
 from stereo_seecolor.mapping.limits import check_extent, check_tiling, check_voxel
+from stereo_seecolor.mapping.map_records import comment, write_description, write_poses, write_track
 from stereo_seecolor.mapping.raster import georeference
 from stereo_seecolor.mapping.raster.first_look import first_look
-from stereo_seecolor.mapping.raster.georeference import Georeference, crs_name
+from stereo_seecolor.mapping.raster.georeference import Georeference
 from stereo_seecolor.mapping.raster.mosaic_cell import with_mosaic_cell
 from stereo_seecolor.mapping.raster.products import Rasters, encoded, write_preview, write_rasters
 from stereo_seecolor.mapping.recovered_frames import Frames, RecoveredFrames, Unplaced
@@ -40,18 +38,19 @@ from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit
 from stereo_seecolor.mapping.track.navigation import Navigation
-from stereo_seecolor.mapping.track.placing import Placed, place_survey, show_given
+from stereo_seecolor.mapping.track.placing import Placed, place_survey, show_first
 from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 FIRST_FRAMES = 100
-"""So many, spread over a dive, show where it went and what is there: some three seconds' reading."""
+"""So many, spread over a dive, show where it went and what is there: some three seconds' reading. Without poses they are its first
+ones, which overlap: some ten seconds."""
 WITHOUT_GEO = "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install 'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
 
 
 @dataclass(frozen=True, eq=False)
 class MapSummary:
-    """What became of a survey.
+    """The outcome of a survey.
 
     frames, placed: how many there were, and how many found their place. components: frames in each, the main one first.
     unplaced: the others, each with the reason, and those whose files were lost on the way. files: all that was written.
@@ -77,7 +76,7 @@ class MapSummary:
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where finished work is kept, so that a map that was stopped goes on from it, who is told of the progress, and where the
+    """Where finished work is kept, so that a map that was stopped goes on from it, what receives the progress, and where the
     work runs.
 
     scratch: a folder that outlives the map's, whose features and tiles are used if they were made from the same; None: in the
@@ -106,6 +105,7 @@ def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
         raise DeviceError("mapping.crs: utm: needs pyproj, rasterio and laspy: pip install 'stereo-seecolor[geo]'")
 
 
+@one_thread_in_products()
 def build_map(
     frames: Sequence[SurveyFrame],
     geometry: RectifiedPair,
@@ -131,10 +131,11 @@ def build_map(
     config = with_voxel(config, found, geometry)
     check_voxel(found, geometry, config.voxel_edge_m)
     kept = KeptFrames(found, scratch / "frames")
-    if workspace.look and trajectory and len(kept) > 2 * FIRST_FRAMES:
+    if workspace.look and len(kept) > 2 * FIRST_FRAMES:
         with suppress(MappingError):  # none of these frames may be readable or have a pose: there is nothing to show yet
-            some = Chosen(kept, range(0, len(kept), -(-len(kept) // FIRST_FRAMES)))
-            show_given(_survey(some, geometry, config, workspace, scratch), config, trajectory)
+            posed = trajectory and not trajectory.fixes
+            some = Chosen(kept, range(0, len(kept), -(-len(kept) // FIRST_FRAMES)) if posed else range(FIRST_FRAMES))
+            show_first(_survey(some, geometry, config, workspace, scratch), config, trajectory)
     survey = _survey(kept, geometry, config, workspace, scratch)
     placed = _in_crs(place_survey(survey, config, trajectory), config)
     if placed.range_scale != 1:
@@ -218,13 +219,13 @@ class _Builder:
         config = with_mosaic_cell(self.config, component, tiling)
         check_tiling(tiling, config)
         place = Georeference(component.offset_m, self.placed.origin)
-        files = [_write_track(folder / "trajectory.tum", component), _write_poses(folder / "poses.csv", component, self.placed)]
-        files += [_write_description(folder / "map.json", place, config, self.placed.range_scale)]
+        files = [write_track(folder / "trajectory.tum", component), write_poses(folder / "poses.csv", component, self.placed)]
+        files += [write_description(folder / "map.json", place, config, self.placed.range_scale)]
         store = TileStore.of(self.scratch / "tiles" / f"{number}", tiling, component)
         surfaces = partial(store.surfaces, tiling)
         self._fuse(component, tiling, store)
         islands.drop(store, tiling)
-        with beside(partial(write_map, surfaces(), tiling, folder, _comment(place))) as written:
+        with beside(partial(write_map, surfaces(), tiling, folder, comment(place))) as written:
             with beside(partial(write_preview, folder, surfaces)) as preview:
                 scratch = folder / ".rasters"
                 rasters = Rasters.render(component, surfaces, config, scratch)
@@ -242,59 +243,3 @@ class _Builder:
         for done, lost in enumerate(self.survey.compute.tiles(fusion, placed), len(tiling.tiles) - len(left) + 1):
             self.lost.update(lost)
             self.survey.progress(f"fusing tiles{component.label}", done, len(tiling.tiles))
-
-
-def _write_track(path: Path, component: Component) -> Path:
-    """The component's poses in the world."""
-    index, chosen = component.survey.index, component.frames
-    T = component.T_local_camera[chosen].copy()
-    T[:, :3, 3] += component.offset_m
-    times = np.where(np.isfinite(index.timestamps_s[chosen]), index.timestamps_s[chosen], chosen)
-    write_tum(path, Trajectory(tuple(index.names[i] for i in chosen), times, T))
-    return path
-
-
-def _write_poses(path: Path, component: Component, placed: Placed) -> Path:
-    """Each frame's position, how far the pose that was given for it is from what the pictures show, and standard errors."""
-    index, placement = component.survey.index, placed.placement
-    unknown = np.full(len(index.names), np.nan)
-    columns = {
-        "position_residual_m": placed.position_residual_m,
-        "attitude_residual_deg": placed.attitude_residual_deg,
-        "position_std_m": unknown if placement.position_std_m is None else placement.position_std_m,
-        "attitude_std_deg": unknown if placement.attitude_std_deg is None else placement.attitude_std_deg,
-    }
-    with atomic_path(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["name", "timestamp_s", "x_m", "y_m", "z_m", *columns])
-        for i in component.frames:
-            position = component.T_local_camera[i, :3, 3] + component.offset_m
-            values = (index.timestamps_s[i], *position, *(column[i] for column in columns.values()))
-            numbers = [f"{value:.4f}" if np.isfinite(value) else "" for value in values]
-            writer.writerow([index.names[i], *numbers])
-    return path
-
-
-def _write_description(path: Path, place: Georeference, config: MappingConfig, range_scale: float) -> Path:
-    """Where the map's local coordinates lie, how large its voxels and cells are, how many times as long ranges were taken."""
-    content = {
-        "format": "stereo-seecolor/map",
-        "offset_m": place.offset_m.tolist(),
-        "origin": asdict(place.origin) if place.origin else None,
-        "crs": crs_name(place.origin),
-        "range_scale": range_scale,
-        "voxel_m": config.voxel_edge_m,
-        "dem_m": config.terrain_cell_m,
-        "mosaic_m": config.mosaic_cell_m,
-        "metrics_m": config.square_m,
-    }
-    write_atomic(path, (json.dumps(content, indent=2) + "\n").encode())
-    return path
-
-
-def _comment(place: Georeference) -> str:
-    """For the headers of the PLY files."""
-    lines = ["stereo-seecolor, meters: x east, y north, z up", f"crs {crs_name(place.origin)}"]
-    if place.offset_m.any():
-        lines.append("offset " + " ".join(f"{value:.3f}" for value in place.offset_m) + ": add it to get world coordinates")
-    return "\n".join(lines)

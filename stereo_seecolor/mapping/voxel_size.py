@@ -15,7 +15,7 @@ class VoxelSettings:
     """How fine is sensible."""
 
     pixels: float = 5.0  # edge, in pixels on the bottom: a range is matched over some five, finer voxels hold only noise
-    frames: int = 9  # looked at, spread over the dive: their median range decides
+    frames: int = 9  # examined, spread over the dive: their median range decides
     sample_step: int = 16  # pixels
     steps: tuple[float, ...] = (1.0, 2.0, 5.0, 10.0)  # sizes are round, so that repeated surveys share their voxels and cells
 

@@ -19,7 +19,7 @@ PATTERN = np.array(
     [(dy, dx) for dy in (-3, -1, 0, 1, 3) for dx in range(-3, 4) if (dy + dx) % 2 == 0 and (dy, dx) != (0, 0)]
     + [(0, 1), (0, -1), (1, 0), (-1, 0)]
 )
-"""Every other pixel of a window of 7 x 7, and the four neighbors: half the work of all 48, as good on the drawn reef."""
+"""Every other pixel of a window of 7 x 7, and the four neighbors: half the work of all 48, as good on the synthetic reef."""
 
 
 def census(image: Gray) -> Census:

@@ -13,7 +13,7 @@ from stereo_seecolor.records import Map
 
 @dataclass(frozen=True)
 class ContextConstants:
-    """Found on drawn scenes and on half of a real dive.
+    """Found on synthetic scenes and on half of a real dive.
 
     every: pixels from one sample to the next; samples of every pixel say no more.
     window: side of the neighborhood that is judged as a whole, samples: 28 pixels, a branching coral rather than a branch.

@@ -18,7 +18,7 @@ FULL_SCALE = 65280
 
 @dataclass(frozen=True)
 class DiagnosticsConstants:
-    """Gray levels are of FULL_SCALE. All were set on the drawn reef and on real frames spoilt on purpose.
+    """Gray levels are of FULL_SCALE. All were set on the synthetic reef and on real frames spoilt on purpose.
 
     black, saturated: the brightest hundredth of a black image is darker, half of a saturated image is brighter.
     texture: least standard deviation of an image reduced to 1/2 or 1/4: a quarter of an 8-bit level, which is rounding alone.

@@ -42,4 +42,4 @@ class Engine(Protocol):
 
 
 FIXED_UNIQUENESS = 0.5
-"""For engines that give none: the median of well matched pixels of the drawn reef."""
+"""For engines that give none: the median of well matched pixels of the synthetic reef."""

@@ -73,7 +73,7 @@ class Matcher:
         pair = GrayPair.from_frame(frame, self._scale)
         reason = diagnostics.unusable(pair.small_left, pair.small_right)
         if reason:
-            return self._unknown(f"{reason}: no range is known"), 1.0
+            return RangeMap.unknown(self._pair.image_size[::-1], f"{reason}: no range is known"), 1.0
         if self._config.engine == "onnx":
             return self.range_map(self._engine.find(frame, pair), pair), 1.0
         repeating = core_pool().submit(diagnostics.repeated, pair.small_left, (self._highest - self._lowest) // self._scale)
@@ -134,12 +134,6 @@ class Matcher:
     def _forget_unseen(self, disparity: np.ndarray) -> None:
         if self.seen_left is not None:
             np.copyto(disparity, UNKNOWN, where=~self.seen_left)
-
-    def _unknown(self, warning: str) -> RangeMap:
-        width, height = self._pair.image_size
-        nothing = np.full((height, width), UNKNOWN)
-        none = np.zeros((height, width), np.float32)
-        return RangeMap(nothing, nothing, nothing, nothing, none, np.zeros((height, width), np.bool_), (warning,))
 
 
 def disparity_limits(pair: RectifiedPair, config: MatchingConfig) -> tuple[int, int]:

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from stereo_seecolor.compute.threads import Lock
-from stereo_seecolor.errors import MatchingError, SwappedError
+from stereo_seecolor.errors import MatchingError
 from stereo_seecolor.matching.texture import sides_without_texture
 from stereo_seecolor.records import RangeMap, StereoFrame
 
 
 @dataclass(frozen=True)
 class PairCheckConstants:
-    """least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach 0.01 to 0.02 (drawn reef).
+    """least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach 0.01 to 0.02 (synthetic reef).
 
     swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs reach 0.6 and more.
     swap_tries: so many pairs of a dive are matched the other way round, since that costs as much as matching itself.
@@ -47,27 +47,32 @@ class PairCheck:
         self._swapped_pair: str | None = None
         self._lock = Lock()
 
-    def __call__(self, name: str, range_map: RangeMap, raw: Callable[[], StereoFrame]) -> None:
-        """Raise MatchingError if the sides look swapped, or if so little matched that nothing is known of the pair.
+    def __call__(self, name: str, range_map: RangeMap, raw: Callable[[], StereoFrame]) -> RangeMap:
+        """The range map, of which nothing is known where both images lack the texture to be matched (open water, sand).
 
-        Then its images lack texture, or else they are not of one scene.
+        Raises MatchingError if the sides look swapped, or if so little matched that the images are not of one scene, or one of
+        them alone lacks texture (a covered lens).
 
         raw: gives the pair as the cameras gave it, which is hardly ever needed and need not stay in memory until here.
         """
         matched = coverage(range_map)
         if matched >= CONSTANTS.swap_coverage:
-            return
+            return range_map
         if matched == 0 and range_map.warnings:
             raise MatchingError(f"{name}: {'; '.join(range_map.warnings)}")
         too_little = matched < CONSTANTS.least_coverage
-        if too_little:
-            _refuse_without_texture(name, matched, raw())
+        if too_little and (plain := sides_without_texture(raw())):
+            if len(plain) == 1:
+                raise MatchingError(f"{name}: {_without_texture(f'the {plain[0]} image shows', matched)}")
+            unknown = _without_texture("both images show", matched)
+            return RangeMap.unknown(range_map.range_m.shape, unknown)  # what matched may be noise
         self._check_swapped(name, matched, raw)
         if too_little:
             raise MatchingError(
                 f"{name}: only {matched:.1%} of the pixels match: {NOT_ONE_SCENE} (are they of one pair?), or "
                 "all of it lies outside matching.min_range_m to matching.max_range_m"
             )
+        return range_map
 
     def _check_swapped(self, name: str, matched: float, raw: Callable[[], StereoFrame]) -> None:
         with self._lock:
@@ -78,19 +83,16 @@ class PairCheck:
                 if other > 3 * matched + 0.1:
                     self._swapped_pair = name
                     numbers = f"{matched:.0%} of the pixels match as given and {other:.0%} the other way round"
-                    raise SwappedError(f"{name}: left and right look swapped: {numbers}: exchange --left and --right")
+                    raise MatchingError(f"{name}: left and right look swapped: {numbers}: exchange --left and --right")
         if self._swapped_pair is not None:
-            raise SwappedError(
+            raise MatchingError(
                 f"{name}: left and right look swapped: {matched:.0%} of the pixels match as given, and {self._swapped_pair} "
                 "matched better the other way round: exchange --left and --right"
             )
 
 
-def _refuse_without_texture(name: str, matched: float, frame: StereoFrame) -> None:
-    plain = sides_without_texture(frame)
-    if plain:
-        show = "both images show" if len(plain) == 2 else f"the {plain[0]} image shows"
-        raise MatchingError(
-            f"{name}: only {matched:.1%} of the pixels match: {show} too little texture to match (open water, even sand, "
-            "turbid water, a dark frame): no range is known, and without range no color"
-        )
+def _without_texture(show: str, matched: float) -> str:
+    return (
+        f"only {matched:.1%} of the pixels match: {show} too little texture to match (open water, even sand, turbid water, a dark "
+        "frame): no range is known"
+    )

@@ -110,7 +110,7 @@ class DetailMatcher:
         if detail >= LEAST_DETAIL or not self._sizes:
             return found
         known = float(np.isfinite(found.disparity).mean())
-        del found  # half the memory of a large pair; where no smaller size knows more, which is rare, it is made anew
+        del found  # half the memory of a large pair; where no smaller size knows more, which is rare, it is made again
         return self._at_smaller_size(frame, known) or self._full.match(frame)
 
     def _at_smaller_size(self, frame: StereoFrame, known: float) -> RangeMap | None:
@@ -127,5 +127,5 @@ class DetailMatcher:
         if best is None:
             return None
         matcher, found, shrink = best
-        said = f"the images show little detail at their full size: matched at 1/{shrink} of it"
-        return replace(matcher.enlarged(found), warnings=(*found.warnings, said))
+        warning = f"the images show little detail at their full size: matched at 1/{shrink} of it"
+        return replace(matcher.enlarged(found), warnings=(*found.warnings, warning))

@@ -17,10 +17,10 @@ class TextureConstants:
     """block: side of a block that is judged as a whole, pixels of the reduced image.
 
     least_ratio: of the amplitude at half the reduced size to that at the reduced size. White noise 0.50 to 0.70; nine of ten blocks
-    of real reefs, FLSea and Teddy 0.8 and more; a drawn bottom of which a third still matches through haze 0.85 (median).
+    of real reefs, FLSea and Teddy 0.8 and more; a synthetic bottom of which a third still matches through haze 0.85 (median).
     strong_levels: amplitude at the reduced size that no noise reaches: 2 with 10 levels of noise a pixel.
     least_levels: amplitude at half the reduced size, of 255, below which there is rounding and compression alone: 0.1 to 0.2 in the
-    water of FLSea's frames; a drawn bottom through haze of which hardly a pixel matches 0.15, one of which most does 0.4.
+    water of FLSea's frames; a synthetic bottom through haze of which hardly a pixel matches 0.15, one of which most does 0.4.
     least_fraction: of an image's blocks; real reefs, FLSea and Teddy 0.70 to 1.00, half of them in the dark 0.44; the water in
     FLSea's frames 0.00 to 0.20, drawn open water, even sand and haze 0.00 to 0.19.
     """

@@ -26,7 +26,7 @@ class RangeMaps:
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> "RangeMaps":
         """Maps yet to be filled; nothing is interpolated."""
-        # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it anew.
+        # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it again.
         disparity, confidence, depth_m, range_m, range_std_m = np.empty((5, *shape), np.float32)
         return cls(disparity, confidence, depth_m, range_m, range_std_m, np.zeros(shape, np.bool_))
 

@@ -58,9 +58,9 @@ def _yaw(rig: StereoRig, range_m: float | None) -> float | None:
 
 def calibration_note(known: CalibrationStd) -> str:
     """How large it is, where it is known from, and what of it is the refined yaw."""
-    said = [phrase("measure.calibration", percent=digits(100 * known.total, 2))]
+    sentences = [phrase("measure.calibration", percent=digits(100 * known.total, 2))]
     if known.yaw is not None and known.range_m is not None:
-        said.append(phrase("measure.calibration_yaw", percent=digits(100 * known.yaw, 2), range=digits(known.range_m, 3)))
+        sentences.append(phrase("measure.calibration_yaw", percent=digits(100 * known.yaw, 2), range=digits(known.range_m, 3)))
     percent = digits(100 * known.length, 2)
-    said.append(phrase(f"measure.calibration_{known.known_from}", percent=percent, stated_by=known.stated_by))
-    return " ".join(said)
+    sentences.append(phrase(f"measure.calibration_{known.known_from}", percent=percent, stated_by=known.stated_by))
+    return " ".join(sentences)

@@ -9,7 +9,7 @@ from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.report.templates import filled_in
 
 UNSTABLE = 0.2
-"""Fraction of the ground that may not fit before the page asks for a look at the maps: so much changes on few reefs."""
+"""Fraction of the ground that may not fit before the page asks for a look at the maps: few reefs change so much."""
 BENT = 0.1
 """Fraction of the cells beyond the level of detection, patches aside, that two unbent maps do not reach: 5 % is what it means."""
 

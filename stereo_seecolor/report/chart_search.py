@@ -1,4 +1,4 @@
-"""Color charts in the frames of a run: their patches before and after correction, held against the published colors."""
+"""Color charts in the frames of a run: their patches before and after correction, compared with the published colors."""
 
 from collections.abc import Iterator, Sequence
 

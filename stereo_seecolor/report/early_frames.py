@@ -16,7 +16,7 @@ from stereo_seecolor.run_folder.manifest import StageRecord
 FORMAT = "2"
 """Raised where the files of a frame change their content: those of an earlier program are then made again."""
 BRIEF_FRAMES = 24
-"""So many frames, spread over the dive, are shown whole by a brief page; of the others, the corrected images themselves.
+"""Frames, spread over the dive, that a brief page shows whole; of the others it shows the corrected images themselves.
 
 Of a pair of 1280x1024 this takes some 50 ms of processor time while the run has it in memory: 1 % of a run over 500 pairs.
 """
@@ -29,7 +29,7 @@ def page_stage(corrected_key: str, with_before: bool) -> StageRecord:
 
 
 def spread(names: Sequence[str]) -> list[str]:
-    """The frames of a dive that a brief page shows whole, but for the telling ones."""
+    """The frames of a dive that a brief page shows whole, but for the examples."""
     return list(names[:: -(-len(names) // BRIEF_FRAMES) or 1])
 
 

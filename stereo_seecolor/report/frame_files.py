@@ -13,10 +13,10 @@ from calibration import CalibrationError, Rectification, RectifiedPair
 from stereo_seecolor.errors import FrameError, InputError
 from stereo_seecolor.files.atomic import Content
 from stereo_seecolor.files.contained import is_there
+from stereo_seecolor.files.previews import SCREEN, THUMBNAIL, preview
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.records import Image, Map
-from stereo_seecolor.report.previews import SCREEN, THUMBNAIL, preview
 from stereo_seecolor.report.range_code import CodedRanges, deflated, std_codes, text
 from stereo_seecolor.report.templates import script
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun

@@ -6,17 +6,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.files.previews import LIVE, preview, range_picture
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.records import FrameRow, Map
+from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.dive_facts import RowFacts
 from stereo_seecolor.report.overview import NAMED_FRAMES, Fact
-from stereo_seecolor.report.previews import LIVE, preview
 from stereo_seecolor.report.templates import filled_in
 from stereo_seecolor.report.texts import STATIC, length, phrase
 from stereo_seecolor.report.verdict import judge_so_far
@@ -114,25 +113,16 @@ class LivePage:
         try:
             made.append((phrase("live.left"), _address(read_image(Path(row.left), self.images))))
             if record and "range" in current:
-                picture, low_m, high_m = _range_picture(self.folder.read(record, "range"))
-                label = phrase("live.range", low=length(low_m), high=length(high_m))
+                picture, near_m, far_m = range_picture(self.folder.read(record, "range"))
+                label = (
+                    phrase("live.range", low=length(near_m), high=length(far_m)) if np.isfinite(near_m) else phrase("view.unknown")
+                )
                 made.append((label, _address(picture)))
             if record and "corrected" in current:
                 made.append((phrase("live.corrected"), _address(self.folder.read(record, "corrected"))))
         except (InputError, FrameError):
             pass
         return made
-
-
-def _range_picture(range_m: Map) -> tuple[NDArray[np.uint8], float, float]:
-    """(h, w, 3) RGB, near bright, unknown black; and the ranges of its darkest and brightest color, meters."""
-    step = max(1, max(range_m.shape) // 480)
-    small = range_m[::step, ::step]
-    known = small[np.isfinite(small)]
-    low_m, high_m = (float(value) for value in np.percentile(known, (2, 98))) if known.size else (0.0, 1.0)
-    level = np.clip((high_m - np.nan_to_num(small, nan=high_m)) / max(high_m - low_m, 1e-6) * 255, 0, 255).astype(np.uint8)
-    colors: Any = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)[..., ::-1]
-    return np.where(np.isfinite(small)[..., None], colors, 0).astype(np.uint8), low_m, high_m
 
 
 def _address(pixels: NDArray[Any]) -> str:

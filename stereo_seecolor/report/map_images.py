@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 TILE_PX = 512
 FIRST_LEVEL = 8
-"""At most 256 pixels: coarser levels are never looked at."""
+"""At most 256 pixels: coarser levels are never viewed."""
 WEBP_QUALITY = 80
 SAMPLE_PX = 2400
 """Longer side at which the terrain's lowest and highest heights are looked for."""
@@ -101,7 +101,7 @@ class Terrain:
         return pyramid(self.about["width"], self.about["height"], lambda box, size: self._shaded(box, size, False))
 
     def _shaded(self, box: Box, size: tuple[int, int], colored: bool) -> NDArray[np.uint8]:
-        """(h, w, 4) RGBA, clear where the height is unknown; neighbors beyond the box are looked at, so that no seam is seen."""
+        """(h, w, 4) RGBA, clear where the height is unknown; neighbors beyond the box are used, so that no seam is seen."""
         step = max(1, round(box[2] / size[0]))
         left, top = int(box[0] > 0), int(box[1] > 0)
         right, bottom = int(box[0] + box[2] < self.about["width"]), int(box[1] + box[3] < self.about["height"])

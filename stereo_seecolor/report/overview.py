@@ -13,7 +13,7 @@ from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.texts import digits, duration, length, phrase
 
 NAMED_FRAMES = 8
-"""So many frames of a warning are named before the rest is counted: a line on a screen."""
+"""Frames of a warning that are named before the rest is counted: a line on a screen."""
 CHANNELS = ("red", "green", "blue")
 
 
@@ -36,7 +36,7 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
         "duration": facts.duration_s and duration(facts.duration_s),
         "track": facts.track_m and length(facts.track_m),
         "area": area_m2 and phrase("unit.m2", value=digits(area_m2)),
-        "rugosity": rugosity and digits(rugosity),
+        "rugosity": rugosity and f"{rugosity:.2f}",
         "range": range_m and length(range_m),
         "pixel": facts.ground_pixel_m and length(facts.ground_pixel_m),
         "coverage": coverage and phrase("fact.coverage_value", percent=f"{coverage:.0%}"),
@@ -92,11 +92,11 @@ def _methods_of_water(facts: DiveFacts) -> list[str]:
         return []
     through = np.median([water.attenuation(np.array(1.0)) for water in facts.waters.values()], axis=0)
     lock = phrase(f"methods.lock.{facts.run.config.color.lock}")
-    said = [phrase("methods.water", lock=lock, **_by_channel(through))]
+    sentences = [phrase("methods.water", lock=lock, **_by_channel(through))]
     errors = facts.water.standard_errors.get("y") if facts.water else None
     if errors is not None and np.isfinite(errors).all():
-        said.append(phrase("methods.water_errors", **_by_channel(errors)))
-    return said
+        sentences.append(phrase("methods.water_errors", **_by_channel(errors)))
+    return sentences
 
 
 def _by_channel(values: Any) -> dict[str, str]:
@@ -114,14 +114,14 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
         "area": digits(made.area_m2),
         "coverage": f"{made.site.get('coverage', math.nan):.0%}",
     }
-    said = [phrase("methods.map", **numbers)]
+    sentences = [phrase("methods.map", **numbers)]
     if "surface_rugosity" in made.site:
         cell = digits(1000 * made.cell_m["dem_m"])
-        said.append(phrase("methods.map_rugosity", rugosity=digits(made.site["surface_rugosity"]), cell=cell))
+        sentences.append(phrase("methods.map_rugosity", rugosity=f"{made.site['surface_rugosity']:.2f}", cell=cell))
     residuals = [point.position_residual_m for point in made.track if point.position_residual_m is not None]
     if residuals:
-        said.append(phrase("methods.poses", residual=digits(float(np.median(residuals)), 2)))
-    return said
+        sentences.append(phrase("methods.poses", residual=digits(float(np.median(residuals)), 2)))
+    return sentences
 
 
 def citations(facts: DiveFacts) -> list[str]:

@@ -13,10 +13,10 @@ from stereo_seecolor.report.charts import kept_charts
 from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.early_frames import FORMAT, page_stage, spread
+from stereo_seecolor.report.example_frames import example_frames
 from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
 from stereo_seecolor.report.map_files import write_map_files
 from stereo_seecolor.report.overview import NAMED_FRAMES, changed_settings, citations, dive_facts, methods
-from stereo_seecolor.report.telling_frames import telling_frames
 from stereo_seecolor.report.templates import filled_in, script
 from stereo_seecolor.report.texts import STATIC, phrase, texts
 from stereo_seecolor.report.verdict import judge
@@ -71,9 +71,9 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
 
 
 def _spread(facts: DiveFacts) -> set[str]:
-    """The frames that a brief page shows whole: the telling ones, and others spread over the dive."""
+    """The frames that a brief page shows whole: the examples, and others spread over the dive."""
     names = [frame.name for frame in facts.run.frames]
-    return {name for name, _ in telling_frames(facts)} | set(spread(names))
+    return {name for name, _ in example_frames(facts)} | set(spread(names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
         problems=facts.problems,
         named_frames=NAMED_FRAMES,
         notes=run.totals["notes"],
-        telling=[(name, why, shown[name]) for name, why in telling_frames(facts) if name in shown],
+        examples=[(name, why, shown[name]) for name, why in example_frames(facts) if name in shown],
         methods=methods(facts),
         citations=citations(facts),
         changed_settings=changed_settings(run.config),

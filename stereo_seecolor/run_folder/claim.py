@@ -24,7 +24,7 @@ from stereo_seecolor.run_folder.layout import (
 from stereo_seecolor.run_folder.manifest import Manifest
 
 NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
-"""What file managers leave in every folder that is looked at; hidden files are ignored too."""
+"""What file managers leave in every folder that is opened; hidden files are ignored too."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class Owner:
 
 @dataclass(frozen=True)
 class Claim:
-    """How a run takes OUT. owner: whose it is to be. overwrite: begin anew. inputs: what the run reads, never to be deleted."""
+    """How a run takes OUT. owner: whose it is to be. overwrite: begin again. inputs: what the run reads, never to be deleted."""
 
     owner: Owner
     overwrite: bool = False

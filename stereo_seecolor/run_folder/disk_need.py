@@ -1,4 +1,4 @@
-"""How much room a run takes on the disk: said before it begins, and refused where it cannot end."""
+"""How much room a run takes on the disk: stated before it begins; a run that cannot end is refused."""
 
 import shutil
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ BYTES = BytesAPixel()
 
 
 def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
-    """What a pair of so many pixels takes. corrected: with its picture and cloud, not with its range alone."""
+    """What a pair takes. corrected: with its picture and cloud, not with its range alone."""
     deflated = output.map_compression is not None
     total = BYTES.others + (BYTES.deflated_range if deflated else BYTES.map)
     total += output.range_std * (BYTES.deflated_std if deflated else BYTES.map)

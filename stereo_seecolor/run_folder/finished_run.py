@@ -17,6 +17,7 @@ from calibration.formats import load_rig
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.decode import read_array
+from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.records import Map
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE, RIG, RUN, WATER
 from stereo_seecolor.run_folder.manifest import DiveRecord, FrameRecord, Manifest
@@ -175,9 +176,9 @@ def _run_content(out: Path) -> dict[str, Any]:
     """run.json with its settings and geometry as objects."""
     path = out / RUN
     try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
-        raise InputError(f"{out}: holds no finished run ({RUN} cannot be read: {error})") from error
+        content = json.loads(read_bytes(path))
+    except (InputError, ValueError) as error:
+        raise InputError(f"{out}: holds no finished run ({error})") from error
     if not isinstance(content, dict) or content.get("format") != RUN_FORMAT:
         raise InputError(f"{path}: is no {RUN} of this program (its format is not {RUN_FORMAT!r})")
     if content.get("format_version") != RUN_VERSION or not Manifest(out).exists():

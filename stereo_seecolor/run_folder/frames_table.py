@@ -1,29 +1,19 @@
-"""frames.csv: a row for each pair and each file without a partner; nothing is left out."""
+"""The rows of a run, a row for each pair and each file without a partner; its problems, and its summary."""
 
-import csv
-import io
 import re
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.packed import Packed
-from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.records import FrameRow, Status
-from stereo_seecolor.run_folder.finished_map import TrackPoint
 from stereo_seecolor.run_folder.kept_plan import Compared
 
-RESIDUALS = ("position_residual_m", "attitude_residual_deg")
-"""Columns of frames.csv that a map with given poses adds."""
 _PATH = re.compile(r"^\S*/.*?: ")
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
-
-
-_TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"})
-"""Columns that hold no number of the frame's facts or seconds."""
 
 
 class FrameTable:
@@ -34,7 +24,7 @@ class FrameTable:
         self._names = Names()
 
     def add(self, row: FrameRow) -> None:
-        """The row of a pair, which its name tells from the others; or what a later stage has to say of it."""
+        """The row of a pair; of a pair that has one, what a later stage adds to it."""
         place = self._names.add(row.name)
         if place == len(self._rows):
             self._rows.append(row)
@@ -134,64 +124,3 @@ def problems_of(rows: Sequence[FrameRow]) -> list[Problem]:
             what = _PATH.sub("", text).removeprefix(f"{row.name}: ")
             seen.setdefault(_NUMBER.sub("", what), (what, []))[1].append(row.name)
     return sorted((Problem(what, tuple(names)) for what, names in seen.values()), key=lambda problem: -len(problem.names))
-
-
-def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
-    """The rows as lines of UTF-8 CSV, columns in a fixed order, one ``<stage>_s`` column a stage."""
-    facts = sorted({key for row in rows for key in row.facts})
-    stages = sorted({key for row in rows for key in row.seconds})
-    columns = ["name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"]
-    yield _csv_line([*columns, *facts, *(f"{stage}_s" for stage in stages)])
-    for row in rows:
-        yield _csv_line(
-            [row.name, row.status, int(row.kept), row.left, row.right, "" if row.timestamp_s is None else f"{row.timestamp_s:.9f}"]
-            + [row.error, "; ".join(row.warnings)]
-            + [f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts]
-            + [f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages]
-        )
-
-
-def read_frames(path: Path, stages: Sequence[str]) -> tuple[FrameRow, ...]:
-    """The rows of a frames.csv. stages: those whose seconds it holds. Raises InputError if it is gone or damaged."""
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            return tuple(_row(cells, stages) for cells in csv.DictReader(file))
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"{path}: is gone or damaged ({error}): run the same line again, which writes it again") from error
-
-
-def _row(cells: dict[str, str], stages: Sequence[str]) -> FrameRow:
-    numbers = {key: float(value) for key, value in cells.items() if key not in _TEXTS and value}
-    seconds = {stage: numbers.pop(f"{stage}_s") for stage in stages if f"{stage}_s" in numbers}
-    status: Any = cells["status"]
-    return FrameRow(
-        name=cells["name"],
-        status=status,
-        left=cells["left"],
-        right=cells["right"],
-        timestamp_s=float(cells["timestamp_s"]) if cells["timestamp_s"] else None,
-        error=cells["error"],
-        warnings=tuple(text for text in cells["warnings"].split("; ") if text),
-        kept=cells["kept"] == "1",
-        seconds=seconds,
-        facts=numbers,
-    )
-
-
-def with_residuals(content: bytes, points: Sequence[TrackPoint]) -> bytes:
-    """frames.csv with how far each given pose is from what the pictures show as last columns; without, where none was given."""
-    residuals = {point.name: (point.position_residual_m, point.attitude_residual_deg) for point in points}
-    header, *rows = csv.reader(io.StringIO(content.decode(), newline=""))
-    kept = [i for i, name in enumerate(header) if name not in RESIDUALS]
-    given = any(value is not None for values in residuals.values() for value in values)
-    lines = [_csv_line([header[i] for i in kept] + [*(RESIDUALS if given else ())])]
-    for row in rows:
-        values = residuals.get(row[0], (None, None)) if given else ()
-        lines.append(_csv_line([row[i] for i in kept] + ["" if value is None else f"{value:.4f}" for value in values]))
-    return b"".join(lines)
-
-
-def _csv_line(cells: Sequence[object]) -> bytes:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(printable(cell) if isinstance(cell, str) else cell for cell in cells)
-    return text.getvalue().encode()

@@ -31,7 +31,10 @@ class Compared:
 
 @dataclass(frozen=True)
 class KeptPlan:
-    """pairs, settings: what it is of, the latter hashed. Time in seconds of one core: of each pair, and of what is done once."""
+    """pairs, settings: what it is of, the latter hashed. Time in seconds of one core: of each pair, and of what is done once.
+
+    pass_seconds: of each pair, by pass.
+    """
 
     pairs: int
     settings: str
@@ -39,6 +42,7 @@ class KeptPlan:
     fit_s: float
     disk_bytes: int
     memory_bytes: int
+    pass_seconds: dict[str, float]
 
     def save(self, root: Path) -> None:
         """Write it. Raises OutputError."""

@@ -1,4 +1,4 @@
-"""What became of refining a run's rig, kept in OUT so that a rerun uses the same rig and does not refine again."""
+"""The outcome of refining a run's rig, kept in OUT so that a rerun uses the same rig and does not refine again."""
 
 import json
 from collections.abc import Mapping

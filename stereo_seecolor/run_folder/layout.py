@@ -66,6 +66,22 @@ DIVE_FILES: dict[str, str] = {
     RUN: "settings, inputs with their hashes, versions, totals",
 }
 
+MAP_FILES: dict[str, str] = {
+    "trajectory.tum": "poses of the rectified left camera, TUM",
+    "poses.csv": "each frame's position, and how far a given pose is from what the images show",
+    "map.json": "offset of the map's coordinates, position on Earth, sizes of voxels and cells",
+    CLOUD: "the surface as colored points, meters",
+    "cloud.laz": "the same in the coordinates of the GeoTIFFs",
+    MESH: "the surface as a colored mesh, meters",
+    "preview.png": "the map, seen obliquely",
+    "orthomosaic_preview.png": "the orthomosaic, small",
+    MOSAIC: "the reef from above, GeoTIFF",
+    TERRAIN: "heights, meters, GeoTIFF",
+    "reef_metrics.csv": "rugosity and other structure, square by square",
+    "reef_metrics.tif": "the same as GeoTIFF",
+}
+"""What the files of OUT/map hold."""
+
 WHAT_IS_WHERE: dict[str, str] = (
     {name: product.what for name, product in PRODUCTS.items()} | {MAP: "the fused map of the dive"} | DIVE_FILES
 )

@@ -16,8 +16,27 @@ EVERY_S = 2.0
 
 
 @dataclass(frozen=True)
+class Expected:
+    """Passes of a run. seconds: of one core for each pair, by pass in their order. planned: ``plan`` measured them on this dive."""
+
+    seconds: dict[str, float]
+    planned: bool = False
+
+    def of(self, *passes: str) -> "Expected":
+        """These passes alone."""
+        return Expected({name: self.seconds[name] for name in passes if name in self.seconds}, self.planned)
+
+
+USUAL = Expected({"ranges": 0.19, "light": 0.07, "waters": 0.01, "colors": 0.14})
+"""Of pairs of 1280x1024 (docs/fleets.md). Larger pairs take longer, but about the same shares, which are all that is used of it."""
+
+
+@dataclass(frozen=True)
 class Progress:
-    """How far a pass over a dive is. began_s, updated_s: seconds since 1970. failures: reason, how often, first frame."""
+    """How far a pass over a dive is. began_s, updated_s: seconds since 1970. failures: reason, how often, first frame.
+
+    new: of the pairs that are done, those that no earlier run had done. earlier: passes before this one: name, new pairs, seconds.
+    """
 
     stage: str
     total: int
@@ -25,6 +44,9 @@ class Progress:
     failed: int
     began_s: float
     updated_s: float
+    new: int
+    earlier: list[tuple[str, int, float]]
+    expected: Expected
     failures: list[tuple[str, int, str]] = field(default_factory=list)
 
     @property
@@ -34,12 +56,35 @@ class Progress:
             return None
         return self.began_s + (self.updated_s - self.began_s) * self.total / self.done
 
+    @property
+    def to_come(self) -> list[str]:
+        """Passes after this one."""
+        names = list(self.expected.seconds)
+        return names[names.index(self.stage) + 1 :] if self.stage in names else []
+
+    @property
+    def run_ends_s(self) -> float | None:
+        """When all passes will have ended, seconds since 1970, if they go as those so far against what was expected of them.
+
+        None where no pair was done that tells how fast it goes.
+        """
+        each, so_far = self.expected.seconds, [*self.earlier, (self.stage, self.new, self.updated_s - self.began_s)]
+        timed = [(new * each[name], seconds) for name, new, seconds in so_far if new and name in each]
+        expected_s = sum(seconds for seconds, _ in timed)
+        if self.stage not in each or not expected_s:
+            return None
+        pace = sum(seconds for _, seconds in timed) / expected_s
+        ends_s = self.ends_s or self.began_s + pace * each[self.stage] * self.total
+        return ends_s + pace * self.total * sum(each[name] for name in self.to_come)
+
     @classmethod
     def load(cls, root: Path) -> "Progress | None":
         """The latest that was written; None where there is none, or it is damaged."""
         try:
             content = json.loads(progress_file(root).read_bytes())
-            return cls(**{**content, "failures": [(str(a), int(b), str(c)) for a, b, c in content["failures"]]})
+            failures = [(str(a), int(b), str(c)) for a, b, c in content["failures"]]
+            earlier = [(str(a), int(b), float(c)) for a, b, c in content["earlier"]]
+            return cls(**{**content, "failures": failures, "earlier": earlier, "expected": Expected(**content["expected"])})
         except (OSError, ValueError, TypeError, KeyError):
             return None
 
@@ -48,27 +93,37 @@ class ProgressFile:
     """Hears of every pair of a pass, as a listener does, and writes now and then how far it is."""
 
     def __init__(self, root: Path) -> None:
-        self._root = root
+        self._root, self._expected = root, Expected({})
         self._failed: list[FrameRow] = []
-        self._stage, self._total, self._done = "", 0, Counter[str]()
+        self._earlier: list[tuple[str, int, float]] = []
+        self._stage, self._total, self._done, self._new = "", 0, Counter[str](), 0
         self._began_s = self._written_s = 0.0
+
+    def expect(self, passes: Expected) -> None:
+        """These passes are to come, if not more are expected already."""
+        if not passes.seconds.keys() <= self._expected.seconds.keys():
+            self._expected = passes
 
     def begin(self, stage: str, total: int) -> None:
         """A pass over ``total`` pairs begins. Raises OutputError."""
-        self._stage, self._total, self._failed, self._done = stage, total, [], Counter()
-        self._began_s = time.time()
+        now_s = time.time()
+        if self._stage:
+            self._earlier.append((self._stage, self._new, now_s - self._began_s))
+        self._stage, self._total, self._failed, self._done, self._new = stage, total, [], Counter(), 0
+        self._began_s = now_s
         self._write()
 
     def advance(self, row: FrameRow) -> None:
         """One more pair is through the pass. Raises OutputError."""
         self._done[row.status] += 1
+        self._new += not row.kept
         self._failed += [row] if row.status == "failed" else []
         if time.time() - self._written_s >= EVERY_S or self._done.total() == self._total:
             self._write()
 
     def _write(self) -> None:
         self._written_s = time.time()
-        failures = RunSummary(self._failed).problems()
         done, failed = self._done.total(), self._done["failed"]
-        progress = Progress(self._stage, self._total, done, failed, self._began_s, self._written_s, failures)
+        counts = self._stage, self._total, done, failed, self._began_s, self._written_s, self._new
+        progress = Progress(*counts, self._earlier, self._expected, RunSummary(self._failed).problems())
         write_replaceable(progress_file(self._root), json.dumps(asdict(progress)).encode())

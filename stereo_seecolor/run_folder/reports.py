@@ -19,7 +19,8 @@ from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_map import track_points
 from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import FrameTable, ProductSummary, RunSummary, frames_csv, with_residuals
+from stereo_seecolor.run_folder.frames_csv import frames_csv, with_residuals
+from stereo_seecolor.run_folder.frames_table import FrameTable, ProductSummary, RunSummary
 from stereo_seecolor.run_folder.layout import (
     DIVE_FILES,
     FIRST_LOOK,

@@ -1,4 +1,4 @@
-"""How the program knows a file that it wrote, or an input that it read, again."""
+"""The stamp by which the program recognizes a file that it wrote, or an input that it read."""
 
 import hashlib
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from pathlib import Path
 from stereo_seecolor.files.contained import contained
 
 ENDS_BYTES = 1 << 14
-"""So much of a file's begin and end goes into its digest: an edited file differs there or in size; a whole cloud is 20 MB."""
+"""Bytes of a file's begin and end that go into its digest: an edited file differs there or in size; a cloud has 20 MB."""
 
 
 @dataclass(frozen=True)

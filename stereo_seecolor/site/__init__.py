@@ -1,1 +1,1 @@
-"""A fused run as a site: its mesh, its terrain, and how sure each cell of it is."""
+"""A fused run as a site: its mesh, its terrain, and the standard error of each cell of it."""

@@ -1,4 +1,4 @@
-"""A fused run with its mesh in memory, in coordinates of one's choice."""
+"""A fused run with its mesh in memory, in coordinates that the caller chooses."""
 
 from dataclasses import dataclass
 from pathlib import Path

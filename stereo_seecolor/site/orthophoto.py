@@ -16,7 +16,7 @@ from stereo_seecolor.site.terrain import Terrain
 FINEST_OF_VOXEL = 0.25
 """Cells of the picture, in voxels: what is finer is grain that the next dive sees otherwise."""
 MOST_PX = 36e6
-"""Some 20 s and 2 GB of SIFT; larger sites are looked at in coarser cells."""
+"""Some 20 s and 2 GB of SIFT; larger sites are examined in coarser cells."""
 
 
 @dataclass(frozen=True, eq=False)

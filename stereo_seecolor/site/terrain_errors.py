@@ -1,6 +1,6 @@
-"""How sure the terrain of a fused run is, cell by cell: from the standard errors of the ranges, and how often each cell was seen.
+"""Standard errors of a fused terrain, cell by cell: from those of the ranges, and how often each cell was seen.
 
-Each frame's measured ranges are held against the terrain along its own rays. A range error dr moves the surface over a cell by
+Each frame's measured ranges are compared with the terrain along its own rays. A range error dr moves the surface over a cell by
 dz = dr (r_z - p r_x - q r_y), r the ray and p, q the slopes. Independent views weigh 1 / variance; where they differ by more than
 their standard errors say, the mean's is widened by the Birge ratio (Birge 1932, Phys. Rev. 40).
 """

@@ -24,7 +24,7 @@ class School:
 
     @classmethod
     def around(cls, spec: SurveySpec, T_world_camera: NDArray[np.float64], index: int) -> "School":
-        """``spec.fish`` fish in front of the camera, placed anew for every pair, since they move and the rig does."""
+        """``spec.fish`` fish in front of the camera, placed again for every pair, since they move and the rig does."""
         rng = np.random.default_rng([spec.seed, 5, index])
         ahead = np.stack([rng.uniform(-0.5, 0.5, spec.fish), rng.uniform(-0.4, 0.4, spec.fish), np.ones(spec.fish)], axis=1)
         distance_m = rng.uniform(0.55, 0.8, (spec.fish, 1)) * T_world_camera[2, 3]

@@ -64,7 +64,6 @@ export class Scene {
   private drawn_ms = 0;
   private still = 0;
   private moving = false;
-  private placed = false;
   private fitted = false;
   private atHome = true;
 
@@ -103,9 +102,8 @@ export class Scene {
     this.renderer.setSize(width, height, false);
     this.camera.aspect = width / Math.max(height, 1);
     this.camera.updateProjectionMatrix();
-    if (!this.placed) this.home();
-    this.placed = true;
-    this.draw();
+    if (this.atHome) this.home();
+    else this.draw();
   }
 
   /** Look at all of the map from a slant. */

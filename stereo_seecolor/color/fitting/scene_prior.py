@@ -19,7 +19,7 @@ WATER = 15
 class ScenePrior:
     """Logarithms of reflectance at the nine quantiles of ``range_quantiles``, dark to bright, against the brightest thousandth.
 
-    Numbers without a source of their own were chosen on the drawn scenes and reefs of seeds below 100 (docs/color-quality.md).
+    Numbers without a source of their own were chosen on the synthetic scenes and reefs of seeds below 100 (docs/color-quality.md).
     """
 
     reflectance: tuple[float, ...] = (0.003, 0.005, 0.013, 0.06, 0.12, 0.22, 0.45, 0.75, 1.0)

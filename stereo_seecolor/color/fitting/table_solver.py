@@ -61,7 +61,7 @@ class Guesses:
     least_mean: float = 1e-3
     """Fraction of full scale that a black channel's mean counts as."""
     least_depth: float = 0.1
-    """Least optical depth at the mean range: also a bright image is looked at through water."""
+    """Least optical depth at the mean range: a bright image, too, is seen through water."""
 
 
 GUESSES = Guesses()

@@ -102,7 +102,7 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """gains: (F, 3) logarithms of R, G, B, 0 where they do not help. measured (F,): frames that were held against others.
+    """gains: (F, 3) logarithms of R, G, B, 0 where they do not help. measured (F,): frames that were compared with others.
     offsets: rms of the luminance between frames, without and with gains, on patches that took no part.
     """
 

@@ -35,8 +35,6 @@ class LampSettings:
     """Standard deviation of a lamp's axis against the camera's, each way."""
     attenuation: tuple[float, float] = (0.05, 0.5)
     """Of luminance, 1/m: clear ocean to harbor. The light takes the way twice."""
-    corner: tuple[float, float] = (0.4, 1.0)
-    """Light that the lens leaves in the corners."""
     alone: float = 0.3
     """Fraction of rigs with one lamp."""
     half_width: tuple[float, float] = (0.4, 0.9)
@@ -48,7 +46,11 @@ class LampSettings:
 
 
 SETTINGS = LampSettings()
-_GRID, _SIZE = 9, (400, 300)
+CORNER = (0.4, 1.0)
+"""Light that lenses leave in the corners; ends of an even distribution."""
+SIZE = (400, 300)
+"""Of the pictures that are worked out: only the shape counts."""
+_GRID = 9
 _STEPS = np.linspace(-2, 2, 5)
 """Ranges that are worked out, in steps of the polynomial: 0.67 to 1.5 times the reference."""
 
@@ -56,10 +58,10 @@ _STEPS = np.linspace(-2, 2, 5)
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
     """Mean (TERMS + 1,) and covariance of the coefficients of the pattern and of the trend, of rigs with lamps."""
-    y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(_SIZE[::-1])[:, None, None] / _GRID)
-    places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(_SIZE) / (2 * _GRID) - 0.5
+    y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
+    places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5
     pixel, steps = np.tile(places, (len(_STEPS), 1)), np.repeat(_STEPS, len(places))
-    terms = np.column_stack([pattern_terms(pixel, steps, _SIZE), steps, np.ones_like(steps)])
+    terms = np.column_stack([pattern_terms(pixel, steps, SIZE), steps, np.ones_like(steps)])
     light = np.stack(
         [_light(draw, pixel, reference_m * np.exp(SHAPE.range_step * steps)) for draw in low_discrepancy(SETTINGS.rigs, 17)]
     )
@@ -72,9 +74,9 @@ def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
 
 def _light(draw: Array, pixel: Array, range_m: Array) -> Array:
     """(N,) logarithm of the light that comes back to pixels from ranges; draw: seventeen numbers in [0, 1)."""
-    tangent, corner = _between(SETTINGS.half_width, draw[0]), _between(SETTINGS.corner, draw[1])
+    tangent, corner = _between(SETTINGS.half_width, draw[0]), _between(CORNER, draw[1])
     attenuation, one = _between(SETTINGS.attenuation, draw[2]), draw[3] < SETTINGS.alone
-    across = (2 * pixel + 1 - np.array(_SIZE)) / _SIZE[0] * tangent
+    across = (2 * pixel + 1 - np.array(SIZE)) / SIZE[0] * tangent
     ray = np.column_stack([across, np.ones(len(pixel))])
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)
     turned = [1, 0, 2] if draw[16] < 0.5 else [0, 1, 2]
@@ -89,7 +91,7 @@ def _light(draw: Array, pixel: Array, range_m: Array) -> Array:
         cosine = np.maximum(away @ axis / np.linalg.norm(axis) / distance_m, 0.02)
         beam = cosine ** _between(SETTINGS.beam, part[5]) / distance_m**2 * np.exp(-attenuation * distance_m)
         lit += beam * (not (one and side > 0))
-    radius = (across**2).sum(axis=1) / (tangent**2 * (1 + (_SIZE[1] / _SIZE[0]) ** 2))
+    radius = (across**2).sum(axis=1) / (tangent**2 * (1 + (SIZE[1] / SIZE[0]) ** 2))
     return np.asarray(np.log(lit) + np.log(corner) * radius - attenuation * range_m)
 
 

@@ -66,7 +66,7 @@ class Choice:
 def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, frames: int, priors: Sequence[LightPrior]) -> Choice:
     """Begin with nothing, and add the term that lowers the spread most, as long as one lowers it enough. values: as ``solve``'s.
 
-    Of several priors that is taken which the sightings fit best.
+    Of several priors that of most evidence is taken; a narrow one only where it leaves no more between views than the best other.
     """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
     fitted, judged = ([value[window.held == held] for window, value in zip(windows, values, strict=True)] for held in (False, True))
@@ -88,8 +88,13 @@ def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, fra
 
 
 def _best(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, priors: Sequence[LightPrior]) -> Solution:
-    solutions = (solve(windows, values, use, frames, prior) for prior in (priors if use.pattern else priors[:1]))
-    return min(solutions, key=lambda solution: solution.misfit)
+    if not use.pattern:
+        return solve(windows, values, use, frames, priors[0])
+    wide, narrow = ([solve(windows, values, use, frames, prior) for prior in priors if prior.narrow == so] for so in (False, True))
+    best = min(wide, key=lambda solution: solution.misfit)
+    most = spread_left(windows, values, best).between_views
+    fitting = [solution for solution in narrow if spread_left(windows, values, solution).between_views <= most]
+    return min((best, *fitting), key=lambda solution: solution.misfit)
 
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry import lens_prior
 from stereo_seecolor.color.photometry.lamp_prior import lamp_ensemble
 from stereo_seecolor.color.photometry.light_model import PATTERN, TERMS
 
@@ -33,7 +34,7 @@ class Deviations:
 
 LUMINANCE = Deviations(coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, systematic=0.05)
 """Corners at half the light and a fall-off as of lamps are common; strobes and exposures vary by a fifth of a stop. Without
-``systematic`` gains took half of the lamps' fall-off, on a drawn night dive whose views agree within 1 %."""
+``systematic`` gains took half of the lamps' fall-off, on a synthetic night dive whose views agree within 1 %."""
 COLOR = Deviations(coefficient=0.2, ranged=0.05, trend=0.2, gain=0.03, systematic=0.0)
 """Lamps and lens change color less than brightness, and a frame's light hardly at all. With 0.5 for gains the frames of a real dive
 drifted from pink to green, at the same agreement between views."""
@@ -60,7 +61,8 @@ class Gaussian:
 class LightPrior:
     """mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations.
 
-    alike: so many sightings count as one against it.
+    alike: so many sightings count as one against it. narrow: it has so few ways to fit anything that evidence speaks for it even
+    where something else is seen.
     """
 
     mean: Array
@@ -68,6 +70,7 @@ class LightPrior:
     gain: float
     systematic: float
     alike: float
+    narrow: bool = False
 
     @classmethod
     def unknown(cls, about: Deviations, alike: float) -> "LightPrior":
@@ -79,6 +82,11 @@ class LightPrior:
     def lamps(cls, reference_m: float, alike: float) -> "LightPrior":
         """Of the luminance of pictures that are lit by lamps on the rig, and taken from about ``reference_m``."""
         return cls(*lamp_ensemble(reference_m), LUMINANCE.gain, LUMINANCE.systematic, alike)
+
+    @classmethod
+    def lens(cls, alike: float) -> "LightPrior":
+        """Of the luminance of pictures that the sun lights, whose strength and exposure change from frame to frame."""
+        return cls(*lens_prior.lens_ensemble(LUMINANCE.trend), lens_prior.SETTINGS.gain, LUMINANCE.systematic, alike, narrow=True)
 
     def of(self, columns: NDArray[np.bool_], frames: int) -> Gaussian:
         """Of the terms that are used, and of the gains of so many frames."""

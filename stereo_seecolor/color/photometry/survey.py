@@ -26,7 +26,6 @@ CLASS_STOPS = 2.0
 """Frames are sorted by brightness into classes this wide; more than a class from most is another exposure, not another reef."""
 BLACK = -10_000
 """The class of frames without any light."""
-NO_RANGE = "no pixel with a known range: another frame's water is used"
 
 
 class Fitter(Protocol):
@@ -228,7 +227,7 @@ def class_of(brightness: Brightness, config: ColorConfig) -> int:
 
 def _as_exposed(water: Water, frame: Brightness, survey: Brightness, most: int, config: ColorConfig) -> Water:
     if not frame.pixels.any():
-        return replace(water, warnings=(NO_RANGE,))
+        return water
     kind = class_of(frame, config)
     if kind == BLACK:
         return water
@@ -256,12 +255,12 @@ def completed(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]
             before.append(name)
             continue
         for earlier in before:
-            found.put(earlier, replace(last, warnings=(NO_RANGE,)))
+            found.put(earlier, last)
         before.clear()
-        found.put(name, water or replace(last, warnings=(NO_RANGE,)))
+        found.put(name, water or last)
     if before:
         raise ColorError(
-            f"none of the {len(before)} frames has a pixel with a known range: nothing can be fitted; check the range maps, "
-            "or the calibration and which side is left"
+            f"none of the {len(before)} frames has a pixel with a known range: nothing can be fitted (is it all open "
+            "water?); check the range maps, or the calibration and which side is left"
         )
     return found

@@ -138,7 +138,7 @@ def solve_light(
         return None
     crossed = pictures_crossed(windows, size)
     one = alike(crossed)
-    priors = LightPrior.unknown(LUMINANCE, one), LightPrior.lamps(views.reference_m, one)
+    priors = LightPrior.unknown(LUMINANCE, one), LightPrior.lens(one), LightPrior.lamps(views.reference_m, one)
     made, measured = _numbered(made)
     luminance = choose(made, [_mean(window) for window in made], allowed, len(measured), priors)
     colors = [window.log_light - _mean(window) for window in made]

@@ -25,7 +25,7 @@ class RednessSettings:
     least_light: float = 0.007
     """Of full scale, green and blue, in linear light: darker pixels' ratios are noise."""
     every_px: int = 8
-    """Rows and columns that are looked at."""
+    """Rows and columns that are examined."""
     fewest: int = 100
     """Measured pixels that say something."""
 

@@ -18,7 +18,7 @@ def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.f
 
 
 def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Linear light in [0, 1] -> what an image file holds: srgb, also for linear input (files are looked at); as-is unchanged."""
+    """Linear light in [0, 1] -> what an image file holds: srgb, also for linear input (files are viewed); as-is unchanged."""
     return light if encoding == "as-is" else srgb.encode_srgb(light)
 
 

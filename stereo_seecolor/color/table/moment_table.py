@@ -55,6 +55,12 @@ class MomentTable:
         return np.asarray(edges[:-1] + offset * np.diff(edges))
 
     @property
+    def median_range_m(self) -> float | None:
+        """Of all pixels, to a bin's width; None of none."""
+        below = np.cumsum(self.pixels)
+        return float(self.range_m[np.searchsorted(below, below[-1] / 2)]) if below[-1] else None
+
+    @property
     def values(self) -> NDArray[np.float64]:
         """(V,) what each bin's value is as a fraction of full scale, as the camera encoded it."""
         return bin_values(self.bit_depth)

@@ -1,6 +1,6 @@
 """Worker processes of this machine, forked from one process that has imported all: of two that import by themselves each takes 2 s.
 
-That process, the starter, is forked from the client while the client has one thread, and else started anew, which imports once
+That process, the starter, is forked from the client while the client has one thread, and else as a new program, which imports once
 more. It starts a worker in place of one that ends, and ends all when the client does, however that ends: it sees its pipe close.
 """
 
@@ -27,7 +27,7 @@ from stereo_seecolor.compute.cluster.dask_settings import DASK_SETTINGS
 from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
 
-IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive")
+IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive.passes")
 """What all workers need. What lies above this room is named only."""
 LOADED_ONCE = ("stereo_seecolor.matching.first_run:load_search",)
 """Functions that load the machine code which all workers need: 0.7 s."""

@@ -42,7 +42,7 @@ class Textured:
 
     @property
     def summary(self) -> str:
-        """What became of the map's surface, for a person."""
+        """The outcome of the map's surface, for a person."""
         surface, pixel_mm = self.surface, 1000 * self.views.posed.pixel_m
         largest_mm, bound_mm, rms_mm = (1000 * value for value in (surface.largest_m, surface.bound_m, surface.rms_m))
         seen, frames = float((self.charts.of_face >= 0).mean()), len(np.unique(self.charts.view))

@@ -109,8 +109,8 @@ def open_bag(path: Path) -> Bag:
     unstamped: Counter[str] = Counter()
     gathered: dict[tuple[str, str], _Gathered] = {}
     for file in files:
-        said: list[str] = []
-        for message in _messages(file, said):
+        read_problems: list[str] = []
+        for message in _messages(file, read_problems):
             topic = gathered.setdefault((message.channel.topic, message.channel.msgtype), _Gathered())
             topic.count += 1
             topic.first_ns, topic.last_ns = min(topic.first_ns, message.time_ns), max(topic.last_ns, message.time_ns)
@@ -121,7 +121,7 @@ def open_bag(path: Path) -> Bag:
                 topic.kept_ns = stamp_ns
                 unstamped[message.channel.topic] += not stamp_ns
                 topic.entries.append(Entry(message.channel, stamp_ns or message.time_ns, file, message.place))
-        problems += [f"{file}: {problem}" for problem in dict.fromkeys(said)]
+        problems += [f"{file}: {problem}" for problem in dict.fromkeys(read_problems)]
     if not gathered:
         raise InputError(problems[0] if problems else f"{path}: holds no messages")
     topics = [_topic(name, msgtype, found) for (name, msgtype), found in sorted(gathered.items())]

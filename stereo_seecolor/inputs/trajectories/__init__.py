@@ -19,6 +19,7 @@ from stereo_seecolor.inputs.trajectories import (
     metashape_xml,
     oplab,
     orca,
+    pose_table,
     tum,
 )
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
@@ -26,13 +27,24 @@ from stereo_seecolor.records import Trajectory
 
 FORMATS = (
     "TUM, KITTI, COLMAP images.txt, Metashape cameras (XML) and reference (text), oplab, ACFR stereo_pose_est.data, ORCA, Matisse "
-    "(CSV and dim2), ROS bags; or any table with a map of its columns, nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
+    "(CSV and dim2), ROS bags, "
+    "tables of poses or navigation whose header names the columns; or any table with a map of its columns, "
+    " nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
 )
 
 _Reader = Callable[[Lines, MountConfig], Trajectory]
-_FORMATS: tuple[tuple[Callable[[Lines], bool], _Reader], ...] = tuple(
-    (module.recognizes, module.read)
-    for module in (metashape_xml, metashape_reference, acfr, colmap, oplab, orca, matisse, kitti, tum)
+_FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
+    ("Metashape cameras", metashape_xml.recognizes, metashape_xml.read),
+    ("Metashape reference", metashape_reference.recognizes, metashape_reference.read),
+    ("ACFR stereo_pose_est.data", acfr.recognizes, acfr.read),
+    ("COLMAP images.txt", colmap.recognizes, colmap.read),
+    ("oplab", oplab.recognizes, oplab.read),
+    ("ORCA", orca.recognizes, orca.read),
+    ("Matisse", matisse.recognizes, matisse.read),
+    ("KITTI", kitti.recognizes, kitti.read),
+    ("TUM", tum.recognizes, tum.read),
+    ("table of poses", pose_table.recognizes, pose_table.read),
+    ("table of navigation", column_map.recognizes, column_map.read_by_names),
 )
 
 
@@ -57,6 +69,12 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     return trajectory
 
 
+def trajectory_format(path: Path) -> str | None:
+    """The name of the format that a text file is read as; None where it is no trajectory, by its first lines. Raises InputError."""
+    lines = read_lines(path)
+    return next((name for name, recognizes, _ in _FORMATS if recognizes(lines)), None)
+
+
 def rectified_trajectory(path: Path, config: MappingConfig, T_rectified_left: np.ndarray) -> Trajectory:
     """As read_trajectory, of the rectified left camera, whosever poses the file holds.
 
@@ -74,7 +92,7 @@ def trajectory_file(path: Path) -> Path:
 
 
 def _reader(lines: Lines) -> _Reader:
-    for recognizes, read in _FORMATS:
+    for _, recognizes, read in _FORMATS:
         if recognizes(lines):
             return read
     raise InputError(f"{lines.path}: is no trajectory that is known here ({FORMATS}); first line: {lines.first[:60]!r}")

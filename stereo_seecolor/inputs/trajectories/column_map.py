@@ -30,6 +30,7 @@ ROLES = {
     "roll": "degrees, starboard down; 0 where absent",
 }
 _PLACE = "lat and lon (or north and east)"
+_ANGLES = {"lat", "lon", "heading", "pitch", "roll"}
 _NEEDED = {
     _PLACE: ({"lat", "lon"}, {"north", "east"}),
     "depth (or up)": ({"depth"}, {"up"}),
@@ -38,6 +39,21 @@ _NEEDED = {
 }
 _FIXES = {"name", "time", "date", "lat", "lon", "north", "east"}
 """A map of these alone is of positions without depth and attitude: a buoy's fixes."""
+_NAMES = {
+    "name": "name|file|file_?name|image|image_?name|photo",
+    "time": "time|time_?stamp|utc|utc_?time|gps_?time|date_?time|unix_?time|epoch|zeit",
+    "lat": "lat|latitude|breite",
+    "lon": "lon|long|lng|longitude|laenge|länge",
+    "north": "north|northing",
+    "east": "east|easting",
+    "depth": "depth|vehicle_?depth|water_?depth|tiefe|profondeur|profundidad",
+    "heading": "heading|hdg|yaw|kurs|cap|rumbo",
+    "pitch": "pitch",
+    "roll": "roll",
+}
+"""Role -> usual names of its column, before a unit. Altitude is none of them: vehicles measure it above the bottom."""
+_UNIT = re.compile(r"([ _]*(\(.*?\)|\[.*?\])|[ _]+(deg|degrees|rad|radians|m|s))?$")
+_RADIANS = re.compile(r"[ _(\[]rad(ians)?[)\]]?$")
 _EXAMPLE = "nav.csv:time=UTC,lat=Latitude,lon=Longitude,depth=Depth,heading=Heading"
 _SPEC = re.compile(r"(?P<file>.+?):(?P<columns>\w+=.*)")
 _SEPARATORS = (",", ";", "\t")
@@ -59,6 +75,28 @@ def split_spec(spec: Path) -> tuple[Path, dict[str, str]]:
             raise InputError(f"{spec}: {part!r} is no role=column with a role of its own ({known}): write {_EXAMPLE}")
         columns[role] = column
     return Path(match["file"]), columns
+
+
+def recognizes(lines: Lines) -> bool:
+    """A header whose names tell a place, and a time or an image."""
+    columns = _guessed(lines)
+    return bool({"lat", "lon"} <= columns.keys() or {"north", "east"} <= columns.keys()) and bool({"time", "name"} & columns.keys())
+
+
+def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
+    """As ``read``, by the usual names of columns."""
+    return read(lines, _guessed(lines), mount)
+
+
+def _guessed(lines: Lines) -> dict[str, str]:
+    """Role -> the first column of a usual name for it."""
+    found: dict[str, str] = {}
+    for name in _header(lines)[1]:
+        bare = _UNIT.sub("", name)
+        role = next((role for role, names in _NAMES.items() if role not in found and re.fullmatch(names, bare)), None)
+        if role:
+            found[role] = name
+    return found
 
 
 def read(lines: Lines, columns: Mapping[str, str], mount: MountConfig) -> Trajectory:
@@ -90,21 +128,28 @@ def _check_roles(lines: Lines, columns: Mapping[str, str]) -> None:
 
 def _table(lines: Lines, columns: Mapping[str, str]) -> Table:
     """The header is the first line, also where it begins with ``#`` or ``%``."""
-    first = lines.all[0].lstrip("#% ")
-    separator = max(_SEPARATORS, key=first.count)
-    header = [name.strip().strip('"').lower() for name in first.split(separator)]
+    separator, header = _header(lines)
     for role, column in columns.items():
         if column.lower() not in header:
             near = difflib.get_close_matches(column.lower(), header, n=1, cutoff=0.5)
             hint = f"did you mean {near[0]!r}?" if near else f"it has {', '.join(header)[:200]}"
             raise InputError(f"{lines.path}: has no column {column!r} for {role}; {hint}")
-    rows = tuple(row for row in lines.content if row[1].lstrip("#% ") != first)
+    rows = tuple(row for row in lines.content if row[1].lstrip("#% ") != lines.header)
     return Table.read(lines, separator, header, rows)
 
 
+def _header(lines: Lines) -> tuple[str, list[str]]:
+    """What separates columns, and their names in lower case."""
+    separator = max(_SEPARATORS, key=lines.header.count)
+    return separator, [name.strip().strip('"').lower() for name in lines.header.split(separator)]
+
+
 def _numbers(table: Table, columns: Mapping[str, str], role: str) -> Column:
-    """A role's column; zeros where the map does not name one."""
-    return np.array(table.column(columns[role].lower())) if role in columns else np.zeros(len(table.rows))
+    """A role's column, of angles in degrees, also where its name says radians; zeros where the map does not name one."""
+    if role not in columns:
+        return np.zeros(len(table.rows))
+    values = np.array(table.column(columns[role].lower()))
+    return np.degrees(values) if role in _ANGLES and _RADIANS.search(columns[role].lower()) else values
 
 
 def _times(table: Table, columns: Mapping[str, str]) -> Column:

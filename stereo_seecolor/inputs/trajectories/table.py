@@ -33,6 +33,11 @@ class Lines:
         """The first line with content, "" where there is none."""
         return self.content[0][1] if self.content else ""
 
+    @property
+    def header(self) -> str:
+        """The first line of all, without what makes a comment of it."""
+        return self.all[0].lstrip("#% ")
+
     def error(self, number: int, what: str) -> InputError:
         """An error that names file and line."""
         return InputError(f"{self.path}: line {number}: {what}")

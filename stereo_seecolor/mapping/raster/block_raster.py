@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.atomic import output_errors
+from stereo_seecolor.files.numpy_files import load_array
 from stereo_seecolor.mapping.raster.grid import Grid
 
 BLOCK_PX = 512
@@ -27,14 +28,14 @@ class BlockRaster:
         result = np.full((self.bands, rows.stop - rows.start, columns.stop - columns.start), self.fill, self.dtype)
         for block, here, there in self._overlaps(rows, columns):
             if block in self._blocks:
-                result[:, here[0], here[1]] = np.load(self._path(block))[:, there[0], there[1]]
+                result[:, here[0], here[1]] = load_array(self._path(block))[:, there[0], there[1]]
         return result
 
     def write(self, rows: slice, columns: slice, values: NDArray[Any]) -> None:
         """Replace a window by (bands, h, w). Raises OutputError if the disk is full."""
         for block, here, there in self._overlaps(rows, columns):
             if block in self._blocks:
-                content = np.load(self._path(block))
+                content = load_array(self._path(block))
             else:
                 content = np.full((self.bands, BLOCK_PX, BLOCK_PX), self.fill, self.dtype)
             content[:, there[0], there[1]] = values[:, here[0], here[1]]

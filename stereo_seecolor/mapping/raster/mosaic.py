@@ -26,7 +26,7 @@ class MosaicSettings:
     """How views are chosen."""
 
     views_a_meter: int = 12  # frames that a block is painted from, for each meter of its edge: more never win
-    repaints: int = 3  # so often views are chosen anew for what the first ones do not see,
+    repaints: int = 3  # so often views are chosen again for what the first ones do not see,
     unpainted: float = 0.01  # where that is more than this fraction of the cells
     windows_at_once: int = 2  # one is blended while the cells of the other are looked up on all cores
     cached_frames: int = 16  # read frames that are kept, 8 bytes a pixel: neighboring blocks share them
@@ -50,12 +50,16 @@ SETTINGS = MosaicSettings()
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) their centers. z_m: (h, w) heights, NaN where unknown."""
+    """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) their centers. z_m: (h, w) heights, NaN where unknown.
+
+    other_m: (h, w) of cells at a step of the terrain: the height beyond it; NaN elsewhere.
+    """
 
     edge_m: float
     x_m: Array
     y_m: Array
     z_m: Array
+    other_m: Array
 
 
 def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder: Path) -> BlockRaster:
@@ -157,7 +161,20 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
     weight = cv2.remap(np.isfinite(part).astype(np.float32), u, v, cv2.INTER_LINEAR)
     z = cv2.remap(np.nan_to_num(part), u, v, cv2.INTER_LINEAR)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return Cells(grid.cell_m, x_m, y_m, np.where(weight > 0.5, z / weight, np.nan).astype(np.float64))
+        level = np.where(weight > 0.5, z / weight, np.nan)
+    near, other = (cv2.remap(heights, u, v, cv2.INTER_NEAREST) for heights in _steps(part))
+    at_step = np.isfinite(other)
+    return Cells(grid.cell_m, x_m, y_m, np.where(at_step, near, level).astype(np.float64), other.astype(np.float64))
+
+
+def _steps(heights_m: Float) -> tuple[Float, Float]:
+    """Heights as they are, and of cells at a step the height of its other side, NaN elsewhere: between both there is nothing."""
+    known, around = np.isfinite(heights_m), np.ones((3, 3), np.uint8)
+    highest = cv2.dilate(np.where(known, heights_m, -np.inf).astype(np.float32), around)
+    lowest = cv2.erode(np.where(known, heights_m, np.inf).astype(np.float32), around)
+    with np.errstate(invalid="ignore", over="ignore"):
+        other = np.where(heights_m - lowest > highest - heights_m, lowest, highest)
+        return heights_m, np.where(known & (highest - lowest > SETTINGS.hidden_m), other, np.nan).astype(np.float32)
 
 
 def _reaching(cells: Cells, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Array, Array]], T: Array) -> list[int]:
@@ -200,7 +217,7 @@ def _look(cells: Cells, view: tuple[_Sight, Array], geometry: RectifiedPair, fou
     T, center_m = inverse(T_local_camera), np.ascontiguousarray(T_local_camera[:3, 3])
     frame = sight.color, sight.range_m, sight.doubtful
     color, cost, weight = (part[number] for part in found)
-    return see(cells.x_m, cells.y_m, cells.z_m, T, center_m, camera, *frame, limits, color, cost, weight) > 0
+    return see(cells.x_m, cells.y_m, cells.z_m, cells.other_m, T, center_m, camera, *frame, limits, color, cost, weight) > 0
 
 
 def _blend(colors: NDArray[np.uint8], costs: Float, mean: Float) -> NDArray[np.uint8]:

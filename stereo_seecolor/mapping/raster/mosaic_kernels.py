@@ -18,6 +18,7 @@ def see(
     x_m: Any,  # (w,) float64, of the cells
     y_m: Any,  # (h,) float64
     z_m: Any,  # (h, w) float64, NaN where unknown
+    other_m: Any,  # (h, w) float64: height that a cell at a step may have instead, NaN elsewhere
     T: Any,  # (4, 4) float64, camera from map
     center_m: Any,  # (3,) float64, of the camera
     camera: Any,  # (3,) float64: focal_px, cx, cy
@@ -31,8 +32,9 @@ def see(
 ) -> int:
     """Colors of the cells by one frame, bilinear, and what each costs and weighs; how many it sees.
 
-    A cell is hidden where the range measured at its pixel is another: something stands before it, or it moved. Pixels without a
-    range may be painted black, and must not bleed into their neighbors.
+    A cell is hidden where the range measured at its pixel is another: something stands before it, or it moved. At a step of the
+    terrain, whose cells are larger, it may lie at the other height. Pixels without a range may be painted black, and must not
+    bleed into their neighbors.
     """
     height, width = range_m.shape
     focal_px, cx, cy = camera[0], camera[1], camera[2]
@@ -45,26 +47,28 @@ def see(
         y = y_m[r]
         for c in range(len(x_m)):
             cost[r, c] = np.inf
-            x, z = x_m[c], z_m[r, c]
-            depth = depth_x * x + depth_y * y + depth_z * z + depth_0
-            if not depth > NEAREST_M:
-                continue
-            across = right_x * x + right_y * y + right_z * z + right_0
-            down = down_x * x + down_y * y + down_z * z + down_0
-            u, v = focal_px * across / depth + cx, focal_px * down / depth + cy
-            if u < 1 or v < 1 or u > width - 2 or v > height - 2:
-                continue
-            row, column = np.uint64(v + 0.5), np.uint64(u + 0.5)
-            distance = np.sqrt(across * across + down * down + depth * depth)
-            if not np.abs(range_m[row, column] - distance) <= hidden_m + hidden_fraction * distance:
-                continue
-            if not _blended(rgb, range_m, u, v, color[r, c]):
-                continue
-            east, north, above = x - center_m[0], y - center_m[1], center_m[2] - z
-            slant = np.sqrt(east * east + north * north) / max(above, NEAREST_M)
-            cost[r, c] = slant + doubtful_cost * doubtful[row, column]
-            weight[r, c] = color_weight(distance * np.sqrt(1 + slant * slant) / (focal_px * cell_m), doubtful[row, column])
-            seen += 1
+            x = x_m[c]
+            for z in (z_m[r, c], other_m[r, c]):
+                depth = depth_x * x + depth_y * y + depth_z * z + depth_0
+                if not depth > NEAREST_M:
+                    continue
+                across = right_x * x + right_y * y + right_z * z + right_0
+                down = down_x * x + down_y * y + down_z * z + down_0
+                u, v = focal_px * across / depth + cx, focal_px * down / depth + cy
+                if u < 1 or v < 1 or u > width - 2 or v > height - 2:
+                    continue
+                row, column = np.uint64(v + 0.5), np.uint64(u + 0.5)
+                distance = np.sqrt(across * across + down * down + depth * depth)
+                if not np.abs(range_m[row, column] - distance) <= hidden_m + hidden_fraction * distance:
+                    continue
+                if not _blended(rgb, range_m, u, v, color[r, c]):
+                    continue
+                east, north, above = x - center_m[0], y - center_m[1], center_m[2] - z
+                slant = np.sqrt(east * east + north * north) / max(above, NEAREST_M)
+                cost[r, c] = slant + doubtful_cost * doubtful[row, column]
+                weight[r, c] = color_weight(distance * np.sqrt(1 + slant * slant) / (focal_px * cell_m), doubtful[row, column])
+                seen += 1
+                break
     return seen
 
 

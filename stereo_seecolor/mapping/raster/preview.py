@@ -16,7 +16,7 @@ BACKGROUND = 255  # white
 
 
 def render_preview(surfaces: Callable[[], Iterable[Surface]]) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB of the map from a slant, parallel projection, lightly shaded. surfaces: gives the tiles anew on each call."""
+    """(H, W, 3) RGB of the map from a slant, parallel projection, lightly shaded. surfaces: gives the tiles again on each call."""
     R = _view()
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for surface in surfaces():

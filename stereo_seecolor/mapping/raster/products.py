@@ -28,7 +28,7 @@ PREVIEW_PX = 3000
 """Longer side of orthomosaic_preview.png: opens anywhere."""
 
 Surfaces = Callable[[], Iterable[Surface]]
-"""Gives a map's tiles anew on each call."""
+"""Gives a map's tiles again on each call."""
 
 
 @dataclass(frozen=True, eq=False)

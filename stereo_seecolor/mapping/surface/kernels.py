@@ -6,6 +6,7 @@ import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.color_weight import color_weight
+from stereo_seecolor.mapping.surface.slant import SLANT_PX
 
 BLOCK = 8
 """Voxels along the edge of a block."""
@@ -24,38 +25,62 @@ def weigh(
     range_m: Any,  # (H, W) float32
     range_std_m: Any,  # (H, W) float32
     confidence: Any,  # (H, W) float32
-    ray_length: Any,  # (H, W) float: range over depth
+    ray_length: Any,  # (H, W) float32: range over depth
     voxel_m: float,
     depth_m: Any,  # (H, W) float32, written
     weight: Any,  # (H, W) float32, written: 0 where nothing was measured
+    inverse: Any,  # (H + 2 SLANT_PX, W + 2 SLANT_PX) float32: written inside a frame of zeros: 1 / depth_m, 0 where there is none
     deepest_m: Any,  # (H / CELL, W / CELL) float32, rounded up, written: of each cell of CELL x CELL pixels, 0 where there is none
+    left: int,
+    right: int,
     first: int,
     last: int,
 ) -> None:
-    """Depths and weights of a frame's pixels in the rows of cells from first to before last.
+    """Depths and weights of a frame's pixels in the columns of cells from left to before right, and the rows from first to before
+    last.
 
     Weight = confidence (voxel / standard error)^2. The error of stereo grows with the square of the range; without regard to
     that, one near fish would outweigh all that see through it.
     """
     for row in range(first * CELL, min(last * CELL, range_m.shape[0])):
         if row % CELL == 0:
-            deepest_m[row // CELL] = 0
-        for column in range(range_m.shape[1]):
+            deepest_m[row // CELL, left:right] = 0
+        for column in range(left * CELL, min(right * CELL, range_m.shape[1])):
             measured, trust, std = range_m[row, column], confidence[row, column], range_std_m[row, column]
             weight[row, column] = 0
+            inverse[row + SLANT_PX, column + SLANT_PX] = 0
             if not (measured > 0 and trust > 0 and measured < np.inf):
                 continue
             depth = np.float32(measured / ray_length[row, column])
             depth_m[row, column] = depth
+            inverse[row + SLANT_PX, column + SLANT_PX] = np.float32(1) / depth
             weight[row, column] = trust * (voxel_m / std) ** 2 if std > 0 else trust
             cell = column // CELL
             deepest_m[row // CELL, cell] = max(deepest_m[row // CELL, cell], depth)
 
 
 @compiled
+def cells_of(
+    keys: Any,  # (B, 3) int32 block coordinates
+    shape: Any,  # rows and columns of cells of an image
+    camera: Any,  # (3,) float64: focal_px, cx, cy
+    T: Any,  # (4, 4) float64, camera from world
+    voxel_m: float,
+) -> Any:
+    """The cells that any of the blocks covers in the image: rows from the first to before the second, columns likewise."""
+    top, bottom, left, right = shape[0], 0, shape[1], 0
+    for b in range(len(keys)):
+        window = _window(keys[b], shape, camera, T, voxel_m)
+        if window[0] < window[1] and window[2] < window[3]:
+            top, bottom = min(top, window[0]), max(bottom, window[1])
+            left, right = min(left, window[2]), max(right, window[3])
+    return top, bottom, left, right
+
+
+@compiled
 def in_sight(
     keys: Any,  # (B, 3) int32 block coordinates
-    deepest_m: Any,  # of ``weigh``
+    deepest_m: Any,  # of ``weigh``, known where ``cells_of`` says
     camera: Any,  # (3,) float64: focal_px, cx, cy
     T: Any,  # (4, 4) float64, camera from world
     voxel_m: float,
@@ -63,34 +88,41 @@ def in_sight(
 ) -> Any:
     """The numbers of the blocks of which something may be in front of a measurement, or not deeper behind it than the truncation.
 
-    Of each block its enclosing sphere is held against the deepest measurement in the window of the image that it covers.
+    Of each block its enclosing sphere is compared with the deepest measurement in the window of the image that it covers.
     """
     chosen = np.empty(len(keys), np.int64)
     count = 0
     for b in range(len(keys)):
-        half, radius = BLOCK / 2, 0.87 * BLOCK * voxel_m
-        x, y, z = _in_camera(
-            T, (keys[b, 0] * BLOCK + half) * voxel_m, (keys[b, 1] * BLOCK + half) * voxel_m, (keys[b, 2] * BLOCK + half) * voxel_m
-        )
-        if z < -radius:
-            continue
-        if z < 2 * radius or _measured(deepest_m, camera, x / z, y / z, 2 * radius / (z - radius), z - radius - truncation_m):
+        top, bottom, left, right, nearest_m = _window(keys[b], deepest_m.shape, camera, T, voxel_m)
+        if _deepest(deepest_m, top, bottom, left, right) > max(nearest_m - truncation_m, 0.0):
             chosen[count] = b
             count += 1
     return chosen[:count]
 
 
 @compiled
-def _measured(deepest_m: Any, camera: Any, across: float, down: float, margin: float, least_m: float) -> bool:
-    """Whether anything as deep was measured in the window around a direction. across, down, margin: of the depth."""
-    rows, columns = deepest_m.shape
-    top, bottom = _cells(camera[0] * (down - margin) + camera[2], camera[0] * (down + margin) + camera[2], rows)
-    left, right = _cells(camera[0] * (across - margin) + camera[1], camera[0] * (across + margin) + camera[1], columns)
+def _window(key: Any, shape: Any, camera: Any, T: Any, voxel_m: float) -> Any:
+    """The cells that the sphere around a block covers, as ``cells_of`` gives them, and its least depth; none behind the camera."""
+    half, radius = BLOCK / 2, 0.87 * BLOCK * voxel_m
+    x, y, z = _in_camera(T, (key[0] * BLOCK + half) * voxel_m, (key[1] * BLOCK + half) * voxel_m, (key[2] * BLOCK + half) * voxel_m)
+    if z < -radius:
+        return 0, 0, 0, 0, 0.0
+    if z < 2 * radius:
+        return 0, shape[0], 0, shape[1], 0.0
+    across, down, margin = x / z, y / z, 2 * radius / (z - radius)
+    top, bottom = _cells(camera[0] * (down - margin) + camera[2], camera[0] * (down + margin) + camera[2], shape[0])
+    left, right = _cells(camera[0] * (across - margin) + camera[1], camera[0] * (across + margin) + camera[1], shape[1])
+    return top, bottom, left, right, z - radius
+
+
+@compiled
+def _deepest(deepest_m: Any, top: int, bottom: int, left: int, right: int) -> Any:
+    """In a window of cells; 0 where nothing was measured."""
+    deepest = np.float32(0)
     for row in range(top, bottom):
         for column in range(left, right):
-            if deepest_m[row, column] > 0 and deepest_m[row, column] >= least_m:
-                return True
-    return False
+            deepest = max(deepest, deepest_m[row, column])
+    return deepest
 
 
 @compiled

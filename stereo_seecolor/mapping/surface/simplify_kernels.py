@@ -20,7 +20,7 @@ from stereo_seecolor.mapping.surface.triangle_kernels import cross, form, point_
 MOST_AT_VERTEX = 64
 """Triangles; a vertex that has more stays."""
 SAMPLES = np.array([[2, 2, 2], [3, 3, 0], [0, 3, 3], [3, 0, 3], [4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
-"""Places in a triangle of the result, as weights of its corners, that are held against the original."""
+"""Places in a triangle of the result, as weights of its corners, that are compared with the original."""
 
 
 @compiled

@@ -18,46 +18,42 @@ MOST_STRETCH = 4.0
 
 @compiled
 def stretches(
-    depth_m: Any,  # (H, W) float32
-    weight: Any,  # (H, W) float32: 0 where nothing was measured
+    inverse: Any,  # (H + 2 SLANT_PX, W + 2 SLANT_PX) float32, 1 / depth inside a frame of zeros: 0 where nothing was measured
     camera: Any,  # (3,) float64: focal_px, cx, cy
     stretch: Any,  # (H, W) float32, written: by how much the truncation grows along a pixel's ray, 1 for none
+    left: int,
+    right: int,
     first: int,
     last: int,
 ) -> None:
-    """For the rows from first to before last.
+    """For the columns from left to before right, and the rows from first to before last.
 
-    The inverse depth of a plane is linear in pixels, so that its slopes and its value give the normal.
+    The inverse depth of a plane is linear in pixels, so that its slopes and its value give the normal. Without branches, for
+    vector instructions.
     """
+    focal_px, cx, cy = np.float32(camera[0]), np.float32(camera[1]), np.float32(camera[2])
+    one, least_sine, most = np.float32(1), np.float32(LEAST_SINE), np.float32(MOST_STRETCH)
+    scale = focal_px / np.float32(SLANT_PX)
     for row in range(first, last):
-        for column in range(depth_m.shape[1]):
-            stretch[row, column] = 1.0
-            if weight[row, column] == 0:
-                continue
-            inverse = 1 / depth_m[row, column]
-            x, y = (column - camera[1]) / camera[0], (row - camera[2]) / camera[0]
-            a = _slope(depth_m, weight, row, column, 0, 1, inverse) * camera[0]
-            b = _slope(depth_m, weight, row, column, 1, 0, inverse) * camera[0]
-            c = inverse - a * x - b * y
-            sine = inverse / np.sqrt((a * a + b * b + c * c) * (1 + x * x + y * y))
-            if sine < LEAST_SINE:
-                stretch[row, column] = min(LEAST_SINE / sine, MOST_STRETCH)
+        y = (np.float32(row) - cy) / focal_px
+        above, here = inverse[row], inverse[row + SLANT_PX]
+        below = inverse[row + 2 * SLANT_PX]
+        for column in range(left, right):
+            x = (np.float32(column) - cx) / focal_px
+            middle = here[column + SLANT_PX]
+            a = scale * _slope(here[column], middle, here[column + 2 * SLANT_PX])
+            b = scale * _slope(above[column + SLANT_PX], middle, below[column + SLANT_PX])
+            c = middle - a * x - b * y
+            sine = middle / np.sqrt((a * a + b * b + c * c) * (one + x * x + y * y))
+            stretch[row, column] = min(max(least_sine / sine, one), most)
 
 
 @compiled
-def _slope(depth_m: Any, weight: Any, row: int, column: int, down: int, across: int, inverse: float) -> float:
-    """Change of the inverse depth a pixel along one axis: the smaller of both sides, so that it holds on both.
+def _slope(before: Any, middle: Any, behind: Any) -> Any:
+    """Change of the inverse depth over SLANT_PX along one axis: the smaller of both sides, so that it holds on both.
 
     0 where they differ in sign (a branch, a ridge) or one is not measured (an edge of what was seen).
     """
-    least = np.inf
-    for side in (-SLANT_PX, SLANT_PX):
-        r, c = row + side * down, column + side * across
-        if r < 0 or c < 0 or r >= depth_m.shape[0] or c >= depth_m.shape[1] or weight[r, c] == 0:
-            return 0.0
-        slope = (1 / depth_m[r, c] - inverse) / side
-        if least < np.inf and slope * least <= 0:
-            return 0.0
-        if abs(slope) < abs(least):
-            least = slope
-    return least
+    rise, fall = behind - middle, middle - before
+    slope = rise if abs(rise) < abs(fall) else fall
+    return slope if (before > 0) & (behind > 0) & (rise * fall > 0) else np.float32(0)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.numpy_files import load_arrays
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.kept_folder import kept_folder
 from stereo_seecolor.mapping.surface.surface import Surface
@@ -35,8 +36,8 @@ class TileStore:
 
     def load(self, tile: Tile) -> Surface:
         """A tile that was saved."""
-        with np.load(self._path(tile)) as content:
-            return Surface(content["points"], content["normals"], content["colors"], content["triangles"])
+        content = load_arrays(self._path(tile))
+        return Surface(content["points"], content["normals"], content["colors"], content["triangles"])
 
     def surfaces(self, tiling: Tiling) -> Iterator[Surface]:
         """All tiles, one in memory at a time."""

@@ -1,6 +1,6 @@
 """Bundle adjustment: the poses of all frames and the places of all points that they share, from every sighting at once.
 
-A sighting is held against its point in image space, so measured ranges take part, each with its own standard error.
+A sighting is compared with its point in image space, so measured ranges take part, each with its own standard error.
 Levenberg-Marquardt; points are eliminated first (Triggs et al. 2000), and the frames' equations are solved in a sparse order.
 """
 
@@ -25,7 +25,7 @@ class BundleSettings:
 
     tolerances: tuple[float, ...] = (1e-3, 1e-3, 1e-5)  # of the cost, when to stop, for each round: the scales of standard errors,
     # which the residuals of one round give the next, are known long before a track without loops has found its place
-    scales: tuple[float, float] = (0.1, 5.0)  # limits of that factor: exact drawn images would make errors zero
+    scales: tuple[float, float] = (0.1, 5.0)  # limits of that factor: exact synthetic images would make errors zero
     iterations: int = 20  # of Levenberg-Marquardt; it takes 5
     damping: float = 1e-5  # at the start: the pose graph's poses are near
     damping_step: float = 10.0  # by which it shrinks after a step that helped, and grows after one that did not

@@ -1,6 +1,6 @@
 """Normal equations of bundle adjustment: points are eliminated, and the equations of the frames are kept.
 
-A sighting is held against its point in image space, x / z, y / z, 1 / z. Poses move by a turn (rad) and then a shift (m) in their
+A sighting is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn (rad) and then a shift (m) in their
 own axes. Sightings are sorted by point; ``start`` (m + 1,) says where each point's begin. Functions work on a range of points, of
 sightings or of frames, so that several cores share them; none writes where another range does.
 """

@@ -1,4 +1,4 @@
-"""Poses and points that every sighting, and all that is known of them, is held against at once: nonlinear least squares."""
+"""Poses and points that every sighting, and all that is known of them, is compared with at once: nonlinear least squares."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -80,7 +80,7 @@ class BundleProblem:
         return cls(frames, sightings.point[order], frame, seen.points, 1 / seen.std, own, known)
 
     def scaled(self, directions: float, depths: float) -> "BundleProblem":
-        """With errors of directions and of inverse depths so many times as large."""
+        """With errors of directions and of inverse depths scaled by this factor."""
         return replace(self, weight=self.weight / [directions, directions, depths])
 
     def first_places(self, T: Array) -> Array:

@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 import weakref
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import numpy as np
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.files.atomic import atomic_path
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.numpy_files import load_arrays
 from stereo_seecolor.mapping.kept_folder import kept_folder
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.features import SETTINGS, Features
@@ -21,22 +23,23 @@ HELD = 64
 
 
 class FeatureStore(Lazy[Features]):
-    """A folder with one file a frame, by the frame's position on the track."""
+    """A folder with one file a frame, asked for by the frame's position on the track. names: of the files, by position."""
 
-    def __init__(self, folder: Path, count: int) -> None:
-        self._folder, self._count = folder, count
+    def __init__(self, folder: Path, names: Sequence[str]) -> None:
+        self._folder, self._names = folder, names
 
     @classmethod
     def of(cls, survey: Survey) -> "FeatureStore":
-        """For a survey's frames; what was found in the same frames before is there already."""
+        """For a survey's frames; what was found in the same frames before, of the same numbers, is there already."""
         index = survey.index
         if survey.scratch is None:
-            return _Temporary(len(index.names))
-        key = content_key(__version__, SETTINGS, survey.geometry, index.checksums[index.order])
-        return cls(kept_folder(survey.scratch / "features", key), len(index.names))
+            return _Temporary([f"{number}.npz" for number in index.order.tolist()])
+        names = [f"{number}_{index.checksums[number]:08x}.npz" for number in index.order.tolist()]
+        key = content_key(__version__, SETTINGS, survey.geometry)
+        return cls(kept_folder(survey.scratch / "features", key), names)
 
     def __len__(self) -> int:
-        return self._count
+        return len(self._names)
 
     def item(self, number: int) -> Features:
         """Those of the frame at a position. Raises FileNotFoundError where they were not found yet."""
@@ -52,18 +55,17 @@ class FeatureStore(Lazy[Features]):
             np.savez(file, points=features.points, std=features.std, descriptors=features.descriptors)
 
     def _path(self, number: int) -> Path:
-        return self._folder / f"{number}.npz"
+        return self._folder / self._names[number]
 
 
 class _Temporary(FeatureStore):
     """In a folder that goes with this object."""
 
-    def __init__(self, count: int) -> None:
-        super().__init__(Path(tempfile.mkdtemp(prefix="stereo-seecolor-")), count)
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__(Path(tempfile.mkdtemp(prefix="stereo-seecolor-")), names)
         weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
 
 
 @lru_cache(maxsize=HELD)
 def _loaded(path: Path) -> Features:
-    with np.load(path) as content:
-        return Features(content["points"], content["std"], content["descriptors"])
+    return Features(**load_arrays(path))

@@ -44,7 +44,7 @@ class Features:
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 128), np.uint8))
 
     def scaled(self, scale: float) -> "Features":
-        """With ranges so many times as long."""
+        """With ranges scaled by this factor."""
         by = np.array([1, 1, 1 / scale])
         return Features(self.points * by, self.std * by, self.descriptors)
 

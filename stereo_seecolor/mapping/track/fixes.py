@@ -50,14 +50,14 @@ def at_fixes(own: Placement, index: FrameIndex, trajectory: Trajectory, config: 
     Components for which they do not tell are left out, and named. Raises MappingError if that is the largest one.
     """
     fixes = assign(index, trajectory, config).T_world_camera[:, :3, 3]
-    T, components, unplaced, said = own.T_world_camera.copy(), own.components.copy(), [*own.unplaced], []
+    T, components, unplaced, warnings = own.T_world_camera.copy(), own.components.copy(), [*own.unplaced], []
     for component in range(len(own.sizes)):
         frames = own.frames_of(component)
         fixed = frames[np.isfinite(fixes[frames]).all(axis=1)]
         fit = fit_to_fixes(T[fixed, :3, 3], fixes[fixed], config.prior_position_std_m)
         if fit is not None:
             T[frames] = fit.T @ T[frames]
-            said.append(
+            warnings.append(
                 f"the track lies by {len(fixed)} fixes, which scatter by {fit.scatter_m:.1f} m about it; its heading is known to "
                 f"{fit.heading_std_deg:.0f} degrees"
             )
@@ -70,7 +70,7 @@ def at_fixes(own: Placement, index: FrameIndex, trajectory: Trajectory, config: 
     kept = components >= 0
     components[kept] = np.unique(components[kept], return_inverse=True)[1]
     placed = replace(own, T_world_camera=T, components=components, unplaced=tuple(unplaced))
-    return placed.with_warnings(*said[:1])
+    return placed.with_warnings(*warnings[:1])
 
 
 def fit_to_fixes(track_m: Array, fixes_m: Array, std_m: float | None) -> FixFit | None:

@@ -2,7 +2,7 @@
 
 A rig's scale is one number for all of its ranges, which no number of features makes surer: features are of that same rig. So it is
 found by itself, from all known lengths, each by its standard error, together with what the rig's calibration says; all ranges are
-then taken so many times as long, and the lengths and places hold the shape of the track as factors of its bundle adjustment.
+then scaled by this factor, and the lengths and places hold the shape of the track as factors of its bundle adjustment.
 """
 
 from collections import defaultdict
@@ -64,7 +64,7 @@ class Marks:
         return cls(sightings, config.edge_m, bars, {number: (points[number], stds[number]) for number in points})
 
     def scaled(self, scale: float) -> "Marks":
-        """By a rig whose ranges are so many times as long."""
+        """By a rig whose ranges are scaled by this factor."""
         moved = {
             frame: [replace(each, corners_m=scale * each.corners_m, std=(each.std[0], each.std[1] / scale)) for each in own]
             for frame, own in self.sightings.items()

@@ -1,4 +1,4 @@
-"""A track held to markers of known size, distance or place, and what became of each."""
+"""A track held to markers of known size, distance or place, and the outcome of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +48,7 @@ class MarkersFit:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What disagrees."""
-        said = [
+        warnings = [
             f"{name}: the map says {self.before[name].ratio:.3f} of what was given, off as no rig is: not used; is it right?"
             if self.before[name].wrong
             else f"{name}: they lie elsewhere than the given poses say: not used; are they in the coordinates of the poses?"
@@ -56,18 +56,18 @@ class MarkersFit:
         ]
         off, rig = abs(self.scale - 1), SETTINGS.rig_scale_std
         if off > SETTINGS.told_sigmas * rig:
-            said.append(
+            warnings.append(
                 f"the markers say that the rig's ranges must be {100 * (self.scale - 1):+.2f} % longer; calibrations seldom are "
                 f"off by more than {100 * rig:.1f} %: calibrate in water, or look whether the lengths are right"
             )
         for name, check in self.after.items():
             std = float(np.hypot(check.std, SETTINGS.given_std))
             if abs(check.ratio - 1) > SETTINGS.told_sigmas * std:
-                said.append(
+                warnings.append(
                     f"{name}: with all of the markers the map still says {check.ratio:.5f} of what was given, "
                     f"{abs(check.ratio - 1) / std:.0f} standard errors off"
                 )
-        return tuple(said)
+        return tuple(warnings)
 
 
 def first_fit(marks: Marks, T_world_camera: Array) -> MarkersFit:
@@ -90,7 +90,7 @@ def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit
 
 
 def held(track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior] = ()) -> tuple[Placement, MarkersFit]:
-    """A placement, refined before, brought to what is known of markers in its main component, and what became of each.
+    """A placement, refined before, brought to what is known of markers in its main component, and the outcome of each.
 
     priors: what the placement is held to besides; without them it is moved to the surveyed places as a whole first.
     Its lengths are those of a rig of the scale that was found. Raises DeviceError if GTSAM is missing.

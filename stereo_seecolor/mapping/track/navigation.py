@@ -35,7 +35,7 @@ DEPTH_EDGES = 500
 
 @dataclass(frozen=True)
 class Navigation:
-    """What became of given poses. All residuals are medians over the relative poses that the pictures show.
+    """The outcome of given poses. All residuals are medians over the relative poses that the pictures show.
 
     relative_poses: how many there are. position_residual_m, attitude_residual_deg: given against measured. depth_residual_m:
     between what overlapping frames saw, by the given poses; depth_noise_m: by the measured ones. position_std_m, depth_std_m,

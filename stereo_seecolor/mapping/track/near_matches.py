@@ -15,7 +15,7 @@ Descriptors = NDArray[np.uint8]
 def alike_near(
     a: Descriptors, expected: Array, b: Descriptors, places: Array, reach: float, ratio: float
 ) -> tuple[Integers, Integers]:
-    """As ``sift.alike``, but a feature of a (n, 128) is held against those of b (m, 128) alone that lie where it is expected.
+    """As ``sift.alike``, but a feature of a (n, 128) is compared with those of b (m, 128) alone that lie where it is expected.
 
     expected: (n, 2), NaN for features that b cannot show. places: (m, 2), within ``reach`` of that along both axes. A feature
     around whose place there is but one other matches none.

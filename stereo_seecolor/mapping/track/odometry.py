@@ -1,6 +1,6 @@
 """Own stereo odometry: poses from what the frames show."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
@@ -89,6 +89,12 @@ class Track:
             self.survey.progress(what, done, len(new))
         return [self._edge(*ends, relation, loop) for ends in new if (relation := self.found[ends])]
 
+    def measure_neighbors(self, steps: int, guess: Guess | None) -> None:
+        """Add the edges of frames that lie so many steps apart; guess: as ``measure``."""
+        pairs = [(here - steps, here) for here in range(steps, len(self.features))]
+        what = "following the track" if steps == 1 else f"following the track, {steps} frames back"
+        self.edges += self.measure(pairs, what, guess=guess, sure=True)
+
     def take_out_image_errors(self) -> None:
         """Correct all features by the errors that the frames have in common, and measure the edges again by the same points."""
         known = [(ends, relation) for ends, relation in self.found.items() if relation]
@@ -101,7 +107,7 @@ class Track:
         self.edges = [self._edge(*ends, relation, loop=False) for (ends, _), relation in zip(known, again, strict=True)]
 
     def scaled(self, scale: float) -> "Track":
-        """The track by a rig whose ranges are so many times as long."""
+        """The track by a rig whose ranges are scaled by this factor."""
         return replace(
             self,
             features=ScaledFeatures(self.features, scale),
@@ -121,23 +127,39 @@ class Track:
         return Edge(int(order[a]), int(order[b]), relation.T_a_b, relation.covariance, len(relation.index_a), loop)
 
 
-def follow(survey: Survey) -> Track:
+def follow(survey: Survey, look: Callable[[Placement], None] | None = None) -> Track:
     """Measure each frame, in the order of time, against the last one, and against those before it around the places that this
     gives; then without the errors that all images have.
+
+    look: is told once where relative poses in a row place the frames, as soon as these hang together, or after the last of them.
     """
+    track = _featured(survey)
+    guess: Guess | None = None
+    for steps in range(1, SETTINGS.window + 1):
+        track.measure_neighbors(steps, guess)
+        guess = Guess(*chain(track.edges, survey.index.rank)) if track.edges else None
+        if look and guess and (steps == SETTINGS.window or not guess.components.any()):
+            look(Placement(guess.T, guess.components))
+            look = None
+    track.take_out_image_errors()
+    return track
+
+
+def first_places(survey: Survey) -> Placement | None:
+    """Where each frame's pose relative to the one before it places it, one after the other; None if no two show the same."""
+    track = _featured(survey)
+    track.measure_neighbors(1, None)
+    return Placement(*chain(track.edges, survey.index.rank)) if track.edges else None
+
+
+def _featured(survey: Survey) -> Track:
+    """A track on which the features of all frames are known, and nothing else."""
     order, store = survey.index.order.tolist(), FeatureStore.of(survey)
     track = Track(survey, store, reasons=dict.fromkeys(order, "it shows nothing that another frame shows"))
     detection = Detection(survey.frames, survey.geometry, order, store)
     for done, lost in enumerate(survey.compute.each(detection, range(len(order)))):
         track.reasons |= {order[done]: lost} if lost else {}
         survey.progress("finding features", done + 1, len(order))
-    guess: Guess | None = None
-    for steps in range(1, SETTINGS.window + 1):
-        pairs = [(here - steps, here) for here in range(steps, len(order))]
-        what = "following the track" if steps == 1 else f"following the track, {steps} frames back"
-        track.edges += track.measure(pairs, what, guess=guess, sure=True)
-        guess = Guess(*chain(track.edges, survey.index.rank)) if track.edges else None
-    track.take_out_image_errors()
     return track
 
 

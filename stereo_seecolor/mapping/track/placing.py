@@ -12,7 +12,6 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
-from stereo_seecolor.mapping.track.components import chain
 from stereo_seecolor.mapping.track.fixes import at_fixes
 from stereo_seecolor.mapping.track.marks import Marks
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit, held
@@ -31,7 +30,7 @@ NOT_HELD = (
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A survey's placement; what became of given poses, None without any; and each frame's residuals (N,), NaN where unknown.
+    """A survey's placement; the outcome of given poses, None without any; and each frame's residuals (N,), NaN where unknown.
 
     origin: where the placement's world lies on Earth, None where that is not known. markers: what the placement was held to.
     """
@@ -50,7 +49,7 @@ class Placed:
 
 
 class _Used(NamedTuple):
-    """A placement, what became of the poses for it, whether its world is theirs, and the markers that it was held to."""
+    """A placement, the outcome of the poses for it, whether its world is theirs, and the markers that it was held to."""
 
     placement: Placement
     navigation: Navigation
@@ -69,20 +68,25 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     Raises MappingError if nothing can be placed, or for given poses upside down.
     """
     placed = _placed(survey, config, trajectory)
-    said = placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
-    return replace(placed, placement=placed.placement.with_warnings(*said))
+    warnings = placed.markers.warnings if placed.markers else (NOT_HELD,) if config.markers.known else ()
+    return replace(placed, placement=placed.placement.with_warnings(*warnings))
 
 
-def show_given(survey: Survey, config: MappingConfig, trajectory: Trajectory) -> None:
-    """Show the frames where their poses say. Raises MappingError if none has one."""
-    if not trajectory.fixes:
+def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> None:
+    """Show the frames where their poses say, or, without any, where each one's picture lies beside the one before.
+
+    Raises MappingError if no frame has a pose.
+    """
+    if trajectory and not trajectory.fixes:
         _show(survey, place(survey.index, trajectory, config), trajectory.up)
+    elif placement := odometry.first_places(survey):
+        _show(survey, placement, "unknown")
 
 
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
     unknown = np.full(len(survey.index.names), np.nan)
     if trajectory is None or trajectory.fixes:
-        track = _followed(survey)
+        track = odometry.follow(survey, lambda placement: _show(survey, placement, "unknown"))
         own, markers = _upright(track, _own(track, config), config)
         if trajectory is None or (markers and markers.control):
             return Placed(own, None, unknown, unknown, markers=markers)
@@ -108,14 +112,6 @@ def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None
         placement = placement.with_warnings(navigation.advice)
     origin = trajectory.origin if in_their_world else None
     return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg, origin, markers)
-
-
-def _followed(survey: Survey) -> odometry.Track:
-    """The track, shown as its relative poses in a row place it."""
-    track = odometry.follow(survey)
-    if track.edges:
-        _show(survey, Placement(*chain(track.edges, survey.index.rank)), "unknown")
-    return track
 
 
 def _show(survey: Survey, placement: Placement, up: str) -> None:

@@ -14,6 +14,10 @@ REJECT_SIGMAS = 6.0
 """An edge of a loop further off than this is false."""
 CAUCHY = 3.0
 """Scale of the Cauchy kernel, in sigmas: edges within three of them keep most of their weight."""
+WIDER, DRIFTED = (1000.0, 100.0, 10.0), 10.0
+"""Scales before that one, from ten times what loops are usually off at the start, where that is more than so many sigmas: a narrow
+kernel leaves out what closes a long dive's drift of meters as it does what is false.
+"""
 UNKNOWN = 1e4
 """Standard error of what a prior does not say, meters."""
 
@@ -43,13 +47,17 @@ def solve(
     """Poses that agree best with edges and priors, and the edges that do not fit the rest: false loops.
 
     T_world_camera: (N, 4, 4) first guess; only ``frames`` are solved for, and the edges must connect them all; the first
-    stays put where there are no priors. Levenberg-Marquardt under a Cauchy kernel, which false loops hardly bend; a loop beyond
-    six sigmas is false.
+    stays put where there are no priors. Levenberg-Marquardt under a Cauchy kernel, which false loops hardly bend, and which is
+    narrowed step by step where the first guess has drifted; a loop beyond six sigmas is false.
 
     Raises DeviceError if GTSAM is missing.
     """
     gtsam = gtsam_library()
-    solved = _optimize(gtsam, T_world_camera, frames, edges, priors)
+    solved, off = T_world_camera, [_sigmas(gtsam, T_world_camera, edge) for edge in edges if edge.loop]
+    usual = float(np.median(off)) if off else 0.0
+    wider = [scale for scale in WIDER if scale < 10 * usual] if usual > DRIFTED else []
+    for scale in (*wider, CAUCHY):
+        solved = _optimize(gtsam, solved, frames, edges, priors, scale)
     return solved, [edge for edge in edges if edge.loop and _sigmas(gtsam, solved, edge) > REJECT_SIGMAS]
 
 
@@ -64,15 +72,16 @@ def gtsam_library() -> Any:
 
 
 def _optimize(
-    gtsam: Any, T: NDArray[np.float64], frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior]
+    gtsam: Any, T: NDArray[np.float64], frames: Sequence[int], edges: Sequence[Edge], priors: Sequence[Prior], scale: float
 ) -> NDArray[np.float64]:
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    kernel = gtsam.noiseModel.mEstimator.Cauchy.Create(scale)
     for frame in frames:
         values.insert(int(frame), gtsam.Pose3(T[frame]))
     noise = gtsam.noiseModel
     for edge in edges:
         gaussian = noise.Gaussian.Covariance(edge.covariance)
-        robust = noise.Robust.Create(noise.mEstimator.Cauchy.Create(CAUCHY), gaussian)
+        robust = noise.Robust.Create(kernel, gaussian)
         graph.add(gtsam.BetweenFactorPose3(edge.i, edge.j, gtsam.Pose3(edge.T_i_j), robust))
     _add_priors(gtsam, graph, int(frames[0]), T, priors)
     result = gtsam.LevenbergMarquardtOptimizer(graph, values).optimize()

@@ -57,7 +57,7 @@ class Edge:
     loop: bool = False
 
     def scaled(self, scale: float) -> "Edge":
-        """With all lengths so many times as long."""
+        """With all lengths scaled by this factor."""
         return replace(self, T_i_j=scaled_pose(self.T_i_j, scale), covariance=_scaled_covariance(self.covariance, scale))
 
 
@@ -71,7 +71,7 @@ class RelativePose:
     index_b: NDArray[np.int64]
 
     def scaled(self, scale: float) -> "RelativePose":
-        """With all lengths so many times as long."""
+        """With all lengths scaled by this factor."""
         return replace(self, T_a_b=scaled_pose(self.T_a_b, scale), covariance=_scaled_covariance(self.covariance, scale))
 
 
@@ -83,7 +83,7 @@ class Expected(NamedTuple):
 
 
 def scaled_pose(T: Array, scale: float) -> Array:
-    """Poses (..., 4, 4) with their shifts so many times as long."""
+    """Poses (..., 4, 4) with their shifts scaled by this factor."""
     result = T.copy()
     result[..., :3, 3] *= scale
     return result
@@ -99,7 +99,7 @@ def relative_pose(a: Features, b: Features, geometry: RectifiedPair, expected: E
 
     Mutual nearest descriptors that pass Lowe's ratio test, PnP with RANSAC, then a fit in image space, each point weighted by the
     errors of both its measurements; a Cauchy kernel tames what is left of outliers. RANSAC believes the ranges of a: its inliers
-    are those whose errors suit its pose, so those of the fit are chosen anew from all matches.
+    are those whose errors suit its pose, so those of the fit are chosen again from all matches.
     expected: features are looked for around their places by it first, which takes a tenth of the time.
     """
     if expected is not None:

@@ -1,6 +1,6 @@
 """One sighting in bundle adjustment: its residual, what it changes with, and what it adds to the normal equations.
 
-A sighting is held against its point in image space, x / z, y / z, 1 / z. Poses move by a turn (rad) and then a shift (m) in their
+A sighting is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn (rad) and then a shift (m) in their
 own axes.
 """
 

@@ -22,7 +22,7 @@ QUICK = FeatureSettings(max_width_px=480, max_features=800)
 
 @dataclass(frozen=True)
 class SpotSettings:
-    """How poses are looked at, and when they are exact."""
+    """How poses are examined, and when they are exact."""
 
     neighbors: int = 12  # pairs of neighbors, spread over the dive
     crossings: int = 6  # pairs that overlap by the given poses and are no neighbors: lines that lie side by side

@@ -79,7 +79,7 @@ class CorrectedFeatures(Lazy[Features]):
 
 
 class ScaledFeatures(Lazy[Features]):
-    """Features whose ranges are so many times as long."""
+    """Features whose ranges are scaled by this factor."""
 
     def __init__(self, features: Sequence[Features], scale: float) -> None:
         self._features, self._scale = features, scale

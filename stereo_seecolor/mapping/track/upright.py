@@ -33,7 +33,7 @@ def upright(placement: Placement, index: FrameIndex, up: str) -> Placement:
         if own:
             members = placement.frames_of(component)
             T[members] = _level(index, T, own) @ T[members]
-    return replace(placement, T_world_camera=T).with_warnings("the poses do not know up: the map was leveled to its mean bottom")
+    return replace(placement, T_world_camera=T).with_warnings("the vertical is not known: the map was leveled to its mean bottom")
 
 
 def _check(T: NDArray[np.float64], index: FrameIndex, frames: list[int]) -> None:

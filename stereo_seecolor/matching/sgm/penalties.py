@@ -19,7 +19,7 @@ class Penalties:
     pixel costs P1, a quarter of this (layout.P1_SHIFT).
     texture_levels: gray levels (of 255) from one pixel to the next that texture and noise reach: these are no edge.
     edge_levels: levels beyond these that halve p2.
-    Found by trial on a real reef, Teddy and drawn reefs, clear and turbid (docs/matching.md).
+    Found by trial on a real reef, Teddy and synthetic reefs, clear and turbid (docs/matching.md).
     """
 
     p2: int = 99

@@ -26,7 +26,7 @@ class SearchConstants:
     band_edge_pixels, band_edge_tiles: where more than this fraction of a tile's pixels end on the edge of its band, in more than
     this fraction of a strip's tiles, these bands are widened and the strip is searched again.
     coarse_speckle_px: patches of the reduced image smaller than this are left out of the bands.
-    Found by trial on drawn reefs.
+    Found by trial on synthetic reefs.
     """
 
     strip: int = 128

@@ -1,15 +1,14 @@
 """All pairs of a dive, in two passes.
 
 The first pass measures: each pair is read, rectified and matched, and its colors are counted over range. From the counts follows
-the water: one for the dive, or one a frame. The second pass takes the water out of each frame and writes it. Whatever an earlier
-run finished with the same inputs and settings is kept, in either pass.
+the water: one for the dive, or one a frame; from frames that show the same spots, the light (lamps, lens, exposure). The second
+pass takes both out of each frame and writes it. Whatever an earlier run finished with the same inputs and settings is kept.
 """
 
-from array import array
 from collections import deque
 from collections.abc import Callable, Collection, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -18,12 +17,12 @@ from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.survey import CountedFrames, ReadPixels
 from stereo_seecolor.color.table.moment_table import MomentTable
-from stereo_seecolor.compute.lazy import Chosen, Lazy
 from stereo_seecolor.compute.threads import Clock
-from stereo_seecolor.frame_facts import recorded_capture
-from stereo_seecolor.frame_source import PageMaker, Source
-from stereo_seecolor.frame_stages import FrameStages, water_key
-from stereo_seecolor.frame_work import Correction, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
+from stereo_seecolor.dive.frame_facts import recorded_capture
+from stereo_seecolor.dive.frame_stages import FrameStages, water_key
+from stereo_seecolor.dive.frame_work import CorrectFrame, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
+from stereo_seecolor.dive.pairs import Groups, Named, chosen
+from stereo_seecolor.dive.source import PageMaker, Source
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Capture, FrameRow, Water
@@ -31,63 +30,28 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable
 from stereo_seecolor.run_folder.kept_fit import KeptFit
 from stereo_seecolor.run_folder.kept_light import KeptLight
-from stereo_seecolor.run_folder.progress_file import ProgressFile
+from stereo_seecolor.run_folder.kept_plan import KeptPlan
+from stereo_seecolor.run_folder.progress_file import USUAL, Expected, ProgressFile
 from stereo_seecolor.run_folder.water_file import waters_content
 
-
-def _chosen(pairs: Sequence[Pair], wanted: Callable[[Pair], bool]) -> Sequence[Pair]:
-    return Chosen(pairs, array("q", (number for number, pair in enumerate(pairs) if wanted(pair))))
-
-
-@dataclass(frozen=True)
-class _Named(Lazy[tuple[str, Pair]]):
-    """Pairs with their names."""
-
-    pairs: Sequence[Pair]
-
-    def __len__(self) -> int:
-        return len(self.pairs)
-
-    def item(self, number: int) -> tuple[str, Pair]:
-        pair = self.pairs[number]
-        return pair.name, pair
-
-
 NO_OVERLAP = "light: no two frames show the same spots, so that lamps, lens and exposure stay in the images"
-
-
-@dataclass(frozen=True)
-class _Groups(Lazy[Sequence[Pair]]):
-    """Neighbors together, whoever works on them: so the sums of a dive are always added in the same order."""
-
-    pairs: Sequence[Pair]
-
-    def __len__(self) -> int:
-        return -(-len(self.pairs) // GROUP)
-
-    def item(self, number: int) -> Sequence[Pair]:
-        return self.pairs[number * GROUP : (number + 1) * GROUP]
-
-
-LONG_DIVE, GROUP = 10_000, 32
-"""Pairs of a dive beyond which tables are added up in groups of so many before they are fitted. A stretch with a water of its own
-has 256 frames or more in such a dive, so that it is no matter that it begins with a group.
-"""
+LONG_DIVE = 10_000
+"""Pairs of a dive beyond which their tables are added up in groups before they are fitted."""
 
 
 class Dive:
     """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
 
-    table: what became of each pair so far. notes: what concerns the dive as a whole.
+    table: the outcome of each pair so far. notes: what concerns the dive as a whole.
     """
 
     def __init__(self, source: Source, folder: RunFolder, options: RunOptions) -> None:
         self.table = FrameTable()
         self.notes: tuple[str, ...] = ()
-        self._light_found: dict[str, Any] | None = None
-        self._ranged = False
-        self._light_known = not options.shard.whole  # a part of a dive must be lit as the other parts are
-        self._linked: Collection[str] = ()
+        self._light_found: dict[str, Any] | None = None  # for water.json
+        self._ranged = False  # True once ranges were measured for the light, so that the next pass is not called by them
+        self._light_known = not options.shard.whole  # a shard must not be corrected with a light of its own
+        self._linked: Collection[str] = ()  # names of frames that show what the frame before them shows
         self._config, self._corrector, self._geometry = source.config, source.corrector, source.geometry
         self._folder, self._options = folder, options
         self._progress = ProgressFile(folder.root)
@@ -102,6 +66,7 @@ class Dive:
     def measure(self, pairs: Sequence[Pair]) -> None:
         """The range maps alone; corrected frames of an earlier run stay current where they were made from the same range maps."""
         self._begin_ranges()
+        self._expect(pairs, "ranges")
         self.each("ranges", pairs, self._stages.range_row)
 
     def count(self, pairs: Sequence[Pair], take: Callable[[str, MomentTable, ReadPixels], None] = lambda *_: None) -> None:
@@ -110,6 +75,7 @@ class Dive:
         take: is given each frame's name, table, and what reads its pixels.
         """
         self._begin_ranges()
+        self._expect(pairs, "ranges")
         for row, (ranged, table) in self._pass("ranges", pairs, self._stages.counted):
             take(row.name, table, partial(self._stages.read, ranged))
 
@@ -134,6 +100,8 @@ class Dive:
         """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
         fitter = self._corrector.survey_fitter(self._stages.light, self._linked)
         stage = "waters" if self._ranged else "ranges"
+        if not self._ranged:
+            self._expect(pairs, "ranges", "colors")
         pairs = self._not_failed(pairs)
         if fitter.joins and len(pairs) > LONG_DIVE:
             for counted in self._sums(stage, pairs):
@@ -147,7 +115,7 @@ class Dive:
         """The tables of neighbors, added up where they are counted: a long dive's are too many for one process to add."""
         self._begin_pass(stage, len(pairs))
         count = GroupCount(FrameWork(self._stages.counted, self._folder), self._config.color)
-        for outcomes, counted in self._options.compute.each(count, _Groups(pairs)):
+        for outcomes, counted in self._options.compute.each(count, Groups(pairs)):
             for outcome in outcomes:
                 self._note(outcome)
             yield counted
@@ -155,12 +123,14 @@ class Dive:
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
         """The second pass: each frame that has a water without it, and its cloud."""
         self._begin_color(pairs)
-        keys = {id(water): water_key(water) for water in {id(water): water for water in waters.values()}.values()}
+        different = {id(water): water for water in waters.values()}
+        keys = {number: water_key(water) for number, water in different.items()}
         shared = set(keys.values())
         each = {"*": shared.pop()} if len(shared) == 1 else {name: keys[id(water)] for name, water in waters.items()}
         self._folder.set_waters(each)
         if waters:
-            self.each("colors", _chosen(pairs, lambda pair: pair.name in waters), Correction.of(self._stages, waters))
+            self._expect(pairs, "colors")
+            self.each("colors", chosen(pairs, lambda pair: pair.name in waters), CorrectFrame.of(self._stages, waters))
 
     def each(self, stage: str, pairs: Sequence[Pair], work: Callable[[Pair, Clock], FrameRow]) -> None:
         """A pass of which nothing but the rows is wanted."""
@@ -186,7 +156,7 @@ class Dive:
         self._folder.begin({"range": self._stages.range_settings, "corrected": self._stages.color_settings})
 
     def leave_light(self) -> None:
-        """Take the dive's light as it is: for frames that shards have corrected, or will, each without the others."""
+        """Look for no light: for a dive whose shards are corrected each without the others."""
         self._light_known = True
 
     def _find_light(self, pairs: Sequence[Pair]) -> None:
@@ -204,19 +174,21 @@ class Dive:
         self.notes += (kept.note,) if kept.note else ()
 
     def _solve_light(self, pairs: Sequence[Pair], geometry: RectifiedPair, allowed: Use) -> KeptLight:
-        from stereo_seecolor.dive_light import LightSearch, is_short  # loads the search for features
+        from stereo_seecolor.dive.light_search import LightSearch, is_short  # loads the search for features
 
         self._begin_ranges()
-        self._ranged = True
+        self._ranged, short = True, is_short(len(pairs)) and self._options.compute.parts == 1
+        self._expect(pairs, "ranges", *(() if short else ("light",)), "waters", "colors")
         captures: list[Capture] = []
         encoding, read, compute = self._config.color.input_encoding, self._stages.read_pair, self._options.compute
-        search = LightSearch(_Named(pairs), read, captures, geometry, encoding, compute)
+        search = LightSearch(Named(pairs), read, captures, geometry, encoding, compute)
         with closing(self._measured(pairs, captures)) as measured:
-            if is_short(len(pairs)) and compute.parts == 1:
+            if short:
                 search = replace(search, windows=search.windows_of(measured))
             else:
                 deque(measured, maxlen=0)
-        found = replace(search, frames=_Named(self._not_failed(pairs))).solve(allowed)
+                self._progress.begin("light", len(pairs))
+        found = replace(search, frames=Named(self._not_failed(pairs))).solve(allowed)
         light = found.light
         content = light.content() if light and light.light else None
         kept = KeptLight(self._stages.fit_key(pairs) or "", light.note if light else NO_OVERLAP, content, found.linked)
@@ -235,7 +207,7 @@ class Dive:
     def _not_failed(self, pairs: Sequence[Pair]) -> Sequence[Pair]:
         """Those that no pass so far has failed at."""
         failed = {row.name for row in self.table.rows if row.status == "failed"}
-        return _chosen(pairs, lambda pair: pair.name not in failed)
+        return chosen(pairs, lambda pair: pair.name not in failed)
 
     def _pass(self, stage: str, pairs: Sequence[Pair], work: Work[Result]) -> Iterator[tuple[FrameRow, Result]]:
         """``work`` on all pairs, in their order; what is wrong with one pair becomes its row, and ends no pass."""
@@ -245,12 +217,18 @@ class Dive:
             if outcome.result is not None:
                 yield outcome.row, outcome.result
 
+    def _expect(self, pairs: Sequence[Pair], *passes: str) -> None:
+        """These passes over the pairs are to come."""
+        plan = KeptPlan.load(self._folder.root, len(pairs), self._config)
+        known = Expected(plan.pass_seconds, planned=True) if plan else USUAL
+        self._progress.expect(known.of(*passes))
+
     def _begin_pass(self, stage: str, pairs: int) -> None:
         self._options.listener.begin(stage, pairs)
         self._progress.begin(stage, pairs)
 
     def _note(self, outcome: Outcome[Any]) -> None:
-        """What became of a pair. Raises what was wrong with it where the run is to stop at the first bad pair."""
+        """The outcome of a pair. Raises what was wrong with it where the run is to stop at the first bad pair."""
         self._folder.note(outcome.row.name, outcome.written, outcome.aside)
         self.table.add(outcome.row)
         self._progress.advance(outcome.row)

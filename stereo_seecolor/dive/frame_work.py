@@ -11,9 +11,9 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.dive.frame_stages import FrameStages
+from stereo_seecolor.dive.source import Ranged
 from stereo_seecolor.errors import ClusterError, DeviceError, OutputError, SeeColorError
-from stereo_seecolor.frame_source import Ranged
-from stereo_seecolor.frame_stages import FrameStages
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -25,7 +25,7 @@ Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """What became of a pair. result: None where it failed, and failure then says why.
+    """The outcome of a pair. result: None where it failed, and failure then says why.
 
     written: the stages whose files were written for it now. aside: files of somebody else that were moved out of their way.
     """
@@ -60,7 +60,7 @@ class FrameWork(Generic[Result]):
 
 @dataclass(frozen=True, eq=False)
 class GroupCount:
-    """Neighboring pairs counted, and their tables added up: what became of each, and the sum of those that did not fail."""
+    """Neighboring pairs counted, and their tables added up: the outcome of each, and the sum of those that did not fail."""
 
     work: FrameWork[tuple[Ranged, MomentTable]]
     config: ColorConfig
@@ -80,7 +80,7 @@ class GroupCount:
 
 
 @dataclass(frozen=True, eq=False)
-class Correction:
+class CorrectFrame:
     """The second pass on a pair. usual: the water of all frames but ``others``, so that one water travels, not one a frame."""
 
     stages: FrameStages
@@ -88,7 +88,7 @@ class Correction:
     others: Mapping[str, Water]
 
     @classmethod
-    def of(cls, stages: FrameStages, waters: Mapping[str, Water]) -> "Correction":
+    def of(cls, stages: FrameStages, waters: Mapping[str, Water]) -> "CorrectFrame":
         """For frames by name, of which there must be one."""
         usual = next(iter(waters.values()))
         return cls(stages, usual, ByName((name, water) for name, water in waters.items() if water is not usual))

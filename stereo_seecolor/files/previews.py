@@ -1,4 +1,4 @@
-"""Images of any output format as JPEG that every browser shows."""
+"""Images of any output format, and ranges, as pictures that every browser shows."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.files.decode import eight_bit
+from stereo_seecolor.records import Map
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,10 @@ SCREEN = PreviewSize(1600, 85)
 """As wide as the viewer on a large screen, without blocks to be seen: the full image is a click away."""
 LIVE = PreviewSize(480, 72)
 """Three beside each other on a laptop; about 30 kB."""
+RANGE_PX = 960
+"""Longer side of a picture of ranges, about: enough for a page."""
+NEAR, FAR = 0.02, 0.98
+"""Quantiles of the ranges that have the brightest and the darkest color: single wrong ranges do not decide."""
 
 
 def preview(pixels: NDArray[Any], size: PreviewSize) -> bytes:
@@ -36,3 +41,19 @@ def preview(pixels: NDArray[Any], size: PreviewSize) -> bytes:
     encoded: NDArray[np.uint8]
     _, encoded = cv2.imencode(".jpg", cv2.cvtColor(eight_bit(pixels), cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, size.quality])
     return encoded.tobytes()
+
+
+def range_picture(range_m: Map) -> tuple[NDArray[np.uint8], float, float]:
+    """(h, w, 3) RGB, near bright, unknown black; and the ranges of its brightest and darkest color, meters, NaN if none is known.
+
+    Large maps are shown by every second pixel, or fewer.
+    """
+    step = max(1, max(range_m.shape) // RANGE_PX)
+    small = range_m[::step, ::step]
+    known = np.isfinite(small)
+    if not known.any():
+        return np.zeros((*small.shape, 3), np.uint8), np.nan, np.nan
+    near_m, far_m = (float(value) for value in np.quantile(small[known], (NEAR, FAR)))
+    scaled = np.clip((far_m - np.where(known, small, far_m)) / max(far_m - near_m, 1e-3), 0, 1)
+    colors = cv2.applyColorMap((255 * scaled).astype(np.uint8), cv2.COLORMAP_VIRIDIS)[..., ::-1] * known[..., None]
+    return colors.astype(np.uint8), near_m, far_m

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stereo_seecolor.records import Capture, RangeMap
+from stereo_seecolor.records import Capture, Correction, RangeMap
 
 MEDIAN_STEP_PX = 4
 """The median range is that of every fourth pixel of every fourth row: of all it takes ten times as long, and is no truer."""
@@ -21,6 +21,15 @@ def range_facts(range_map: RangeMap) -> dict[str, float]:
     known_m = sample_m[np.isfinite(sample_m)]
     facts |= {"median_range_m": float(np.median(known_m))} if known_m.size else {}
     return facts | ({"vertical_px": range_map.vertical_px} if np.isfinite(range_map.vertical_px) else {})
+
+
+def color_facts(correction: Correction) -> dict[str, float]:
+    """exposure: the gain to display. clipped_fraction, unrecoverable_fraction: of the frame."""
+    return {
+        "exposure": correction.exposure,
+        "clipped_fraction": correction.clipped_fraction,
+        "unrecoverable_fraction": float(correction.unrecoverable.mean()),
+    }
 
 
 def capture_facts(capture: Capture) -> dict[str, float]:

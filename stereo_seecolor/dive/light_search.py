@@ -18,7 +18,7 @@ from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.compute.names import Names, SomeNames
-from stereo_seecolor.frame_looks import LOOK, FrameLook, ReadFrame, Stretch, reduced, reduction
+from stereo_seecolor.dive.overlap import LOOK, FrameLook, ReadFrame, Stretch, reduced, reduction
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
@@ -42,10 +42,10 @@ SAMPLE = SampleSettings()
 
 @dataclass(frozen=True)
 class StretchSettings:
-    """Frames that are looked at together, as one piece of work: the cut shows in no result."""
+    """Frames that are examined together, as one piece of work: the cut shows in no result."""
 
     frames: int = 64
-    """A stretch begins with four frames of the one before, which are looked at twice. Some five seconds of work for one core, so
+    """A stretch begins with four frames of the one before, which are examined twice. Some five seconds of work for one core, so
     that 10,000 frames are enough for a hundred workers."""
     least: int = 15
     """Where there are fewer frames than that for each core: three stretches of a long dive's sample, which overlap with nothing."""
@@ -71,8 +71,8 @@ class Found:
 @dataclass(frozen=True, eq=False)
 class LightSearch:
     """frames: the name of each frame of the dive, in order, and by what ``read`` finds its image and its ranges.
-    captures: what the camera recorded of each. geometry: of the rectified images. compute: where frames are looked at.
-    windows: of a short dive, where its frames were looked at while they were measured.
+    captures: what the camera recorded of each. geometry: of the rectified images. compute: where frames are examined.
+    windows: of a short dive, where its frames were examined while they were measured.
     """
 
     frames: Sequence[tuple[str, Any]]
@@ -84,7 +84,7 @@ class LightSearch:
     windows: Sequence[SeenWindow] | None = None
 
     def windows_of(self, frames: Iterable[Any]) -> list[SeenWindow]:
-        """What the frames of a short dive show, each looked at as soon as it comes: for ``windows``."""
+        """What the frames of a short dive show, each examined as soon as it comes: for ``windows``."""
         return list(self._frame_look.windows(Stretch(0, enumerate(frames)), LOOK.loops))
 
     @property
@@ -94,7 +94,7 @@ class LightSearch:
     def solve(self, allowed: Use) -> Found:
         """The light of the dive, with terms that are ``allowed``.
 
-        The pattern of a long dive is solved from a part of it, and then all frames are looked at for their gains.
+        The pattern of a long dive is solved from a part of it, and then all frames are examined for their gains.
         """
         names = Names(name for name, _ in self.frames)
         chosen = looked_at(len(names))

@@ -1,4 +1,4 @@
-"""Frames of a dive looked at for its light: what each shows that frames before it, and frames of other lines, show too."""
+"""Frames of a dive examined for its light: what each shows that frames before it, and frames of other lines, show too."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -28,12 +28,12 @@ class Look:
     width_px: int = 480
     """Images are reduced to about it: lamps and lenses are smooth. With 700 pixels a real dive's pattern is the same to 0.01."""
     back: tuple[int, ...] = (1, 2, 4)
-    """Frames before that each frame is held against: the farther back, the more of the picture a spot has crossed. Without the
+    """Frames before that each frame is compared with: the farther back, the more of the picture a spot has crossed. Without the
     fourth before, gains drift (offsets of 0.11 instead of 0.09 on a real dive)."""
     patches: int = 800
     """Spots looked for in each frame, on a grid: some 500 are seen again."""
     loops: int = 3
-    """Frames farther back that each frame is held against too, the nearest of those that by the chain of poses show the same:
+    """Frames farther back that each frame is compared with too, the nearest of those that by the chain of poses show the same:
     another line of the survey, other altitudes. Along one line a slope of the pattern and a drift of the gains look alike: on a
     drawn night dive 4.2 % of pattern and 10 % between frames are left without loops, 1.9 and 3.1 % with them. More leave no less:
     eight left 0.5 and 1.0 % of a drawn night of four lines, three 0.35 and 0.7 %; by day both 1.2 and 1.9 %. Each takes 7 ms."""
@@ -92,7 +92,7 @@ class _Placed:
 
 @dataclass(frozen=True, eq=False)
 class FrameLook:
-    """How frames are looked at, as work that can be sent to another process. geometry: of images reduced ``every`` times."""
+    """How frames are examined, as work that can be sent to another process. geometry: of images reduced ``every`` times."""
 
     read: ReadFrame
     geometry: RectifiedPair

@@ -1,4 +1,4 @@
-"""Six frames that together tell what a dive is like."""
+"""Six frames that stand for a dive: the extremes of what was measured."""
 
 from collections.abc import Callable
 
@@ -8,7 +8,7 @@ from stereo_seecolor.report.dive_facts import DiveFacts
 COUNT = 6
 
 
-def telling_frames(facts: DiveFacts) -> list[tuple[str, str]]:
+def example_frames(facts: DiveFacts) -> list[tuple[str, str]]:
     """(frame, key of the text that says why), at most six: the extremes of what was measured, then frames spread over the dive."""
     rows = [row for row in facts.pairs if row.status == "ok"]
     picks: dict[str, str] = {}

@@ -1,34 +1,44 @@
 """The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
 
-import zlib
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stereo_seecolor.color.photometry.badly_exposed import exposure_warnings
 from stereo_seecolor.color.photometry.even_light import even_light
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.sources import ROOT, sources_digest
 from stereo_seecolor.compute.threads import Clock
+from stereo_seecolor.dive.frame_facts import capture_facts, color_facts, range_facts
+from stereo_seecolor.dive.source import PageMaker, Ranged, Source
 from stereo_seecolor.errors import InputError, MatchingError
-from stereo_seecolor.files.atomic import write_replaceable
-from stereo_seecolor.files.deflate import deflated
 from stereo_seecolor.files.keys import content_key, content_key_of
-from stereo_seecolor.frame_facts import capture_facts, range_facts
-from stereo_seecolor.frame_source import PageMaker, Ranged, Source
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.pipeline import correct, ranges_alone, ranges_for_color
+from stereo_seecolor.pipeline import correct, ranges_for_color
 from stereo_seecolor.records import Correction, FrameRow, Image, Map, RangeMap, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.kept_pixels import FramePixels, KeptPixels
+from stereo_seecolor.run_folder.kept_table import keep_table, kept_table
 from stereo_seecolor.run_folder.layout import table_file
 from stereo_seecolor.run_folder.manifest import FrameRecord, StageRecord
 from stereo_seecolor.run_folder.products import Files, correction_files, mask_codes, original_files, range_files
 
-FITTING = tuple(ROOT / "stereo_seecolor" / name for name in ("dive_light.py", "color/corrector.py"))
+FITTING = tuple(ROOT / "stereo_seecolor" / name for name in ("dive/light_search.py", "color/corrector.py"))
 """The modules whose code, with all that they import, finds a dive's light and its waters."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Corrected:
+    """A frame just corrected. before: its rectified image as the camera saw it. measured: its range map. ranges: that map with
+    ranges carried over where none was measured, as the color was corrected with it.
+    """
+
+    before: Image
+    measured: RangeMap
+    ranges: RangeMap
+    correction: Correction
 
 
 class FrameStages:
@@ -146,7 +156,7 @@ class FrameStages:
         """A pair that was measured before; measured again where its files have been damaged since."""
         kept, warnings = self._kept.find(ranged.pair.name, ranged.key), ranged.record.stages["range"].warnings
         if kept and kept.range_m is not None and kept.measured is not None:
-            return kept.image, ranges_alone(kept.range_m, kept.measured, warnings)
+            return kept.image, RangeMap.of_ranges(kept.range_m, kept.measured, warnings)
         if not self._source.makes_ranges:
             return self._source.measure(ranged.pair, clock)
         try:
@@ -157,7 +167,7 @@ class FrameStages:
             assert again.pixels
             return again.pixels
         image = kept.image if kept else self._source.image(ranged.pair, clock)
-        range_map = ranges_alone(range_m, confidence > 0, warnings)
+        range_map = RangeMap.of_ranges(range_m, confidence > 0, warnings)
         self._keep(ranged, image, range_map)
         return image, range_map
 
@@ -166,14 +176,15 @@ class FrameStages:
         path = self._folder.root / table_file(ranged.pair.name, ranged.record.shelf)
         key = content_key(ranged.key, self._light_key, self._source.config.color.input_encoding)
         with clock("read"):
-            table = _load_table(path, key)
-        if table is None:
-            image, range_map = self.pixels(ranged, clock)
-            image = self._evened(ranged.pair.name, image, range_map.measured_m, clock)
-            with clock("color"):
-                table = self._source.corrector.measure(image, range_map.measured_m)
-            with clock("write"):
-                write_replaceable(path, _table_content(table, key))
+            packed = kept_table(path, key)
+        if packed:
+            return MomentTable.unpacked(packed)
+        image, range_map = self.pixels(ranged, clock)
+        image = self._evened(ranged.pair.name, image, range_map.measured_m, clock)
+        with clock("color"):
+            table = self._source.corrector.measure(image, range_map.measured_m)
+        with clock("write"):
+            keep_table(path, key, table.packed())
         return table
 
     def read(self, ranged: Ranged) -> tuple[Image, Map]:
@@ -187,46 +198,52 @@ class FrameStages:
 
     def corrected(self, ranged: Ranged, water: Water, clock: Clock) -> FrameRow:
         """The frame in its true colors: an earlier run's, or corrected and written now. Returns its row."""
-        settings, water_hash = self.color_settings, water_key(water)
+        name, settings, water_hash = ranged.pair.name, self.color_settings, water_key(water)
         key = content_key(ranged.key, settings, water_hash)
-        record = self._folder.finished("corrected", ranged.pair.name, key)
-        kept = record is not None and ranged.kept
-        if record is None:
-            config = self._source.config
-            image, measured = self.pixels(ranged, clock)
-            with clock("color"):
-                range_map = ranges_for_color(image, measured, config, self._source.seen)
-            raw, image = image, self._evened(ranged.pair.name, image, range_map.range_m, clock)
-            with clock("color"):
-                correction = correct(self._source.corrector, config, image, range_map, water)
-            facts = {
-                "exposure": correction.exposure,
-                "clipped_fraction": correction.clipped_fraction,
-                "unrecoverable_fraction": float(correction.unrecoverable.mean()),
-            } | self._gain(ranged.pair.name)
-            record = StageRecord(key, settings, water_hash, facts=facts, warnings=correction.warnings)
-            with clock("write"):
-                exif = self._source.reader.capture(ranged.pair.left).exif
-                files = correction_files(ranged.pair.name, correction, range_map, self._source.geometry, config.output, exif)
-            if self._source.original:
-                as_shown = replace(water, exposure=correction.exposure, highlights=correction.highlights)
-                files |= self._original_files(ranged.pair, measured, as_shown, exif, clock)
-            with clock("write"):
-                saved = self._folder.save(ranged.record.with_stage("corrected", record), "corrected", files)
-            if self.page and ranged.pair.name in self.page.names:
+        stage = self._folder.finished("corrected", name, key)
+        kept = stage is not None and ranged.kept
+        if stage is None:
+            frame = self._correct(ranged, water, clock)
+            facts = color_facts(frame.correction) | self._gain(name)
+            stage = StageRecord(key, settings, water_hash, facts=facts, warnings=frame.correction.warnings)
+            saved = self._save(ranged.record.with_stage("corrected", stage), ranged.pair, frame, clock)
+            if self.page and name in self.page.names:
                 with clock("page"):
-                    self._show(self.page, saved, raw, correction, range_map)
-        self._kept.drop(ranged.pair.name, ranged.key)
-        return ranged.row.then(FrameRow(ranged.pair.name, kept=kept, warnings=record.warnings, facts=dict(record.facts)))
+                    self._show(self.page, saved, frame)
+        self._kept.drop(name, ranged.key)
+        return ranged.row.then(FrameRow(name, kept=kept, warnings=stage.warnings, facts=dict(stage.facts)))
 
-    def _show(self, page: PageMaker, frame: FrameRecord, raw: Image, correction: Correction, range_map: RangeMap) -> None:
-        """What the page shows of a frame that was just corrected."""
-        kept = frame.stages["range"].outputs.keys() & {"confidence", "range_std"}
-        products = {product: self._folder.read(frame, product) for product in kept}
-        products |= {"range": range_map.measured_m, "mask": mask_codes(correction, range_map)}
+    def _correct(self, ranged: Ranged, water: Water, clock: Clock) -> _Corrected:
+        source = self._source
+        before, measured = self.pixels(ranged, clock)
+        with clock("color"):
+            ranges = ranges_for_color(before, measured, source.config, water, source.seen)
+        image = self._evened(ranged.pair.name, before, ranges.range_m, clock)
+        with clock("color"):
+            exposed = exposure_warnings(before, measured.measured_m, source.config.color.input_encoding)
+            correction = correct(source.corrector, source.config, image, ranges, water)
+            correction = replace(correction, warnings=(*correction.warnings, *exposed))
+            return _Corrected(before, measured, ranges, correction)
+
+    def _save(self, record: FrameRecord, pair: Pair, frame: _Corrected, clock: Clock) -> FrameRecord:
+        source = self._source
+        with clock("write"):
+            exif = source.reader.capture(pair.left).exif
+            files = correction_files(pair.name, frame.correction, frame.ranges, source.geometry, source.config.output, exif)
+        if source.original:
+            files |= self._original_files(pair, frame, exif, clock)
+        with clock("write"):
+            return self._folder.save(record, "corrected", files)
+
+    def _show(self, page: PageMaker, record: FrameRecord, frame: _Corrected) -> None:
+        """Write what the page shows of a frame that was just corrected."""
+        correction = frame.correction
+        written = record.stages["range"].outputs.keys() & {"confidence", "range_std"}
+        products = {product: self._folder.read(record, product) for product in written}
+        products |= {"range": frame.ranges.measured_m, "mask": mask_codes(correction, frame.ranges)}
         products["corrected"] = correction.image if correction.linear is None else correction.linear
-        stage = page.stage(frame.stages["corrected"].key)
-        self._folder.save(frame.with_stage("page", stage), "page", page.files(frame.name, raw, products))
+        stage = page.stage(record.stages["corrected"].key)
+        self._folder.save(record.with_stage("page", stage), "page", page.files(record.name, frame.before, products))
 
     def _gain(self, name: str) -> dict[str, float]:
         """light_gain: how much brighter than usual the frame was lit or exposed, where that was measured."""
@@ -234,15 +251,17 @@ class FrameStages:
             return {}
         return {"light_gain": float(np.exp(self.light.gains[name].mean()))}
 
-    def _original_files(self, pair: Pair, rectified: RangeMap, water: Water, exif: bytes, clock: Clock) -> Files:
-        """The frame in the camera's own pixels: its raw image is corrected, not the rectified one turned back, which would blur."""
+    def _original_files(self, pair: Pair, frame: _Corrected, exif: bytes, clock: Clock) -> Files:
+        """The frame in the camera's own pixels: its raw image is corrected, as the rectified one turned back would be blurred."""
+        shown, rectified = frame.correction, frame.measured
+        water = replace(shown.water, exposure=shown.exposure, highlights=shown.highlights)
         source, view = self._source, self._source.original
         assert view
         image = source.raw(pair, clock)
         with clock("color"):
             range_m = view.ranges(rectified.range_m)
-            range_map = ranges_alone(range_m, ~view.mask(rectified.filled))
-            for_color = ranges_for_color(image, range_map, source.config)
+            range_map = RangeMap.of_ranges(range_m, ~view.mask(rectified.filled))
+            for_color = ranges_for_color(image, range_map, source.config, water)
             if self.light:
                 light = self.light.on(pair.name, rectified.range_m.shape[::-1]).seen_through(view.smooth)
                 image = even_light(image, for_color.range_m, light, source.config.color.input_encoding)
@@ -253,16 +272,3 @@ class FrameStages:
 def water_key(water: Water) -> str:
     """Hash of a water's content."""
     return content_key(water.content())
-
-
-def _table_content(table: MomentTable, key: str) -> bytes:
-    return key.encode() + deflated(table.packed())
-
-
-def _load_table(path: Path, key: str) -> MomentTable | None:
-    """The table of that key; None where there is none, or it is damaged."""
-    try:
-        content = path.read_bytes()
-        return MomentTable.unpacked(zlib.decompress(content[len(key) :])) if content.startswith(key.encode()) else None
-    except (OSError, ValueError, zlib.error):
-        return None

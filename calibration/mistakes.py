@@ -1,0 +1,179 @@
+"""What was done wrong with a calibration that does not fit a dive's images: usual mistakes, each tried on points of both images."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from calibration.errors import CalibrationError
+from calibration.matches import Images, Matches, look_alikes
+from calibration.refraction import cameras_in_water
+from calibration.rig import StereoRig
+from calibration.row_check import RowCheck
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MistakeLimits:
+    """Decides when a mistake explains the images. Distances are medians, from a point to the line that the rig expects it on.
+
+    least_points: fewer may be alike by chance. wrong_px: a rig that has drifted is off by a pixel or two (0.6 px on a real dive).
+    left_px, better: what a mistake may leave, and how many times less than the rig as given: on a real dive the right one leaves
+    0.4 px, and others 4 px and more. alike: mistakes within this factor explain the images alike, and the more usual is named.
+    in_front: of the points.
+    """
+
+    least_points: int = 50
+    wrong_px: float = 3.0
+    left_px: float = 1.5
+    better: float = 4.0
+    alike: float = 1.2
+    in_front: float = 0.8
+
+
+LIMITS = MistakeLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """How a rig fits points of both images. off_px: from their lines, median. in_front: the fraction that lies before both."""
+
+    off_px: float
+    in_front: float
+
+    @property
+    def is_behind(self) -> bool:
+        """True if nearly all points lie behind the cameras."""
+        return self.in_front < 1 - LIMITS.in_front
+
+    def explains(self, given: "Fit") -> bool:
+        """True if this can be the truth, where ``given`` cannot."""
+        good = self.off_px < LIMITS.left_px and self.in_front > LIMITS.in_front
+        return good and (given.is_behind or given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px))
+
+
+@dataclass(frozen=True, eq=False)
+class Mistake:
+    """A usual mistake. what: was done. cure: what to do. rig: the calibration without it. turned: which sides' images are.
+
+    line: says what was done, with its evidence, and what to do.
+    """
+
+    what: str
+    cure: str
+    rig: StereoRig
+    turned: tuple[bool, bool] = (False, False)
+    line: str = ""
+
+    @property
+    def exchanged(self) -> bool:
+        """True for left and right exchanged."""
+        return self.what == EXCHANGED
+
+
+EXCHANGED = "left and right look swapped"
+_EXCHANGE = "exchange --left and --right (or the cameras in the calibration, if it lists the right one first)"
+_TURN = "turn them as they were when calibrated (or remove their EXIF orientation, if the calibration was made without it)"
+
+
+def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
+    """Those that give a rig at all, the most usual first."""
+    R, t = rig.T_right_left[:3, :3], rig.T_right_left[:3, 3]
+    back = _transform(R.T, -R.T @ t)
+    with suppress(CalibrationError):
+        yield Mistake(EXCHANGED, _EXCHANGE, replace(rig, left=rig.right, right=rig.left, T_right_left=back))
+    wrong_way = "the translation between the cameras points the wrong way"
+    reverse = "use -T, or -R T if it is the place of the right camera"
+    transforms = (
+        ("the transform between the cameras is the inverse one, right to left", "invert it (R transposed, T = -R^T T)", back),
+        ("the rotation between the cameras is transposed", "transpose R, and leave T", _transform(R.T, t)),
+        (wrong_way, reverse, _transform(R, -t)),
+        (wrong_way, reverse, _transform(R, -R @ t)),
+    )
+    for what, cure, T in transforms:
+        with suppress(CalibrationError):
+            yield Mistake(f"{what}, in the calibration", cure, replace(rig, T_right_left=T))
+    lenses = "the lenses of left and right are exchanged in the calibration"
+    yield Mistake(lenses, "exchange K and distortion, and leave R and T", replace(rig, left=rig.right, right=rig.left))
+    for sides, turned in (("left", (True, False)), ("right", (False, True)), ("left and right", (True, True))):
+        yield Mistake(f"the {sides} images are turned by 180 degrees against the calibration", _TURN, rig, turned)
+
+
+def _transform(R: Array, t: Array) -> Array:
+    T: Array = np.eye(4)
+    T[:3, :3], T[:3, 3] = R, t
+    return T
+
+
+def may_be_mistaken(rows: RowCheck) -> bool:
+    """True for rows that no movement of a camera explains; it is then worth looking for a mistake."""
+    return rows.swapped or rows.row_error_px > LIMITS.wrong_px
+
+
+def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> Mistake | None:
+    """The mistake that explains raw image pairs, (H, W) or (H, W, C), which the rig as given does not.
+
+    None where the rig may be right, no mistake explains the images, or they show too little.
+    """
+    fitting = ((left, right) for left, right in pairs if _are_of(rig, left, right))
+    points = _together([look_alikes(left, right) for left, right in fitting])
+    if len(points.left) < LIMITS.least_points or rig.port is not None:
+        return None
+    given = fit_of(Mistake("", "", rig), points)
+    tried = [(mistake, fit_of(mistake, points)) for mistake in _mistakes(rig)]
+    tried = [(mistake, fit) for mistake, fit in tried if fit.explains(given)]
+    if not tried:
+        return None
+    least = min(fit.off_px for _, fit in tried)
+    mistake, fit = next(one for one in tried if one[1].off_px <= LIMITS.alike * least)
+    behind = f"{1 - given.in_front:.0%} of {len(points.left)} points lie behind the cameras, " if given.is_behind else ""
+    as_given = f"{behind}{given.off_px:.1f} px off their lines as given"
+    return replace(mistake, line=f"{mistake.what}: {as_given}, {fit.off_px:.1f} px otherwise: {mistake.cure}")
+
+
+def _are_of(rig: StereoRig, left: NDArray[np.generic], right: NDArray[np.generic]) -> bool:
+    return left.shape[1::-1] == rig.left.image_size and right.shape[1::-1] == rig.right.image_size
+
+
+def _together(found: list[Matches]) -> Matches:
+    left, right = (np.concatenate([np.zeros((0, 2)), *(getattr(one, side) for one in found)]) for side in ("left", "right"))
+    return Matches(left, right)
+
+
+def fit_of(mistake: Mistake, points: Matches) -> Fit:
+    """How points of both raw images, some of them mismatched, fit a rig without that mistake."""
+    rig = mistake.rig
+    left_camera, right_camera, T = cameras_in_water(rig)
+    sides = []
+    for camera, pixels, turned, size in (
+        (left_camera, points.left, mistake.turned[0], rig.left.image_size),
+        (right_camera, points.right, mistake.turned[1], rig.right.image_size),
+    ):
+        sides.append(camera.rays(np.array(size) - 1 - pixels if turned else pixels))
+    reached = np.isfinite(sides[0]).all(axis=1) & np.isfinite(sides[1]).all(axis=1)
+    if not reached.any():
+        return Fit(np.inf, 0.0)
+    left, right = sides[0][reached], sides[1][reached]
+    off_px = _off_their_lines(left, right, T) * rig.left.K[0, 0]
+    middle_px = float(np.median(off_px))
+    best = off_px <= middle_px
+    return Fit(middle_px, float(_in_front(left[best], right[best], T).mean()))
+
+
+def _off_their_lines(left: Array, right: Array, T: Array) -> Array:
+    """(n,) Sampson's distance of rays with z = 1 from the epipolar geometry (Hartley and Zisserman 2004, sec. 11.4.3)."""
+    x, y, z = T[:3, 3] / np.linalg.norm(T[:3, 3])
+    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ T[:3, :3]
+    lines_right, lines_left = left @ essential.T, right @ essential
+    steepness = np.sqrt((lines_right[:, :2] ** 2).sum(axis=1) + (lines_left[:, :2] ** 2).sum(axis=1))
+    return np.asarray(np.abs((right * lines_right).sum(axis=1)) / np.maximum(steepness, 1e-12))
+
+
+def _in_front(left: Array, right: Array, T: Array) -> NDArray[np.bool_]:
+    """(n,) whether the point nearest to both rays lies before both cameras: least squares of z_left R left + t = z_right right."""
+    a, b, t = left @ T[:3, :3].T, right, T[:3, 3]
+    aa, bb, ab, at, bt = (a * a).sum(1), (b * b).sum(1), (a * b).sum(1), a @ t, b @ t
+    return np.asarray((ab * bt - bb * at > 0) & (aa * bt - ab * at > 0))

@@ -1,0 +1,44 @@
+"""Frames whose light tells little of their colors: almost black, or clipped by the camera."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stereo_seecolor.color.render.tone import FULL_AT
+from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values
+from stereo_seecolor.records import Image, Map
+
+
+@dataclass(frozen=True)
+class ExposureLimits:
+    """When a frame is warned of."""
+
+    dark: float = 0.005
+    """Linear light of the brightest channel, fraction of full scale (16 of 255 in sRGB): noise of 1.5 of 255 is a tenth of it."""
+    dark_fraction: float = 0.9
+    """Of the pixels of known range that are darker: a lit object in open water fills more than the rest."""
+    clipped_fraction: float = 0.1
+    """Of these pixels: highlights and white cards fill less."""
+    step_px: int = 4
+    """Every fourth row and column is looked at."""
+
+
+LIMITS = ExposureLimits()
+
+
+def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[str, ...]:
+    """What is wrong with the exposure of a frame as the camera took it, where its range is known; nothing where nothing is.
+
+    image: (H, W, 3) uint8 or uint16. range_m: (H, W), NaN where unknown.
+    """
+    small = image[:: LIMITS.step_px, :: LIMITS.step_px]
+    brightest = small[np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])].max(axis=-1)
+    if not brightest.size:
+        return ()
+    light = decoded_values(8 * image.dtype.itemsize, encoding)
+    if np.quantile(light[brightest], LIMITS.dark_fraction) < LIMITS.dark:
+        return ("the frame is almost black: its colors are mostly noise",)
+    clipped = float((brightest >= FULL_AT * np.iinfo(image.dtype).max).mean())
+    if clipped > LIMITS.clipped_fraction:
+        return (f"overexposed: {clipped:.0%} of it is clipped by the camera, its color not recoverable",)
+    return ()

@@ -1,0 +1,42 @@
+"""What a lens does to pictures that the sun lights, before any is seen: corners are darker, evenly all around its axis.
+
+A light that changes along the dive and a slope of the pattern across the track look alike where lines of a survey overlap by their
+borders alone. A lens has no slopes: where nothing speaks for lamps, such a change is one of the light.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.lamp_prior import CORNER, SIZE
+from stereo_seecolor.color.photometry.light_model import PATTERN, POWERS, TERMS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LensSettings:
+    """Standard deviations, of logarithms."""
+
+    rest: float = 0.03
+    """Of a coefficient of the pattern, of what is not radial: housings and ports are mounted askew by little; of its change where
+    the range changes by a fifth a fifth, as for lamps."""
+    gain: float = 0.5
+    """Of a frame's gain: clouds, the sun's height and automatic exposure change it by a stop, and more."""
+
+
+SETTINGS = LensSettings()
+
+
+def lens_ensemble(trend: float) -> tuple[Array, Array]:
+    """Mean (TERMS + 1,) and covariance of the coefficients of the pattern and of the trend, of lenses by daylight.
+
+    trend: standard deviation of that. About no pattern at all: what a short dive does not determine stays even.
+    """
+    radial = np.zeros(TERMS + 1)
+    width, height = SIZE
+    radial[POWERS.index((2, 0))], radial[POWERS.index((0, 2))] = np.array([width**2, height**2]) / (width**2 + height**2)
+    corner = np.log(np.linspace(*CORNER, 101))
+    rest = [SETTINGS.rest] * PATTERN + [0.2 * SETTINGS.rest] * (TERMS - PATTERN) + [trend]
+    return np.zeros(TERMS + 1), (corner**2).mean() * np.outer(radial, radial) + np.diag(np.square(rest))

@@ -1,0 +1,112 @@
+"""One command over all pairs of a dive: it takes OUT, makes its passes, and writes the files that describe the run."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calibration import Rectification
+from stereo_seecolor.commands.planned import Meter
+from stereo_seecolor.commands.run_page import RunPage
+from stereo_seecolor.compute.names import Names
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.source import Source
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.neighbors import misfit_notes
+from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.claim import Claim, Owner
+from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.layout import Stage
+from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """One command over all pairs of a dive. description: what it was given. passes: what it does with the dive."""
+
+    source: Source
+    pairing: Pairing
+    description: RunDescription
+    passes: Callable[[Dive, RunFolder], None]
+
+    def conduct(self, folder: RunFolder, options: RunOptions) -> RunSummary:
+        """All passes; Ctrl-C ends them early. run.json and frames.csv are written at the end, however it comes."""
+        page, meter = RunPage(options, folder, self.description), Meter(options.compute)
+        start, dive, complete = time.perf_counter(), Dive(self.source, folder, page.listening()), False
+        dive.show(page.early_frames())
+        earlier = earlier_config(folder)
+        folder.update(replace(folder.dive, state="running"))
+        try:
+            self.passes(dive, folder)
+            complete = True
+        except KeyboardInterrupt:
+            pass
+        except BaseException:
+            page.drop()
+            raise
+        finally:
+            dive.end()
+            page.keep()
+            description = self._described(folder, earlier)
+            close_run(folder, description, complete)
+            summary = self._summary(folder, dive, time.perf_counter() - start, not complete)
+            write_reports(folder, description, summary)
+        page.end(stopped=not complete)
+        summary = meter.compared(summary, folder.root, len(self.pairing.pairs), description.config)
+        return replace(summary, products=products(folder))
+
+    def _described(self, folder: RunFolder, earlier: RunConfig | None) -> RunDescription:
+        """The description for run.json: after ``range`` alone, with the settings of corrected frames that are still current."""
+        if self.description.last == "range" and "corrected" in folder.dive.settings and earlier:
+            return replace(self.description, config=earlier)
+        return self.description
+
+    def _summary(self, folder: RunFolder, dive: Dive, seconds: float, stopped: bool) -> RunSummary:
+        rows = dive.table.rows
+        unpaired = [
+            FrameRow(file.name, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}")
+            for file in self.pairing.unpaired
+        ]
+        aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
+        notes = (*self.pairing.notes, *dive.notes, *aside, *folder.removed, *self._misfit_notes(rows))
+        return RunSummary(final_rows(folder, self.description, dive.table, unpaired), notes, seconds, stopped)
+
+    def _misfit_notes(self, rows: Sequence[FrameRow]) -> tuple[str, ...]:
+        rectification = self.description.rectification
+        failed = {row.name for row in rows if NOT_ONE_SCENE in row.error}
+        if rectification is None or not failed:
+            return ()
+        return misfit_notes(self.pairing.pairs, failed, rectification, self.description.config.input)
+
+
+def earlier_config(folder: RunFolder) -> RunConfig | None:
+    """The settings of the run that OUT holds already, if it holds one."""
+    try:
+        return open_run(folder.root).config
+    except InputError:
+        return None
+
+
+def claim(owner: Owner, options: RunOptions, inputs: Sequence[Path | None]) -> Claim:
+    """How a command takes OUT, with all that it reads protected."""
+    given = (*inputs, options.config_file)
+    return Claim(owner, options.overwrite, tuple(path for path in given if path is not None))
+
+
+def describe(
+    inputs: dict[str, str],
+    config: RunConfig,
+    pairing: Pairing,
+    last: Stage,
+    options: RunOptions,
+    rectification: Rectification | None = None,
+) -> RunDescription:
+    """What run.json says of a command. rectification: None where the command knows no cameras."""
+    names = Names(pairing.names)
+    return RunDescription(inputs, config, names, last, rectification, command_line=options.command_line)

@@ -1,0 +1,57 @@
+"""What the first pairs of a dive say before a run: whether they fit the calibration, and which ranges are not looked for."""
+
+from collections.abc import Sequence
+from contextlib import suppress
+
+from calibration import CalibrationError
+from calibration.checks import RowCheck, vertical_disparity
+from calibration.mistakes import likely_mistake, may_be_mistaken
+from calibration.quick_look import quick_look
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, first_images, spread
+from stereo_seecolor.commands.range_limits import range_limits
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.neighbors import constant_shift
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.pipeline import Pipeline
+
+LOOKED_AT = 4
+"""Pairs over the dive of which the first that shows enough is looked at before a run: a descent may last a quarter of a dive."""
+
+
+def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
+    """What the first pair that shows enough says before a run: of rows that disagree by over half a pixel, and of ranges not looked
+    for.
+
+    A quick look is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked at only where
+    rows disagree. Raises InputError where no pair can be matched, for a mistake that is named.
+    """
+    looked_at = spread(pairs, LOOKED_AT)
+    with suppress(CalibrationError):  # of pairs that are not as large as calibrated: the run names them
+        for pair in looked_at:
+            for both in first_images([pair], pipeline.config.input):
+                look = quick_look(pipeline.rectification, both)
+                if look.rows_agree:
+                    limits = range_limits(look.range_m, pipeline.config.matching)
+                    return tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
+                if look.range_m.size:
+                    return _rows_note(pipeline, pairs, pairs[pairs.index(pair) :])
+    return _rows_note(pipeline, pairs, looked_at)
+
+
+def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair], chosen: Sequence[Pair]) -> tuple[str, ...]:
+    """pairs: of the whole dive. chosen: which of them to look at, as many as it takes."""
+    rig, images = pipeline.rig, pipeline.config.input
+    check: RowCheck | None = None
+    with suppress(CalibrationError):  # too few points to tell
+        for most in (1, DECIDING_PAIRS):
+            check = vertical_disparity(rig, first_images(chosen, images, most))
+            if check.warning is None:
+                return ()
+    if check is None or may_be_mistaken(check):
+        if mistake := likely_mistake(rig, first_images(chosen, images)):
+            raise InputError(mistake.line)
+        if shift := constant_shift(spread(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images):
+            raise InputError(shift)
+    if check is None:
+        return ()
+    return (f"calibration: {check.warning}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)

@@ -1,0 +1,56 @@
+"""Find trajectories among the files of a dive."""
+
+from collections.abc import Collection, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.commands.inspect_rig import candidates
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
+from stereo_seecolor.records import Trajectory
+
+EXTENSIONS = frozenset({".tum", ".txt", ".csv", ".tsv", ".data", ".xml", ".dim2"})
+LARGEST_BYTES = 100_000_000
+"""A day of navigation at 10 Hz has some 80 MB."""
+
+
+@dataclass(frozen=True)
+class FoundPoses:
+    """A trajectory. poses: finite ones. pairs: of the dive, that one of them is for; by: "name", "time" or "order"."""
+
+    path: Path
+    format: str
+    poses: int
+    pairs: int
+    by: str
+
+
+def find_poses(places: Sequence[Path], pairs: Sequence[Pair], others: Collection[Path]) -> tuple[FoundPoses, ...]:
+    """All trajectories in the places, in the order of their paths. others: files that are known to be something else."""
+    found = []
+    for path in sorted(candidates(places, EXTENSIONS, LARGEST_BYTES) - set(others)):
+        with suppress(InputError):
+            if (kind := trajectory_format(path)) is not None:
+                found.append(_facts(path, kind, read_trajectory(path), pairs))
+    return tuple(found)
+
+
+def _facts(path: Path, kind: str, trajectory: Trajectory, pairs: Sequence[Pair]) -> FoundPoses:
+    finite = np.isfinite(trajectory.T_world_camera).all(axis=(1, 2))
+    names = {Path(name).stem for name in trajectory.names if name}
+    times_s = trajectory.timestamps_s[finite & np.isfinite(trajectory.timestamps_s)]
+    if names:
+        number, by = sum(bool({pair.name, pair.left.stem} & names) for pair in pairs), "name"
+    elif times_s.size:
+        number, by = sum(_is_within(pair, times_s.min(), times_s.max()) for pair in pairs), "time"
+    else:
+        number, by = min(len(pairs), int(finite.sum())), "order"
+    return FoundPoses(path, kind, int(finite.sum()), number, by)
+
+
+def _is_within(pair: Pair, first_s: float, last_s: float) -> bool:
+    return pair.timestamp_s is not None and bool(first_s - 0.01 <= pair.timestamp_s <= last_s + 0.01)

@@ -1,0 +1,68 @@
+"""The page of a run, written by the run itself: while it works where that is asked for, and at its end."""
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from stereo_seecolor.progress import Both, RunOptions
+from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.layout import INDEX
+from stereo_seecolor.run_folder.reports import RunDescription
+
+if TYPE_CHECKING:
+    from stereo_seecolor.report.early_frames import EarlyFrames
+
+
+@dataclass(frozen=True, eq=False)
+class RunPage:
+    """OUT/index.html of a run into ``folder``. options: say when it is written. run: what it is given."""
+
+    options: RunOptions
+    folder: RunFolder
+    run: RunDescription
+
+    def listening(self) -> RunOptions:
+        """The options of the run, with one more listener where its page is to be written while it works."""
+        if self.options.page != "live":
+            return self.options
+        from stereo_seecolor.report.live_page import LivePage  # loads the templates
+        from stereo_seecolor.report.page import dive_name
+
+        live = LivePage(self.folder, dive_name(self.run.inputs, self.folder.root), self.run.config.input)
+        return replace(self.options, listener=Both(self.options.listener, live))
+
+    def early_frames(self) -> "EarlyFrames | None":
+        """Makes what the page shows of some frames while the run has their pixels; None where the run writes no page."""
+        if self.options.page == "none" or self.run.last != "corrected" or self.run.rectification is None:
+            return None
+        if not self.options.shard.whole:
+            return None
+        from stereo_seecolor.report.early_frames import EarlyFrames, spread
+
+        return EarlyFrames(frozenset(spread(self.run.names)), self.run.rectification.pair)
+
+    def keep(self) -> None:
+        """Leave the live page where it is until the last one takes its place: a browser that finds none does not look again."""
+        dive = self.folder.dive
+        if self.options.page == "live" and INDEX in dive.files:
+            self.folder.update(replace(dive, made_from={**dive.made_from, INDEX: self.folder.digest("corrected")}))
+
+    def drop(self) -> None:
+        """Where a run ends by an error, no page says that it is still in progress."""
+        if self.options.page == "live":
+            self.folder.remove(INDEX)
+
+    def end(self, stopped: bool) -> None:
+        """Write the page of a run that has ended, without all that takes time; of a stopped one only in the place of a live page.
+
+        Raises OutputError; InputError if what the page is made of is gone.
+        """
+        page, listener = self.options.page, self.options.listener
+        if page == "none" or self.run.last != "corrected" or (stopped and page != "live"):
+            return
+        from stereo_seecolor.report.page import write_page  # loads the templates
+
+        finished = open_run(self.folder.root)
+        listener.begin("page", len(finished.frames))
+        write_page(self.folder, finished, True, lambda done, _: listener.advance(FrameRow(f"{done}")))

@@ -1,0 +1,145 @@
+"""The stereo pairs and the calibration that a command is given, and the pipeline for them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from calibration.checks import suspicions
+from stereo_seecolor.commands.dive_rig import load_rig_for, spread
+from stereo_seecolor.commands.first_look import first_notes
+from stereo_seecolor.commands.refine_dive import DiveRefinement
+from stereo_seecolor.commands.video_pairs import video_pairing
+from stereo_seecolor.compute.shard import Shard
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.files.reading import read_bytes, special_kind
+from stereo_seecolor.inputs.linear_look import encoding_notes
+from stereo_seecolor.inputs.listing import folder_of
+from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_folders
+from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts, stored_notes
+from stereo_seecolor.inputs.video import Videos
+from stereo_seecolor.inputs.video_images import is_video
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.run_folder.claim import Owner
+from stereo_seecolor.run_folder.folder import RunFolder
+
+STORAGE_PAIRS = 6
+"""Pairs that are examined for how images store their pixels: one dark frame must not decide."""
+
+SAMPLE_BYTES = 1 << 20
+"""Bytes of a video's begin that tell it from others."""
+
+
+@dataclass(frozen=True, eq=False)
+class StereoInputs:
+    """What a command over stereo pairs is given. left, right: folders of images, patterns, videos. calib: as for load_rig."""
+
+    left: Path
+    right: Path
+    calib: str | Path
+
+    @property
+    def names(self) -> dict[str, str]:
+        """For run.json."""
+        return {"left": str(self.left), "right": str(self.right), "calib": str(self.calib)}
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Every file and folder that is read."""
+        return (folder_of(self.left), folder_of(self.right), *(Path(part) for part in str(self.calib).split(",")))
+
+    @property
+    def is_video(self) -> bool:
+        """True for two videos, or one that shows both sides."""
+        return is_video(self.left) and is_video(self.right)
+
+    def owner(self, kind: str, pairing: Pairing | None) -> Owner:
+        """Whose results these inputs give: recognized by their paths, or by the content of the first file."""
+        paths = {"left": str(self.left.resolve()), "right": str(self.right.resolve())}
+        return Owner(kind, paths, sample(pairing.pairs[0].left if pairing else self.left))
+
+    def open(self, config: RunConfig) -> "Opened":
+        """The pairs of two folders, and the pipeline for their rig. Raises InputError, CalibrationError.
+
+        What looks wrong with the rig, though it can be used, is added to the pairing's notes.
+        """
+        pairing = pair_folders(self.left, self.right, config.input)
+        config, notes = settle_storage(config, pairing.pairs)
+        return self._opened(pairing.with_notes(notes), config)
+
+    def open_videos(self, folder: RunFolder, config: RunConfig) -> "Opened":
+        """The same of videos; which of their frames are pairs is kept in OUT. Raises as ``open``, and DeviceError."""
+        pairing = video_pairing(Videos(self.left, self.right), self.calib, folder, config.input)
+        notes = encoding_notes(config.color, stored_facts(config.input, pairing.pairs[:1]))
+        return self._opened(pairing.with_notes(notes), config)
+
+    def _opened(self, pairing: Pairing, config: RunConfig) -> "Opened":
+        if config.output.geometry == "original":
+            _refuse_equal_names(pairing)
+        rig = load_rig_for(self.calib, pairing.pairs, config.input)
+        notes = tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
+        return Opened(pairing.with_notes(notes), Pipeline(rig, config))
+
+
+def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
+    """The same with ``input.bayer`` and ``input.significant_bits`` as the pairs' images have them, and what to say of it, and of
+    how their light is encoded.
+    """
+    facts = stored_facts(config.input, spread(pairs, STORAGE_PAIRS))
+    images = as_stored(config.input, facts)
+    return config.model_copy(update={"input": images}), (*stored_notes(config.input, images), *encoding_notes(config.color, facts))
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """What a command over stereo pairs works on."""
+
+    pairing: Pairing
+    pipeline: Pipeline
+
+    def for_dive(self, folder: RunFolder, options: RunOptions) -> "Opened":
+        """The same with the rig compared with the first pairs of a dive, and refined where the settings ask for it."""
+        pairing, pipeline = self.pairing, self.pipeline
+        images = pipeline.config.input
+        if images.refine:
+            rig, note = DiveRefinement(folder, pairing, images, options).of(pipeline.rig)
+            pairing = pairing.with_notes((note,))
+            pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
+        if not folder.manifest.names():  # a rerun has been told
+            pairing = pairing.with_notes(first_notes(pipeline, pairing.pairs))
+        return Opened(pairing, pipeline)
+
+    def part(self, shard: Shard) -> "Opened":
+        """A shard's pairs alone. Files without a partner are named by the first shard."""
+        if shard.whole:
+            return self
+        pairs = tuple(shard.part(self.pairing.pairs))
+        note = f"shard {shard}: {len(pairs)} of {len(self.pairing.pairs)} pairs; when all shards are done: stereo-seecolor merge"
+        unpaired = self.pairing.unpaired if shard.number == 1 else ()
+        return replace(self, pairing=Pairing(pairs, unpaired, (*self.pairing.notes, note)))
+
+
+def _refuse_equal_names(pairing: Pairing) -> None:
+    """Products in the camera's own pixels are called as its images are, so that these must differ in name."""
+    seen: dict[str, Path] = {}
+    for pair in pairing.pairs:
+        other = seen.setdefault(pair.left.stem.casefold(), pair.left)
+        if other != pair.left:
+            raise InputError(
+                f"{other} and {pair.left}: would both be {other.stem} in OUT/original: rename one, or set output.geometry=rectified"
+            )
+
+
+def sample(path: Path) -> str:
+    """Hash by which a dive is recognized that was moved: of its first image, or of its video's begin. Raises InputError."""
+    if not is_video(path):
+        return content_key(read_bytes(path))
+    try:
+        if kind := special_kind(path):
+            raise InputError(f"{path}: is {kind}, not a video")
+        with path.open("rb") as file:
+            return content_key(file.read(SAMPLE_BYTES), path.stat().st_size)
+    except OSError as error:
+        raise InputError(f"{path}: the video cannot be read: {error.strerror}") from error

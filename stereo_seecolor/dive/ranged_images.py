@@ -1,0 +1,56 @@
+"""Images that come with range maps instead of a second camera, for the stages of a dive."""
+
+from pathlib import Path
+
+import numpy as np
+
+from calibration import RectifiedPair
+from calibration.original_view import OriginalView
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.compute.threads import Clock
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.inputs.images import read_image, read_range_map
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import Image, Mask, RangeMap
+from stereo_seecolor.version import __version__
+
+
+class RangedImages:
+    """Images with a range for each pixel; measures and reads as a Pipeline does."""
+
+    makes_ranges = False
+    geometry: RectifiedPair | None = None
+    seen: Mask | None = None
+    original: OriginalView | None = None  # its images are the camera's own already
+
+    def __init__(self, config: RunConfig) -> None:
+        self.config = config
+        self.corrector = Corrector(config.color)
+        self.reader = FrameReader(config.input)
+        self.settings = content_key(__version__, self.reader.settings)
+
+    def inputs(self, pair: Pair) -> dict[str, Path]:
+        """The files of a pair, by what they are."""
+        return {"image": pair.left, "range": pair.right}
+
+    def raw(self, pair: Pair, clock: Clock) -> Image:
+        """The image as it is. Raises InputError."""
+        with clock("read"):
+            return read_image(pair.left, self.config.input)
+
+    image = raw
+
+    def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
+        """The image and its range map. Raises InputError if they differ in size or cannot be read."""
+        image = self.image(pair, clock)
+        with clock("read"):
+            range_m = read_range_map(pair.right)
+        if range_m.shape != image.shape[:2]:
+            raise InputError(
+                f"{pair.right}: the range map is {range_m.shape[1]}x{range_m.shape[0]} px but its image {pair.left.name} is "
+                f"{image.shape[1]}x{image.shape[0]}: give the range map of this very image"
+            )
+        return image, RangeMap.of_ranges(range_m, np.isfinite(range_m))
