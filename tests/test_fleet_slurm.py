@@ -45,12 +45,12 @@ def slurm(controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("default")  # libraries of the cluster warn of their own
 def test_what_slurm_says_of_jobs_without_a_worker_is_told(tmp_path: Path, slurm: Path) -> None:
-    usual = slurm.read_text().removesuffix("}").replace("wait_s: 180", "wait_s: 4")
+    usual = slurm.read_text().removesuffix("}").replace("wait_s: 180", "wait_s: 4").replace("jobs: 1", "jobs: 2")
     for more, message in (
         ("queue: nowhere", r"a job was refused: .*Invalid partition"),
         (
             "job_extra_directives: ['--begin=now+1hour']",
-            r"no worker came within 4 s: job \d+ is PENDING \(BeginTime\); logs are in",
+            r"no worker came within 4 s: job \d+ is PENDING \(BeginTime\); .*logs are in",
         ),
         ("wait_s: 60, job_script_prologue: ['echo no environment >&2; exit 3']", r"job \d+ has ended: .* 'no environment'"),
     ):

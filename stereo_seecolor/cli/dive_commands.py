@@ -52,7 +52,7 @@ def run(
     part = _part(shard, fuse)
     with ExitStack() as both_steps:  # the workers stay for the map
         with report.working() as listener:
-            compute = both_steps.enter_context(computing(cluster))
+            compute = both_steps.enter_context(computing(cluster, report.notice))
             loaded = settings.load(refine)
             if out_mcap:
                 from stereo_seecolor.commands.out_mcap import check_mcap

@@ -31,7 +31,7 @@ def merge(
     """Join the results of a dive's shards: one water, one manifest, one frames.csv; fuse then makes the map."""
     from stereo_seecolor.commands.merge import merge as join
 
-    with report.working() as listener, computing(cluster) as compute:
+    with report.working() as listener, computing(cluster, report.notice) as compute:
         options = replace(opt.Execution(overwrite).options(workers, None, listener), cluster=compute)
         summary = join(parts, out, options, fit_only=fit_only)
     page = "" if fit_only or summary.stopped else page_text(out / INDEX)
@@ -39,13 +39,15 @@ def merge(
 
 
 def status(
-    outs: Annotated[list[Path], typer.Argument(metavar="OUT...", help="Output folders of runs, finished or under way.")],
+    outs: Annotated[
+        list[Path], typer.Argument(metavar="OUT...", help="Output folders of runs, finished or under way, or of campaigns.")
+    ],
     report: BareReport,
 ) -> None:
-    """How far runs are, wherever they run: pairs done, failed and why, left, and when the pass ends."""
-    from stereo_seecolor.commands.status import status as look
+    """How far runs are, wherever they run: pairs done, failed and why, left, and when they end."""
+    from stereo_seecolor.commands.status import statuses
 
-    found = [look(out) for out in outs]
+    found = statuses(outs)
     report.end({"runs": found}, status_text(found))
 
 
@@ -60,7 +62,7 @@ def campaign(
     """Run many dives, one after the other; what is wrong with one does not end the others."""
     from stereo_seecolor.commands.campaign import campaign as run_all
 
-    with report.working() as listener, computing(cluster) as compute:
+    with report.working() as listener, computing(cluster, report.notice) as compute:
         options = replace(opt.Execution().options(workers, None, listener), cluster=compute)
         result = run_all(file, options, only_failed=only_failed)
     stopped = any(dive.state == "stopped" for dive in result.dives)

@@ -10,7 +10,11 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.plan import Plan
     from stereo_seecolor.commands.status import RunStatus
 
-REMEDY = {"killed": "ended without a word: run its line again", "stopped": "stopped early: run its line again"}
+REMEDY = {
+    "killed": "ended without a word: run its line again",
+    "stopped": "stopped early: run its line again",
+    "no run": "holds no run",
+}
 
 
 def status_text(runs: "Sequence[RunStatus]") -> str:

@@ -24,7 +24,7 @@ def fuse(
     from stereo_seecolor.commands.fuse import fuse as fuse_frames
     from stereo_seecolor.commands.report import report as write_page
 
-    with report.working() as listener, computing(cluster) as compute:
+    with report.working() as listener, computing(cluster, report.notice) as compute:
         made = fuse_frames(out, poses, settings.load(run=out), listener, compute)
         page = write_page(out, listener, brief=True).page
     text = map_text(made) + page_text(page)

@@ -2,7 +2,7 @@
 
 import logging
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,14 +26,17 @@ log = logging.getLogger("stereo_seecolor.cli")
 
 
 @contextmanager
-def computing(cluster: str) -> "Iterator[Compute | None]":
-    """The cluster of --cluster while a command works; None where none is named. Raises ClusterError."""
+def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute | None]":
+    """The cluster of --cluster while a command works; None where none is named. notice: is told what is waited for.
+
+    Raises ClusterError.
+    """
     if not cluster:
         yield None
         return
     from stereo_seecolor.compute.cluster.connect import cluster as connected
 
-    with connected(cluster) as compute:
+    with connected(cluster, notice) as compute:
         yield compute
 
 

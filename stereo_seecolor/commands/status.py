@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
+from stereo_seecolor.commands.campaign_table import load_states
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
@@ -14,13 +16,13 @@ from stereo_seecolor.run_folder.manifest import Manifest
 from stereo_seecolor.run_folder.part import read_rows
 from stereo_seecolor.run_folder.progress_file import Progress
 
-State = Literal["running", "killed", "stopped", "complete"]
+State = Literal["running", "killed", "stopped", "complete", "no run"]
 Basis = Literal["", "the plan", "the usual shares of passes"]
 
 
 @dataclass(frozen=True)
 class RunStatus:
-    """A run of some pairs. state: killed is a run that ended without a word.
+    """A run of some pairs. state: killed is a run that ended without a word; no run: the folder holds none.
 
     stage: the pass that it is in, "" before the first and after the end. done, failed, left: pairs of that pass, or of the run
     after the end. failures: reason, how often, first frame, the most frequent first. writer: who writes into OUT now.
@@ -41,6 +43,20 @@ class RunStatus:
     to_come: Sequence[str] = ()
     run_remaining_s: float | None = None
     rests_on: Basis = ""
+
+
+def statuses(outs: Sequence[Path]) -> list[RunStatus]:
+    """How far the runs in these folders are; of the folder of a campaign, its dives. Raises InputError where none holds a run."""
+    folders = [folder for out in outs for folder in ([out / name for name in load_states(out)] or [out])]
+    found = [_known_status(folder) for folder in folders]
+    return found if any(one.state != "no run" for one in found) else [status(folder) for folder in folders]
+
+
+def _known_status(out: Path) -> RunStatus:
+    try:
+        return status(out)
+    except InputError:
+        return RunStatus(out, "no run", "", 0, 0, 0)
 
 
 def status(out: Path) -> RunStatus:

@@ -1,9 +1,9 @@
 """How many items travel together: enough that a batch takes about a minute, and few enough that all workers have some."""
 
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Iterable, Iterator, Sequence, Sized
 from dataclasses import dataclass
 from itertools import islice
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 Item = TypeVar("Item")
 
@@ -59,3 +59,10 @@ class Batches(Generic[Item]):
             tail = min(SETTINGS.tail_s * a_second, self._all / (SETTINGS.rounds * each))
             size = min(size, max(self._left / (SETTINGS.rounds * each), least, tail))
         return max(1, min(int(size), self._most))
+
+
+def named(batch: Sequence[Any]) -> str:
+    """A batch for a person: by the names of its first and its last pair, where it is of pairs or of groups of them."""
+    ends = [item[end] if isinstance(item, list) else item for item, end in ((batch[0], 0), (batch[-1], -1))]
+    names = list(dict.fromkeys(str(item.name) for item in ends if hasattr(item, "name")))
+    return f"the batch of {' to '.join(names)}" if names else "a batch"

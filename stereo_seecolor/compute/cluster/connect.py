@@ -1,6 +1,8 @@
 """A cluster by its name on the command line: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
 
+import gc
 import glob
+import logging
 import os
 import platform
 import re
@@ -21,6 +23,8 @@ from stereo_seecolor.errors import ClusterError
 if TYPE_CHECKING:
     from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
     from stereo_seecolor.compute.cluster.job_file import JobFile
+
+log = logging.getLogger(__name__)
 
 JOB_CLASSES = {
     "slurm": "SLURMCluster",
@@ -44,8 +48,11 @@ MEMORY_SHARE = 0.95
 
 
 @contextmanager
-def cluster(name: str) -> Iterator["DaskCompute"]:
-    """A ``Compute`` on the cluster of that name, for as long as the block runs. Raises ClusterError."""
+def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator["DaskCompute"]:
+    """A ``Compute`` on the cluster of that name, for as long as the block runs. notice: is told what is waited for.
+
+    Raises ClusterError.
+    """
     opener = _opener(name)
     try:
         from distributed import Client
@@ -55,7 +62,7 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
 
     from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
 
-    with dask.config.set(DASK_SETTINGS), opener() as opened:
+    with dask.config.set(DASK_SETTINGS), _hushed("distributed.client"), opener() as opened:  # what it logs is raised, too
         try:
             client: Any = Client(  # type: ignore[no-untyped-call]
                 opened.where,
@@ -69,8 +76,8 @@ def cluster(name: str) -> Iterator["DaskCompute"]:
             ) from error
         with client:
             _check_scheduler(client, name)
-            _wait(client, opened, name)
-            yield DaskCompute(client, name, opened.revive)
+            _wait(client, opened, name, notice)
+            yield DaskCompute(client, name, opened.revive, notice)
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,9 +173,24 @@ def _jobs(kind: str, file: Path) -> Iterator[Opened]:
     except (TypeError, ValueError) as error:
         raise ClusterError(f"{file}: {' '.join(str(error).split())}") from error
     with started:
-        _submit(started, content, f"{kind}:{file}")
+        with _hushed("tornado.application", "asyncio"):  # who tell of a refused job at length, before it is said in one line
+            _submit(started, content, f"{kind}:{file}")
         revive = (lambda: None) if content.adaptive else lambda: started.scale(jobs=content.jobs)
         yield Opened(started, content.wait_s, revive, BatchJobs(kind, started, Path(content.log_directory)))
+
+
+@contextmanager
+def _hushed(*loggers: str) -> Iterator[None]:
+    """Without the messages of these loggers, also those of tasks that nobody asks for any more."""
+    levels = {name: logging.getLogger(name).level for name in loggers}
+    for name in loggers:
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        gc.collect()
+        for name, level in levels.items():
+            logging.getLogger(name).setLevel(level)
 
 
 def _submit(started: Any, content: "JobFile", name: str) -> None:
@@ -177,8 +199,10 @@ def _submit(started: Any, content: "JobFile", name: str) -> None:
 
     async def submitted() -> None:
         await started
-        for job in [job for job in started.workers.values() if job.status is Status.created]:
+        refused = [job for job in started.workers.values() if job.status is Status.created]
+        for job in refused:
             job.status = Status.closed  # or Dask stumbles over it at the end
+        for job in refused:
             await job.start()  # again, to hear why it was refused
 
     adaptive = content.adaptive
@@ -199,9 +223,9 @@ def _check_scheduler(client: Any, name: str) -> None:
         raise ClusterError(f"{name}: the scheduler has another version (distributed {there} there, {here} here): install the same")
 
 
-def _wait(client: Any, opened: Opened, name: str) -> None:
+def _wait(client: Any, opened: Opened, name: str, notice: Callable[[str], None]) -> None:
     """For the first worker. Raises ClusterError with what the batch system says of the jobs, as soon as none of them can come."""
-    jobs, end_s = opened.jobs, time.monotonic() + opened.wait_s
+    jobs, end_s, told = opened.jobs, time.monotonic() + opened.wait_s, False
     while True:
         try:
             client.wait_for_workers(1, timeout=max(min(LOOK_S, end_s - time.monotonic()), 0.1))
@@ -209,6 +233,11 @@ def _wait(client: Any, opened: Opened, name: str) -> None:
         except TimeoutError as error:
             if jobs and (ended := jobs.ended()):
                 raise ClusterError(f"{name}: no worker came: {ended}") from error
-            if time.monotonic() >= end_s:
-                why = jobs.text() if jobs else "start some (dask worker)"
+            over = time.monotonic() >= end_s
+            if told and not over:
+                continue
+            why = jobs.text() if jobs else f"start some (dask worker {name})"
+            if over:
                 raise ClusterError(f"{name}: no worker came within {opened.wait_s:.0f} s: {why}") from error
+            notice(f"{name}: no worker yet; waiting for one for {opened.wait_s:.0f} s: {why}")
+            told = True

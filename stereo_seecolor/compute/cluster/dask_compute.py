@@ -17,7 +17,7 @@ from distributed.client import FutureCancelledError
 from distributed.comm.core import CommClosedError
 from distributed.scheduler import KilledWorker
 
-from stereo_seecolor.compute.cluster.batches import Batches
+from stereo_seecolor.compute.cluster.batches import Batches, named
 from stereo_seecolor.compute.cluster.ticket import Probe, Ticket
 from stereo_seecolor.compute.cluster.worker import Done, Parcel, do_batch, do_tiles
 from stereo_seecolor.compute.interface import Item, Result, Usage
@@ -51,10 +51,14 @@ log = logging.getLogger(__name__)
 
 
 class DaskCompute:
-    """Work on the workers of a cluster. name: as on the command line. revive: starts workers in place of those that are lost."""
+    """Work on the workers of a cluster. name: as on the command line. revive: starts workers in place of those that are lost.
 
-    def __init__(self, client: Any, name: str, revive: Callable[[], object]) -> None:
-        self._client, self._name, self._revive = client, name, revive
+    notice: is told where all workers are lost.
+    """
+
+    def __init__(self, client: Any, name: str, revive: Callable[[], object], notice: Callable[[str], None] = log.warning) -> None:
+        self._client, self._name, self._revive, self._notice = client, name, revive, notice
+        self._alone = False
         self._revived_s = time.monotonic()
         self._workers: dict[str, int] = {}
         self._looked_s = -LOOK_S
@@ -156,7 +160,7 @@ class DaskCompute:
                 return result
             except KilledWorker as error:
                 raise ClusterError(
-                    f"{self._name}: {_named(batch)} ended {error.allowed_failures + 1} workers, most likely for want of memory: "
+                    f"{self._name}: {named(batch)} ended {error.allowed_failures + 1} workers, most likely for want of memory: "
                     "give workers more memory, or fewer threads (docs/fleets.md); what is done is kept"
                 ) from error
             except (FutureCancelledError, CommClosedError) as error:
@@ -179,8 +183,10 @@ class DaskCompute:
         if now_s - self._revived_s >= REVIVE_S:
             self._revived_s = now_s
             self._revive()
-            if not self._connected():
-                log.warning("%s: no worker is connected: waiting for one", self._name)
+            alone = not self._connected()
+            if alone and not self._alone:
+                self._notice(f"{self._name}: no worker is connected: waiting for one")
+            self._alone = alone
 
     def _connected(self) -> dict[str, int]:
         """Threads of each worker, by its address."""
@@ -212,12 +218,6 @@ class _Call:
 
     def __reduce__(self) -> tuple[Callable[..., Any], tuple[Any, ...]]:
         return self.do, self.arguments
-
-
-def _named(batch: Sequence[Any]) -> str:
-    """A batch for a person: by the names of its first and its last item, where these have names."""
-    names = list(dict.fromkeys(str(item.name) for item in (batch[0], batch[-1]) if hasattr(item, "name")))
-    return f"the batch of {' to '.join(names)}" if names else "a batch"
 
 
 def _write(file: Path, content: bytes) -> None:

@@ -53,8 +53,10 @@ class JobFile(BaseModel):
             raise ClusterError(f"{path}: is no YAML: {' '.join(str(error).split())}") from error
         except ValidationError as error:
             first = error.errors()[0]
-            key = ".".join(map(str, first["loc"])) or "the file"
-            raise ClusterError(f"{path}: {key}: {first['msg']}: give at least jobs, cores and memory") from error
+            where = "".join(f"{part}: " for part in first["loc"])
+            raise ClusterError(
+                f"{path}: {where}{first['msg'].removeprefix('Value error, ')}: give at least jobs, cores and memory"
+            ) from error
 
     def arguments(self) -> dict[str, Any]:
         """For a class of dask-jobqueue: one process a job, with a thread a core."""

@@ -12,6 +12,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from stereo_seecolor.compute.cluster.batches import named
 from stereo_seecolor.compute.cluster.ticket import Ticket, admit
 from stereo_seecolor.compute.process_usage import core_seconds, peak_bytes
 from stereo_seecolor.compute.threads import limit_cores
@@ -53,7 +54,8 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
     admit(ticket)
     start, do = time.perf_counter(), _unpickled(work)
     try:
-        results = [do(item) for item in pickle.loads(items)]
+        batch = pickle.loads(items)
+        results = [do(item) for item in batch]
     except (OutputError, DeviceError) as error:  # of this machine, most likely: a full disk, a library that is missing
         log.error("batch failed: %s", error)
         raise type(error)(f"worker on {platform.node()}: {error}") from error
@@ -61,7 +63,7 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
         log.exception("batch failed")
         raise
     seconds = time.perf_counter() - start
-    log.info("%s: %d done in %.1f s", type(do).__name__, len(results), seconds)
+    log.info("%s (%s): %d done in %.1f s", named(batch), type(do).__name__, len(results), seconds)
     return Done(pickle.dumps(results), seconds, f"{platform.node()}:{os.getpid()}", core_seconds(), peak_bytes())
 
 
