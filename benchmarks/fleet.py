@@ -43,6 +43,7 @@ def main() -> None:
     parser.add_argument("--every-s", type=float, default=8.0, help="seconds between two kills of workers, on average")
     parser.add_argument("--pairs", type=int, default=40)
     parser.add_argument("--number", type=int, default=2000, help="of batches, or of pairs for client and scheduler")
+    parser.add_argument("--recorded", action="store_true", help="client: with exposures that the camera recorded")
     parser.add_argument("--folder", type=Path, help="of the dive and the runs; it stays")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
@@ -54,7 +55,7 @@ def main() -> None:
         elif options.what == "batches":
             overhead(options.number)
         elif options.what == "client":
-            client(options.number)
+            client(options.number, options.recorded)
         elif options.what == "scheduler":
             measure_scheduler(options.number, 200)
         elif options.what == "growth":

@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from calibration import Camera, RectifiedPair, StereoRig
 from calibration.formats import native
 from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.compute.names import Names
+from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.files.ply import VERTEX
@@ -61,9 +63,9 @@ def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_r
             save_frame(folder, frame)
         folder.set_waters(dict.fromkeys(names, "water"))
         rectification = SimpleNamespace(pair=pair, T_rectified_left=T)
-        run = RunDescription({}, RunConfig(), names, "corrected", rectification)  # type: ignore[arg-type]
+        run = RunDescription({}, RunConfig(), Names(names), "corrected", rectification)  # type: ignore[arg-type]
         folder.write(RIG, native.to_bytes(rig_of(pair)))
-        close_run(folder, run, complete=True)
+        close_run(folder, run, True, Threads(1))
         write_reports(folder, run, RunSummary([]))
 
 

@@ -9,6 +9,7 @@ import pytest
 from conftest import contents
 
 from stereo_seecolor.cli.fleet_text import status_text
+from stereo_seecolor.commands.campaign_table import DiveState, save_states
 from stereo_seecolor.commands.merge import merge
 from stereo_seecolor.commands.plan import plan
 from stereo_seecolor.commands.run import run
@@ -135,6 +136,33 @@ def test_the_state_of_runs(make_dive, tmp_path, cli, monkeypatch) -> None:
     assert code == 0
     assert "complete" in printed
     assert "is empty" in printed
+
+
+def test_folders_without_a_run_are_told_apart_and_dives_of_a_campaign_found(make_dive, tmp_path, cli) -> None:
+    dive = make_dive(2)
+    run(dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "all/one")
+    save_states(tmp_path / "all", {"one": DiveState("one", "done")})
+    code, printed, _ = cli("status", tmp_path / "all", dive.root)
+    assert code == 0
+    assert [line.split()[1] for line in printed.splitlines()[1:]] == ["complete", "no"]
+    code, _, said = cli("status", dive.root)
+    assert code == 1
+    assert "holds no finished run" in said
+
+
+def test_a_merge_that_stops_at_the_water_expects_no_correction(make_dive, tmp_path) -> None:
+    dive = make_dive(2)
+    seen = []
+
+    class Watcher:
+        def begin(self, stage: str, total: int) -> None:
+            pass
+
+        def advance(self, row) -> None:
+            seen.append(list(status(tmp_path / "whole").to_come))
+
+    merge(sharded(dive, tmp_path), tmp_path / "whole", RunOptions(listener=Watcher()), fit_only=True)
+    assert seen == [[], []]
 
 
 def test_a_run_ends_when_its_passes_have_taken_what_they_are_expected_to() -> None:

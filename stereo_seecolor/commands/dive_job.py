@@ -19,11 +19,12 @@ from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.claim import Claim, Owner
+from stereo_seecolor.run_folder.current_frames import CurrentFrames
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
-from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.frames_table import FrameTable, RunSummary
 from stereo_seecolor.run_folder.layout import Stage
-from stereo_seecolor.run_folder.reports import RunDescription, close_run, final_rows, products, write_reports
+from stereo_seecolor.run_folder.reports import FinalRows, RunDescription, close_run, products, write_reports
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,8 @@ class Job:
     def conduct(self, folder: RunFolder, options: RunOptions) -> RunSummary:
         """All passes; Ctrl-C ends them early. run.json and frames.csv are written at the end, however it comes."""
         page, meter = RunPage(options, folder, self.description), Meter(options.compute)
-        start, dive, complete = time.perf_counter(), Dive(self.source, folder, page.listening()), False
+        dive = Dive(self.source, folder, page.listening(), self.description.last)
+        start, complete = time.perf_counter(), False
         dive.show(page.early_frames())
         earlier = earlier_config(folder)
         folder.update(replace(folder.dive, state="running"))
@@ -54,12 +56,12 @@ class Job:
             dive.end()
             page.keep()
             description = self._described(folder, earlier)
-            close_run(folder, description, complete)
-            summary = self._summary(folder, dive, time.perf_counter() - start, not complete)
+            current = close_run(folder, description, complete, options.compute)
+            summary = replace(self._summary(folder, dive, current), wall_seconds=time.perf_counter() - start, stopped=not complete)
             write_reports(folder, description, summary)
         page.end(stopped=not complete)
         summary = meter.compared(summary, folder.root, len(self.pairing.pairs), description.config)
-        return replace(summary, products=products(folder))
+        return replace(summary, products=products(folder, current))
 
     def _described(self, folder: RunFolder, earlier: RunConfig | None) -> RunDescription:
         """The description for run.json: after ``range`` alone, with the settings of corrected frames that are still current."""
@@ -67,19 +69,18 @@ class Job:
             return replace(self.description, config=earlier)
         return self.description
 
-    def _summary(self, folder: RunFolder, dive: Dive, seconds: float, stopped: bool) -> RunSummary:
-        rows = dive.table.rows
+    def _summary(self, folder: RunFolder, dive: Dive, current: CurrentFrames) -> RunSummary:
         unpaired = [
             FrameRow(file.name, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}")
             for file in self.pairing.unpaired
         ]
         aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
-        notes = (*self.pairing.notes, *dive.notes, *aside, *folder.removed, *self._misfit_notes(rows))
-        return RunSummary(final_rows(folder, self.description, dive.table, unpaired), notes, seconds, stopped)
+        notes = (*self.pairing.notes, *dive.notes, *aside, *folder.removed, *self._misfit_notes(dive.table))
+        return RunSummary(FinalRows(self.description.names, dive.table, current.done, unpaired), notes)
 
-    def _misfit_notes(self, rows: Sequence[FrameRow]) -> tuple[str, ...]:
+    def _misfit_notes(self, table: FrameTable) -> tuple[str, ...]:
         rectification = self.description.rectification
-        failed = {row.name for row in rows if NOT_ONE_SCENE in row.error}
+        failed = {name for name, error in table.failed.items() if NOT_ONE_SCENE in error}
         if rectification is None or not failed:
             return ()
         return misfit_notes(self.pairing.pairs, failed, rectification, self.description.config.input)

@@ -1,6 +1,6 @@
 """The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,16 +68,23 @@ class FrameStages:
     def _light_key(self) -> str:
         return self.light.fingerprint if self.light else ""
 
-    def fit_key(self, pairs: Sequence[Pair]) -> str | None:
-        """Hash of all that the light and the waters of these pairs are fitted to, and of the code that fits them.
+    def fit_key(self, ranges: str | None) -> str | None:
+        """Hash of all that the light and the waters of a dive are fitted to, and of the code that fits them.
 
-        None unless the ranges of all of them are known.
+        ranges: hash of the ranges of its pairs; None where they are not known.
         """
+        return ranges and content_key(self.color_settings, ranges, [sources_digest(file) for file in FITTING])
+
+    def ranges_key(self, pairs: Sequence[Pair]) -> str | None:
+        """Hash of the ranges of these pairs as an earlier run found them; None unless they are known of all of them."""
         try:
-            ranges = content_key_of(self._range_keys(pairs))
+            return content_key_of(self._range_keys(pairs))
         except InputError:
             return None
-        return content_key(self.color_settings, ranges, [sources_digest(file) for file in FITTING])
+
+    def range_key(self, hashes: Mapping[str, str]) -> str:
+        """Hash of all that the range of a pair depends on. hashes: SHA-256 of its files, by side."""
+        return content_key(hashes, self.range_settings)
 
     def _range_keys(self, pairs: Sequence[Pair]) -> Iterator[tuple[str, str]]:
         """Name and key of each pair's ranges. Raises InputError for one that is gone, or whose range is not known."""
@@ -90,7 +97,7 @@ class FrameStages:
     def _known(self, pair: Pair) -> tuple[Ranged, bool]:
         """What OUT knows of a pair as its files are now, and whether its range is known. Raises InputError for one that is gone."""
         inputs = self._folder.inputs(pair.name, self._source.inputs(pair), self._verify)
-        key = content_key({side: file.sha256 for side, file in inputs.items()}, self.range_settings)
+        key = self.range_key({side: file.sha256 for side, file in inputs.items()})
         known = self._folder.finished("range", pair.name, key) is not None
         record = self._folder.frame(pair.name, pair.timestamp_s, inputs, pair.place)
         return Ranged(pair, record, key, kept=known and "range" not in self._folder.written.stages(pair.name)), known

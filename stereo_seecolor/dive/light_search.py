@@ -72,7 +72,8 @@ class Found:
 class LightSearch:
     """frames: the name of each frame of the dive, in order, and by what ``read`` finds its image and its ranges.
     captures: what the camera recorded of each. geometry: of the rectified images. compute: where frames are examined.
-    windows: of a short dive, where its frames were examined while they were measured.
+    windows: of a short dive, where its frames were examined while they were measured. told: is called with the name of each frame
+    that was examined, where all frames are.
     """
 
     frames: Sequence[tuple[str, Any]]
@@ -82,6 +83,7 @@ class LightSearch:
     encoding: InputEncoding
     compute: Compute
     windows: Sequence[SeenWindow] | None = None
+    told: Callable[[str], None] = lambda _: None
 
     def windows_of(self, frames: Iterable[Any]) -> list[SeenWindow]:
         """What the frames of a short dive show, each examined as soon as it comes: for ``windows``."""
@@ -137,16 +139,20 @@ class LightSearch:
         for frames, differing in windows:
             links.add(frames)
             table.add(differing)
-        found, number, chosen = table.all, len(names), (light.luminance.use.gains, light.color.use.gains)
-        solved = solve_chain(found, number, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
+        found, known, chosen = table.all, np.zeros(len(names)), (light.luminance.use.gains, light.color.use.gains)
+        solved = solve_chain(found, known, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
         measured = solved.measured & solved.gains.any()
         return light.with_gains(FrameGains(names, np.where(measured[:, None], solved.gains, np.nan)), solved.offsets)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int) -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""
         look_at_all = self.compute.tiles if parts == 1 else self.compute.each
-        for shown in look_at_all(look_at, _Stretches(numbers, self.frames, STRETCH.length(len(numbers), parts))):
+        length = STRETCH.length(len(numbers), parts)
+        for stretch, shown in enumerate(look_at_all(look_at, _Stretches(numbers, self.frames, length))):
             yield from shown
+            if len(numbers) == len(self.frames):
+                for number in numbers[stretch * length : (stretch + 1) * length]:
+                    self.told(self.frames[number][0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,6 +23,7 @@ from stereo_seecolor.dive.frame_stages import FrameStages, water_key
 from stereo_seecolor.dive.frame_work import CorrectFrame, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
 from stereo_seecolor.dive.pairs import Groups, Named, chosen
 from stereo_seecolor.dive.source import PageMaker, Source
+from stereo_seecolor.files.keys import ContentKey
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Capture, FrameRow, Water
@@ -31,6 +32,7 @@ from stereo_seecolor.run_folder.frames_table import FrameTable
 from stereo_seecolor.run_folder.kept_fit import KeptFit
 from stereo_seecolor.run_folder.kept_light import KeptLight
 from stereo_seecolor.run_folder.kept_plan import KeptPlan
+from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.progress_file import USUAL, Expected, ProgressFile
 from stereo_seecolor.run_folder.water_file import waters_content
 
@@ -45,7 +47,8 @@ class Dive:
     table: the outcome of each pair so far. notes: what concerns the dive as a whole.
     """
 
-    def __init__(self, source: Source, folder: RunFolder, options: RunOptions) -> None:
+    def __init__(self, source: Source, folder: RunFolder, options: RunOptions, last: Stage = "corrected") -> None:
+        """last: the stage that the passes end with, so that no later one is expected."""
         self.table = FrameTable()
         self.notes: tuple[str, ...] = ()
         self._light_found: dict[str, Any] | None = None  # for water.json
@@ -53,8 +56,9 @@ class Dive:
         self._light_known = not options.shard.whole  # a shard must not be corrected with a light of its own
         self._linked: Collection[str] = ()  # names of frames that show what the frame before them shows
         self._config, self._corrector, self._geometry = source.config, source.corrector, source.geometry
-        self._folder, self._options = folder, options
+        self._folder, self._options, self._last = folder, options, last
         self._progress = ProgressFile(folder.root)
+        self._ranges: ContentKey | None = None  # of the ranges of all pairs, as the first pass finds them
         self._stages = FrameStages(source, folder, options.verify)
 
     @property
@@ -83,7 +87,7 @@ class Dive:
         """Each frame's water, by name: an earlier run's where it was fitted to the same, or fitted in a first pass."""
         self._begin_color(pairs)
         kept = KeptFit.load(self._folder.root)
-        if kept and not self._options.verify and kept.key == self._stages.fit_key(pairs):
+        if kept and not self._options.verify and kept.key == self._fit_key(pairs):
             waters = kept.waters(self._folder.root, [pair.name for pair in pairs])
             if waters is not None:
                 self.notes += kept.notes
@@ -91,7 +95,7 @@ class Dive:
         waters, notes = self._fit(pairs)
         self._linked = ()
         self.notes += notes
-        key = self._stages.fit_key(pairs)
+        key = self._fit_key(pairs)
         if key:
             KeptFit.of(key, notes, waters_content(waters, self.light)).save(self._folder.root)
         return waters
@@ -101,6 +105,7 @@ class Dive:
         fitter = self._corrector.survey_fitter(self._stages.light, self._linked)
         stage = "waters" if self._ranged else "ranges"
         if not self._ranged:
+            self._ranges = ContentKey()
             self._expect(pairs, "ranges", "colors")
         pairs = self._not_failed(pairs)
         if fitter.joins and len(pairs) > LONG_DIVE:
@@ -117,7 +122,7 @@ class Dive:
         count = GroupCount(FrameWork(self._stages.counted, self._folder), self._config.color)
         for outcomes, counted in self._options.compute.each(count, Groups(pairs)):
             for outcome in outcomes:
-                self._note(outcome)
+                self._note(stage, outcome)
             yield counted
 
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
@@ -166,7 +171,7 @@ class Dive:
         if geometry is None or len(pairs) < 2 or not any(allowed):
             return
         kept = KeptLight.load(self._folder.root)
-        if kept is None or self._options.verify or kept.key != self._stages.fit_key(pairs):
+        if kept is None or self._options.verify or kept.key != self._fit_key(pairs):
             kept = self._solve_light(pairs, geometry, allowed)
         self._stages.light = Light.from_content(kept.light) if kept.light else None
         self._light_found = {name: value for name, value in (kept.light or {}).items() if name != "log_gains"}
@@ -177,24 +182,33 @@ class Dive:
         from stereo_seecolor.dive.light_search import LightSearch, is_short  # loads the search for features
 
         self._begin_ranges()
+        self._ranges = ContentKey()
         self._ranged, short = True, is_short(len(pairs)) and self._options.compute.parts == 1
         self._expect(pairs, "ranges", *(() if short else ("light",)), "waters", "colors")
         captures: list[Capture] = []
         encoding, read, compute = self._config.color.input_encoding, self._stages.read_pair, self._options.compute
-        search = LightSearch(Named(pairs), read, captures, geometry, encoding, compute)
+        search = LightSearch(Named(pairs), read, captures, geometry, encoding, compute, told=self._examined)
         with closing(self._measured(pairs, captures)) as measured:
             if short:
                 search = replace(search, windows=search.windows_of(measured))
             else:
                 deque(measured, maxlen=0)
-                self._progress.begin("light", len(pairs))
-        found = replace(search, frames=Named(self._not_failed(pairs))).solve(allowed)
+        frames = Named(self._not_failed(pairs))
+        if not short:
+            self._begin_pass("light", len(frames))
+        found = replace(search, frames=frames).solve(allowed)
         light = found.light
         content = light.content() if light and light.light else None
-        kept = KeptLight(self._stages.fit_key(pairs) or "", light.note if light else NO_OVERLAP, content, found.linked)
+        kept = KeptLight(self._fit_key(pairs) or "", light.note if light else NO_OVERLAP, content, found.linked)
         if kept.key:
             kept.save(self._folder.root)
         return kept
+
+    def _fit_key(self, pairs: Sequence[Pair]) -> str | None:
+        """Hash of what light and waters are fitted to, by the first pass or, before it, by OUT; None where a pair has no range."""
+        if self._ranges is None:
+            return self._stages.fit_key(self._stages.ranges_key(pairs))
+        return None if self.table.failed else self._stages.fit_key(self._ranges.value)
 
     def _measured(self, pairs: Sequence[Pair], captures: list[Capture]) -> Generator[Pair, None, None]:
         """The first pass for the light: each pair once its range is known. captures: is given what the camera recorded of it."""
@@ -206,14 +220,13 @@ class Dive:
 
     def _not_failed(self, pairs: Sequence[Pair]) -> Sequence[Pair]:
         """Those that no pass so far has failed at."""
-        failed = {row.name for row in self.table.rows if row.status == "failed"}
-        return chosen(pairs, lambda pair: pair.name not in failed)
+        return chosen(pairs, lambda pair: pair.name not in self.table.failed) if self.table.failed else pairs
 
     def _pass(self, stage: str, pairs: Sequence[Pair], work: Work[Result]) -> Iterator[tuple[FrameRow, Result]]:
         """``work`` on all pairs, in their order; what is wrong with one pair becomes its row, and ends no pass."""
         self._begin_pass(stage, len(pairs))
         for outcome in self._options.compute.each(FrameWork(work, self._folder), pairs):
-            self._note(outcome)
+            self._note(stage, outcome)
             if outcome.result is not None:
                 yield outcome.row, outcome.result
 
@@ -221,17 +234,27 @@ class Dive:
         """These passes over the pairs are to come."""
         plan = KeptPlan.load(self._folder.root, len(pairs), self._config)
         known = Expected(plan.pass_seconds, planned=True) if plan else USUAL
-        self._progress.expect(known.of(*passes))
+        self._progress.expect(known.of(*(one for one in passes if one != "colors" or self._last == "corrected")))
 
     def _begin_pass(self, stage: str, pairs: int) -> None:
         self._options.listener.begin(stage, pairs)
         self._progress.begin(stage, pairs)
 
-    def _note(self, outcome: Outcome[Any]) -> None:
+    def _examined(self, name: str) -> None:
+        """The light of one more frame was looked at."""
+        known = self.table.row(name) or FrameRow(name)
+        self._advance(replace(known, kept=False, warnings=(), seconds={}))
+
+    def _advance(self, row: FrameRow) -> None:
+        self._progress.advance(row)
+        self._options.listener.advance(row)
+
+    def _note(self, stage: str, outcome: Outcome[Any]) -> None:
         """The outcome of a pair. Raises what was wrong with it where the run is to stop at the first bad pair."""
         self._folder.note(outcome.row.name, outcome.written, outcome.aside)
         self.table.add(outcome.row)
-        self._progress.advance(outcome.row)
-        self._options.listener.advance(outcome.row)
+        if stage == "ranges" and self._ranges:
+            self._ranges.add((outcome.row.name, self._stages.range_key(outcome.row.hashes)))
+        self._advance(outcome.row)
         if outcome.failure and self._options.strict:
             raise outcome.failure

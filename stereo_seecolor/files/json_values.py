@@ -5,6 +5,7 @@ import io
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 PIECE = 1 << 16
@@ -44,7 +45,7 @@ class StreamedList(list[Any]):
 class JsonText:
     """The text of ``content`` in UTF-8 with a line feed at its end, piece by piece as often as it is asked for.
 
-    What is Streamed in it is never whole.
+    What is Streamed in it is never whole; with an indent, each member of it is one line.
     """
 
     content: Mapping[str, Any]
@@ -52,12 +53,41 @@ class JsonText:
 
     def __iter__(self) -> Iterator[bytes]:
         text = io.StringIO()
-        for piece in json.JSONEncoder(indent=self.indent, allow_nan=False).iterencode(self.content):
+        for piece in _pieces(self.content, self.indent, 0):
             text.write(piece)
             if text.tell() > PIECE:
                 yield text.getvalue().encode()
                 text = io.StringIO()
         yield text.getvalue().encode() + b"\n"
+
+
+_line = json.JSONEncoder(allow_nan=False).encode
+"""A value on one line."""
+
+
+def _pieces(value: Any, indent: int | None, depth: int) -> Iterator[str]:
+    """The text of a value ``depth`` objects deep, in the layout of ``json.dumps``."""
+    margin = "" if indent is None else "\n" + " " * indent * depth
+    if isinstance(value, Streamed):
+        yield from _enclosed("{}", ([f"{_line(key)}: {_line(item)}"] for key, item in value.items()), indent, margin)
+    elif isinstance(value, StreamedList):
+        yield from _enclosed("[]", ([_line(item)] for item in value), indent, margin)
+    elif isinstance(value, Mapping):
+        members = (chain([f"{_line(key)}: "], _pieces(item, indent, depth + 1)) for key, item in value.items())
+        yield from _enclosed("{}", members, indent, margin)
+    else:
+        yield json.dumps(value, indent=indent, allow_nan=False).replace("\n", margin)
+
+
+def _enclosed(brackets: str, members: Iterable[Iterable[str]], indent: int | None, margin: str) -> Iterator[str]:
+    """An object or a list of members that come in pieces."""
+    inner = "" if indent is None else margin + " " * indent
+    before = brackets[0] + inner
+    for member in members:
+        yield before
+        yield from member
+        before = "," + (inner or " ")
+    yield brackets if before[0] == brackets[0] else margin + brackets[1]
 
 
 def plain(value: Any) -> Any:

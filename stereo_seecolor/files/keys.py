@@ -15,11 +15,27 @@ def content_key(*parts: object) -> str:
 
 def content_key_of(parts: Iterable[object]) -> str:
     """As ``content_key``, of parts that are not all held in memory."""
-    digest = hashlib.sha256()
+    key = ContentKey()
     for part in parts:
+        key.add(part)
+    return key.value
+
+
+class ContentKey:
+    """The hash of ``content_key``, of parts that come one by one."""
+
+    def __init__(self) -> None:
+        self._digest = hashlib.sha256()
+
+    def add(self, part: object) -> None:
+        """One more part."""
         content = part if isinstance(part, bytes) else json.dumps(part, sort_keys=True, default=_plain).encode()
-        digest.update(len(content).to_bytes(8, "little") + content)
-    return digest.hexdigest()
+        self._digest.update(len(content).to_bytes(8, "little") + content)
+
+    @property
+    def value(self) -> str:
+        """The hash of the parts so far."""
+        return self._digest.hexdigest()
 
 
 def _plain(value: object) -> object:

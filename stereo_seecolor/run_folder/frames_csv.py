@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,8 @@ from stereo_seecolor.errors import InputError, printable
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_map import TrackPoint
 
+CHUNK = 500
+"""Rows that are written at once."""
 RESIDUALS = ("position_residual_m", "attitude_residual_deg")
 """Columns that a map with given poses adds."""
 _TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"})
@@ -18,17 +20,24 @@ _TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "e
 
 def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
     """The rows as lines of UTF-8 CSV, columns in a fixed order, one ``<stage>_s`` column a stage."""
-    facts = sorted({key for row in rows for key in row.facts})
-    stages = sorted({key for row in rows for key in row.seconds})
+    found = set[str](), set[str]()
+    for row in rows:
+        found[0].update(row.facts)
+        found[1].update(row.seconds)
+    facts, stages = (sorted(keys) for keys in found)
     columns = ["name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"]
     yield _csv_line([*columns, *facts, *(f"{stage}_s" for stage in stages)])
-    for row in rows:
-        yield _csv_line(
-            [row.name, row.status, int(row.kept), row.left, row.right, "" if row.timestamp_s is None else f"{row.timestamp_s:.9f}"]
-            + [row.error, "; ".join(row.warnings)]
-            + [f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts]
-            + [f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages]
-        )
+    for start in range(0, len(rows), CHUNK):
+        yield _csv_text(_cells(row, facts, stages) for row in rows[start : start + CHUNK])
+
+
+def _cells(row: FrameRow, facts: Sequence[str], stages: Sequence[str]) -> list[object]:
+    return [
+        *(row.name, row.status, int(row.kept), row.left, row.right),
+        *("" if row.timestamp_s is None else f"{row.timestamp_s:.9f}", row.error, "; ".join(row.warnings)),
+        *(f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts),
+        *(f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages),
+    ]
 
 
 def read_frames(path: Path, stages: Sequence[str]) -> tuple[FrameRow, ...]:
@@ -72,6 +81,12 @@ def with_residuals(content: bytes, points: Sequence[TrackPoint]) -> bytes:
 
 
 def _csv_line(cells: Sequence[object]) -> bytes:
+    return _csv_text([cells])
+
+
+def _csv_text(rows: Iterable[Sequence[object]]) -> bytes:
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(printable(cell) if isinstance(cell, str) else cell for cell in cells)
+    csv.writer(text, lineterminator="\n").writerows(
+        [printable(cell) if isinstance(cell, str) else cell for cell in row] for row in rows
+    )
     return text.getvalue().encode()

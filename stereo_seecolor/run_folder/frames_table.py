@@ -4,6 +4,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,14 +18,17 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 class FrameTable:
-    """A dive's rows in the order they came."""
+    """A dive's rows in the order they came. failed: name of a pair that failed -> why."""
 
     def __init__(self) -> None:
+        self.failed: dict[str, str] = {}
         self._rows: Packed[FrameRow] = Packed()
         self._names = Names()
 
     def add(self, row: FrameRow) -> None:
         """The row of a pair; of a pair that has one, what a later stage adds to it."""
+        if row.status == "failed":
+            self.failed[row.name] = row.error
         place = self._names.add(row.name)
         if place == len(self._rows):
             self._rows.append(row)
@@ -69,16 +73,25 @@ class RunSummary:
     @property
     def all_done(self) -> bool:
         """True if every file found its partner and every pair went through."""
-        return not self.stopped and all(row.status == "ok" for row in self.rows)
+        return not self.stopped and self.count("ok") == len(self.rows)
 
     def count(self, status: Status) -> int:
         """Rows of that status."""
-        return sum(row.status == status for row in self.rows)
+        return self._tally[0][status]
 
     @property
     def kept(self) -> int:
         """Pairs that an earlier run had finished."""
-        return sum(row.kept for row in self.rows)
+        return self._tally[0]["kept"]
+
+    @cached_property
+    def _tally(self) -> tuple[Counter[str], Counter[str]]:
+        """Rows of each status, those kept among them, and seconds a stage."""
+        counts, seconds = Counter[str](), Counter[str]()
+        for row in self.rows:
+            counts.update((row.status, "kept") if row.kept else (row.status,))
+            seconds.update(row.seconds)
+        return counts, seconds
 
     def totals(self) -> dict[str, Any]:
         """The numbers that a script wants, as JSON holds them."""
@@ -102,10 +115,7 @@ class RunSummary:
 
     def stage_seconds(self) -> dict[str, float]:
         """Seconds a stage over all pairs, the slowest first."""
-        total: Counter[str] = Counter()
-        for row in self.rows:
-            total.update(row.seconds)
-        return dict(total.most_common())
+        return dict(self._tally[1].most_common())
 
 
 @dataclass(frozen=True)

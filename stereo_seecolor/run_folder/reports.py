@@ -2,7 +2,7 @@
 
 import platform
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -11,11 +11,13 @@ from typing import Any
 
 from calibration import Rectification
 from calibration.wording import counted
+from stereo_seecolor.compute.interface import Compute
+from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.compute.names import Names
-from stereo_seecolor.compute.packed import Packed
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList, plain
 from stereo_seecolor.records import FrameRow
+from stereo_seecolor.run_folder.current_frames import CurrentFrames
 from stereo_seecolor.run_folder.finished_map import track_points
 from stereo_seecolor.run_folder.finished_run import RUN_FORMAT, RUN_VERSION
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -28,7 +30,6 @@ from stereo_seecolor.run_folder.layout import (
     INDEX,
     MAP,
     MEASURED_WATER,
-    PRODUCTS,
     RUN,
     SET_ASIDE,
     WHAT_IS_WHERE,
@@ -69,55 +70,66 @@ def renew_frames_table(folder: RunFolder) -> None:
         folder.write(FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root)))
 
 
-def close_run(folder: RunFolder, run: RunDescription, complete: bool) -> None:
-    """End a run. What belongs to no pair of a complete run is moved aside; what was made from frames that changed is deleted."""
+def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: Compute) -> CurrentFrames:
+    """End a run. What belongs to no pair of a complete run is moved aside; what was made from frames that changed is deleted.
+
+    compute: reads the frames' records; those of a run that was stopped are read here, since its cluster may be gone.
+    """
     if complete:
         folder.remove_leftovers()  # of workers that were lost
         retired = sum(folder.retire(name) for name in folder.manifest.names() if name not in run.names)
         if retired:
             gone = f"{counted(retired, 'frame')} of an earlier run, no longer in the dive"
             folder.removed.append(f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}")
-        sources = {name: folder.digest("corrected") for name in (MAP, FIRST_LOOK, INDEX)} | {MEASURED_WATER: folder.digest("range")}
+    current = CurrentFrames.of(folder, run.names, run.last, compute if complete else None)
+    if complete:
+        sources = dict.fromkeys((MAP, FIRST_LOOK, INDEX), current.digests["corrected"]) | {MEASURED_WATER: current.digests["range"]}
         stale = [name for name, source in sources.items() if folder.dive.made_from.get(name, source) != source]
         if stale:
             folder.remove(*stale)
     folder.update(replace(folder.dive, state="complete" if complete else "stopped"))
+    return current
 
 
-def final_rows(folder: RunFolder, run: RunDescription, table: FrameTable, unpaired: Iterable[FrameRow]) -> Sequence[FrameRow]:
-    """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not come to is pending."""
-    final = Packed[FrameRow]()
-    for name in run.names:
-        row = table.row(name)
-        final.append(_checked(folder, run, row) if row else FrameRow(name, "pending", error=NOT_REACHED))
-    for row in unpaired:
-        final.append(row)
-    return final
+@dataclass(frozen=True, eq=False)
+class FinalRows(Lazy[FrameRow]):
+    """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not come to is pending.
+
+    names: of all pairs. table: what is known of them. done: those whose last stage is current.
+    """
+
+    names: Names
+    table: FrameTable
+    done: Collection[str]
+    unpaired: Sequence[FrameRow]
+
+    def __len__(self) -> int:
+        return len(self.names) + len(self.unpaired)
+
+    def __iter__(self) -> Iterator[FrameRow]:
+        return map(self.item, range(len(self)))
+
+    def item(self, number: int) -> FrameRow:
+        """The row of this number, made when it is asked for."""
+        if number >= len(self.names):
+            return self.unpaired[number - len(self.names)]
+        name = self.names.item(number)
+        row = self.table.row(name)
+        if row is None:
+            return FrameRow(name, "pending", error=NOT_REACHED)
+        return row if row.status != "ok" or name in self.done else replace(row, status="pending", error=NOT_REACHED)
 
 
-def _checked(folder: RunFolder, run: RunDescription, row: FrameRow) -> FrameRow:
-    if row.status != "ok":
-        return row
-    frame = folder.manifest.frame(row.name)
-    finished = frame is not None and folder.dive.is_current(frame, run.last)
-    return row if finished else replace(row, status="pending", error=NOT_REACHED)
-
-
-def products(folder: RunFolder) -> tuple[ProductSummary, ...]:
+def products(folder: RunFolder, current: CurrentFrames) -> tuple[ProductSummary, ...]:
     """What of OUT is current, and whether this run wrote it, in the order in which a summary lists it."""
-    dive, counts = folder.dive, dict.fromkeys(PRODUCTS, 0)
-    written = dict.fromkeys(PRODUCTS, 0)
-    for frame in folder.manifest.frames():
-        for stage, record in frame.stages.items():
-            if dive.is_current(frame, stage):
-                for product in record.outputs.keys() & PRODUCTS.keys():
-                    counts[product] += 1
-                    written[product] += stage in folder.written.stages(frame.name)
-    names = {name for path in dive.files for name in (path, path.split("/")[0]) if (folder.root / name).exists()}
-    counts |= {name: 1 for name in (*DIVE_FILES, MAP) if name in names}
-    written |= {name: int(name in folder.files_written) for name in (*DIVE_FILES, MAP)}
+    files = folder.dive.files
+    names = {name for path in files for name in (path, path.split("/")[0]) if (folder.root / name).exists()}
+    counts = current.made | {name: 1 for name in (*DIVE_FILES, MAP) if name in names}
+    written = current.written | {name: int(name in folder.files_written) for name in (*DIVE_FILES, MAP)}
     listed = [name for name in WHAT_IS_WHERE if counts.get(name)]
-    return tuple(ProductSummary(folder.root / name, WHAT_IS_WHERE[name], _source(written[name], counts[name])) for name in listed)
+    return tuple(
+        ProductSummary(folder.root / name, WHAT_IS_WHERE[name], _source(written.get(name, 0), counts[name])) for name in listed
+    )
 
 
 def _source(written: int, count: int) -> Any:

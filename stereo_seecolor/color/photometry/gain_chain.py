@@ -111,35 +111,49 @@ class Chain:
     offsets: tuple[float, float]
 
 
-def solve_chain(found: Differences, frames: int, chosen: tuple[bool, bool] = (False, False)) -> Chain:
-    """The gains of luminance and of color, each if they help, or were ``chosen`` with the pattern."""
-    measured = np.zeros(frames, np.bool_)
+def solve_chain(found: Differences, known: Array, chosen: tuple[bool, bool] = (False, False)) -> Chain:
+    """The gains of luminance and of color, each if they help, or were ``chosen`` with the pattern.
+
+    known: (F,) logarithms of a gain of luminance that is taken off each frame first.
+    """
+    measured = np.zeros(len(known), np.bool_)
     measured[found["i"]] = measured[found["j"]] = True
-    halves, outputs = (_outputs(found, frames, part) for part in ("fitted", "whole"))
-    luminance, color = (_offsets(found, halves[:, part], part) for part in (_LUMINANCE, _COLOR))
+    halves, outputs = (_outputs(found, known, part) for part in ("fitted", "whole"))
+    luminance, color = (_offsets(found, halves[:, part], known, part) for part in (_LUMINANCE, _COLOR))
     used = chosen[0] or _helps(luminance), chosen[1] or _helps(color)
     gains = outputs[:, _LUMINANCE] * used[0] + outputs[:, _COLOR] * used[1]
     return Chain(gains, measured, luminance)
 
 
-def offset_between(found: Differences) -> float:
-    """rms of the luminance between frames, on the patches that judge."""
-    frames = 1 + int(found["i"].max(initial=0))
-    return _offsets(found, np.zeros((frames, 1)), _LUMINANCE)[0]
+def offset_between(found: Differences, known: Array) -> float:
+    """rms of the luminance between frames, on the patches that judge, with the (F,) logarithms of known gains taken off."""
+    return _offsets(found, np.zeros((len(known), 1)), known, _LUMINANCE)[0]
 
 
-def _offsets(found: Differences, gains: Array, part: slice) -> tuple[float, float]:
+def _values(found: Differences, medians: str, output: int, known: Array) -> Array:
+    """(D,) medians of luminance (output 0) or of a color, with known gains of luminance taken off: a column at a time, since the
+    differences of a long dive are too many to be copied.
+    """
+    values = found[medians][:, output].astype(np.float64)
+    if output == 0:
+        values -= known[found["i"]]
+        values += known[found["j"]]
+    return values
+
+
+def _offsets(found: Differences, gains: Array, known: Array, part: slice) -> tuple[float, float]:
     """rms between frames on patches that took no part, without and with gains."""
     if not len(found):
         return 0.0, 0.0
     columns = range(4)[part]
-    squares = np.zeros((2, len(found)))
+    weights, squares = found["patches"].astype(np.float64), [0.0, 0.0]
     for gain, column in zip(gains.T, columns, strict=True):  # one after the other: a long dive has millions of differences
-        off = found["judged"][:, column].astype(np.float64)
-        squares[0] += off**2
-        off -= gain[found["i"]] - gain[found["j"]]
-        squares[1] += off**2
-    without, with_gains = (float(np.sqrt(np.average(square / len(columns), weights=found["patches"]))) for square in squares)
+        off = _values(found, "judged", column, known)
+        squares[0] += float(np.einsum("d,d,d", off, off, weights))
+        off -= gain[found["i"]]
+        off += gain[found["j"]]
+        squares[1] += float(np.einsum("d,d,d", off, off, weights))
+    without, with_gains = (float(np.sqrt(square / (len(columns) * weights.sum()))) for square in squares)
     return without, with_gains
 
 
@@ -148,16 +162,16 @@ def _helps(offsets: tuple[float, float]) -> bool:
     return before > SETTINGS.offset and after < SETTINGS.left * before
 
 
-def _outputs(found: Differences, frames: int, medians: str) -> Array:
+def _outputs(found: Differences, known: Array, medians: str) -> Array:
     """(F, 4) gains that explain the medians of that name best, of luminance and of color."""
-    solved = np.zeros((frames, 4))
+    solved = np.zeros((len(known), 4))
     if not len(found):
         return solved
     i, j = (np.ascontiguousarray(found[end]) for end in "ij")
     for output in range(4):
         deviation, floor = (COLOR.gain, SETTINGS.floor[1]) if output else (SETTINGS.gain, SETTINGS.floor[0])
         variance = found["spread"][:, output].astype(np.float64) ** 2 * SETTINGS.alike / found["patches"] + floor**2
-        solved[:, output] = _chain(i, j, found[medians][:, output].astype(np.float64), variance, np.full(frames, deviation))
+        solved[:, output] = _chain(i, j, _values(found, medians, output, known), variance, np.full(len(known), deviation))
     return solved
 
 
@@ -172,7 +186,9 @@ def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Arr
         band[0] = deviation**-2
         np.add.at(band[0], i, weight)
         np.add.at(band[0], j, weight)
-        np.add.at(band, (i - j, j), -weight)
+        for back in np.unique(i - j):
+            there = i - j == back
+            np.add.at(band[back], j[there], -weight[there])
         np.add.at(slope, i, weight * value)
         np.add.at(slope, j, -weight * value)
         gains = solveh_banded(band, slope, overwrite_ab=True, overwrite_b=True, lower=True)

@@ -7,7 +7,7 @@ frames. Its logarithm is a polynomial, of mean 0 over the picture at every range
 """
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, ItemsView, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Self
@@ -65,6 +65,10 @@ class FrameGains(Mapping[str, Array]):
     def __len__(self) -> int:
         return int(np.count_nonzero(self._known))
 
+    def items(self) -> ItemsView[str, Array]:
+        """Names and gains, without a search for each name."""
+        return _GainItems(self)
+
     @property
     def _known(self) -> NDArray[np.bool_]:
         return ~np.isnan(self.log_gains[:, 0])
@@ -77,6 +81,14 @@ class FrameGains(Mapping[str, Array]):
             names.add(name)
             values.extend(gain)
         return cls(names, np.frombuffer(values, np.float64).reshape(-1, 3))
+
+
+class _GainItems(ItemsView[str, Array]):
+    _mapping: FrameGains
+
+    def __iter__(self) -> Iterator[tuple[str, Array]]:
+        gains = self._mapping
+        return ((name, gain) for name, gain, known in zip(gains.names, gains.log_gains, gains._known, strict=True) if known)
 
 
 @dataclass(frozen=True, eq=False)

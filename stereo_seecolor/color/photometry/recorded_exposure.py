@@ -49,7 +49,7 @@ def worth_a_look(recorded: Array) -> bool:
 
 def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
     """rms of luminance between frames, as they are and with the (F,) records taken off."""
-    return offset_between(found), offset_between(without(found, recorded))
+    return offset_between(found, np.zeros_like(recorded)), offset_between(found, recorded)
 
 
 def explain(offsets: tuple[float, float]) -> bool:
@@ -61,15 +61,8 @@ def solve_recorded(found: Differences, recorded: Array, chosen: tuple[bool, bool
     """The gains of all frames about the (F,) records, which are all that is known of a frame without overlap. chosen: as of
     ``solve_chain``.
     """
-    chain = solve_chain(without(found, recorded), len(recorded), chosen)
+    chain = solve_chain(found, recorded, chosen)
     left = chain.offsets[1] if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain else chain.offsets[0]
-    return Chain(chain.gains + recorded[:, None], chain.measured | (recorded != 0), (offset_between(found), left))
-
-
-def without(found: Differences, recorded: Array) -> Differences:
-    """The differences with the records taken off their luminance."""
-    left = found.copy()
-    log_ratio = recorded[found["i"]] - recorded[found["j"]]
-    for part in ("whole", "fitted", "judged"):
-        left[part][:, 0] -= log_ratio
-    return left
+    return Chain(
+        chain.gains + recorded[:, None], chain.measured | (recorded != 0), (offset_between(found, np.zeros_like(recorded)), left)
+    )
