@@ -5,13 +5,14 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.enlargement import NOT_ENLARGED, best_enlargement
 from calibration.errors import CalibrationError
 from calibration.matches import Matches, find_matches
 from calibration.plan import plan_rectification
 from calibration.quick_look import BEHIND_PX, MIN_MATCHES
 from calibration.rectification import Rectification
 from calibration.rig import StereoRig
-from calibration.row_check import RowCheck
+from calibration.row_check import LIMITS, RowCheck
 from calibration.row_fit import explain, row_inliers
 from calibration.suspicions import suspicions
 from calibration.wording import counted
@@ -43,14 +44,17 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
             f"only {len(left)} points were found in both images of {counted(len(found), 'pair')}, {MIN_MATCHES} are needed: "
             "give pairs with texture, and see whether both images show the same scene at the same time"
         )
+    raw = (left, right)
     left, right = left - [pair.cx_left_px, pair.cy_px], right - [pair.cx_right_px, pair.cy_px]
     rows = right[:, 1] - left[:, 1]
     model, unexplained = explain(rows, left)
     index, index_unexplained = _best_index([(R_left, left), (R_right, right)], pair.focal_px)
+    row_error_px = float(np.median(np.abs(rows)))
+    agree = row_error_px <= LIMITS.acceptable_px or rig.port is not None or rig.is_rectified
     return RowCheck(
         pairs=len(found),
         matches=len(rows),
-        row_error_px=float(np.median(np.abs(rows))),
+        row_error_px=row_error_px,
         offset_px=float(model[0]),
         scale=float(1 + model[1]),
         roll_deg=float(np.degrees(model[2])),
@@ -58,6 +62,7 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
         behind_fraction=float((left[:, 0] - right[:, 0] < BEHIND_PX).mean()),
         index=index,
         index_unexplained_px=index_unexplained,
+        enlargement=NOT_ENLARGED if agree else best_enlargement(rig, *raw),
     )
 
 

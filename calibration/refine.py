@@ -67,7 +67,7 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
             "needed to refine a calibration: give more pairs with texture"
         )
     check = judge_matches(rig, rectified_matches(rig, kept))
-    if check.air_in_water:
+    if check.air_in_water or check.cut_out:
         raise CalibrationError(f"{check.advice[0]}; refined, the rig would fit rows by a wrong yaw, and ranges would be wrong")
     fits = [_Fit.of(rig, kept, names) for names in ((), *MODELS)]
     best = min(fits, key=lambda fit: float(fit.squares.mean()))

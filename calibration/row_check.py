@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from calibration.enlargement import NOT_ENLARGED, Enlargement
 from calibration.port import FLAT_PORT
 from calibration.wording import counted
 
@@ -17,7 +18,7 @@ class RowLimits:
     drift_px: float = 20.0  # real rigs drift by a pixel or two; pairs off by one frame had 29 and 58 px
     water_index: tuple[float, float] = (1.26, 1.42)  # water is 1.33 to 1.36, and the grid steps by 0.02
     air_ratio: float = 0.7  # light bent by a port must leave less than this of what a moved camera leaves ...
-    air_gain_px: float = 0.05  # ... and gain more than matches are uncertain by
+    air_gain_px: float = 0.05  # ... and gain more than matches are uncertain by; the same for images cut out and enlarged
 
 
 LIMITS = RowLimits()
@@ -30,6 +31,7 @@ class RowCheck:
     pairs, matches: what it rests on. row_error_px: median absolute value. offset_px, scale, roll_deg: the vertical offset,
     vertical scale (1 = none) and rotation of the right image that explain the most of it; unexplained_px: the median that
     these leave. behind_fraction: of the matches, those with impossible disparity (points behind infinity).
+    enlargement: of images cut out of those that were calibrated, and what it leaves.
     index: the refractive index of a flat port that explains the matches best, 1 = none; index_unexplained_px: what it leaves.
     mistake: what was done wrong with the calibration and explains the rest, where one was looked for and found.
     """
@@ -44,6 +46,7 @@ class RowCheck:
     behind_fraction: float
     index: float
     index_unexplained_px: float
+    enlargement: Enlargement = NOT_ENLARGED
     mistake: str = ""
 
     @property
@@ -72,7 +75,7 @@ class RowCheck:
     def has_moved(self) -> bool:
         """True if rows disagree as after a movement of a camera, which refining can find."""
         drifted = self.row_error_px > LIMITS.acceptable_px and self._is_drift
-        return drifted and not (self.swapped or self.air_in_water or self.mistake)
+        return drifted and not (self.swapped or self.air_in_water or self.cut_out or self.mistake)
 
     @property
     def _is_drift(self) -> bool:
@@ -81,9 +84,18 @@ class RowCheck:
     @property
     def air_in_water(self) -> bool:
         """True if bending the rays as a flat port in water does explains rows that do not agree without it."""
-        gain_px = self.unexplained_px - self.index_unexplained_px
-        better = self.index_unexplained_px < LIMITS.air_ratio * self.unexplained_px and gain_px > LIMITS.air_gain_px
-        return better and LIMITS.water_index[0] <= self.index <= LIMITS.water_index[1]
+        bent_px = self.index_unexplained_px
+        in_water = LIMITS.water_index[0] <= self.index <= LIMITS.water_index[1]
+        return in_water and self._explains(bent_px) and bent_px <= self.enlargement.unexplained_px
+
+    @property
+    def cut_out(self) -> bool:
+        """True if images cut out of those that were calibrated, and enlarged to their size, explain rows that do not agree."""
+        return self._explains(self.enlargement.unexplained_px) and not self.air_in_water
+
+    def _explains(self, left_px: float) -> bool:
+        gain_px = self.unexplained_px - left_px
+        return left_px < LIMITS.air_ratio * self.unexplained_px and gain_px > LIMITS.air_gain_px
 
     @property
     def advice(self) -> tuple[str, ...]:
@@ -99,7 +111,14 @@ class RowCheck:
                 f"instead of {self.unexplained_px:.2f} px: it looks like a calibration made in air; calibrate in water, "
                 f"or describe the port: --set input.flat_port={FLAT_PORT} (lens to window, and its thickness)"
             )
-        if self.row_error_px > LIMITS.acceptable_px and not self.air_in_water:
+        elif self.cut_out:
+            factor = self.enlargement.factor
+            advice.append(
+                f"images cut out of the calibrated ones and enlarged about {factor:.2f} times, to their size, explain the "
+                f"rows, {self.enlargement.unexplained_px:.2f} px left instead of {self.unexplained_px:.2f} px: ranges would be "
+                f"{1 / factor:.2f} of the true ones; give the whole images, or a calibration of this (or of the stabilized) mode"
+            )
+        elif self.row_error_px > LIMITS.acceptable_px:
             advice.append(self._explanation())
         return tuple(advice)
 

@@ -11,6 +11,7 @@ from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches, suspicions, vertical_disparity
+from calibration.enlargement import enlarged
 from calibration.formats import load_rig
 from calibration.matches import Matches, MatchLimits, find_matches
 from calibration.plan import rectified_points
@@ -58,12 +59,21 @@ def test_air_calibration_in_water_is_told_by_the_images(toe_in: float) -> None:
     assert "made in air" in check.advice[0] and "--set input.flat_port=30mm:10mm" in check.advice[0]
 
 
+@pytest.mark.parametrize("factor", [1.25, 1.5, 2.0])
+def test_images_cut_out_and_enlarged_are_told_by_the_lens(factor: float) -> None:
+    rig = pinhole_rig()
+    check = judge_matches(rig, [matches_of(enlarged(rig, factor), rig)])
+    assert check.cut_out and not check.has_moved and not check.air_in_water
+    assert check.enlargement.factor == pytest.approx(factor, rel=0.1)
+    assert "cut out of the calibrated ones" in check.advice[0]
+
+
 def test_camera_turned_since_is_explained() -> None:
     rig = pinhole_rig()
     turn = np.eye(4)
     turn[:3, :3] = cv2.Rodrigues(np.array([0.002, 0.0, 0.004]))[0]
     check = judge_matches(rig, [matches_of(replace(rig, T_right_left=turn @ rig.T_right_left), rig)])
-    assert not check.acceptable and not check.air_in_water
+    assert not check.acceptable and not check.air_in_water and not check.cut_out
     assert check.offset_px == pytest.approx(-0.002 * 1100, abs=0.5)
     assert check.roll_deg == pytest.approx(np.degrees(0.004), abs=0.05)
     assert "a camera has moved since" in check.advice[0]

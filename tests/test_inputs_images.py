@@ -24,8 +24,10 @@ def save(path: Path, rgb: np.ndarray) -> Path:
     return path
 
 
-@pytest.mark.parametrize("suffix", [".png", ".tiff", ".TIF"])
-@pytest.mark.parametrize("image", [RGB8, RGB16], ids=["8 bit", "16 bit"])
+KINDS = [(suffix, image) for suffix in (".png", ".tiff", ".TIF", ".ppm") for image in (RGB8, RGB16)] + [(".bmp", RGB8)]
+
+
+@pytest.mark.parametrize(("suffix", "image"), KINDS, ids=[f"{suffix} {image.dtype}" for suffix, image in KINDS])
 def test_lossless_round_trip(tmp_path: Path, suffix: str, image: np.ndarray) -> None:
     np.testing.assert_array_equal(read_image(save(tmp_path / f"a{suffix}", image)), image)
 
@@ -33,6 +35,17 @@ def test_lossless_round_trip(tmp_path: Path, suffix: str, image: np.ndarray) -> 
 def test_jpeg_is_near(tmp_path: Path) -> None:
     smooth = cv2.resize(RGB8[:2, :3], (30, 20), interpolation=cv2.INTER_LINEAR)
     assert np.abs(read_image(save(tmp_path / "a.jpg", smooth)).astype(int) - smooth).mean() < 6
+
+
+@pytest.mark.parametrize("suffix", [".bmp", ".pgm"])
+def test_kinds_of_one_channel(tmp_path: Path, suffix: str) -> None:
+    np.testing.assert_array_equal(read_image(save(tmp_path / f"a{suffix}", RGB8[..., 0])), np.repeat(RGB8[..., :1], 3, axis=2))
+
+
+def test_a_pgm_with_comments_and_twelve_bits(tmp_path: Path) -> None:
+    (tmp_path / "a.pgm").write_bytes(b"P5\n# camera 3\n2 1 # size\n4095\n\x0f\xff\x00\x01")
+    found = read_image(tmp_path / "a.pgm", InputConfig(significant_bits=12))
+    np.testing.assert_array_equal(found[0, :, 0], [65535, 16])
 
 
 def test_gray_is_repeated_and_alpha_dropped(tmp_path: Path) -> None:
@@ -68,7 +81,7 @@ def test_twelve_bits_are_scaled_to_full(tmp_path: Path) -> None:
         read_image(save(tmp_path / "c.png", RGB8), InputConfig(significant_bits=12))
 
 
-@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff"])
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tiff", ".bmp", ".ppm"])
 @pytest.mark.parametrize("fraction", [0.0, 0.02, 0.3, 0.7, 0.99])
 def test_truncated_files_are_refused(tmp_path: Path, suffix: str, fraction: float) -> None:
     path = save(tmp_path / f"a{suffix}", RNG.integers(0, 256, (64, 64, 3), dtype=np.uint8))
@@ -101,7 +114,7 @@ def test_missing_and_foreign_files(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.png: cannot be read: No such file"):
         read_image(tmp_path / "a.png")
     (tmp_path / "a.png").write_bytes(b"hello, reef")
-    with pytest.raises(InputError, match="is no PNG, TIFF or JPEG"):
+    with pytest.raises(InputError, match="is no PNG, TIFF, JPEG, BMP"):
         read_image(tmp_path / "a.png")
 
 
@@ -133,7 +146,7 @@ def test_float_images_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 @settings(max_examples=300)
 @given(
-    st.sampled_from([".png", ".jpg", ".tiff"]),
+    st.sampled_from([".png", ".jpg", ".tiff", ".bmp", ".ppm"]),
     st.lists(st.tuples(st.integers(0, 10_000), st.integers(0, 255)), max_size=8),
     st.data(),
 )

@@ -134,6 +134,16 @@ def test_missing_or_empty_folder(tmp_path: Path, make: bool, message: str) -> No
         list_images(tmp_path / "L", "left images")
 
 
+def test_a_folder_of_folders_stands_for_their_images(tmp_path: Path) -> None:
+    for name in ("left/100A/1.png", "left/101A/2.png", "left/.trash/3.png", "right/100A/1.png", "right/101A/2.png"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    found = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig())
+    assert [pair.left.relative_to(tmp_path).as_posix() for pair in found.pairs] == ["left/100A/1.png", "left/101A/2.png"]
+    with pytest.raises(InputError, match="holds no left images"):  # both sides: no side
+        list_images(tmp_path, "left images")
+
+
 def test_images_of_a_kind_that_is_not_read(tmp_path: Path) -> None:
     (tmp_path / "1.dng").touch()
     with pytest.raises(InputError, match=r"holds no left images .*; 1 file of a kind that is not read [(].dng[)]: convert them"):

@@ -35,6 +35,9 @@ def make(root: Path, *files: str) -> Path:
         (["PR_2_LC16.png", "PR_2_RM16.png", "PR_13_LC16.png", "PR_13_RM16.png"], "PR_*_LC*.png", "PR_*_RM*.png", False),
         (["cam0_001.png", "cam1_001.png"], "cam0_*.png", "cam1_*.png", False),
         (["left.png", "right.png", "disparity.png"], "left.png", "right.png", False),
+        (["left/10h/1.png", "left/11h/2.png", "right/10h/1.png", "right/11h/2.png"], "left", "right", False),
+        (["a/x/1.png", "a/y/2.png", "b/x/1.png", "b/y/2.png"], "a", "b", True),
+        (["10h/left/1.png", "10h/right/1.png", "11h/left/2.png", "11h/right/2.png"], "10h/left", "10h/right", False),
         (["L.mp4", "R.mp4"], "L.mp4", "R.mp4", False),
         (["GH01.mp4", "GH02.mp4"], "GH01.mp4", "GH02.mp4", True),
         (["both.mp4"], "both.mp4", "both.mp4", False),
@@ -43,6 +46,12 @@ def make(root: Path, *files: str) -> Path:
 def test_sides_in_one_folder(tmp_path: Path, files: list[str], left: str, right: str, guessed: bool) -> None:
     found = find_sides([make(tmp_path, *files)])
     assert (found.left, found.right, found.guessed) == (tmp_path / left, tmp_path / right, guessed)
+
+
+def test_folders_of_the_same_names_are_said(tmp_path: Path) -> None:
+    root = make(tmp_path, "10h/left/1.png", "10h/right/1.png", "11h/left/2.png", "11h/right/2.png", "notes/3.png")
+    assert find_sides([root]).others == (root / "11h/left", root / "11h/right")
+    assert find_sides([root / "10h"]).others == ()
 
 
 def test_sides_given_as_two_folders(tmp_path: Path) -> None:
@@ -54,7 +63,7 @@ def test_sides_given_as_two_folders(tmp_path: Path) -> None:
     ("files", "message"),
     [
         (["notes.txt"], r"no images \(.*\) and no videos were found"),
-        (["dive/1.BMP", "dive/2.bmp"], "2 files of a kind that is not read [(].bmp[)]: convert them to PNG"),
+        (["dive/1.WEBP", "dive/2.webp"], "2 files of a kind that is not read [(].webp[)]: convert them to PNG"),
         (["left/1.png", "left/2.png"], "left: holds the left images alone: give the other side's folder too"),
         (["1.png", "2.png"], "holds all images in one folder, and no name says .*: move the left and the right ones"),
         (["a/x.png", "b/y2.png"], "hold pairs: give the two of one dive"),

@@ -158,7 +158,7 @@ def test_several_calibrations_and_lonely_files_are_named(make_dive) -> None:
     (dive.root / "old.yaml").write_bytes((dive.root / "cam.yaml").read_bytes())
     (dive.root / "L" / "9999.png").write_bytes((dive.root / "L" / "0000.png").read_bytes())
     problems = inspect([dive.root]).problems
-    assert "1 file without a partner, the first: 9999.png" in problems
+    assert "1 file without a partner, the first: 9999.png (no right image matches)" in problems
     assert "2 calibrations were found, the first was taken: cam.yaml, old.yaml" in problems
 
 

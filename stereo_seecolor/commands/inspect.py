@@ -260,7 +260,13 @@ def _problems_of_images(sides: Sides, pairing: Pairing) -> tuple[str, ...]:
     if sides.guessed:
         problems.append("no name says which side is left and which right: they were taken in order")
     if pairing.unpaired:
-        problems.append(f"{counted(len(pairing.unpaired), 'file without a partner')}, the first: {pairing.unpaired[0].path.name}")
+        first, count = pairing.unpaired[0], counted(len(pairing.unpaired), "file without a partner")
+        problems.append(f"{count}, the first: {first.path.name} ({first.reason})")
+    if sides.others:
+        problems.append(
+            f"{counted(len(sides.others), 'folder')} of the same names are left out, the first: {sides.others[0]}: each pair of "
+            "them is a run of its own, which stereo-seecolor campaign does one after the other"
+        )
     return tuple(problems)
 
 

@@ -4,6 +4,7 @@ OpenCV decodes a truncated PNG or JPEG to a picture that is partly gray or black
 matched, colored and mapped; so wholeness is checked here, from the file formats' own marks, before any pixel is decoded.
 """
 
+import re
 import struct
 import zlib
 
@@ -11,6 +12,8 @@ PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_FINISHED = (b"\x08\x02", b"\x08\x06")  # bits and color type: RGB and RGBA
 JPEG_SIGNATURE = b"\xff\xd8"
 TIFF_SIGNATURES = (b"II*\x00", b"MM\x00*")
+BMP_SIGNATURE = b"BM"
+NETPBM_HEADER = re.compile(rb"P([56])" + 3 * rb"(?:\s+|#[^\n]*\n)+(\d+)" + rb"\s")  # pgm and ppm of the netpbm manual: binary
 TIFF_WIDTH, TIFF_HEIGHT = 256, 257  # tags (TIFF 6.0)
 JPEG_APP1, JPEG_SCAN = 0xFFE1, 0xFFDA  # markers (ITU T.81)
 EXIF_PREFIX = b"Exif\x00\x00"
@@ -18,7 +21,7 @@ JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def image_size(content: bytes) -> tuple[int, int]:
-    """(width, height) that the file's header states, for a whole PNG, JPEG or TIFF.
+    """(width, height) that the file's header states, for a whole PNG, JPEG, TIFF, BMP, PGM or PPM.
 
     Raises ValueError, saying what is wrong, if the file is none of these, or is truncated or damaged.
     """
@@ -28,7 +31,11 @@ def image_size(content: bytes) -> tuple[int, int]:
         return _jpeg_size(content)
     if content.startswith(TIFF_SIGNATURES):
         return _tiff_size(content)
-    raise ValueError("is no PNG, TIFF or JPEG image")
+    if content.startswith(BMP_SIGNATURE):
+        return _bmp_size(content)
+    if header := NETPBM_HEADER.match(content):
+        return _netpbm_size(content, header)
+    raise ValueError("is no PNG, TIFF, JPEG, BMP or binary PGM or PPM image")
 
 
 def is_finished_color(content: bytes) -> bool:
@@ -125,3 +132,24 @@ def _tiff_size(content: bytes) -> tuple[int, int]:
     if len(size) != 2:
         raise ValueError("is damaged (the TIFF states no width and height)")
     return size[TIFF_WIDTH], size[TIFF_HEIGHT]
+
+
+def _bmp_size(content: bytes) -> tuple[int, int]:
+    try:
+        pixels, _, width, height, _, bits, compression = struct.unpack_from("<IIiiHHI", content, 10)
+    except struct.error as error:
+        raise ValueError("is truncated (the BMP ends within its header)") from error
+    if width <= 0 or height == 0:
+        raise ValueError("is damaged (the BMP states no width and height)")
+    row_bytes = (width * bits + 31) // 32 * 4
+    if not compression and len(content) < pixels + row_bytes * abs(height):  # rows from the top down have a negative height
+        raise ValueError("is truncated (the BMP ends before its last row)")
+    return width, abs(height)
+
+
+def _netpbm_size(content: bytes, header: re.Match[bytes]) -> tuple[int, int]:
+    kind, width, height, highest = map(int, header.groups())
+    bytes_a_pixel = (1 if kind == 5 else 3) * (1 if highest < 256 else 2)
+    if len(content) - header.end() < width * height * bytes_a_pixel:
+        raise ValueError("is truncated (the PGM or PPM ends before its last row)")
+    return width, height

@@ -26,7 +26,7 @@ BAYER_CODES = {
 
 
 def read_image(path: Path, config: InputConfig | None = None) -> Image:
-    """Read an 8- or 16-bit PNG, TIFF or JPEG as (H, W, 3) RGB; gray is repeated, alpha dropped, EXIF orientation applied.
+    """Read a PNG, TIFF, JPEG, BMP, PGM or PPM of 8 or 16 bits as (H, W, 3) RGB; gray is repeated, alpha dropped, EXIF applied.
 
     Raises InputError if the file is missing, truncated, damaged, too large, or holds no 8- or 16-bit picture.
     """

@@ -3,6 +3,7 @@
 import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -12,12 +13,13 @@ from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, sort_naturally, stem_of
 from stereo_seecolor.files.reading import entry_problem
+from stereo_seecolor.inputs.name_keys import side_of
 
-EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg"})
-UNREAD = frozenset(
-    {".bmp", ".webp", ".pgm", ".ppm", ".jp2", ".dng", ".arw", ".cr2", ".cr3", ".gpr", ".nef", ".orf", ".raf", ".raw", ".heic"}
-)
-"""Images that are not read."""
+EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm"})
+_COMPRESSED = {".webp", ".jp2", ".j2k", ".jxl", ".avif", ".heic", ".heif", ".gif", ".exr"}
+_RAW = {".dng", ".arw", ".cr2", ".cr3", ".gpr", ".nef", ".nrw", ".orf", ".pef", ".raf", ".raw", ".rw2", ".srw", ".3fr", ".iiq"}
+UNREAD = frozenset(_COMPRESSED | _RAW)
+"""Images that are not read: of other compressions, and of cameras as they are."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ def list_images(source: Path, what: str) -> Listing:
     """The files directly in a folder with the extension of an image; hidden files are none of them.
 
     source: a folder, one image, or a folder and a pattern for the names in it, for rigs whose sides share one: ``DIVE/*_L.png``.
+    A folder that holds no image itself stands for those in it: cameras begin a new one every so many images, or every hour.
     Raises InputError if the folder is missing, cannot be read, or holds no such image.
     """
     if source.is_file() and _is_image(source.name, "*"):
@@ -91,6 +94,8 @@ def list_images(source: Path, what: str) -> Listing:
         raise InputError(f"{folder}: is a file; give the folder of {what}") from error
     except OSError as error:
         raise InputError(f"{folder}: the folder of {what} cannot be read: {error.strerror}") from error
+    if not names and (inner := inner_folders(folder)) and not is_pattern(source):
+        return _together([list_images(one, what) for one in inner])
     if not names:
         named = f" named {pattern}" if is_pattern(source) else ""
         hint = unread_hint([*others, *(file.path.name for file in problems)])
@@ -98,6 +103,21 @@ def list_images(source: Path, what: str) -> Listing:
     sort_naturally(names)
     problems.sort(key=lambda file: natural_key(file.path.name))
     return Listing(FolderFiles(folder, names), tuple(problems))
+
+
+def inner_folders(folder: Path) -> list[Path]:
+    """The folders directly in one that hold images, in natural order; none where their names are those of both sides."""
+    inner = []
+    with suppress(OSError):  # said of the folder itself
+        inner = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")]
+        inner = [path for path in inner if any(_is_image(file.name, "*") for file in path.iterdir())]
+    sides = {side_of(path.name) for path in inner} - {None}
+    return [] if len(sides) > 1 else sorted(inner, key=lambda path: natural_key(path.name))
+
+
+def _together(listings: Sequence[Listing]) -> Listing:
+    files = tuple(file for listing in listings for file in listing.files)
+    return Listing(files, tuple(file for listing in listings for file in listing.unreadable))
 
 
 def unread_hint(names: Iterable[str]) -> str:

@@ -4,7 +4,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from operator import itemgetter
 from pathlib import Path
@@ -12,7 +12,7 @@ from pathlib import Path
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key
-from stereo_seecolor.inputs.listing import EXTENSIONS, list_images, unread_hint
+from stereo_seecolor.inputs.listing import EXTENSIONS, inner_folders, list_images, unread_hint
 from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.video_images import is_video
@@ -31,12 +31,13 @@ _NUMBER = re.compile(r"(?P<side>cam[01](?!\d))|\d+", re.IGNORECASE)
 class Sides:
     """Two folders of images (or patterns for the names in one), or two videos; the same video twice shows both.
 
-    guessed: no name says which side is which.
+    guessed: no name says which side is which. others: folders of the same names elsewhere, as of another hour or dive.
     """
 
     left: Path
     right: Path
     guessed: bool = False
+    others: tuple[Path, ...] = ()
 
 
 def find_sides(places: Sequence[Path]) -> Sides:
@@ -52,7 +53,10 @@ def find_sides(places: Sequence[Path]) -> Sides:
         images |= found
         videos += found_videos
     if len(images) >= 2:
-        return _best_pair(images)
+        sides = _best_pair(images | _parents(images))
+        names = {sides.left.name, sides.right.name}
+        others = [one for one in images if one.name in names and one not in (sides.left, sides.right)]
+        return replace(sides, others=tuple(sorted(others, key=lambda path: natural_key(str(path)))))
     if videos:
         return _of_videos(sorted(set(videos), key=lambda path: natural_key(path.name)))
     if images:
@@ -77,6 +81,12 @@ def _look_through(root: Path) -> tuple[dict[Path, int], list[Path]]:
     return images, videos
 
 
+def _parents(images: dict[Path, int]) -> dict[Path, int]:
+    """Folders that hold no images themselves, but several folders of them: a camera's, cut by time or by number."""
+    found = {parent: inner_folders(parent) for parent in {folder.parent for folder in images} - images.keys()}
+    return {parent: sum(images.get(one, 0) for one in inner) for parent, inner in found.items() if len(inner) > 1}
+
+
 def _in_one_folder(folder: Path) -> Sides:
     """Patterns for the two sides of a folder that holds both: names that differ in more than their numbers."""
     shapes = Counter(_NUMBER.sub(lambda found: found["side"] or "*", path.name) for path in list_images(folder, "images").files)
@@ -95,6 +105,7 @@ def _best_pair(images: dict[Path, int]) -> Sides:
     """The two folders whose names say their sides and which give the most pairs; where no names do, in natural order."""
     largest = sorted(images, key=lambda path: -images[path])[:MAX_FOLDERS]
     both = list(combinations(sorted(largest, key=lambda path: natural_key(str(path))), 2))
+    both = [sides for sides in both if sides[0] not in sides[1].parents]  # a folder sorts before those in it
     named = [(_left_first(*sides), True) for sides in both if set(_sides_of(*sides)) == {"left", "right"}]
     for choices in (named, [(sides, False) for sides in both]):
         pairs, (sides, known) = max(
