@@ -211,6 +211,24 @@ def test_the_mosaic_is_painted_up_to_both_sides_of_a_step_of_the_terrain(tmp_pat
     np.testing.assert_array_equal(np.unique(rgba[:3][:, :, high].reshape(3, -1), axis=1).ravel(), on_top)
 
 
+def test_a_cell_without_a_height_is_painted_where_a_view_measured_its_neighbors_height(tmp_path: Path) -> None:
+    terrain = BlockRaster(tmp_path, Grid(-0.41, 0.41, 0.02, (41, 41)), 1, np.float32, np.nan)
+    heights = np.zeros((1, 41, 41), np.float32)
+    heights[0, 18, 18] = heights[0, 22, 22] = np.nan
+    heights[0, 26:, 26:] = np.nan
+    terrain.write(slice(0, 41), slice(0, 41), heights)
+    grid = Grid(-0.405, 0.405, 0.01, (81, 81))
+    cells = mosaic._cells(terrain, grid, slice(0, 81), slice(0, 81))
+    T = np.diag([1.0, -1, -1, 1])
+    T[2, 3] = 1.5
+    range_m = np.full((128, 160), 1.5, np.float32) * PAIR.ray_length
+    down, right = (round(PAIR.focal_px * 0.04 / 1.5 + c) for c in (PAIR.cy_px, PAIR.cx_left_px))
+    range_m[down - 1 : down + 2, right - 1 : right + 2] += 0.3  # what the frame shows of cell (22, 22) lies in a crack
+    sight = mosaic._Sight(np.full((128, 160, 3), 90, np.uint8), range_m, np.zeros((128, 160), np.bool_))
+    painted = mosaic._paint(cells, [(sight, T)], PAIR)[3] > 0
+    assert painted[36, 36] and not painted[44, 44] and not painted[60:, 60:].any()
+
+
 @pytest.mark.slow
 def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -40,6 +40,7 @@ class MosaicSettings:
     )
     coarser: int = 2  # cells to one in which that is worked out
     most_change: float = 2.0  # factor, up and down: views that differ by more do not show the same
+    closed: float = 0.5  # fraction of a cell of the terrain and its eight neighbors that must be known for it to be painted
     hidden_m: float = 0.05  # a view whose range is off by more than this,
     hidden_fraction: float = 0.02  # and this fraction of it, shows something else: it stands before the cell, or moved
     doubtful_cost: float = 1.0  # of a clipped or unrecoverable color: as of a view at 45 degrees
@@ -155,8 +156,8 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
     """The cells of a window, heights interpolated in the terrain."""
     x_m, y_m = grid.axes(rows, columns)
     across, down = terrain.grid.columns(x_m), terrain.grid.rows(y_m)
-    left, top = int(np.floor(across[0])) - 1, int(np.floor(down[0])) - 1
-    part = terrain.read(slice(top, int(np.ceil(down[-1])) + 2), slice(left, int(np.ceil(across[-1])) + 2))[0]
+    left, top = int(np.floor(across[0])) - 2, int(np.floor(down[0])) - 2
+    part = _closed(terrain.read(slice(top, int(np.ceil(down[-1])) + 3), slice(left, int(np.ceil(across[-1])) + 3))[0])
     u, v = np.meshgrid((across - left).astype(np.float32), (down - top).astype(np.float32))
     weight = cv2.remap(np.isfinite(part).astype(np.float32), u, v, cv2.INTER_LINEAR)
     z = cv2.remap(np.nan_to_num(part), u, v, cv2.INTER_LINEAR)
@@ -165,6 +166,14 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
     near, other = (cv2.remap(heights, u, v, cv2.INTER_NEAREST) for heights in _steps(part))
     at_step = np.isfinite(other)
     return Cells(grid.cell_m, x_m, y_m, np.where(at_step, near, level).astype(np.float64), other.astype(np.float64))
+
+
+def _closed(heights_m: Float) -> Float:
+    """With unknown cells that most neighbors of are known at their mean height: a view paints them where it measured that range."""
+    known, around = np.isfinite(heights_m), (3, 3)
+    share = cv2.blur(known.astype(np.float32), around)
+    mean = cv2.blur(np.nan_to_num(heights_m), around) / np.maximum(share, np.float32(1e-6))
+    return np.asarray(np.where(known | (share < SETTINGS.closed), heights_m, mean), np.float32)
 
 
 def _steps(heights_m: Float) -> tuple[Float, Float]:
