@@ -12,6 +12,8 @@ from pathlib import Path
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.inputs.headers import image_size
+from stereo_seecolor.inputs.images import read_image_bytes
 from stereo_seecolor.inputs.listing import EXTENSIONS, inner_folders, list_images, unread_hint
 from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.pairing import pair_folders
@@ -19,6 +21,9 @@ from stereo_seecolor.inputs.video_images import is_video
 
 DEPTH = 3
 """Levels of folders that are searched: a dive, a camera, a format."""
+
+WIDEST = 2.0
+"""Width over height of the widest sensors: 1.9 (17:9)."""
 
 MAX_FOLDERS = 12
 """Folders with the most images that are tried as sides, each with each."""
@@ -94,11 +99,22 @@ def _in_one_folder(folder: Path) -> Sides:
     if len(patterns) < 2 and (side := side_of(folder.name)):
         raise InputError(f"{folder}: holds the {side} images alone: give the other side's folder too, or the one that holds both")
     if len(patterns) < 2:
-        raise InputError(
-            f"{folder}: holds all images in one folder, and no name says which side it is of: move the left and the right ones "
-            "into folders of their own"
-        )
+        cure = "move the left and the right ones into folders of their own"
+        if shape := _shape_of_both(folder):
+            cure = f"they look as if each showed both sides {shape}: cut left and right out, into folders of their own"
+        raise InputError(f"{folder}: holds all images in one folder, and no name says which side it is of: {cure}")
     return _best_pair(patterns)
+
+
+def _shape_of_both(folder: Path) -> str:
+    """How two sides may lie in each image, by the shape of the first; "" for one of a usual shape, or that cannot be read."""
+    try:
+        width, height = image_size(read_image_bytes(list_images(folder, "images").files[0]))
+    except (InputError, ValueError):
+        return ""
+    if width > WIDEST * height:
+        return "side by side"
+    return "one above the other" if height > width else ""
 
 
 def _best_pair(images: dict[Path, int]) -> Sides:
