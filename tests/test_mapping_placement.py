@@ -140,6 +140,8 @@ def test_some_frames_of_a_numbered_sequence_find_their_poses() -> None:
 def test_a_trajectory_of_another_dive_is_refused() -> None:
     with pytest.raises(MappingError, match="no frame has a pose"):
         place(index(), by_time(line(), np.arange(10) + 1e6), CONFIG)
+    with pytest.raises(MappingError, match=r"it begins 10\.000 h before the first frame: if one clock showed local time"):
+        place(index(), by_time(line(), np.arange(10) - 36000.0), CONFIG)
 
 
 def test_a_map_upside_down_is_refused() -> None:

@@ -2,6 +2,8 @@
 
 from collections import Counter
 
+import numpy as np
+
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -28,6 +30,19 @@ def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> P
     components, breaks = break_up(T, index, config)
     if not (components >= 0).any():
         first = next(iter(reasons.values()), "")
-        raise MappingError(f"no frame has a pose in the trajectory ({first}): compare the frames' names and times with the file's")
+        cure = _clock_difference(index, trajectory) or "compare the frames' names and times with the file's"
+        raise MappingError(f"no frame has a pose in the trajectory ({first}): {cure}")
     unplaced = tuple(Unplaced(index.names[i], reasons[i]) for i in sorted(reasons))
     return Placement(T, components, unplaced, tuple(warnings + breaks))
+
+
+def _clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
+    """How far the times of the poses lie from the frames', and what to do; "" where they overlap, or either has none."""
+    frames, poses = (times[np.isfinite(times)] for times in (np.asarray(index.timestamps_s), trajectory.timestamps_s))
+    if not len(frames) or not len(poses) or (poses.min() <= frames.max() and frames.min() <= poses.max()):
+        return ""
+    ahead_h = float(poses.min() - frames.min()) / 3600
+    return (
+        f"it begins {abs(ahead_h):.3f} h {'after' if ahead_h > 0 else 'before'} the first frame: if one clock showed local time, or "
+        "was not set, shift the times of the file by that"
+    )
