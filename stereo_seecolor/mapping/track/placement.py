@@ -37,12 +37,12 @@ def place(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> P
 
 
 def _clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
-    """How far the times of the poses lie from the frames', and what to do; "" where they overlap, or either has none."""
-    frames, poses = (times[np.isfinite(times)] for times in (np.asarray(index.timestamps_s), trajectory.timestamps_s))
+    """How far the times of the poses lie from the frames', and what to do; "" where they overlap or are not known."""
+    frames, poses = (times[np.isfinite(times)] for times in (index.timestamps_s, trajectory.timestamps_s))
     if not len(frames) or not len(poses) or (poses.min() <= frames.max() and frames.min() <= poses.max()):
         return ""
     ahead_h = float(poses.min() - frames.min()) / 3600
     return (
-        f"it begins {abs(ahead_h):.3f} h {'after' if ahead_h > 0 else 'before'} the first frame: if one clock showed local time, or "
-        "was not set, shift the times of the file by that"
+        f"it begins {abs(ahead_h):.3f} h {'after' if ahead_h > 0 else 'before'} the first frame: if one clock showed local time, "
+        "or was not set, shift the times of the file by that"
     )
