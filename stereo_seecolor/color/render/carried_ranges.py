@@ -1,11 +1,11 @@
 """Ranges for pixels where none was measured, for color alone: carried over from measured neighbors of the same color.
 
-    range = S(w z) / S(w),   w = z^2 where the range z is measured, 0 elsewhere
+    range = S(w z + e r) / S(w + e),   w = z^2 where the range z is measured, 0 elsewhere
 
-S smooths along surfaces of one color and stops at edges (fast global smoother; Min et al. 2014, doi:10.1109/TIP.2014.2366600).
+S smooths along surfaces of one color and stops at edges (fast global smoother; Min et al. 2014, doi:10.1109/TIP.2014.2366600). It
+is taken three times, from far reach to near: r is the range by the reach before, so that the nearest measured ranges count most.
 What stereo does not see lies behind what hides it, so farther neighbors weigh more: the few that lie far from all others, which are
-wrong matches, are left out. Water changes color slowly with range, so a
-quarter of the resolution is enough.
+wrong matches, are left out. Water changes color slowly with range, so a quarter of the resolution is enough.
 """
 
 from dataclasses import dataclass
@@ -19,18 +19,20 @@ from stereo_seecolor.records import Image, Map, Mask
 
 @dataclass(frozen=True)
 class Smoother:
-    """step_px: the resolution, in pixels of the image. reach: smoothness; 1000 carries over some 30 steps on one color.
+    """step_px: the resolution, in pixels of the image. reaches: smoothness, far to near; on one color 1000 carries over some 30
+    steps, 10 over some 3, and 1 over one; each with its passes over rows and columns. One of 100 between them, or a single pass of
+    1000, draws bands into open water.
 
-    color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise. least_weight: sums of weights
-    below it are rounding errors; such pixels get the frame's median range (of its means at that resolution).
+    color_sigma: difference of 8-bit values that counts as an edge: three times a camera's noise. farther: weight of what the reach
+    before gave, against the mean one of what is measured; before the first reach that is the frame's median range.
     strays: fraction of a frame's ranges, nearest and farthest each, that are not carried: a dozen wrong pixels at four times the
     range of a real reef turned a spot of 80x90 pixels red.
     """
 
     step_px: int = 4
-    reach: float = 1000.0
+    reaches: tuple[tuple[float, int], ...] = ((1000.0, 2), (10.0, 1), (1.0, 1))
     color_sigma: float = 5.0
-    least_weight: float = 1e-6
+    farther: float = 0.01
     strays: float = 0.002
 
 
@@ -61,18 +63,19 @@ def _smoothed(image: Image, range_m: Map, known: Mask, smoother: Smoother) -> ND
     height, width = range_m.shape
     fx, fy = max(1 / step, 1 / width), max(1 / step, 1 / height)  # one pixel at least
     guide = cv2.resize(image, None, fx=fx, fy=fy, interpolation=cv2.INTER_AREA)
-    guide = guide if guide.dtype == np.uint8 else (guide >> 8).astype(np.uint8)
+    guide = guide if guide.dtype == np.uint8 else cv2.convertScaleAbs(guide, alpha=1 / 257)
     size = guide.shape[1::-1]
     mask = known.view(np.uint8)
     total = cv2.resize(cv2.copyTo(range_m, mask), size, interpolation=cv2.INTER_AREA)
     density = cv2.resize(known.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-    mean_m = np.where(density > 0, total / np.maximum(density, smoother.least_weight), np.float32(0))
+    mean_m = np.divide(total, density, out=np.zeros_like(total), where=density > 0)
     sample_m = mean_m[::_SAMPLE, ::_SAMPLE][density[::_SAMPLE, ::_SAMPLE] > 0]
     near_m, far_m = np.quantile(sample_m, [smoother.strays, 1 - smoother.strays]) if sample_m.size else (0.0, np.inf)
     weight = density * mean_m**2 * ((mean_m >= near_m) & (mean_m <= far_m))
-    smooth = cv2.ximgproc.createFastGlobalSmootherFilter(guide, smoother.reach, smoother.color_sigma)
-    sums, weights = smooth.filter(weight * mean_m), smooth.filter(weight)
-    reached = weights > smoother.least_weight * float(weight.max())
-    carried = np.where(reached, sums / np.where(reached, weights, 1), np.median(mean_m[density > 0]))
+    farther = smoother.farther * float(weight.sum() / np.count_nonzero(density))
+    carried = np.median(mean_m[density > 0])
+    for reach, passes in smoother.reaches:
+        smooth = cv2.ximgproc.createFastGlobalSmootherFilter(guide, reach, smoother.color_sigma, num_iter=passes)
+        carried = smooth.filter(weight * mean_m + farther * carried) / smooth.filter(weight + farther)
     nearest_m, farthest_m, *_ = cv2.minMaxLoc(range_m, mask)
     return np.asarray(np.clip(carried, max(near_m, nearest_m), min(far_m, farthest_m)), np.float32)
