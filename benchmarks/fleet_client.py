@@ -35,9 +35,9 @@ from stereo_seecolor.dive.frame_stages import FrameStages
 from stereo_seecolor.dive.frame_work import Outcome
 from stereo_seecolor.dive.pairs import GROUP
 from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.dive.source import Ranged
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import DiveRecord
 from stereo_seecolor.run_folder.manifest import FrameRecord, Manifest

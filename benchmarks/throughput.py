@@ -60,7 +60,7 @@ def whole_run(dive: Path, out: Path, workers: int) -> None:
     from stereo_seecolor.commands.run import run
     from stereo_seecolor.compute.allocator import keep_freed_memory
     from stereo_seecolor.config_file import load_config
-    from stereo_seecolor.progress import RunOptions
+    from stereo_seecolor.dive.run_options import RunOptions
 
     keep_freed_memory()  # as the command does
     config = load_config(None, ["color.lock=survey"])

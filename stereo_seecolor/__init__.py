@@ -17,10 +17,10 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.run import range_maps, run
     from stereo_seecolor.config import RunConfig
     from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.dive.run_options import RunOptions
     from stereo_seecolor.errors import SeeColorError
     from stereo_seecolor.matching.matcher import Matcher
     from stereo_seecolor.pipeline import Pipeline
-    from stereo_seecolor.progress import RunOptions
     from stereo_seecolor.records import Correction, FrameResult, RangeMap, StereoFrame, Water
     from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 
@@ -33,7 +33,7 @@ _PLACES = {
     "Pipeline": "pipeline",
     "RangeMap": "records",
     "RunConfig": "config",
-    "RunOptions": "progress",
+    "RunOptions": "dive.run_options",
     "SeeColorError": "errors",
     "StereoFrame": "records",
     "Water": "records",

@@ -9,7 +9,8 @@ import pytest
 from conftest import Cli
 
 from stereo_seecolor.cli.progress_lines import LINE_EVERY_S, PlainLines
-from stereo_seecolor.progress import LOG_EVERY_S, LoggingListener, RunOptions
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.progress import LOG_EVERY_S, LoggingListener
 from stereo_seecolor.records import FrameRow
 
 

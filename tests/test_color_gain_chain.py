@@ -21,10 +21,10 @@ from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config_file import load_config
 from stereo_seecolor.dive import light_search
 from stereo_seecolor.dive.light_search import LightSearch, SampleSettings
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_image, read_range_map
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Capture, Image, Map
 
 REEF = Path(__file__).parents[1] / "data_samples" / "reef"

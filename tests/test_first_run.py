@@ -7,7 +7,8 @@ import pytest
 from stereo_seecolor.commands import first_run
 from stereo_seecolor.compute.first_run import call_in_processes
 from stereo_seecolor.config import MatchingConfig, RunConfig
-from stereo_seecolor.progress import RunOptions, Silence
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.progress import Silence
 
 CALLED = """
 from pathlib import Path

@@ -12,8 +12,8 @@ from stereo_seecolor.commands.campaign import CampaignFile, campaign
 from stereo_seecolor.commands.plan import plan
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.progress import RunOptions
 
 
 def write(file: Path, *dives: str, more: str = "") -> Path:

@@ -14,7 +14,7 @@ from conftest import contents
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.cluster.connect import cluster
-from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.dive.run_options import RunOptions
 
 
 def workers() -> list[psutil.Process]:

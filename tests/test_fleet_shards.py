@@ -16,8 +16,8 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.status import status
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder import progress_file
 from stereo_seecolor.run_folder.progress_file import Expected, Progress
 

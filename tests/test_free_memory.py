@@ -6,7 +6,7 @@ import pytest
 
 from stereo_seecolor.compute import free_memory
 from stereo_seecolor.compute.free_memory import at_once, free_bytes
-from stereo_seecolor.progress import RunOptions
+from stereo_seecolor.dive.run_options import RunOptions
 
 GIB = 1 << 30
 

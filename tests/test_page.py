@@ -20,11 +20,11 @@ from calibration.rig_errors import RigErrors
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config_file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
 from stereo_seecolor.evaluation.chart_finder import FoundChart
 from stereo_seecolor.evaluation.chart_types import CLASSIC
 from stereo_seecolor.evaluation.targets import chart
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.report.chart_search import patch_colors
 from stereo_seecolor.report.frame_files import FrameFiles

@@ -17,9 +17,9 @@ from conftest import AtPair, contents
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.commands.run import run
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.inputs.images import read_image, read_range_map
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.finished_run import open_run
 
 ROOT = Path(__file__).resolve().parents[1]

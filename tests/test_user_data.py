@@ -18,9 +18,9 @@ from stereo_seecolor.commands.rectify import rectify
 from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config_file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import atomic
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import PRODUCTS

@@ -17,8 +17,9 @@ from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.run_folder.layout import INDEX
 
 if TYPE_CHECKING:
+    from stereo_seecolor.dive.run_options import PageTime
     from stereo_seecolor.mapping.survey_map import MapSummary
-    from stereo_seecolor.progress import Listener, PageTime
+    from stereo_seecolor.progress import Listener
     from stereo_seecolor.run_folder.frames_table import RunSummary
 
 

@@ -15,7 +15,8 @@ from stereo_seecolor.compute.threads import cores
 
 if TYPE_CHECKING:
     from stereo_seecolor.config import RunConfig
-    from stereo_seecolor.progress import Listener, RunOptions
+    from stereo_seecolor.dive.run_options import RunOptions
+    from stereo_seecolor.progress import Listener
 
 DEFAULT_WORKERS = min(cores(), 8)
 
@@ -122,7 +123,7 @@ class Execution:
 
     def options(self, workers: int, config_file: Path | None, listener: "Listener") -> "RunOptions":
         """The same for the command."""
-        from stereo_seecolor.progress import RunOptions
+        from stereo_seecolor.dive.run_options import RunOptions
 
         return RunOptions(workers, self.overwrite, self.strict, self.verify, config_file, tuple(sys.argv), listener)
 

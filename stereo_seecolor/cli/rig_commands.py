@@ -59,7 +59,7 @@ def calibrate(
 ) -> None:
     """Calibrate a rig from image pairs of a chessboard or ChArUco board (docs/calibration.md)."""
     from stereo_seecolor.commands import calibrate as commands
-    from stereo_seecolor.progress import RunOptions
+    from stereo_seecolor.dive.run_options import RunOptions
 
     if print_target:
         commands.print_target(target, print_target, dpi)

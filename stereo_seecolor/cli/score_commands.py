@@ -97,7 +97,7 @@ def synthesize(
 def demo(out: opt.Out = Path("demo"), workers: opt.Workers = opt.DEFAULT_WORKERS, *, report: Report) -> None:
     """Render a small reef, run the whole job on it, and compare the result with the truth."""
     from stereo_seecolor.commands.demo import demo as show
-    from stereo_seecolor.progress import RunOptions
+    from stereo_seecolor.dive.run_options import RunOptions
 
     with report.working() as listener:
         result = show(out, RunOptions(workers, listener=listener))

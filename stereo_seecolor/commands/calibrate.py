@@ -11,12 +11,12 @@ from calibration.rig import Medium
 from calibration.targets import parse_target
 from calibration.views import View, detect_view
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.files.new_folder import refuse_existing
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, pair_folders
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
 
 

@@ -7,9 +7,9 @@ from stereo_seecolor.commands.run import color
 from stereo_seecolor.commands.stereo_inputs import sample
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.ranged_images import RangedImages
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.inputs.listing import folder_of
 from stereo_seecolor.inputs.pairing import pair_by_stem
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary

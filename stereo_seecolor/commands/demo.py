@@ -7,8 +7,8 @@ from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.synthesize import synthesize
 from stereo_seecolor.config_file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.evaluation.truth import TruthReport
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.synthetic.survey import SurveySpec
 

@@ -11,12 +11,12 @@ from stereo_seecolor.commands.run_page import RunPage
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.dive.source import Source
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.neighbors import misfit_notes
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.matching.pair_check import NOT_ONE_SCENE
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.claim import Claim, Owner
 from stereo_seecolor.run_folder.current_frames import CurrentFrames

@@ -16,10 +16,10 @@ from calibration.port import flat_port
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow, Image, is_monochrome
 
 DECIDING_PAIRS = 3

@@ -13,10 +13,10 @@ from stereo_seecolor.compute.background import Alongside
 from stereo_seecolor.compute.first_run import call_in_processes
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.ply import encode_cloud
 from stereo_seecolor.files.quick_decode import quickly_decoded
 from stereo_seecolor.matching.sgm.search import is_first_run
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow, Water
 
 STAGE = "compiling for this machine, once"

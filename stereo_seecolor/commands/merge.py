@@ -9,11 +9,11 @@ from stereo_seecolor.commands.dive_job import claim
 from stereo_seecolor.commands.run import KIND, StereoCommand, color, color_with, stereo_job
 from stereo_seecolor.commands.stereo_inputs import Opened
 from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.listing import Unpaired
 from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary

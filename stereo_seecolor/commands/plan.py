@@ -12,10 +12,10 @@ from stereo_seecolor.commands.run import KIND, StereoCommand, color, stereo_job
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.process_usage import peak_bytes
 from stereo_seecolor.config import RunConfig
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import files_below
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary

@@ -8,10 +8,10 @@ from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary

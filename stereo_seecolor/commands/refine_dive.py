@@ -7,10 +7,10 @@ from calibration.formats import native
 from calibration.mistakes import LIMITS, likely_mistake
 from stereo_seecolor.commands.dive_rig import REFINING_PAIRS, first_images, refined_rig, spread
 from stereo_seecolor.config import InputConfig
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.kept_refinement import KeptRefinement
 from stereo_seecolor.version import __version__

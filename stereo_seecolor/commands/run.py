@@ -14,9 +14,9 @@ from stereo_seecolor.compute.library_threads import one_thread_in_products
 from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.disk_need import Room, need_bytes
 from stereo_seecolor.run_folder.folder import RunFolder

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from stereo_seecolor.progress import Both, RunOptions
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.progress import Both
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder

@@ -12,10 +12,10 @@ from stereo_seecolor.commands.run import Passes, StereoCommand
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.inputs.pairing import Pairing
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.water_file import waters_content
 

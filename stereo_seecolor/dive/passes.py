@@ -22,10 +22,10 @@ from stereo_seecolor.dive.frame_facts import recorded_capture
 from stereo_seecolor.dive.frame_stages import FrameStages, water_key
 from stereo_seecolor.dive.frame_work import CorrectFrame, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
 from stereo_seecolor.dive.pairs import Groups, Named, chosen
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.dive.source import PageMaker, Source
 from stereo_seecolor.files.keys import ContentKey
 from stereo_seecolor.inputs.pairing import Pair
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.records import Capture, FrameRow, Water
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import FrameTable

@@ -19,8 +19,8 @@ from hypothesis.stateful import RuleBasedStateMachine, initialize, invariant, pr
 
 from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config_file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import OutputError
-from stereo_seecolor.progress import RunOptions
 from stereo_seecolor.run_folder.finished_run import open_run
 
 PRODUCTS = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
