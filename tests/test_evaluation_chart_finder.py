@@ -1,5 +1,6 @@
-"""Finding color charts: small, tilted, turned, through drawn water, several at once; and nothing where there is none."""
+"""Finding color charts: small, tilted, turned, cut, covered, several at once, under water; and nothing where there is none."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -8,6 +9,7 @@ import pytest
 
 from stereo_seecolor.evaluation.chart_finder import find_charts
 from stereo_seecolor.evaluation.chart_types import CHART_TYPES, CLASSIC, DKK, ChartType
+from stereo_seecolor.evaluation.targets import targets_of
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 SIZE = (240, 320)
@@ -76,6 +78,51 @@ def test_several_charts_of_two_kinds(tmp_path: Path) -> None:
         nearest = found[int(np.argmin(distances))]
         assert nearest.type is type
         assert np.abs(nearest.corners - corners).max() < 3
+
+
+def middles(type: ChartType, corners: np.ndarray) -> np.ndarray:
+    """(N, 2) of the patches of a chart with these corners, pixels."""
+    onto = cv2.getPerspectiveTransform(type.corners, np.float32(corners))
+    return cv2.perspectiveTransform(np.float32(type.cells[:, :2] + type.cells[:, 2:] / 2)[None], onto)[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("type", "center", "width", "angle_deg"),
+    [(CLASSIC, (305, 120), 110, 8), (CLASSIC, (160, 0), 130, 185), (CLASSIC, (20, 20), 190, 40), (DKK, (20, 120), 150, 8)],
+)
+def test_a_chart_cut_by_the_border(type: ChartType, center: tuple[float, float], width: float, angle_deg: float) -> None:
+    corners = outline(center, width, angle_deg)
+    inside = ((middles(type, corners) >= 0) & (middles(type, corners) <= [SIZE[1] - 1, SIZE[0] - 1])).all(axis=1)
+    (found,) = find_charts(under_water(placed(rubble(0), type, corners), 2))
+    assert found.type is type
+    assert found.seen.sum() >= 8 and not (found.seen & ~inside).any()
+    off = np.hypot(*(middles(type, found.corners) - middles(type, corners))[found.seen].T)
+    assert off.max() < 0.07 * width / 6
+
+
+@pytest.mark.slow
+def test_what_covers_a_chart_is_not_read() -> None:
+    corners = outline((160, 120), 150, 20)
+    image = placed(rubble(0), CLASSIC, corners)
+    cv2.circle(image, np.rint(middles(CLASSIC, corners)[10]).astype(int).tolist(), 38, (0.5, 0.45, 0.4), -1)
+    (found,) = find_charts(under_water(image, 2))
+    away = np.hypot(*(middles(CLASSIC, corners) - middles(CLASSIC, corners)[10]).T)
+    assert not found.seen[away < 38].any() and found.seen[away > 60].all()
+    (target,) = targets_of([], under_water(image, 2), np.ones(SIZE, np.float32))
+    assert [bool(patch.any()) for patch in target.patches] == found.seen.tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("order", ["mirrored", "permuted", "gray"])
+def test_other_boards_are_no_charts(order: str) -> None:
+    colors = {
+        "mirrored": CLASSIC.srgb.reshape(4, 6, 3)[:, ::-1].reshape(-1, 3),
+        "permuted": np.random.default_rng(2).permutation(CLASSIC.srgb),
+        "gray": np.repeat(CLASSIC.srgb.mean(axis=1, keepdims=True), 3, axis=1),
+    }
+    board = replace(CLASSIC, srgb=colors[order])
+    assert find_charts(under_water(placed(rubble(1), board, outline((160, 120), 150, 10)), 2)) == ()
 
 
 @pytest.mark.slow

@@ -353,7 +353,9 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
 
 def test_a_chart_is_shown_before_and_after_beside_its_published_colors(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     corners = np.array([(30, 30), (120, 30), (120, 90), (30, 90)], float)
-    monkeypatch.setattr("stereo_seecolor.report.chart_search.find_charts", lambda image: (FoundChart(CLASSIC, corners, 0.9),))
+    monkeypatch.setattr(
+        "stereo_seecolor.report.chart_search.find_charts", lambda image: (FoundChart(CLASSIC, corners, 0.9, np.ones(24, bool)),)
+    )
     report(out, charts=True)
     kept = json.loads((out / "page/charts.json").read_bytes())["charts"]
     assert [each["frame"] for each in kept] == ["0000", "0001"]

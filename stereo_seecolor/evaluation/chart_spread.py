@@ -54,7 +54,7 @@ def seen_chart(
         return None
     colors = np.full((len(target.patches), 3), np.nan)
     for number, patch in enumerate(target.patches):
-        if clipped_by_camera[patch].mean() > MOST_CLIPPED:
+        if not patch.any() or clipped_by_camera[patch].mean() > MOST_CLIPPED:
             continue
         pixels = result[patch]
         known = pixels[np.isfinite(pixels).all(axis=-1)]

@@ -53,6 +53,18 @@ class ChartType:
         return np.asarray((units + self.frame) * _PIXELS - 0.5, np.float64)
 
 
+@dataclass(frozen=True, eq=False)
+class FoundChart:
+    """A chart in a picture. corners: (4, 2) pixels of the patches' outline, the first patch's first, then clockwise; those of a cut
+    chart lie outside. score: correlation of its patches with the published colors. seen: (N,) patches that the picture shows.
+    """
+
+    type: ChartType
+    corners: NDArray[np.float64]
+    score: float
+    seen: NDArray[np.bool_]
+
+
 def _grid(columns: int, heights: tuple[float, ...]) -> NDArray[np.float64]:
     tops = np.concatenate([[0], np.cumsum(heights)[:-1]])
     return np.array([[x, top, 1, height] for top, height in zip(tops, heights, strict=True) for x in range(columns)])

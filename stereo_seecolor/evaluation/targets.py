@@ -1,7 +1,7 @@
 """Targets of known color in an image: charts, found or given by their corners, or neutral things inside polygons."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.chart_finder import find_charts
-from stereo_seecolor.evaluation.chart_types import CLASSIC, DKK, ChartType
+from stereo_seecolor.evaluation.chart_types import CLASSIC, DKK, ChartType, FoundChart
 from stereo_seecolor.evaluation.measures import CLIPPED
 from stereo_seecolor.records import Image, Map
 
@@ -44,6 +44,12 @@ def chart(name: str, corners: NDArray[np.floating], shape: tuple[int, ...], type
     insides = (square * size + corner for corner, size in zip(type.cells[:, :2], type.cells[:, 2:], strict=True))
     outlines = (cv2.perspectiveTransform(inside.astype(np.float32)[None], onto_image)[0] for inside in insides)
     return Target(name, tuple(_filled(outline, shape) for outline in outlines), type)
+
+
+def found_chart(name: str, found: FoundChart, shape: tuple[int, ...]) -> Target:
+    """A chart that was found, without the patches that the picture does not show."""
+    target = chart(name, found.corners, shape, found.type)
+    return replace(target, patches=tuple(patch & seen for patch, seen in zip(target.patches, found.seen, strict=True)))
 
 
 def neutral(name: str, polygon: NDArray[np.floating], image: Image, range_m: Map) -> Target:
@@ -82,7 +88,7 @@ def targets_of(given: list[dict[str, NDArray[np.float64]]], image: Image, range_
     if not given:
         found = find_charts(image)
         names = ["chart"] if len(found) == 1 else [f"chart {number}" for number in range(1, len(found) + 1)]
-        return tuple(chart(name, one.corners, image.shape[:2], one.type) for name, one in zip(names, found, strict=True))
+        return tuple(found_chart(name, one, image.shape[:2]) for name, one in zip(names, found, strict=True))
     targets = []
     for number, entry in enumerate(given, 1):
         for kind, points in entry.items():

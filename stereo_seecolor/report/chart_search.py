@@ -10,7 +10,7 @@ from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.chart_finder import find_charts
 from stereo_seecolor.evaluation.measures import ciede2000, exposure_gain, lab_from_linear
-from stereo_seecolor.evaluation.targets import Target, chart
+from stereo_seecolor.evaluation.targets import Target, found_chart
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.report.charts import SeenChart
@@ -41,7 +41,7 @@ def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[SeenChart, ...]:
         raw = None
     made = []
     for one in found:
-        target = chart("chart", one.corners, corrected.shape[:2], one.type)
+        target = found_chart("chart", one, corrected.shape[:2])
         after, after_difference = patch_colors(target, corrected)
         before, difference = patch_colors(target, raw) if raw is not None else ([], None)
         made.append(SeenChart(frame.name, one.type.name, _css(one.type.srgb), before, after, difference, after_difference))
@@ -49,12 +49,18 @@ def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[SeenChart, ...]:
 
 
 def patch_colors(target: Target, image: NDArray[np.uint8]) -> tuple[list[str], float]:
-    """The mean color of each patch of a chart in (H, W, 3) after one exposure gain, as CSS; and the median CIEDE2000."""
+    """The mean color of each patch of a chart in (H, W, 3) after one exposure gain, as CSS, and the median CIEDE2000; patches that
+    are not seen are transparent and do not count."""
     assert target.type is not None
-    means = np.stack([decode_srgb(image[patch] / 255.0).mean(axis=0) if patch.any() else np.zeros(3) for patch in target.patches])
-    truth = decode_srgb(target.type.srgb)
+    seen = np.array([patch.any() for patch in target.patches])
+    if not seen.any():
+        return ["transparent"] * len(seen), float("nan")
+    means = np.stack([decode_srgb(image[patch] / 255.0).mean(axis=0) for patch in target.patches if patch.any()])
+    truth = decode_srgb(target.type.srgb[seen])
     exposed = means * exposure_gain(means, truth)
-    return _css(encode_srgb(np.clip(exposed, 0, 1))), float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(truth))))
+    shown = iter(_css(encode_srgb(np.clip(exposed, 0, 1))))
+    difference = float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(truth))))
+    return [next(shown) if patch else "transparent" for patch in seen], difference
 
 
 def _css(colors: Floats) -> list[str]:

@@ -1,0 +1,99 @@
+"""Small flat regions with straight outlines in a picture: what the patches of a color chart look like."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+Array = NDArray[np.float64]
+Levels = NDArray[np.uint16]
+
+
+@dataclass(frozen=True)
+class PatchLimits:
+    """What a patch looks like, in pixels of a picture that is halved until its patches are small."""
+
+    octaves: int = 6
+    """From twice the size of the picture, each half of the one before: patches of 4 to 200 pixels."""
+    window_px: int = 25
+    """In which edges are compared: a patch and its neighbors."""
+    flat: float = 0.6
+    """Of the mean edge in the window: an inner pixel of a patch has less."""
+    least_area: int = 6
+    most_area: int = 600
+    """Flat pixels of a patch. Its own border and what is blurred are not flat."""
+    least_fill: float = 0.85
+    """Area over that of the parallelogram with the same second moments (1; an ellipse has 1.05, an L 0.8)."""
+    most_stretch: float = 3.0
+    """Long over short side: a patch of two units, tilted by 50 degrees."""
+    border_px: float = 2.5
+    """By which the flat part of a patch is narrower than the patch."""
+
+
+LIMITS = PatchLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class FlatPatches:
+    """centers: (N, 2) pixels of the full picture. sides: (N,) pixels of it, of a square of their area."""
+
+    centers: Array
+    sides: Array
+
+
+def flat_patches(picture: Floats) -> Iterator[FlatPatches]:
+    """The flat regions of (H, W, 3) for each size of patch, the smallest first."""
+    levels = np.asarray(picture * 65535, np.uint16)  # morphology is several times faster on whole numbers
+    sized = _resized(levels, 2.0)
+    for octave in range(LIMITS.octaves):
+        if min(sized.shape[:2]) < LIMITS.window_px:
+            return
+        found, pixel = _of_size(sized), 2.0 ** (octave - 1)
+        yield FlatPatches((found.centers + 0.5) * pixel - 0.5, found.sides * pixel)
+        sized = _resized(sized, 0.5) if octave else levels
+
+
+def _resized(levels: Levels, factor: float) -> Levels:
+    kind = cv2.INTER_AREA if factor < 1 else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(levels, None, fx=factor, fy=factor, interpolation=kind), np.uint16)
+
+
+def _of_size(picture: Levels) -> FlatPatches:
+    edge = _edges(picture)
+    flat = edge < LIMITS.flat * cv2.blur(edge, (LIMITS.window_px, LIMITS.window_px))
+    flat[[0, -1]] = flat[:, [0, -1]] = False
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(flat.astype(np.uint8), connectivity=4)
+    area = stats[:, cv2.CC_STAT_AREA]
+    possible = (area >= LIMITS.least_area) & (area <= LIMITS.most_area)
+    possible[0] = False
+    number = np.cumsum(possible) - 1
+    y, x = np.nonzero(possible[labels])
+    return _compact(number[labels[y, x]], np.stack([x, y], axis=1).astype(np.float64), int(possible.sum()))
+
+
+def _edges(picture: Levels) -> Floats:
+    """(H, W): the largest difference within 3 x 3 pixels in any channel."""
+    smooth = cv2.GaussianBlur(picture, (3, 3), 0.7)
+    square = np.ones((3, 3), np.uint8)
+    red, green, blue = cv2.split(cv2.subtract(cv2.dilate(smooth, square), cv2.erode(smooth, square)))
+    return np.asarray(cv2.max(cv2.max(red, green), blue), np.float32)
+
+
+def _compact(region: NDArray[np.intp], pixels: Array, count: int) -> FlatPatches:
+    """Of regions of pixels (P, 2), those that could be parallelograms."""
+    area = np.bincount(region, minlength=count).astype(np.float64)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(np.bincount(region, values, minlength=count) / np.maximum(area, 1))
+
+    centers = np.stack([mean(pixels[:, 0]), mean(pixels[:, 1])], axis=1)
+    dx, dy = (pixels - centers[region]).T
+    xx, yy, xy = mean(dx * dx) + 1 / 12, mean(dy * dy) + 1 / 12, mean(dx * dy)
+    half_trace, determinant = (xx + yy) / 2, np.maximum(xx * yy - xy * xy, 1e-9)
+    difference = np.sqrt(np.maximum(half_trace**2 - determinant, 0))
+    stretch = np.sqrt((half_trace + difference) / np.maximum(half_trace - difference, 1e-9))
+    good = (area > LIMITS.least_fill * 12 * np.sqrt(determinant)) & (stretch < LIMITS.most_stretch)
+    return FlatPatches(centers[good], np.sqrt(area[good]) + LIMITS.border_px)
