@@ -15,8 +15,6 @@ from stereo_seecolor.mapping.surface.kernels import BLOCK, packed
 
 WIDE = BLOCK + 3
 """A block with one voxel before it and two behind it along each axis."""
-MIDDLE = 13
-"""The place of a block itself among those around it."""
 
 
 @compiled
