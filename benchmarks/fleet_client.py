@@ -148,8 +148,10 @@ class Workers:
 
     def _group(self, pairs: list[Pair]) -> tuple[list[Outcome[bool]], CountedFrames]:
         counted = self._sampled.counted
-        frames = [(pair.name, counted.frames[0][1]) for pair in pairs]
-        return [self._one(pair) for pair in pairs], replace(counted, frames=frames)
+        frames = [(pair.name, *counted.frames[0][1:]) for pair in pairs]
+        outcomes = [self._one(pair) for pair in pairs]
+        brief = [replace(one, row=replace(one.row, hashes={}, facts={}, left="", right="")) for one in outcomes]
+        return brief, replace(counted, frames=frames)
 
     def _one(self, pair: Pair) -> Outcome[bool]:
         key, colors = f"{self._random.getrandbits(256):064x}", self.stage == "colors"

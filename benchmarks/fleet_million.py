@@ -35,6 +35,8 @@ class Costs:
     """First pass of a pair of 1280x1024: decode, rectify, match, count, write (docs/performance.md, stage by stage)."""
     light_s: float = 0.07
     """Search for the dive's light: read again, features, and poses against three frames before (60 pairs of docs/fleets.md)."""
+    waters_s: float = 0.01
+    """Pass for the water once the light is known: the frame's table, kept by the first pass, read and added."""
     colors_s: float = 0.14
     """Second pass: decode and rectify again, correct, write."""
     spread: float = 0.1
@@ -42,9 +44,12 @@ class Costs:
     row_s: float = 0.15e-3
     """Client, each pair and pass: unpickle the row, table of frames, progress."""
     table_s: float = 0.03e-3
-    """Client, each pair of the first pass: a 32nd of unpickling and adding the table of its group, and keeping its brightness."""
+    """Client, each pair of the pass for the water: a 32nd of unpickling and adding the table of its group, and its brightness."""
     difference_s: float = 0.05e-3
     """Client, each pair of the search for light: how it differs from frames before it."""
+    serial_s: float = 0.16e-3
+    """Client, each pair, while no worker has anything to do: pairing, gains, waters, water.json, records, frames.csv, run.json
+    (``fleet.py client``)."""
     batch_s: float = 8e-3
     """Scheduler and client, each batch."""
     lost_every_s: float = 20 * 3600.0
@@ -136,9 +141,14 @@ class Simulated:
 
 
 def simulate(pairs: int, workers: int, costs: Costs = Costs()) -> Simulated:
-    """All passes of a dive."""
-    clock, worked_s, batches, client_s = Clock(), 0.0, 0, 0.0
-    passes = ((costs.ranges_s, costs.row_s + costs.table_s), (costs.light_s, costs.difference_s), (costs.colors_s, costs.row_s))
+    """All passes of a dive, and what the client does between and after them."""
+    clock, worked_s, batches, client_s = Clock(costs.serial_s * pairs), 0.0, 0, costs.serial_s * pairs
+    passes = (
+        (costs.ranges_s, costs.row_s),
+        (costs.light_s, costs.difference_s),
+        (costs.waters_s, costs.row_s / 2 + costs.table_s),
+        (costs.colors_s, costs.row_s),
+    )
     for pair_s, row_s in passes:
         found = SimulatedWorkers(clock, workers, pair_s, costs)
         for _ in SimulatedCompute(found, "simulated", lambda: None).each(abs, range(pairs)):

@@ -76,7 +76,7 @@ class Job:
         ]
         aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
         notes = (*self.pairing.notes, *dive.notes, *aside, *folder.removed, *self._misfit_notes(dive.table))
-        return RunSummary(FinalRows(self.description.names, dive.table, current.done, unpaired), notes)
+        return RunSummary(FinalRows(dive.table, current.done, unpaired), notes)
 
     def _misfit_notes(self, table: FrameTable) -> tuple[str, ...]:
         rectification = self.description.rectification

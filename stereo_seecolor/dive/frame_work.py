@@ -60,10 +60,14 @@ class FrameWork(Generic[Result]):
 
 @dataclass(frozen=True, eq=False)
 class GroupCount:
-    """Neighboring pairs counted, and their tables added up: the outcome of each, and the sum of those that did not fail."""
+    """Neighboring pairs counted, and their tables added up: the outcome of each, and the sum of those that did not fail.
+
+    known: the rows of these pairs are known from an earlier pass, so that their times and errors alone are sent back.
+    """
 
     work: FrameWork[tuple[Ranged, MomentTable]]
     config: ColorConfig
+    known: bool = False
 
     def __call__(self, pairs: Sequence[Pair]) -> tuple[list[Outcome[bool]], CountedFrames]:
         """Raises as the work on one pair."""
@@ -72,7 +76,8 @@ class GroupCount:
         def tables() -> Iterator[tuple[str, MomentTable]]:
             for pair in pairs:
                 outcome = self.work(pair)
-                outcomes.append(replace(outcome, result=outcome.result is not None))  # type: ignore[arg-type]
+                row = replace(outcome.row, hashes={}, facts={}, left="", right="") if self.known else outcome.row
+                outcomes.append(replace(outcome, row=row, result=outcome.result is not None))  # type: ignore[arg-type]
                 if outcome.result is not None:
                     yield pair.name, outcome.result[1]
 

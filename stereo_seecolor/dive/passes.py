@@ -119,7 +119,7 @@ class Dive:
     def _sums(self, stage: str, pairs: Sequence[Pair]) -> Iterator[CountedFrames]:
         """The tables of neighbors, added up where they are counted: a long dive's are too many for one process to add."""
         self._begin_pass(stage, len(pairs))
-        count = GroupCount(FrameWork(self._stages.counted, self._folder), self._config.color)
+        count = GroupCount(FrameWork(self._stages.counted, self._folder), self._config.color, known=self._ranged)
         for outcomes, counted in self._options.compute.each(count, Groups(pairs)):
             for outcome in outcomes:
                 self._note(stage, outcome)

@@ -2,7 +2,7 @@
 
 import platform
 import sys
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -13,7 +13,7 @@ from calibration import Rectification
 from calibration.wording import counted
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.lazy import Lazy
-from stereo_seecolor.compute.names import Names
+from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.files.json_values import JsonText, Streamed, StreamedList, plain
 from stereo_seecolor.records import FrameRow
@@ -95,29 +95,28 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: C
 class FinalRows(Lazy[FrameRow]):
     """Rows of all pairs and files: a pair is ok only after its last stage; one that the run did not come to is pending.
 
-    names: of all pairs. table: what is known of them. done: those whose last stage is current.
+    table: what is known of the pairs. done: of their names, those whose last stage is current.
     """
 
-    names: Names
     table: FrameTable
-    done: Collection[str]
+    done: SomeNames
     unpaired: Sequence[FrameRow]
 
     def __len__(self) -> int:
-        return len(self.names) + len(self.unpaired)
+        return len(self.done.names) + len(self.unpaired)
 
     def __iter__(self) -> Iterator[FrameRow]:
         return map(self.item, range(len(self)))
 
     def item(self, number: int) -> FrameRow:
         """The row of this number, made when it is asked for."""
-        if number >= len(self.names):
-            return self.unpaired[number - len(self.names)]
-        name = self.names.item(number)
+        if number >= len(self.done.names):
+            return self.unpaired[number - len(self.done.names)]
+        name = self.done.names.item(number)
         row = self.table.row(name)
         if row is None:
             return FrameRow(name, "pending", error=NOT_REACHED)
-        return row if row.status != "ok" or name in self.done else replace(row, status="pending", error=NOT_REACHED)
+        return row if row.status != "ok" or self.done.chosen[number] else replace(row, status="pending", error=NOT_REACHED)
 
 
 def products(folder: RunFolder, current: CurrentFrames) -> tuple[ProductSummary, ...]:

@@ -167,7 +167,7 @@ class AutoFitter(Fitter):
     def _waters(self, stretch: _Chunk) -> Iterator[tuple[str, Water | None]]:
         """Of its frames, by name."""
         classes = {kind: frames.unpacked for kind, frames in stretch.classes.items()}
-        return survey_waters(self._frames.of(stretch.frames), classes, self._config, self._fit)
+        return survey_waters(self._frames, stretch.frames, classes, self._config, self._fit)
 
     @property
     def stretches(self) -> list[list[str]]:

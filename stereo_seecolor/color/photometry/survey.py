@@ -1,5 +1,6 @@
 """One water for many frames: tables add, so the water of a survey is the fit to the sum of its frames' tables."""
 
+from array import array
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -116,11 +117,11 @@ class ExposureClass:
 
 @dataclass(frozen=True, eq=False)
 class CountedFrames:
-    """Neighbors in the dive, added up where they were counted. frames: name and packed brightness of each. classes: their tables,
-    by brightness; none of a frame without a known range.
+    """Neighbors in the dive, added up where they were counted. frames: name, class and packed brightness of each. classes: their
+    tables, by brightness; none of a frame without a known range.
     """
 
-    frames: Sequence[tuple[str, bytes]]
+    frames: Sequence[tuple[str, int, bytes]]
     classes: Mapping[int, ExposureClass]
 
     @classmethod
@@ -129,9 +130,10 @@ class CountedFrames:
         frames, classes = [], dict[int, ExposureClass]()
         for name, table in tables:
             brightness = Brightness.of(table, config.input_encoding)
-            frames.append((name, brightness.packed()))
+            kind = class_of(brightness, config)
+            frames.append((name, kind, brightness.packed()))
             if table.pixels.any():
-                add_to(classes, {class_of(brightness, config): ExposureClass(table, brightness)})
+                add_to(classes, {kind: ExposureClass(table, brightness)})
         return cls(frames, classes)
 
 
@@ -142,24 +144,28 @@ def add_to(classes: dict[int, ExposureClass], more: Mapping[int, ExposureClass])
 
 
 class FrameBrightness:
-    """Names of frames, and how bright each is, in the order they came: 400 bytes a frame, which do not stay in memory."""
+    """Names of frames, and how bright each is, in the order they came: 400 bytes a frame, which do not stay in memory.
+
+    classes: of each frame, as of ``class_of``.
+    """
 
     def __init__(self) -> None:
-        self.names = Names()
+        self.names, self.classes = Names(), array("i")
         self._packed: Packed[bytes] = Packed()
 
     def __len__(self) -> int:
         return len(self.names)
 
-    def add(self, frames: Iterable[tuple[str, bytes]]) -> None:
-        """More frames: name and packed brightness of each."""
-        for name, packed in frames:
+    def add(self, frames: Iterable[tuple[str, int, bytes]]) -> None:
+        """More frames: name, class and packed brightness of each."""
+        for name, kind, packed in frames:
             self.names.add(name)
+            self.classes.append(kind)
             self._packed.append(packed)
 
-    def of(self, numbers: range) -> Iterator[tuple[str, Brightness]]:
-        """Names and brightness of the frames of these numbers."""
-        return ((self.names[number], Brightness.unpacked(self._packed[number])) for number in numbers)
+    def brightness(self, number: int) -> Brightness:
+        """Of the frame of this number."""
+        return Brightness.unpacked(self._packed[number])
 
 
 class SurveyFitter(Fitter):
@@ -195,20 +201,25 @@ class SurveyFitter(Fitter):
 
     def waters(self) -> Mapping[str, Water]:
         """The survey's, as each frame's camera exposure shows it."""
-        frames = self._frames.of(range(len(self._frames)))
-        return completed(survey_waters(frames, self._classes, self._config, self._fit))
+        numbers = range(len(self._frames))
+        return completed(survey_waters(self._frames, numbers, self._classes, self._config, self._fit))
 
 
 def survey_waters(
-    frames: Iterable[tuple[str, Brightness]], classes: Mapping[int, ExposureClass], config: ColorConfig, fit: FitTable
+    frames: FrameBrightness, numbers: range, classes: Mapping[int, ExposureClass], config: ColorConfig, fit: FitTable
 ) -> Iterator[tuple[str, Water | None]]:
-    """One water for ``frames`` (name, brightness), as each one's exposure shows it. classes: their tables; no water without."""
+    """One water for the frames of these numbers, as each one's exposure shows it. classes: their tables; no water without."""
     if not classes:
-        yield from ((name, None) for name, _ in frames)
+        yield from ((frames.names.item(number), None) for number in numbers)
         return
     most, survey = usual_exposure(classes)
     water = _fitted(survey.table, config, fit, None)
-    yield from ((name, _as_exposed(water, frame, survey.brightness, most, config)) for name, frame in frames)
+    for number in numbers:
+        usual = frames.classes[number] == BLACK or (
+            config.camera_exposure != "brightness" and abs(frames.classes[number] - most) <= 1
+        )
+        seen = water if usual else _as_exposed(water, frames.brightness(number).ratio(survey.brightness), config)
+        yield frames.names.item(number), seen
 
 
 def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
@@ -225,17 +236,10 @@ def class_of(brightness: Brightness, config: ColorConfig) -> int:
     return 0 if config.camera_exposure == "brightness" else int(np.floor(brightness.stops / CLASS_STOPS))
 
 
-def _as_exposed(water: Water, frame: Brightness, survey: Brightness, most: int, config: ColorConfig) -> Water:
-    if not frame.pixels.any():
-        return water
-    kind = class_of(frame, config)
-    if kind == BLACK:
-        return water
+def _as_exposed(water: Water, factor: float, config: ColorConfig) -> Water:
+    """In a frame that is so many times as bright as the survey."""
     if config.camera_exposure == "brightness":
-        return exposed(water, frame.ratio(survey))
-    if abs(kind - most) <= 1:
-        return water
-    factor = frame.ratio(survey)
+        return exposed(water, factor)
     warning = f"{factor:.3g} times the survey's brightness: another camera exposure, followed"
     return replace(exposed(water, factor), warnings=(*water.warnings, warning))
 
