@@ -1,7 +1,5 @@
 """Renew the pictures of the documentation by running the program on the sample dive: python docs/make_images.py [NAME ...].
 
-python docs/make_images.py flsea FOLDER makes the one picture of real frames, from a folder with rgb/ and range/.
-
 Needs the dev extra (matplotlib). Each picture stays below 200 kB. Drawings (SVG) that need no run are made by drawings.py.
 """
 
@@ -179,15 +177,6 @@ def terminals(out: Path) -> None:
     terminal("terminal_doctor.svg", "stereo-seecolor doctor", program("doctor"))
 
 
-def flsea(folder: Path) -> None:
-    """Two real frames of FLSea (Randall and Treibitz 2023, MIT license), which are not in the repository, before and after."""
-    with tempfile.TemporaryDirectory() as out:
-        program("correct", "--images", folder / "rgb", "--range", folder / "range", "--out", out)
-        names = sorted(path.stem for path in (folder / "rgb").iterdir())
-        pairs = [[next(place.glob(f"{names[i]}.*")) for place in (folder / "rgb", Path(out) / "corrected")] for i in (0, 6)]
-        save("flsea.jpg", np.vstack([np.hstack([read(path) for path in pair]) for pair in pairs]), 1000)
-
-
 PICTURES = (before_after, ranges, rows, methods, sample_map, synthetic, water, stages, terminals)
 
 
@@ -202,4 +191,4 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    flsea(Path(sys.argv[2])) if sys.argv[1:2] == ["flsea"] else main(sys.argv[1:])
+    main(sys.argv[1:])
