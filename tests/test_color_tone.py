@@ -127,3 +127,14 @@ def test_frames_of_a_survey_share_their_roll_off():
     assert first.exposure == second.exposure is not None
     assert first.highlights == second.highlights > 1
     assert corrector.apply(image, range_m, second).highlights == first.highlights
+
+
+@pytest.mark.parametrize("strays", [0.001, 0.01])
+def test_a_few_wrong_ranges_far_away_do_not_darken_a_picture(strays: float) -> None:
+    rng = np.random.default_rng(1)
+    image = rng.integers(60, 200, (100, 100, 3), dtype=np.uint8)
+    range_m = np.full((100, 100), 2.0, np.float32)
+    water = replace(CLEAR, y=np.full(3, 1.0))
+    true = Corrector(CONFIG).apply(image, range_m, water).exposure
+    range_m.flat[: int(strays * range_m.size)] = 8.0
+    assert Corrector(CONFIG).apply(image, range_m, water).exposure == pytest.approx(true, rel=0.05)

@@ -15,6 +15,10 @@ from stereo_seecolor.records import Water
 
 MEDIAN_SHOWN = 0.12
 """The median of a natural scene against its brightest thousandth, as in the default fit's: darker ones are shown brighter."""
+STRAYS = 0.02
+"""At most this fraction of a frame's pixels, those of most gain, has no say in its exposure,"""
+STRAY_GAIN = 8.0
+"""where the gain of the channel least attenuated is this much above that at the median range: wrong ranges, or mostly noise."""
 MOST_LIFT = 4.0
 """Two stops: a cave is dark, and should look it; and noise is lifted too."""
 _MANTISSA_BITS = 16
@@ -27,6 +31,8 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
     """The tone at which at most ``config.clipped_fraction`` of the pixels have a channel at full scale; 1 for a black image."""
     occupied = np.flatnonzero(table.pixels)
     gain, offset = unexposed(water, fine_ranges_m()[occupied * FINE + FINE // 2])
+    judged = _judged(gain.min(axis=0), table.pixels[occupied])
+    occupied, gain, offset = occupied[judged], np.ascontiguousarray(gain[:, judged]), np.ascontiguousarray(offset[:, judged])
     number, light = np.zeros(_OCTAVES, np.int64), decoded_bins(table.bit_depth, config.input_encoding)
     _add_up(table.counts, occupied, gain, offset, light, number)
     pixels = int(table.pixels.sum())
@@ -39,6 +45,17 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
         return Tone(full / brightest)
     lift = min(max(MEDIAN_SHOWN * brightest / max(median, 1e-9), 1.0), MOST_LIFT)
     return Tone(lift * full / brightest, lift)
+
+
+def _judged(gain: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """(N,) True but for the bins of stray ranges. gain, pixels: (N,) of each bin."""
+    order = np.argsort(-gain)
+    part = np.cumsum(pixels[order]) / max(pixels.sum(), 1)
+    judged = np.ones(len(gain), np.bool_)
+    if len(gain):
+        usual = gain[order][np.searchsorted(part, 0.5)]
+        judged[order] = (part > STRAYS) | (gain[order] <= STRAY_GAIN * usual)
+    return judged
 
 
 def _exceeded(number: NDArray[np.int64], allowed: NDArray[np.int64]) -> NDArray[np.float64]:
