@@ -107,7 +107,7 @@ SHAPES: dict[str, Shape] = {
         ],
     },
     "inspect": {
-        "sides": {"left": str, "right": str, "guessed": bool},
+        "sides": {"left": str, "right": str, "guessed": bool, "others": [str]},
         **keys((dict, None), "left right calibration measured"),
         **keys(int, "pairs unpaired"),
         **keys([str], "calibrations problems"),

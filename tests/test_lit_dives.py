@@ -22,7 +22,7 @@ from stereo_seecolor.synthetic.survey import SurveySpec
 
 pytestmark = pytest.mark.slow
 
-DAY = SurveySpec(image_size=(256, 208))
+DAY = SurveySpec(image_size=(256, 208), seed=9)
 STROBES = replace(DAY, strobe_variation=0.2, vignette=0.45)
 LIT = {
     "lamps by day": replace(STROBES, lamp_intensity=6.0, caustic_contrast=0.5),

@@ -39,6 +39,8 @@ class LampSettings:
     """Fraction of rigs with one lamp."""
     half_width: tuple[float, float] = (0.4, 0.9)
     """Tangent of half the horizontal field of view: 44 to 84 degrees."""
+    sun: tuple[float, float] = (0.0, 0.6)
+    """Fraction of the light at the reference range that is the sun's: none at night, most in shallow water by day."""
     rest: float = 0.05
     """Standard deviation of what is not drawn (shading, reflectors), of a coefficient of the pattern; of its change a fifth."""
     rest_trend: float = 0.04
@@ -57,14 +59,15 @@ _STEPS = np.linspace(-2, 2, 5)
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of the coefficients of the pattern and of the trend, of rigs with lamps."""
+    """Mean (TERMS + 1,) and covariance of the coefficients of the pattern and of the trend, of rigs with lamps, by night and
+    by day, when the sun lights the same picture evenly.
+    """
     y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
     places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5
     pixel, steps = np.tile(places, (len(_STEPS), 1)), np.repeat(_STEPS, len(places))
     terms = np.column_stack([pattern_terms(pixel, steps, SIZE), steps, np.ones_like(steps)])
-    light = np.stack(
-        [_light(draw, pixel, reference_m * np.exp(SHAPE.range_step * steps)) for draw in low_discrepancy(SETTINGS.rigs, 17)]
-    )
+    range_m, draws = reference_m * np.exp(SHAPE.range_step * steps), low_discrepancy(SETTINGS.rigs, 18)
+    light = np.stack([_light(draw, pixel, range_m, steps == 0) for draw in draws])
     regular = 1e-6 * len(steps) * np.eye(terms.shape[1])
     found = np.linalg.solve(terms.T @ terms + regular, terms.T @ light.T)[: TERMS + 1].T
     number = TERMS // (SHAPE.range_degree + 1)
@@ -72,8 +75,9 @@ def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
     return found.mean(axis=0), np.cov(found.T) + np.diag(rest**2)
 
 
-def _light(draw: Array, pixel: Array, range_m: Array) -> Array:
-    """(N,) logarithm of the light that comes back to pixels from ranges; draw: seventeen numbers in [0, 1)."""
+def _light(draw: Array, pixel: Array, range_m: Array, reference: NDArray[np.bool_]) -> Array:
+    """(N,) logarithm of the light that comes back to pixels from ranges; draw: eighteen numbers in [0, 1).
+    reference: (N,) True at the range at which the sun's fraction is meant."""
     tangent, corner = _between(SETTINGS.half_width, draw[0]), _between(CORNER, draw[1])
     attenuation, one = _between(SETTINGS.attenuation, draw[2]), draw[3] < SETTINGS.alone
     across = (2 * pixel + 1 - np.array(SIZE)) / SIZE[0] * tangent
@@ -91,6 +95,8 @@ def _light(draw: Array, pixel: Array, range_m: Array) -> Array:
         cosine = np.maximum(away @ axis / np.linalg.norm(axis) / distance_m, 0.02)
         beam = cosine ** _between(SETTINGS.beam, part[5]) / distance_m**2 * np.exp(-attenuation * distance_m)
         lit += beam * (not (one and side > 0))
+    sun = _between(SETTINGS.sun, draw[17])
+    lit += lit[reference].mean() * sun / (1 - sun)
     radius = (across**2).sum(axis=1) / (tangent**2 * (1 + (SIZE[1] / SIZE[0]) ** 2))
     return np.asarray(np.log(lit) + np.log(corner) * radius - attenuation * range_m)
 

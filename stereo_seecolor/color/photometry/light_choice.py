@@ -1,7 +1,8 @@
-"""Which terms of the light a dive determines: each is used only where patches left out of the fit agree better with it."""
+"""Which terms of the light a dive determines: they are used only where patches left out of the fit agree better with them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ class ChoiceSettings:
     """Offsets between frames (rms, logarithm) that are worth a gain for each frame, which may then hardly change the spread,"""
     offset_left: float = 0.8
     """if at most this fraction of them is left."""
+    robust_error: float = 1.17
+    """Relative standard error of a robust standard deviation, times the root of the size of its sample; of Gaussian values."""
     least_patches: int = 300
     """Left out and seen by two frames or more: fewer judge nothing."""
 
@@ -63,38 +66,36 @@ class Choice:
         return self.judging >= SETTINGS.least_patches
 
 
-def choose(windows: Sequence[Window], values: Sequence[Array], allowed: Use, frames: int, priors: Sequence[LightPrior]) -> Choice:
-    """Begin with nothing, and add the term that lowers the spread most, as long as one lowers it enough. values: as ``solve``'s.
+class Candidate(NamedTuple):
+    """Terms that may be used, and what is expected of them."""
 
-    Of several priors that of most evidence is taken; a narrow one only where it leaves no more between views than the best other.
+    use: Use
+    prior: LightPrior
+
+
+def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int) -> Choice:
+    """The candidate of most evidence among those that are as good as any on patches left out, and enough better than no correction.
+
+    As good as any: within one standard error of the least spread (Breiman et al. 1984, "Classification and regression trees").
+    values: as ``solve``'s. candidates: the first is no correction.
     """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
     fitted, judged = ([value[window.held == held] for window, value in zip(windows, values, strict=True)] for held in (False, True))
     judging = sum(len(np.unique(window.patch)) for window in judge)
 
-    def score(use: Use) -> Spread:
-        return spread_left(judge, judged, _best(fit, fitted, use, frames, priors))
+    def left(candidate: Candidate) -> Spread:
+        return spread_left(judge, judged, solve(fit, fitted, candidate.use, frames, candidate.prior))
 
-    use, before = Use(), score(Use())
-    now = before
-    while judging >= SETTINGS.least_patches:
-        steps = [step for step in _next(use) if all(map(_at_most, step, allowed))]
-        scored = [(score(step), step) for step in steps]
-        worth = [(spread.between_views, step, spread) for spread, step in scored if _worth(spread, now)]
-        if not worth:
-            break
-        _, use, now = min(worth)
-    return Choice(use, _best(windows, values, use, frames, priors), before, now, judging)
-
-
-def _best(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, priors: Sequence[LightPrior]) -> Solution:
-    if not use.pattern:
-        return solve(windows, values, use, frames, priors[0])
-    wide, narrow = ([solve(windows, values, use, frames, prior) for prior in priors if prior.narrow == so] for so in (False, True))
-    best = min(wide, key=lambda solution: solution.misfit)
-    most = spread_left(windows, values, best).between_views
-    fitting = [solution for solution in narrow if spread_left(windows, values, solution).between_views <= most]
-    return min((best, *fitting), key=lambda solution: solution.misfit)
+    nothing, *others = candidates
+    before = left(nothing)
+    tried = [(candidate, left(candidate)) for candidate in others if judging >= SETTINGS.least_patches]
+    worth = [(candidate, spread) for candidate, spread in tried if _worth(spread, before)]
+    least = min((spread.between_views for _, spread in worth), default=0.0)
+    most = least * (1 + SETTINGS.robust_error * np.sqrt(nothing.prior.alike / max(judging, 1)))
+    good = [(candidate, spread) for candidate, spread in worth if spread.between_views <= most] or [(nothing, before)]
+    solved = [(solve(windows, values, one.use, frames, one.prior), one.use, spread) for one, spread in good]
+    solution, use, after = min(solved, key=lambda found: found[0].misfit)
+    return Choice(use, solution, before, after, judging)
 
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:
@@ -112,22 +113,6 @@ def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: So
     squares = [float((np.median(difference[index.ravel() == k], axis=0) ** 2).mean()) for k in range(len(kind))]
     size = np.sqrt(((difference - np.median(difference, axis=0)) ** 2).mean(axis=1))
     return Spread(ROBUST_DEVIATION * float(np.median(size)), float(np.sqrt(np.average(squares, weights=number))))
-
-
-def _next(use: Use) -> list[Use]:
-    """A term more, in each way that makes sense."""
-    steps = []
-    if not use.pattern:
-        steps.append(use._replace(pattern=True))
-    elif not use.ranged:
-        steps.append(use._replace(ranged=True))
-    if not use.gains:
-        steps.append(use._replace(gains=True))
-    return steps
-
-
-def _at_most(used: bool, allowed: bool) -> bool:
-    return allowed or not used
 
 
 def _worth(new: Spread, old: Spread) -> bool:

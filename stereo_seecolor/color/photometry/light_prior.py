@@ -61,8 +61,7 @@ class Gaussian:
 class LightPrior:
     """mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations.
 
-    alike: so many sightings count as one against it. narrow: it has so few ways to fit anything that evidence speaks for it even
-    where something else is seen.
+    alike: so many sightings count as one against it.
     """
 
     mean: Array
@@ -70,7 +69,6 @@ class LightPrior:
     gain: float
     systematic: float
     alike: float
-    narrow: bool = False
 
     @classmethod
     def unknown(cls, about: Deviations, alike: float) -> "LightPrior":
@@ -80,13 +78,13 @@ class LightPrior:
 
     @classmethod
     def lamps(cls, reference_m: float, alike: float) -> "LightPrior":
-        """Of the luminance of pictures that are lit by lamps on the rig, and taken from about ``reference_m``."""
+        """Of the luminance of pictures that are lit by lamps on the rig, alone or by day, and taken from about ``reference_m``."""
         return cls(*lamp_ensemble(reference_m), LUMINANCE.gain, LUMINANCE.systematic, alike)
 
     @classmethod
     def lens(cls, alike: float) -> "LightPrior":
         """Of the luminance of pictures that the sun lights, whose strength and exposure change from frame to frame."""
-        return cls(*lens_prior.lens_ensemble(LUMINANCE.trend), lens_prior.SETTINGS.gain, LUMINANCE.systematic, alike, narrow=True)
+        return cls(*lens_prior.lens_ensemble(LUMINANCE.trend), lens_prior.SETTINGS.gain, LUMINANCE.systematic, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int) -> Gaussian:
         """Of the terms that are used, and of the gains of so many frames."""

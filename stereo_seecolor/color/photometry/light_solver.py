@@ -78,7 +78,7 @@ class Window:
 class Solution:
     """coefficients: (TERMS, Q) of the terms in use, else 0. trend: (1, Q), by log_range. gains: (F, Q) logarithms, of mean 0.
 
-    misfit: of the prior to the sightings, twice the negative logarithm of its evidence; to be compared between priors.
+    misfit: of the prior to the sightings, twice the negative logarithm of its evidence; to be compared between priors and terms.
     """
 
     coefficients: Array
@@ -128,7 +128,8 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     coefficients = np.zeros((TERMS + 1, outputs))
     coefficients[columns] = found[:number]
     gains = found[number:] - found[number:].mean(axis=0) if use.gains else np.zeros((frames, outputs))
-    misfit = known.misfit(found, outputs * squares / trust, matrix / trust)
+    apart = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike
+    misfit = known.misfit(found, outputs * (squares / trust + apart * np.log(trust)), matrix / trust)
     return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, misfit)
 
 

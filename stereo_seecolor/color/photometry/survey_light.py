@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.crossing import SETTINGS, alike, pictures_crossed
-from stereo_seecolor.color.photometry.light_choice import Choice, choose
+from stereo_seecolor.color.photometry.light_choice import Candidate, Choice, choose
 from stereo_seecolor.color.photometry.light_model import SHAPE, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
 from stereo_seecolor.color.photometry.light_solver import Use, Views, Window
@@ -138,18 +138,27 @@ def solve_light(
         return None
     crossed = pictures_crossed(windows, size)
     one = alike(crossed)
-    priors = LightPrior.unknown(LUMINANCE, one), LightPrior.lens(one), LightPrior.lamps(views.reference_m, one)
     made, measured = _numbered(made)
-    luminance = choose(made, [_mean(window) for window in made], allowed, len(measured), priors)
+    of_luminance = LightPrior.lens(one), LightPrior.lamps(views.reference_m, one)
+    candidates = _candidates(allowed, LightPrior.unknown(LUMINANCE, one), of_luminance, [Use(pattern=True, ranged=allowed.ranged)])
+    luminance = choose(made, [_mean(window) for window in made], candidates, len(measured))
     colors = [window.log_light - _mean(window) for window in made]
-    of_color = allowed._replace(pattern=allowed.pattern and crossed >= SETTINGS.color)
-    color = choose(made, colors, of_color, len(measured), (LightPrior.unknown(COLOR, one),))
+    unknown, of_color = LightPrior.unknown(COLOR, one), allowed._replace(pattern=allowed.pattern and crossed >= SETTINGS.color)
+    candidates = _candidates(of_color, unknown, [unknown], [Use(pattern=True), Use(pattern=True, ranged=True)])
+    color = choose(made, colors, candidates, len(measured))
     gains = luminance.solution.gains + color.solution.gains
     coefficients = luminance.solution.coefficients + color.solution.coefficients
     fade = -float(luminance.solution.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0
     by_name = {names[frame]: gain for frame, gain in zip(measured, gains, strict=True)} if gains.any() else {}
     light = Light(coefficients, views.reference_m, views.seen_m, by_name, fade)
     return SurveyLight(light, luminance, color, crossed, recorded=recorded is not None)
+
+
+def _candidates(allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior], patterns: Sequence[Use]) -> list[Candidate]:
+    """Nothing, gains alone, and each pattern with each of its priors, without gains and with them, as far as allowed."""
+    of_patterns = [Candidate(use._replace(gains=gains), prior) for use in patterns for prior in priors for gains in (False, True)]
+    every = [Candidate(Use(), unknown), Candidate(Use(gains=True), unknown), *of_patterns]
+    return [one for one in every if all(may or not used for used, may in zip(one.use, allowed, strict=True))]
 
 
 def _exposed_alike(window: Window, recorded: NDArray[np.float64] | None) -> Window:
