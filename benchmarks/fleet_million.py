@@ -41,13 +41,13 @@ class Costs:
     """Second pass: decode and rectify again, correct, write."""
     spread: float = 0.1
     """Standard deviation of a pair's time, as a fraction."""
-    row_s: float = 0.15e-3
+    row_s: float = 0.04e-3
     """Client, each pair and pass: unpickle the row, table of frames, progress."""
-    table_s: float = 0.03e-3
+    table_s: float = 0.06e-3
     """Client, each pair of the pass for the water: a 32nd of unpickling and adding the table of its group, and its brightness."""
-    difference_s: float = 0.05e-3
+    difference_s: float = 0.02e-3
     """Client, each pair of the search for light: how it differs from frames before it."""
-    serial_s: float = 0.16e-3
+    serial_s: float = 0.15e-3
     """Client, each pair, while no worker has anything to do: pairing, gains, waters, water.json, records, frames.csv, run.json
     (``fleet.py client``)."""
     batch_s: float = 8e-3
