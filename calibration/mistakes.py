@@ -14,6 +14,8 @@ from calibration.rig import StereoRig
 from calibration.row_check import RowCheck
 
 Array = NDArray[np.float64]
+Flip = tuple[bool, bool]
+KEPT, ACROSS, DOWN, TURNED = (False, False), (True, False), (False, True), (True, True)
 
 
 @dataclass(frozen=True)
@@ -55,23 +57,34 @@ class Fit:
         return good and (given.is_behind or given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px))
 
 
+NOTHING = Fit(np.inf, 0.0)
+"""What fits no points."""
+
+
 @dataclass(frozen=True, eq=False)
 class Mistake:
-    """A usual mistake. what: was done. cure: what to do. rig: the calibration without it. turned: which sides' images are.
+    """A usual mistake. what: was done. cure: what to do. rig: the calibration without it.
 
+    left_flip, right_flip: which axes of a side's images run the other way, x and y: both where they were turned by 180 degrees.
     line: says what was done, with its evidence, and what to do.
     """
 
     what: str
     cure: str
     rig: StereoRig
-    turned: tuple[bool, bool] = (False, False)
+    left_flip: Flip = KEPT
+    right_flip: Flip = KEPT
     line: str = ""
 
     @property
     def exchanged(self) -> bool:
         """True for left and right exchanged."""
         return self.what == EXCHANGED
+
+    @property
+    def is_mirrored(self) -> bool:
+        """True for images of which one axis runs the other way."""
+        return not {ACROSS, DOWN}.isdisjoint((self.left_flip, self.right_flip))
 
 
 EXCHANGED = "left and right look swapped"
@@ -98,8 +111,22 @@ def _mistakes(rig: StereoRig) -> Iterator[Mistake]:
             yield Mistake(f"{what}, in the calibration", cure, replace(rig, T_right_left=T))
     lenses = "the lenses of left and right are exchanged in the calibration"
     yield Mistake(lenses, "exchange K and distortion, and leave R and T", replace(rig, left=rig.right, right=rig.left))
-    for sides, turned in (("left", (True, False)), ("right", (False, True)), ("left and right", (True, True))):
-        yield Mistake(f"the {sides} images are turned by 180 degrees against the calibration", _TURN, rig, turned)
+    for sides, left, right in (("left", TURNED, KEPT), ("right", KEPT, TURNED), ("left and right", TURNED, TURNED)):
+        yield Mistake(f"the {sides} images are turned by 180 degrees against the calibration", _TURN, rig, left, right)
+    for flip in (ACROSS, DOWN):
+        yield _mirrored("left and right", rig, flip, flip)
+
+
+def _mirrors(rig: StereoRig) -> Iterator[Mistake]:
+    """One side alone mirrored."""
+    for flip in (ACROSS, DOWN):
+        yield _mirrored("left", rig, flip, KEPT)
+        yield _mirrored("right", rig, KEPT, flip)
+
+
+def _mirrored(sides: str, rig: StereoRig, left: Flip, right: Flip) -> Mistake:
+    way = "left to right" if ACROSS in (left, right) else "top to bottom"
+    return Mistake(f"the {sides} images are mirrored, {way}, against the calibration", "mirror them back", rig, left, right)
 
 
 def _transform(R: Array, t: Array) -> Array:
@@ -118,20 +145,38 @@ def likely_mistake(rig: StereoRig, pairs: Iterable[Images]) -> Mistake | None:
 
     None where the rig may be right, no mistake explains the images, or they show too little.
     """
-    fitting = ((left, right) for left, right in pairs if _are_of(rig, left, right))
-    points = _together([look_alikes(left, right) for left, right in fitting])
-    if len(points.left) < LIMITS.least_points or rig.port is not None:
+    if rig.port is not None:
         return None
+    fitting = [(left, right) for left, right in pairs if _are_of(rig, left, right)]
+    points = _together([look_alikes(left, right) for left, right in fitting])
     given = fit_of(Mistake("", "", rig), points)
-    tried = [(mistake, fit_of(mistake, points)) for mistake in _mistakes(rig)]
+    behind = f"{1 - given.in_front:.0%} of {len(points.left)} points lie behind the cameras, " if given.is_behind else ""
+    if found := _explaining(points, _mistakes(rig), given, f"{behind}{given.off_px:.1f} px off their lines as given"):
+        return found
+    width = rig.right.image_size[0]
+    mirrored = _together([look_alikes(left, np.ascontiguousarray(right[:, ::-1])) for left, right in fitting])
+    if len(mirrored.left) < LIMITS.better * len(points.left):
+        return None
+    back = Matches(mirrored.left, np.abs([width - 1, 0] - mirrored.right))
+    as_given = f"{len(points.left)} points look alike as given and {len(back.left)} with one side mirrored"
+    return _explaining(back, _mirrors(rig), NOTHING, as_given)
+
+
+def _explaining(points: Matches, mistakes: Iterator[Mistake], given: Fit, as_given: str) -> Mistake | None:
+    """The most usual of the mistakes that explain the points about as well as any, if any does."""
+    if len(points.left) < LIMITS.least_points:
+        return None
+    tried = [(mistake, fit_of(mistake, points)) for mistake in mistakes]
     tried = [(mistake, fit) for mistake, fit in tried if fit.explains(given)]
     if not tried:
         return None
     least = min(fit.off_px for _, fit in tried)
-    mistake, fit = next(one for one in tried if one[1].off_px <= LIMITS.alike * least)
-    behind = f"{1 - given.in_front:.0%} of {len(points.left)} points lie behind the cameras, " if given.is_behind else ""
-    as_given = f"{behind}{given.off_px:.1f} px off their lines as given"
-    return replace(mistake, line=f"{mistake.what}: {as_given}, {fit.off_px:.1f} px otherwise: {mistake.cure}")
+    alike = [one for one in tried if one[1].off_px <= LIMITS.alike * least]
+    mistake, fit = alike[0]
+    cure = mistake.cure
+    if not mistake.is_mirrored and any(other.is_mirrored for other, _ in alike):
+        cure += "; images mirrored on both sides would look the same: mirror them back if they are"
+    return replace(mistake, line=f"{mistake.what}: {as_given}, {fit.off_px:.1f} px otherwise: {cure}")
 
 
 def _are_of(rig: StereoRig, left: NDArray[np.generic], right: NDArray[np.generic]) -> bool:
@@ -148,11 +193,11 @@ def fit_of(mistake: Mistake, points: Matches) -> Fit:
     rig = mistake.rig
     left_camera, right_camera, T = cameras_in_water(rig)
     sides = []
-    for camera, pixels, turned, size in (
-        (left_camera, points.left, mistake.turned[0], rig.left.image_size),
-        (right_camera, points.right, mistake.turned[1], rig.right.image_size),
+    for camera, pixels, flip, size in (
+        (left_camera, points.left, mistake.left_flip, rig.left.image_size),
+        (right_camera, points.right, mistake.right_flip, rig.right.image_size),
     ):
-        sides.append(camera.rays(np.array(size) - 1 - pixels if turned else pixels))
+        sides.append(camera.rays(np.where(flip, np.array(size) - 1 - pixels, pixels)))
     reached = np.isfinite(sides[0]).all(axis=1) & np.isfinite(sides[1]).all(axis=1)
     if not reached.any():
         return Fit(np.inf, 0.0)

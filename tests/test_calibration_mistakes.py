@@ -81,6 +81,31 @@ def test_images_that_were_turned_are_named(sides: tuple[str, ...], monkeypatch: 
     assert f"the {' and '.join(sides)} images are turned by 180 degrees" in found.line
 
 
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("sides", [("left",), ("right",), ("left", "right")])
+def test_images_that_were_mirrored_are_named(axis: int, sides: tuple[str, ...], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one side alone mirrored nothing looks alike, until the right images are."""
+    rig = verged_rig()
+    rig = changed(rig, cv2.Rodrigues(np.array([0.02, 0.01, -0.003]))[0], rig.T_right_left[:3, 3])
+    pixels = {side: getattr(points_of(rig), side) for side in ("left", "right")}
+    for side in sides:
+        pixels[side][:, axis] = (1279, 959)[axis] - pixels[side][:, axis]
+    images = (IMAGES[0], IMAGES[1].copy())
+    images[1][0, -1] = 1  # the corner that is at the left once the images are mirrored
+
+    def look_alikes(_: np.ndarray, right: np.ndarray) -> Matches:
+        if len(sides) == 2:
+            return Matches(pixels["left"], pixels["right"])
+        if right[0, 0] == 0:
+            return Matches(np.zeros((0, 2)), np.zeros((0, 2)))
+        return Matches(pixels["left"], np.abs([1279, 0] - pixels["right"]))
+
+    monkeypatch.setattr(mistakes, "look_alikes", look_alikes)
+    found = likely_mistake(rig, [images])
+    assert found is not None
+    assert f"the {' and '.join(sides)} images are mirrored, {('left to right', 'top to bottom')[axis]}," in found.line
+
+
 @pytest.mark.parametrize("rig", [pinhole_rig(), verged_rig(), fisheye_rig(), exchanged(verged_rig())])
 def test_a_rig_that_is_right_is_not_accused(rig: StereoRig, monkeypatch: pytest.MonkeyPatch) -> None:
     size = rig.left.image_size[::-1]
@@ -94,6 +119,16 @@ def test_a_camera_that_has_moved_is_no_mistake(turn_px: float, monkeypatch: pyte
     turned = cv2.Rodrigues(np.array([turn_px / rig.left.K[0, 0], 0.0, 0.001]))[0] @ rig.R
     monkeypatch.setattr(mistakes, "look_alikes", lambda *_: points_of(rig))
     assert likely_mistake(changed(rig, turned, rig.T_right_left[:3, 3]), [IMAGES]) is None
+
+
+def test_swapped_sides_of_alike_lenses_may_be_mirrored_images(monkeypatch: pytest.MonkeyPatch) -> None:
+    camera = replace(pinhole_rig().left, K=np.array([[900.0, 0, 639.5], [0, 900, 479.5], [0, 0, 1]]), distortion=np.zeros(5))
+    rig = changed(replace(pinhole_rig(), left=camera, right=camera), np.eye(3), np.array([-0.1, 0, 0]))
+    monkeypatch.setattr(mistakes, "look_alikes", lambda *_: points_of(exchanged(rig)))
+    found = likely_mistake(rig, [IMAGES])
+    assert found is not None
+    assert found.exchanged
+    assert "images mirrored on both sides would look the same" in found.line
 
 
 def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
