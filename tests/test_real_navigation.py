@@ -129,6 +129,16 @@ def test_a_clock_apart_is_named(dive: RealDive, later_s: float, said: str) -> No
     assert found.advice.endswith(f"they would fit with {said} added to the times of the poses")
 
 
+def test_a_scale_and_a_jump_are_named_and_do_not_contradict(dive: RealDive) -> None:
+    longer, jumped = dive.trajectory.T_world_camera.copy(), dive.trajectory.T_world_camera.copy()
+    longer[:, :3, 3] *= 1.05
+    jumped[4:, :3, 3] += [0.5, 0.5, 0.0]
+    for T, said in ((longer, "the given positions are 1.0"), (jumped, "the given positions jump by 0.71 m")):
+        found = dive.judged(replace(dive.trajectory, T_world_camera=T))
+        assert found.fits
+        assert found.advice.startswith(said)
+
+
 def test_north_east_down_is_named_and_not_used(dive: RealDive, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(odometry, "follow", lambda _: dive.track)
     upside_down = replace(dive.trajectory, T_world_camera=north_east_down(dive.trajectory.T_world_camera.copy()))

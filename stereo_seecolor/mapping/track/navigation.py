@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_vector
 from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.track.deviations import deviations
 from stereo_seecolor.mapping.track.mount import Turn, constant_turn, mount_with
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.readings import better_reading, misfit, readings
@@ -40,7 +41,8 @@ class Navigation:
     relative_poses: how many there are. position_residual_m, attitude_residual_deg: given against measured. depth_residual_m:
     between what overlapping frames saw, by the given poses; depth_noise_m: by the measured ones. position_std_m, depth_std_m,
     attitude_std_deg: how far a pose was trusted, NaN where it was not used or taken as it is. fits: False where the poses
-    contradict the pictures. advice: how they would fit, "" where they do.
+    contradict the pictures. advice: how they would fit, or what is off in them, "" where
+    nothing is.
     """
 
     relative_poses: int
@@ -102,10 +104,10 @@ def examine(given: Placement, survey: Survey, edges: Sequence[Edge], trajectory:
     if float(np.median(Motions.of(turned if helps else T, posed).attitude_rad)) > MAX_TURN_RAD:
         advice = "the given poses contradict the pictures, however they are read: are they of this dive?"
         return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))
-    if helps:
-        told = replace(navigation, advice=_turn_advice(turn, config))
-        return replace(verdict, navigation=told, placement=replace(given, T_world_camera=turned))
-    return verdict
+    told = [_turn_advice(turn, config)] if helps else []
+    told += deviations(turned if helps else T, posed, survey.index)
+    used = replace(given, T_world_camera=turned) if helps else given
+    return replace(verdict, navigation=replace(navigation, advice="; ".join(told)), placement=used)
 
 
 def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prior]:

@@ -97,7 +97,8 @@ def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None
     exact = _as_given_or_none(given, survey, trajectory) if spots.exact and not config.markers.known else None
     if exact is not None:
         verdict = examine(given, survey, spots.edges, trajectory, config)
-        return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg, trajectory.origin)
+        if not verdict.navigation.advice:
+            return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg, trajectory.origin)
     track = odometry.follow(survey)
     verdict = examine(given, survey, track.edges, trajectory, config)
     if config.poses == "given" or not verdict.navigation.relative_poses:
