@@ -57,14 +57,14 @@ def write_run(out: Path, frames: Iterable[SurveyFrame], pair: RectifiedPair, T_r
     T = np.eye(4) if T_rectified_left is None else T_rectified_left
     names = []
     with RunFolder(out, Claim(Owner("stereo", {}))) as folder:
-        folder.begin({"range": "range settings", "corrected": "color settings"})
+        folder.dive.begin({"range": "range settings", "corrected": "color settings"})
         for frame in frames:
             names.append(frame.name)
             save_frame(folder, frame)
-        folder.set_waters(dict.fromkeys(names, "water"))
+        folder.dive.set_waters(dict.fromkeys(names, "water"))
         rectification = SimpleNamespace(pair=pair, T_rectified_left=T)
         run = RunDescription({}, RunConfig(), Names(names), "corrected", rectification)  # type: ignore[arg-type]
-        folder.write(RIG, native.to_bytes(rig_of(pair)))
+        folder.dive.write(RIG, native.to_bytes(rig_of(pair)))
         close_run(folder, run, True, Threads(1))
         write_reports(folder, run, RunSummary([]))
 
@@ -96,13 +96,13 @@ def save_frame(folder: RunFolder, frame: SurveyFrame) -> None:
     if np.isfinite(frame.range_std_m).any():  # else as with output.range_std=false
         ranges["range_std"] = encode_map(frame.range_std_m)
     colors = {"corrected": encode_image(frame.color, "png"), "mask": encode_mask(mask)}
-    record = folder.frame(name, frame.timestamp_s, {}, (0, 1))
+    record = folder.frames.record(name, frame.timestamp_s, {}, (0, 1))
     for stage, record_of_stage, contents in (
         ("range", StageRecord("key", "range settings"), ranges),
         ("corrected", StageRecord("key", "color settings", "water"), colors),
     ):
         files = {product: (product_path(product, name, "png"), content) for product, content in contents.items()}
-        record = folder.save(record.with_stage(stage, record_of_stage), stage, files)  # type: ignore[arg-type]
+        record = folder.frames.save(record.with_stage(stage, record_of_stage), stage, files)  # type: ignore[arg-type]
 
 
 def read_cloud(path: Path) -> NDArray[np.void]:

@@ -71,7 +71,7 @@ def test_frames_of_a_map_on_earth_hold_their_place(tmp_path: Path) -> None:
     (out / "map" / "map.json").write_text(json.dumps(description))
     with RunFolder.existing(out) as folder:
         describe_frames(folder)
-        assert folder.finished("corrected", "f2", "key"), "the manifest knows the new files"
+        assert folder.frames.finished("corrected", "f2", "key"), "the manifest knows the new files"
     with (out / "map" / "poses.csv").open() as file:
         placed = {row["name"]: (float(row["y_m"]), float(row["x_m"])) for row in csv.DictReader(file)}
     for frame, pixels in zip(open_run(out).frames, before, strict=True):

@@ -43,7 +43,7 @@ class Job:
         start, complete = time.perf_counter(), False
         dive.show(page.early_frames())
         earlier = earlier_config(folder)
-        folder.update(replace(folder.dive, state="running"))
+        folder.dive.update(replace(folder.dive.record, state="running"))
         try:
             self.passes(dive, folder)
             complete = True
@@ -65,7 +65,7 @@ class Job:
 
     def _described(self, folder: RunFolder, earlier: RunConfig | None) -> RunDescription:
         """The description for run.json: after ``range`` alone, with the settings of corrected frames that are still current."""
-        if self.description.last == "range" and "corrected" in folder.dive.settings and earlier:
+        if self.description.last == "range" and "corrected" in folder.dive.record.settings and earlier:
             return replace(self.description, config=earlier)
         return self.description
 
@@ -74,8 +74,8 @@ class Job:
             FrameRow(file.name, status="unpaired", left=str(file.path), error=f"{file.path}: {file.reason}")
             for file in self.pairing.unpaired
         ]
-        aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.set_aside]
-        notes = (*self.pairing.notes, *dive.notes, *aside, *folder.removed, *self._misfit_notes(dive.table))
+        aside = [f"{path}: was changed since the program wrote it, and is kept here" for path in folder.owned.set_aside]
+        notes = (*self.pairing.notes, *dive.notes, *aside, *folder.dive.removed, *self._misfit_notes(dive.table))
         return RunSummary(FinalRows(dive.table, current.done, unpaired), notes)
 
     def _misfit_notes(self, table: FrameTable) -> tuple[str, ...]:

@@ -64,7 +64,7 @@ def fuse(
             workspace = Workspace(fusion_folder(out), progress, compute, partial(_show, folder, progress))
             summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)
         describe_frames(folder)
-    aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.set_aside)
+    aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.owned.set_aside)
     stopped = () if run.state == "complete" else ("the run was stopped: pairs that it did not come to are not in the map",)
     return replace(summary.moved(building, out / MAP), warnings=(*summary.warnings, *aside, *stopped))
 
@@ -73,14 +73,14 @@ def fuse(
 def _building(folder: RunFolder) -> Iterator[Path]:
     """As ``building_map``; the first look at the map goes when the map is there, or will not be."""
     try:
-        with building_map(folder, folder.digest("corrected")) as building:
+        with building_map(folder, folder.dive.digest("corrected")) as building:
             yield building
     finally:
-        folder.remove(FIRST_LOOK)
+        folder.dive.remove(FIRST_LOOK)
 
 
 def _show(folder: RunFolder, progress: Callable[[str, int, int], None], picture: bytes) -> None:
-    folder.write(FIRST_LOOK, picture, folder.digest("corrected"))
+    folder.dive.write(FIRST_LOOK, picture, folder.dive.digest("corrected"))
     progress(f"first look at the map: {folder.root / FIRST_LOOK}", 1, 1)
 
 

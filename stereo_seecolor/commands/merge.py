@@ -41,14 +41,14 @@ def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *
         dive.leave_light()
         known = dive.waters(pairs) if waters is None else {pair.name: waters[pair.name] for pair in pairs if pair.name in waters}
         if fit_only:
-            folder.write(WATER, waters_content(known))
+            folder.dive.write(WATER, waters_content(known))
         else:
             color_with(dive, folder, pairing, known)
 
     with RunFolder(out, claim(inputs.owner(KIND, opened.pairing), options, [*inputs.paths, *parts])) as folder:
         for part in opened_parts:
             for frame in part.frames():
-                folder.adopt(part.root, frame)
+                folder.frames.adopt(part.root, frame)
         command = StereoCommand(inputs, opened.pipeline.config, options, "range" if fit_only else "corrected")
         with options.compute.sharing(state(folder.root), inputs.paths):
             return stereo_job(opened, command, passes).conduct(folder, options)

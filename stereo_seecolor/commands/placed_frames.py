@@ -30,12 +30,12 @@ def describe_frames(folder: RunFolder) -> None:
         record = folder.manifest.frame(point.name)
         if record is None or "corrected" not in record.stages:
             continue
-        stage = folder.finished("corrected", point.name, record.stages["corrected"].key)
+        stage = folder.frames.finished("corrected", point.name, record.stages["corrected"].key)
         if stage is None:
             continue  # somebody changed a file of it
         files = {path: (folder.root / path).read_bytes() for product, path in stage.outputs.items() if product in PICTURES}
         changed = {path: located(content, gps_tags(point, made.origin)) for path, content in files.items()}
-        folder.rewrite(record, {path: content for path, content in changed.items() if content != files[path]})
+        folder.frames.rewrite(record, {path: content for path, content in changed.items() if content != files[path]})
 
 
 def located(content: bytes, gps: dict[int, object]) -> bytes:

@@ -36,17 +36,17 @@ def rectify(
         description = describe(inputs.names, pipeline.config, pairing, "rectified", options, pipeline.rectification)
 
         def passes(dive: Dive, folder: RunFolder) -> None:
-            folder.begin({"rectified": pipeline.settings})
-            folder.write(RECTIFIED_RIG, native.to_bytes(pipeline.rectification.rectified_rig()))
+            folder.dive.begin({"rectified": pipeline.settings})
+            folder.dive.write(RECTIFIED_RIG, native.to_bytes(pipeline.rectification.rectified_rig()))
             dive.each("rectified", pairing.pairs, lambda pair, clock: _rectified(pipeline, folder, pair, clock))
 
         return Job(pipeline, pairing, description, passes).conduct(folder, options)
 
 
 def _rectified(pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock) -> FrameRow:
-    inputs = folder.inputs(pair.name, pipeline.inputs(pair), verify=False)
+    inputs = folder.frames.inputs(pair.name, pipeline.inputs(pair), verify=False)
     key = content_key({side: file.sha256 for side, file in inputs.items()}, pipeline.settings)
-    if folder.finished("rectified", pair.name, key):
+    if folder.frames.finished("rectified", pair.name, key):
         return FrameRow(pair.name, kept=True)
     with clock("read"):
         raw = pipeline.read(pair)
@@ -55,6 +55,6 @@ def _rectified(pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock) 
         left, right = (pipeline.rectification.upright(side) for side in (frame.left, frame.right))
         files = rectified_files(pair.name, left, right, pipeline.config.output)
     with clock("write"):
-        record = folder.frame(pair.name, pair.timestamp_s, inputs, pair.place)
-        folder.save(record.with_stage("rectified", StageRecord(key, pipeline.settings)), "rectified", files)
+        record = folder.frames.record(pair.name, pair.timestamp_s, inputs, pair.place)
+        folder.frames.save(record.with_stage("rectified", StageRecord(key, pipeline.settings)), "rectified", files)
     return FrameRow(pair.name)

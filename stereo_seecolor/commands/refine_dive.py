@@ -62,7 +62,7 @@ class DiveRefinement:
     def _hashes(self, pair: Pair) -> dict[str, str]:
         """SHA-256 of a pair's files; none for one that cannot be read, which the run names."""
         try:
-            files = self.folder.inputs(pair.name, {"left": pair.left, "right": pair.right}, self.options.verify)
+            files = self.folder.frames.inputs(pair.name, {"left": pair.left, "right": pair.right}, self.options.verify)
         except InputError:
             return {}
         return {side: file.sha256 for side, file in files.items()}

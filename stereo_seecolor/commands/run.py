@@ -117,7 +117,7 @@ def stereo_job(opened: Opened, command: StereoCommand, passes: Passes) -> Job:
     description = describe(names, pipeline.config, pairing, command.last, options, pipeline.rectification)
 
     def with_rig_file(dive: Dive, folder: RunFolder) -> None:
-        folder.write(RIG, native.to_bytes(pipeline.rig))
+        folder.dive.write(RIG, native.to_bytes(pipeline.rig))
         passes(dive, folder, pairing)
 
     return Job(pipeline, pairing, description, with_rig_file)
@@ -137,12 +137,12 @@ def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, s
         return
     waters = read_waters(water, list(pairing.names)) if water else dive.waters(pairing.pairs)
     if waters and (water is None or water.resolve() != (folder.root / WATER).resolve()):
-        folder.write(WATER, waters_content(waters, dive.light))
+        folder.dive.write(WATER, waters_content(waters, dive.light))
     dive.correct(pairing.pairs, waters)
 
 
 def color_with(dive: Dive, folder: RunFolder, pairing: Pairing, waters: Mapping[str, Water]) -> None:
     """The second pass with these waters, and water.json; a pair without one is tried again, to say what is wrong with it."""
-    folder.write(WATER, waters_content(waters))
+    folder.dive.write(WATER, waters_content(waters))
     dive.count([pair for pair in pairing.pairs if pair.name not in waters])
     dive.correct(pairing.pairs, waters)

@@ -45,14 +45,14 @@ class RunPage:
 
     def keep(self) -> None:
         """Leave the live page where it is until the last one takes its place: a browser that finds none does not look again."""
-        dive = self.folder.dive
+        dive = self.folder.dive.record
         if self.options.page == "live" and INDEX in dive.files:
-            self.folder.update(replace(dive, made_from={**dive.made_from, INDEX: self.folder.digest("corrected")}))
+            self.folder.dive.update(replace(dive, made_from={**dive.made_from, INDEX: self.folder.dive.digest("corrected")}))
 
     def drop(self) -> None:
         """Where a run ends by an error, no page says that it is still in progress."""
         if self.options.page == "live":
-            self.folder.remove(INDEX)
+            self.folder.dive.remove(INDEX)
 
     def end(self, stopped: bool) -> None:
         """Write the page of a run that has ended, without all that takes time; of a stopped one only in the place of a live page.

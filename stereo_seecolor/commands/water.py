@@ -81,7 +81,7 @@ def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> Me
     sightings = find_sightings(key_frames, frames.geometry, scene.input_encoding)
     water = with_white_of(fit_sightings(sightings, scene.input_encoding), scene, sightings)
     with RunFolder.existing(out, (poses,)) as folder:
-        folder.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.digest("range"))
+        folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
     return MeasuredWater(out / MEASURED_WATER, water)
 
 
@@ -107,7 +107,7 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
     if isinstance(matrix, CameraMatrix):
         water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
     with RunFolder.existing(out, (targets,) if targets else ()) as folder:
-        folder.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.digest("range"))
+        folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
     readings = tuple(_reading(*of, water) for of in zip(white.seen, white.residuals_deg, charts, strict=True))
     fitted, reason = (matrix, "") if isinstance(matrix, CameraMatrix) else (None, matrix)
     return MeasuredWater(out / MEASURED_WATER, water, readings, white.trend(), fitted, reason)

@@ -96,11 +96,11 @@ class FrameStages:
 
     def _known(self, pair: Pair) -> tuple[Ranged, bool]:
         """What OUT knows of a pair as its files are now, and whether its range is known. Raises InputError for one that is gone."""
-        inputs = self._folder.inputs(pair.name, self._source.inputs(pair), self._verify)
+        inputs = self._folder.frames.inputs(pair.name, self._source.inputs(pair), self._verify)
         key = self.range_key({side: file.sha256 for side, file in inputs.items()})
-        known = self._folder.finished("range", pair.name, key) is not None
-        record = self._folder.frame(pair.name, pair.timestamp_s, inputs, pair.place)
-        return Ranged(pair, record, key, kept=known and "range" not in self._folder.written.stages(pair.name)), known
+        known = self._folder.frames.finished("range", pair.name, key) is not None
+        record = self._folder.frames.record(pair.name, pair.timestamp_s, inputs, pair.place)
+        return Ranged(pair, record, key, kept=known and "range" not in self._folder.frames.written.stages(pair.name)), known
 
     def ranged(self, pair: Pair, clock: Clock) -> Ranged:
         """The pair's range: an earlier run's, or measured and written now."""
@@ -144,7 +144,7 @@ class FrameStages:
         with clock("write"):
             makes, output = self._source.makes_ranges, self._source.config.output
             files = range_files(ranged.pair.name, range_map, output) if makes else {}
-            record = self._folder.save(ranged.record.with_stage("range", stage), "range", files)
+            record = self._folder.frames.save(ranged.record.with_stage("range", stage), "range", files)
         return replace(ranged, record=record, pixels=(image, range_map))
 
     def pixels(self, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
@@ -168,7 +168,7 @@ class FrameStages:
             return self._source.measure(ranged.pair, clock)
         try:
             with clock("read"):
-                range_m, confidence = (self._folder.read(ranged.record, product) for product in ("range", "confidence"))
+                range_m, confidence = (self._folder.frames.read(ranged.record, product) for product in ("range", "confidence"))
         except InputError:
             again = self._measured(ranged, clock)
             assert again.pixels
@@ -207,7 +207,7 @@ class FrameStages:
         """The frame in its true colors: an earlier run's, or corrected and written now. Returns its row."""
         name, settings, water_hash = ranged.pair.name, self.color_settings, water_key(water)
         key = content_key(ranged.key, settings, water_hash)
-        stage = self._folder.finished("corrected", name, key)
+        stage = self._folder.frames.finished("corrected", name, key)
         kept = stage is not None and ranged.kept
         if stage is None:
             frame = self._correct(ranged, water, clock)
@@ -240,17 +240,17 @@ class FrameStages:
         if source.original:
             files |= self._original_files(pair, frame, exif, clock)
         with clock("write"):
-            return self._folder.save(record, "corrected", files)
+            return self._folder.frames.save(record, "corrected", files)
 
     def _show(self, page: PageMaker, record: FrameRecord, frame: _Corrected) -> None:
         """Write what the page shows of a frame that was just corrected."""
         correction = frame.correction
         written = record.stages["range"].outputs.keys() & {"confidence", "range_std"}
-        products = {product: self._folder.read(record, product) for product in written}
+        products = {product: self._folder.frames.read(record, product) for product in written}
         products |= {"range": frame.ranges.measured_m, "mask": mask_codes(correction, frame.ranges)}
         products["corrected"] = correction.image if correction.linear is None else correction.linear
         stage = page.stage(record.stages["corrected"].key)
-        self._folder.save(record.with_stage("page", stage), "page", page.files(record.name, frame.before, products))
+        self._folder.frames.save(record.with_stage("page", stage), "page", page.files(record.name, frame.before, products))
 
     def _gain(self, name: str) -> dict[str, float]:
         """light_gain: how much brighter than usual the frame was lit or exposed, where that was measured."""

@@ -52,10 +52,10 @@ class FrameWork(Generic[Result]):
         except (OutputError, DeviceError, ClusterError):
             raise
         except (SeeColorError, CalibrationError) as error:
-            kept = f" (what an earlier run made of it is in {SET_ASIDE})" if self.folder.retire(pair.name) else ""
+            kept = f" (what an earlier run made of it is in {SET_ASIDE})" if self.folder.frames.retire(pair.name) else ""
             row, failure = FrameRow(pair.name, status="failed", error=f"{error}{kept}"), error.with_traceback(None)
         named = replace(row, left=str(pair.left), right=str(pair.right), timestamp_s=pair.timestamp_s, seconds=clock.seconds)
-        return Outcome(named, result, failure, self.folder.written.stages(pair.name), tuple(self.folder.set_aside))
+        return Outcome(named, result, failure, self.folder.frames.written.stages(pair.name), tuple(self.folder.owned.set_aside))
 
 
 @dataclass(frozen=True, eq=False)

@@ -132,7 +132,7 @@ class Dive:
         keys = {number: water_key(water) for number, water in different.items()}
         shared = set(keys.values())
         each = {"*": shared.pop()} if len(shared) == 1 else {name: keys[id(water)] for name, water in waters.items()}
-        self._folder.set_waters(each)
+        self._folder.dive.set_waters(each)
         if waters:
             self._expect(pairs, "colors")
             self.each("colors", chosen(pairs, lambda pair: pair.name in waters), CorrectFrame.of(self._stages, waters))
@@ -151,14 +151,14 @@ class Dive:
         self._stages.end()
 
     def _begin_ranges(self) -> None:
-        settings, earlier = self._stages.range_settings, self._folder.dive.settings
-        self._folder.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})
+        settings, earlier = self._stages.range_settings, self._folder.dive.record.settings
+        self._folder.dive.begin({**(earlier if earlier.get("range") == settings else {}), "range": settings})
 
     def _begin_color(self, pairs: Sequence[Pair]) -> None:
         if not self._light_known:
             self._find_light(pairs)
             self._light_known = True
-        self._folder.begin({"range": self._stages.range_settings, "corrected": self._stages.color_settings})
+        self._folder.dive.begin({"range": self._stages.range_settings, "corrected": self._stages.color_settings})
 
     def leave_light(self) -> None:
         """Look for no light: for a dive whose shards are corrected each without the others."""
@@ -251,7 +251,7 @@ class Dive:
 
     def _note(self, stage: str, outcome: Outcome[Any]) -> None:
         """The outcome of a pair. Raises what was wrong with it where the run is to stop at the first bad pair."""
-        self._folder.note(outcome.row.name, outcome.written, outcome.aside)
+        self._folder.frames.note(outcome.row.name, outcome.written, outcome.aside)
         self.table.add(outcome.row)
         if stage == "ranges" and self._ranges:
             self._ranges.add((outcome.row.name, self._stages.range_key(outcome.row.hashes)))

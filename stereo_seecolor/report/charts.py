@@ -34,13 +34,13 @@ class SeenChart:
 def write_charts(folder: RunFolder, charts: Sequence[SeenChart], spread: "SpreadReport | None") -> None:
     """Keep what was found for this page and later ones of the same corrected frames. Raises OutputError."""
     content = plain({"charts": charts, "spread": spread})
-    folder.write(FILE, json.dumps(content).encode(), made_from=folder.digest("corrected"))
+    folder.dive.write(FILE, json.dumps(content).encode(), made_from=folder.dive.digest("corrected"))
 
 
 def kept_charts(folder: RunFolder) -> dict[str, Any]:
     """What ``write_charts`` kept, if it is of the frames as they are now."""
     path = folder.root / FILE
-    if not path.is_file() or folder.dive.made_from.get(FILE) != folder.digest("corrected"):
+    if not path.is_file() or folder.dive.record.made_from.get(FILE) != folder.dive.digest("corrected"):
         return {}
     content: dict[str, Any] = json.loads(path.read_bytes())
     return content

@@ -57,7 +57,7 @@ class LivePage:
         """A pass over ``total`` pairs begins. Raises OutputError."""
         self._stage, self._total, self._done = stage, total, 0
         for name in ASSETS:
-            self.folder.write(f"{PAGE}/{name}", (STATIC / name).read_bytes())
+            self.folder.dive.write(f"{PAGE}/{name}", (STATIC / name).read_bytes())
         self._write()
         self._next_s = 0.0  # the first pair is shown at once
 
@@ -71,7 +71,7 @@ class LivePage:
 
     def _write(self) -> None:
         began_s = time.monotonic()
-        self.folder.write(INDEX, self._render(), made_from=MADE_LIVE)
+        self.folder.dive.write(INDEX, self._render(), made_from=MADE_LIVE)
         ended_s = time.monotonic()
         self._next_s = ended_s + max(PACE.every_s, (ended_s - began_s) / PACE.most_of_time)
 
@@ -109,17 +109,17 @@ class LivePage:
         """(label, picture as an address) of what there is of a pair; what cannot be read is left out."""
         made: list[tuple[str, str]] = []
         record = self.folder.manifest.frame(row.name)
-        current = [stage for stage in record.stages if self.folder.dive.is_current(record, stage)] if record else []
+        current = [stage for stage in record.stages if self.folder.dive.record.is_current(record, stage)] if record else []
         try:
             made.append((phrase("live.left"), _address(read_image(Path(row.left), self.images))))
             if record and "range" in current:
-                picture, near_m, far_m = range_picture(self.folder.read(record, "range"))
+                picture, near_m, far_m = range_picture(self.folder.frames.read(record, "range"))
                 label = (
                     phrase("live.range", low=length(near_m), high=length(far_m)) if np.isfinite(near_m) else phrase("view.unknown")
                 )
                 made.append((label, _address(picture)))
             if record and "corrected" in current:
-                made.append((phrase("live.corrected"), _address(self.folder.read(record, "corrected"))))
+                made.append((phrase("live.corrected"), _address(self.folder.frames.read(record, "corrected"))))
         except (InputError, FrameError):
             pass
         return made

@@ -37,15 +37,15 @@ def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> None
     made = facts.map
     key = content_key(FORMAT, False, *_stamps(made)) if made else ""
     painted = content_key(*painted_from(facts.posed)) if with_raw and facts.posed else ""
-    earlier = [name for name in folder.dive.files if name.startswith(f"{FOLDER}/")]
-    key_before, _, painted_before = folder.dive.made_from.get(FOLDER, "").partition(" ")
+    earlier = [name for name in folder.dive.record.files if name.startswith(f"{FOLDER}/")]
+    key_before, _, painted_before = folder.dive.record.made_from.get(FOLDER, "").partition(" ")
     current = key == key_before and (painted_before == painted or not with_raw)
     if earlier and current and all((folder.root / name).is_file() for name in earlier):
         return
     if earlier:
-        folder.remove(FOLDER)
+        folder.dive.remove(FOLDER)
     if made is not None:
-        folder.write_all(FOLDER, _MapFiles.of(facts, made, with_raw).contents(key), made_from=f"{key} {painted}")
+        folder.dive.write_folder(FOLDER, _MapFiles.of(facts, made, with_raw).contents(key), made_from=f"{key} {painted}")
 
 
 def _stamps(made: FinishedMap) -> list[str]:

@@ -60,13 +60,13 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
         if isinstance(record, FrameError):
             left_out[frame.name] = str(record)
         elif record is not None:
-            made += "page" in folder.written.stages(frame.name)
+            made += "page" in folder.frames.written.stages(frame.name)
             shown[frame.name] = tuple(record.stages["page"].outputs)
-    folder.update(replace(folder.dive, settings={**folder.dive.settings, "page": settings}))
+    folder.dive.update(replace(folder.dive.record, settings={**folder.dive.record.settings, "page": settings}))
     write_map_files(folder, facts, with_raw=not brief)
     files = {f"{PAGE}/{name}": (STATIC / name).read_bytes() for name in ASSETS if (STATIC / name).is_file()}
     files |= {f"{PAGE}/dive.js": script("dive", _data(facts, shown)), INDEX: render(facts, shown, kept_charts(folder))}
-    folder.write_files(files, {INDEX: folder.digest("corrected")})
+    folder.dive.write_files(files, {INDEX: folder.dive.digest("corrected")})
     return PageSummary(folder.root / INDEX, made, len(shown) - made, left_out)
 
 
@@ -92,7 +92,7 @@ class _FrameMaker:
         stages = {before: page_stage(record.stages["corrected"].key, before) for before in (True, False)}
         with_before = raw_is_there(frame)
         good = [stages[True]] if with_before else [stages[True], stages[False]]
-        if any(self.folder.finished("page", frame.name, stage.key) for stage in good):
+        if any(self.folder.frames.finished("page", frame.name, stage.key) for stage in good):
             return record
         if frame.name not in self.whole:
             return None
@@ -100,7 +100,7 @@ class _FrameMaker:
             files = self.files.make(frame)
         except FrameError as error:
             return error
-        return self.folder.save(record.with_stage("page", stages[with_before]), "page", files)
+        return self.folder.frames.save(record.with_stage("page", stages[with_before]), "page", files)
 
 
 Shown = dict[str, tuple[str, ...]]

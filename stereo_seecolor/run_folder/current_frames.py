@@ -21,7 +21,7 @@ GROUP = 250
 @dataclass(frozen=True)
 class CurrentFrames:
     """done: the frames of the run whose last stage is current. digests: stage -> hash of all frames of which it is current
-    (``RunFolder.digest``). made: product -> frames that have a current one. written: those of them that this run wrote.
+    (``DiveFiles.digest``). made: product -> frames that have a current one. written: those of them that this run wrote.
     """
 
     done: SomeNames
@@ -35,9 +35,9 @@ class CurrentFrames:
         done, made, written = np.zeros(len(names), np.bool_), Counter[str](), Counter[str]()
         keys: dict[Stage, ContentKey] = {"range": ContentKey(), "corrected": ContentKey()}
         for frame in _records(folder.manifest, compute):
-            ours = folder.written.stages(frame.name)
+            ours = folder.frames.written.stages(frame.name)
             for stage, record in frame.stages.items():
-                if folder.dive.is_current(frame, stage):
+                if folder.dive.record.is_current(frame, stage):
                     made.update(record.outputs.keys())
                     written.update(record.outputs.keys() if stage in ours else ())
                     if stage in keys:

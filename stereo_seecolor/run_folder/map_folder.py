@@ -40,16 +40,16 @@ def _swap(folder: RunFolder, building: Path, made_from: str) -> None:
     files: dict[str, tuple[Stamp, ...]] = {
         f"{MAP}/{path.relative_to(building).as_posix()}": (Stamp.of(path),) for path in files_below(building)
     }
-    earlier = {path: stamps for path, stamps in folder.dive.files.items() if path.startswith(f"{MAP}/")}
+    earlier = {path: stamps for path, stamps in folder.dive.record.files.items() if path.startswith(f"{MAP}/")}
     both = {path: files.get(path, ()) + earlier.get(path, ()) for path in files | earlier}
-    folder.update(replace(folder.dive, files={**folder.dive.files, **both}))
+    folder.dive.update(replace(folder.dive.record, files={**folder.dive.record.files, **both}))
     place, old = folder.root / MAP, state(folder.root, OLD)
     if place.is_dir():
         place.rename(old)
     building.rename(place)
     flush_folder(folder.root)
     _remove_old(folder)
-    folder.update(_with_map(folder.dive, files, made_from))
+    folder.dive.update(_with_map(folder.dive.record, files, made_from))
 
 
 def _with_map(dive: DiveRecord, files: dict[str, tuple[Stamp, ...]], made_from: str) -> DiveRecord:
@@ -75,8 +75,8 @@ def _remove_old(folder: RunFolder) -> None:
         return
     for path in list(files_below(old)):
         name = f"{MAP}/{path.relative_to(old).as_posix()}"
-        if any(stamp.matches(path) for stamp in folder.dive.files.get(name, ())):
+        if any(stamp.matches(path) for stamp in folder.dive.record.files.get(name, ())):
             path.unlink()
         else:
-            folder.keep_aside(path, name)
+            folder.owned.keep_aside(path, name)
     shutil.rmtree(old)  # empty folders alone

@@ -59,15 +59,15 @@ def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -
     points = track_points(folder.root)
     table = frames_csv(summary.rows)
     rows = with_residuals(b"".join(table), points) if points else table
-    described = JsonText(_content(run, summary, folder.dive.settings), indent=2)
-    folder.write_files({FRAMES_TABLE: rows, RUN: described}, {})
+    described = JsonText(_content(run, summary, folder.dive.record.settings), indent=2)
+    folder.dive.write_files({FRAMES_TABLE: rows, RUN: described}, {})
 
 
 def renew_frames_table(folder: RunFolder) -> None:
     """Bring the residuals in frames.csv up to the map. Raises OutputError."""
     path = folder.root / FRAMES_TABLE
     if path.is_file():
-        folder.write(FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root)))
+        folder.dive.write(FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root)))
 
 
 def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: Compute) -> CurrentFrames:
@@ -76,18 +76,18 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: C
     compute: reads the frames' records; those of a run that was stopped are read here, since its cluster may be gone.
     """
     if complete:
-        folder.remove_leftovers()  # of workers that were lost
-        retired = sum(folder.retire(name) for name in folder.manifest.names() if name not in run.names)
+        folder.owned.remove_leftovers()  # of workers that were lost
+        retired = sum(folder.frames.retire(name) for name in folder.manifest.names() if name not in run.names)
         if retired:
             gone = f"{counted(retired, 'frame')} of an earlier run, no longer in the dive"
-            folder.removed.append(f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}")
+            folder.dive.removed.append(f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}")
     current = CurrentFrames.of(folder, run.names, run.last, compute if complete else None)
     if complete:
         sources = dict.fromkeys((MAP, FIRST_LOOK, INDEX), current.digests["corrected"]) | {MEASURED_WATER: current.digests["range"]}
-        stale = [name for name, source in sources.items() if folder.dive.made_from.get(name, source) != source]
+        stale = [name for name, source in sources.items() if folder.dive.record.made_from.get(name, source) != source]
         if stale:
-            folder.remove(*stale)
-    folder.update(replace(folder.dive, state="complete" if complete else "stopped"))
+            folder.dive.remove(*stale)
+    folder.dive.update(replace(folder.dive.record, state="complete" if complete else "stopped"))
     return current
 
 
@@ -121,10 +121,10 @@ class FinalRows(Lazy[FrameRow]):
 
 def products(folder: RunFolder, current: CurrentFrames) -> tuple[ProductSummary, ...]:
     """What of OUT is current, and whether this run wrote it, in the order in which a summary lists it."""
-    files = folder.dive.files
+    files = folder.dive.record.files
     names = {name for path in files for name in (path, path.split("/")[0]) if (folder.root / name).exists()}
     counts = current.made | {name: 1 for name in (*DIVE_FILES, MAP) if name in names}
-    written = current.written | {name: int(name in folder.files_written) for name in (*DIVE_FILES, MAP)}
+    written = current.written | {name: int(name in folder.dive.written) for name in (*DIVE_FILES, MAP)}
     listed = [name for name in WHAT_IS_WHERE if counts.get(name)]
     return tuple(
         ProductSummary(folder.root / name, WHAT_IS_WHERE[name], _source(written.get(name, 0), counts[name])) for name in listed

@@ -1,0 +1,136 @@
+"""What OUT holds of single frames: the products of their stages, every file known to the manifest before it is there."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.atomic import Content, link_temporary, output_errors
+from stereo_seecolor.files.decode import read_array
+from stereo_seecolor.run_folder.input_files import input_record
+from stereo_seecolor.run_folder.layout import PAGE, Stage, on_shelf, shelf_of, table_file
+from stereo_seecolor.run_folder.lease import check_lease
+from stereo_seecolor.run_folder.manifest import FrameRecord, InputRecord, Manifest, StageRecord
+from stereo_seecolor.run_folder.owned_files import OwnedFiles, is_ours
+from stereo_seecolor.run_folder.stamp import Stamp
+from stereo_seecolor.run_folder.written_frames import WrittenFrames
+
+
+class FrameProducts:
+    """The files of frames under ``root``, written by one run at a time, each frame by one process.
+
+    written: the frames that this process wrote. token: of the lease under which it writes.
+    """
+
+    def __init__(self, root: Path, owned: OwnedFiles, manifest: Manifest) -> None:
+        self.root = root
+        self.written, self.token = WrittenFrames(), ""
+        self._owned, self._manifest = owned, manifest
+
+    def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
+        """What an earlier run finished of this frame's stage with the same key; None if a file of it is gone or changed."""
+        frame = self._manifest.frame(name)
+        record = frame.stages.get(stage) if frame else None
+        if frame is None or record is None or record.key != key:
+            return None
+        return record if all(is_ours(self.root, path, frame.files) for path in record.outputs.values()) else None
+
+    def inputs(self, name: str, paths: Mapping[str, Path], verify: bool) -> dict[str, InputRecord]:
+        """A frame's input files by side, with their hashes: an earlier run's where size and time are the same, unless ``verify``.
+
+        Raises InputError if one cannot be read.
+        """
+        frame = self._manifest.frame(name)
+        known = frame.inputs if frame and not verify else {}
+        return {side: input_record(path, known.get(side)) for side, path in paths.items()}
+
+    def record(self, name: str, timestamp_s: float | None, inputs: dict[str, InputRecord], place: tuple[int, int]) -> FrameRecord:
+        """The record of a frame with the inputs as they are now. place: a new one's number in the dive, of so many."""
+        known = self._manifest.frame(name) or FrameRecord(name, shelf=shelf_of(place))
+        return replace(known, timestamp_s=timestamp_s, inputs=inputs)
+
+    def read(self, frame: FrameRecord, product: str) -> NDArray[Any]:
+        """The pixels of a product of a frame. Raises InputError if the file is gone or damaged."""
+        paths = {name: path for stage in frame.stages.values() for name, path in stage.outputs.items()}
+        return read_array(self.root / paths[product])
+
+    def save(self, frame: FrameRecord, stage: Stage, contents: Mapping[str, tuple[str, Content]]) -> FrameRecord:
+        """Write all files of a frame's finished stage: product -> path relative to OUT, content.
+
+        frame: its record with the stage in it. What the stage, or one that depends on it, wrote before and does no longer, is
+        deleted. Returns the frame's record as it is then. Raises OutputError.
+        """
+        old = self._manifest.frame(frame.name)
+        if stage != "page":  # the page asks for its pictures by name, and by default shows few frames
+            contents = {product: (on_shelf(path, frame.shelf), content) for product, (path, content) in contents.items()}
+        record = replace(frame.stages[stage], outputs={product: path for product, (path, _) in contents.items()})
+        frame = frame.with_stage(stage, record)
+        live = {path for item in frame.stages.values() for path in item.outputs.values()}
+        before = dict(old.files) if old else {}
+        self._owned.delete(before.keys() - live, before)
+        temporaries = self._owned.write_temporaries(contents.values())
+        with output_errors(self.root):
+            stamps = {path: (Stamp.of(temporary),) for path, temporary in temporaries.items()}
+        files = {path: stamps.get(path, ()) + before.get(path, ())[:2] for path in live if path in stamps or path in before}
+        frame = replace(frame, files=files)
+        check_lease(self.root, self.token)
+        self._manifest.save_frame(frame)
+        self._owned.move_into_place(temporaries, files)
+        self.written.add(stage, frame.name)
+        return frame
+
+    def adopt(self, other: Path, frame: FrameRecord) -> None:
+        """Take a frame of another run's folder as one of this, its table included; its files get a second name, or are copied.
+
+        What this folder holds of the frame already is kept if it is the same or more. Raises OutputError.
+        """
+        known = self._manifest.frame(frame.name)
+        if known and all(self.finished(stage, frame.name, record.key) for stage, record in frame.stages.items()):
+            return
+        self.discard(frame.name)
+        table = table_file(frame.name, frame.shelf)
+        paths = [path for path in (*frame.files, table) if (other / path).is_file()]
+        temporaries: dict[str, Path] = {}
+        for path in paths:
+            with output_errors(self.root / path):
+                temporaries[path] = link_temporary(other / path, self.root / path)
+        self._manifest.save_frame(frame)
+        self._owned.move_into_place(temporaries, {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()})
+
+    def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
+        """What a worker did for a frame: the stages that it wrote, and files that it moved aside."""
+        for stage in written:
+            self.written.add(stage, name)
+        self._owned.set_aside += [path for path in aside if path not in self._owned.set_aside]
+
+    def rewrite(self, frame: FrameRecord, contents: Mapping[str, bytes]) -> None:
+        """Replace files that a frame has by others (path relative to OUT -> content); its stages stay. Raises OutputError."""
+        if not contents:
+            return
+        temporaries = self._owned.write_temporaries(contents.items())
+        with output_errors(self.root):
+            files = {path: (Stamp.of(temporary), *frame.files.get(path, ())[:2]) for path, temporary in temporaries.items()}
+        self._manifest.save_frame(replace(frame, files={**frame.files, **files}))
+        self._owned.move_into_place(temporaries, files)
+
+    def retire(self, name: str) -> bool:
+        """Take a frame out that fails now, or is no longer in the dive. Raises OutputError.
+
+        What an earlier run made of it is moved aside, since it cannot be made again without its images; True if there was any.
+        """
+        frame = self._manifest.frame(name)
+        earlier = frame is not None and not self.written.stages(name)
+        products = [path for path in frame.files if not path.startswith(f"{PAGE}/")] if frame and earlier else []
+        kept = self._owned.retire(products)
+        self.discard(name)
+        return kept
+
+    def discard(self, name: str) -> None:
+        """Delete all that the program wrote of a frame."""
+        frame = self._manifest.frame(name)
+        if frame is not None:
+            self._owned.delete(frame.files, frame.files)
+        self._manifest.remove_frame(name)
+        (self.root / table_file(name, frame.shelf if frame else "")).unlink(missing_ok=True)
