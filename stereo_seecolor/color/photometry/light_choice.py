@@ -100,17 +100,19 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:
     """Differences between each view of a patch and the one before it, once the solution is taken out."""
+    frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
     for window, value in zip(windows, values, strict=True):
         left = value - explained(window, solution)
         again = np.flatnonzero(np.diff(window.patch) == 0)
         differences.append(left[again + 1] - left[again])
-        pairs.append(np.stack([window.frame[again], window.frame[again + 1]], axis=1))
+        pairs.append(window.frame[again] * frames + window.frame[again + 1])
     difference, pair = np.concatenate(differences), np.concatenate(pairs)
     if not len(difference):
         return Spread(0.0, 0.0)
-    kind, index, number = np.unique(pair, axis=0, return_inverse=True, return_counts=True)
-    squares = [float((np.median(difference[index.ravel() == k], axis=0) ** 2).mean()) for k in range(len(kind))]
+    number = np.unique(pair, return_counts=True)[1]
+    of_pairs = np.split(difference[np.argsort(pair, kind="stable")], np.cumsum(number)[:-1])
+    squares = [float((np.median(several, axis=0) ** 2).mean()) for several in of_pairs]
     size = np.sqrt(((difference - np.median(difference, axis=0)) ** 2).mean(axis=1))
     return Spread(ROBUST_DEVIATION * float(np.median(size)), float(np.sqrt(np.average(squares, weights=number))))
 

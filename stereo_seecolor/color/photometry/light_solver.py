@@ -116,7 +116,7 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     weights = [np.ones(len(window.patch)) for window in windows]
     trust = SETTINGS.first_prior
     for _ in range(SETTINGS.rounds):
-        matrix, slope = _sums(parts, weights, len(known.mean))
+        matrix, slope = _sums(parts, weights, len(known.mean), values[0].shape[1])
         pulled = slope + trust * (known.precision @ known.mean)[:, None]
         found = np.asarray(np.linalg.solve(matrix + trust * known.precision, pulled), np.float64)
         off = [part.off(found, weight) for part, weight in zip(parts, weights, strict=True)]
@@ -135,43 +135,50 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A window's equations. design (N, n): the columns that its sightings touch. at (n,): which these are of all. value (N, Q).
-
-    patch (N,): of each sighting. first: where each patch begins.
+    """A window's equations. both (N, n + Q): the n columns that its sightings touch, and their values. at (n,): which these are of
+    all. patch (N,): of each sighting. first: where each patch begins.
     """
 
-    design: Array
+    both: Array
     at: NDArray[np.int64]
-    value: Array
     patch: NDArray[np.int64]
     first: NDArray[np.int64]
 
     @classmethod
     def of(cls, window: Window, columns: NDArray[np.bool_], gains: bool, value: Array) -> "_Part":
         """columns: in use."""
-        return cls(*_design(window, columns, gains), value, window.patch, np.flatnonzero(np.diff(window.patch, prepend=-1)))
+        design, at = _design(window, columns, gains)
+        first = np.flatnonzero(np.diff(window.patch, prepend=-1))
+        return cls(np.concatenate([design, value], axis=1), at, window.patch, first)
 
     def off(self, found: Array, weight: Array) -> Array:
-        """(N,) rms over the outputs of how far sightings are from what was found."""
-        return np.asarray(np.sqrt((self.centered(self.value - self.design @ found[self.at], weight) ** 2).mean(axis=1)))
+        """(N,) rms over the outputs of how far sightings are from what was found, and from the weighted mean of their patch."""
+        number, squares = len(self.at), np.zeros(len(self.patch))
+        for output in range(found.shape[1]):
+            left = self.both[:, number + output] - self.both[:, :number] @ found[self.at, output]
+            left -= (self._sums(left * weight) / self._sums(weight))[self.patch]
+            squares += left**2
+        return np.asarray(np.sqrt(squares / found.shape[1]))
 
-    def centered(self, values: Array, weight: Array) -> Array:
-        """(N, n) values without the weighted mean over the sightings of each one's patch."""
-        if not len(values):
-            return values
-        sums = np.add.reduceat(values * weight[:, None], self.first, axis=0)
-        return np.asarray(values - (sums / np.add.reduceat(weight, self.first)[:, None])[self.patch])
+    def products(self, weight: Array) -> Array:
+        """(n, n + Q) the normal equations of the n columns, each less its weighted mean over the sightings of a patch."""
+        number, weighted = len(self.at), weight[:, None] * self.both
+        sums = self._sums(weighted)
+        means = sums[:, :number] / self._sums(weight)[:, None]
+        return np.asarray(weighted[:, :number].T @ self.both - means.T @ sums)
+
+    def _sums(self, values: Array) -> Array:
+        """Over the sightings of each patch."""
+        return np.add.reduceat(values, self.first, axis=0) if len(values) else values
 
 
-def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int) -> tuple[Array, Array]:
+def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int, outputs: int) -> tuple[Array, Array]:
     """The normal equations of all parts."""
-    matrix, slope = np.zeros((size, size)), np.zeros((size, parts[0].value.shape[1]))
+    matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
     for part, weight in zip(parts, weights, strict=True):
-        both, number = part.centered(np.concatenate([part.design, part.value], axis=1), weight), len(part.at)
-        centered, target = both[:, :number], both[:, number:]
-        weighted = weight[:, None] * centered
-        matrix[np.ix_(part.at, part.at)] += centered.T @ weighted
-        slope[part.at] += weighted.T @ target
+        products, number = part.products(weight), len(part.at)
+        matrix[np.ix_(part.at, part.at)] += products[:, :number]
+        slope[part.at] += products[:, number:]
     return matrix, slope
 
 
