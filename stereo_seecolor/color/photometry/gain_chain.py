@@ -42,6 +42,8 @@ class ChainSettings:
     """Offsets between frames (rms, logarithm) that are worth a gain for each frame,"""
     left: float = 0.8
     """if at most this fraction of them is left, on patches that took no part."""
+    dense_frames: int = 100
+    """Up to so many the system is solved as a full one: loading scipy's solver of bands takes a fifth of a second, this 1 ms."""
 
 
 SETTINGS = ChainSettings()
@@ -177,8 +179,6 @@ def _outputs(found: Differences, known: Array, medians: str) -> Array:
 
 def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Array) -> Array:
     """(F,) gains about 0 whose differences are the values: least squares with Cauchy weights and the prior of a gain, banded."""
-    from scipy.linalg import solveh_banded  # a fifth of a second, which a dive without gains need not wait for
-
     frames, reach = len(deviation), int((i - j).max())
     weight, gains = 1.0 / variance, np.zeros(frames)
     for _ in range(SETTINGS.rounds):
@@ -191,7 +191,7 @@ def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Arr
             np.add.at(band[back], j[there], -weight[there])
         np.add.at(slope, i, weight * value)
         np.add.at(slope, j, -weight * value)
-        gains = solveh_banded(band, slope, overwrite_ab=True, overwrite_b=True, lower=True)
+        gains = _solved(band, slope)
         weight = value - gains[i]
         weight += gains[j]
         weight **= 2
@@ -200,3 +200,16 @@ def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Arr
         weight *= variance
         np.reciprocal(weight, out=weight)
     return np.asarray(gains - gains.mean(), np.float64)
+
+
+def _solved(band: Array, slope: Array) -> Array:
+    """(F,) of a positive definite system; (reach + 1, F) its diagonal and those below, which are overwritten."""
+    frames = len(slope)
+    if frames > SETTINGS.dense_frames:
+        from scipy.linalg import solveh_banded
+
+        return np.asarray(solveh_banded(band, slope, overwrite_ab=True, overwrite_b=True, lower=True))
+    lower = np.zeros((frames, frames))
+    for back, diagonal in enumerate(band):
+        lower[np.arange(back, frames), np.arange(frames - back)] = diagonal[: frames - back]
+    return np.asarray(np.linalg.solve(lower + np.tril(lower, -1).T, slope), np.float64)
