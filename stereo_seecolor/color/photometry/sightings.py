@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import cv2
 import numpy as np
@@ -111,10 +112,10 @@ class View:
         """encoding: None where only its ranges are wanted."""
         sums = np.zeros((2, 2, 4))
         if encoding is not None:
-            light = decoded_values(8 * frame.image.dtype.itemsize, encoding)[frame.image]
-            clipped = (light >= SETTINGS.clipped).any(axis=2)
+            light = np.take(decoded_values(8 * frame.image.dtype.itemsize, encoding), frame.image)
+            clipped = reduce(np.maximum, np.moveaxis(light, 2, 0)) >= SETTINGS.clipped
             light[clipped] = 0
-            sums = cv2.integral(np.dstack([light, clipped.astype(np.float32)]), sdepth=cv2.CV_64F)
+            sums = cv2.integral(cv2.merge([light, clipped.astype(np.float32)]), sdepth=cv2.CV_64F)
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
     def patches_m(self, number: int) -> Vector:
