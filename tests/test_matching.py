@@ -51,6 +51,21 @@ def test_clear_water_is_dense_and_right() -> None:
 
 
 @pytest.mark.slow
+def test_a_black_rim_around_the_picture_has_no_range() -> None:
+    """As of a round picture, or the corners of an undistorted one; its edge looks like something 6 m away."""
+    whole = scene()
+    y, x = np.mgrid[:384, :480]
+    black, right_black = (np.hypot(x - middle, y - 192) > 220 for middle in (240, 231))
+    images = [np.where(rim[..., None], 0, image) for rim, image in ((black, whole.frame.left), (right_black, whole.frame.right))]
+    found, plain = match(swapped(whole, *images)), match(whole)
+    known = np.isfinite(found.range_m)
+    assert known[black].mean() < 0.002
+    assert (np.abs(found.disparity - whole.disparity)[known] > 2).mean() < 0.01
+    inside = np.hypot(x - 240, y - 192) < 180
+    assert known[inside].mean() > np.isfinite(plain.range_m)[inside].mean() - 0.03
+
+
+@pytest.mark.slow
 def test_large_images_without_detail_at_their_full_size_are_matched_at_less(monkeypatch: pytest.MonkeyPatch) -> None:
     """A sharp pair enlarged four times, with the noise of a camera: neighboring pixels say nothing there."""
     small, rng = scene(), np.random.default_rng(0)

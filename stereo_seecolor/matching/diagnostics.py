@@ -22,6 +22,9 @@ class DiagnosticsConstants:
 
     black, saturated: the brightest hundredth of a black image is darker, half of a saturated image is brighter.
     texture: least standard deviation of an image reduced to 1/2 or 1/4: a quarter of an 8-bit level, which is rounding alone.
+    blank, blank_px: a black frame has less contrast than this (rounding alone) in windows of so many pixels of the reduced image,
+    and is darker than blank_level, as that of a JPEG may be. rim_px: its edge, which lies at the same place in both images
+    whatever the range, is left out with it: to half of this less half of blank_px.
     window: rows and columns of a window, pixels of the reduced image, in which texture may repeat itself.
     repeated_similarity: second peak of the autocorrelation over the first, from which on any of them would match.
     repeated, one_sided: fractions of the image above which there is a warning.
@@ -33,6 +36,10 @@ class DiagnosticsConstants:
     black: float = 0.02 * FULL_SCALE
     saturated: float = 0.985 * FULL_SCALE
     texture: float = 0.25 * 256
+    blank: int = 4
+    blank_px: int = 5
+    rim_px: int = 9
+    blank_level: int = 8 * 256
     window: tuple[int, int] = (16, 64)
     repeated_similarity: float = 0.85
     repeated: float = 0.05
@@ -59,6 +66,16 @@ def unusable(left: Gray, right: Gray) -> str | None:
     if np.array_equal(left, right):
         return "left and right are the same image"
     return None
+
+
+def blank(image: Gray) -> NDArray[np.bool_]:
+    """(H, W) True where a small image is black and of one value around: a frame around the picture, the corners of a round or an
+    undistorted one, shadows that were cut off at black.
+    """
+    around = np.ones((CONSTANTS.blank_px, CONSTANTS.blank_px), np.uint8)
+    most, least = cv2.dilate(image, around), cv2.erode(image, around)
+    black = (most < CONSTANTS.blank_level) & (most - least < CONSTANTS.blank)
+    return np.asarray(cv2.dilate(black.view(np.uint8), np.ones((CONSTANTS.rim_px, CONSTANTS.rim_px), np.uint8)) > 0)
 
 
 def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:

@@ -80,9 +80,10 @@ class Matcher:
         found = self._engine.find(frame, pair)
         vertical_px = diagnostics.vertical_disparity_px(pair.left, pair.right, found.disparity)
         repeated = repeating.result()
-        if repeated.any():
+        no_match = repeated | diagnostics.blank(pair.small_left)
+        if no_match.any():
             height, width = found.disparity.shape
-            found.forget(repeated.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width])
+            found.forget(no_match.repeat(self._scale, axis=0).repeat(self._scale, axis=1)[:height, :width])
         range_map = self.range_map(found, pair)
         detail = float(np.isfinite(found.disparity).mean()) / found.reduced_fraction if found.reduced_fraction else 1.0
         warnings = self._warnings(pair, range_map, repeated, vertical_px)
