@@ -30,7 +30,7 @@ WORKS = (
 
 
 def load_beside(config: RunConfig, options: RunOptions) -> None:
-    """Begin to load what a run of these settings needs, while the caller looks at its first pairs; nothing in a first run."""
+    """Begin to load what a run of these settings needs, while the caller opens its inputs; nothing in a first run."""
     if _runs_here(config, options) and not is_first_run():
         Alongside().put(partial(_load, options.page != "none"))
 

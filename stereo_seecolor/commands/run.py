@@ -82,6 +82,7 @@ class StereoCommand:
 
     def into(self, out: Path, passes: Passes) -> RunSummary:
         """Do ``passes`` into ``out``. Folders are examined before OUT is touched; of videos OUT keeps which frames are pairs."""
+        load_beside(self.config, self.options)
         inputs, shard = self.inputs, self.options.shard
         kind = KIND if shard.whole else f"{KIND}, shard {shard}"
         if isinstance(inputs, StereoInputs) and inputs.is_video:
@@ -94,7 +95,6 @@ class StereoCommand:
                 opened = inputs.open_videos(folder, self.config)
             assert opened
             options = self.options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
-            load_beside(self.config, options)
             with options.compute.sharing(state(folder.root), inputs.paths):
                 opened = self._with_room(opened.for_dive(folder, options).part(shard), folder)
                 compile_for(self.config, options)

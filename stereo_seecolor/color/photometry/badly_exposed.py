@@ -1,6 +1,7 @@
 """Frames whose light tells little of their colors: almost black, or clipped by the camera."""
 
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -32,7 +33,7 @@ def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tu
     image: (H, W, 3) uint8 or uint16. range_m: (H, W), NaN where unknown.
     """
     small = image[:: LIMITS.step_px, :: LIMITS.step_px]
-    brightest = small[np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])].max(axis=-1)
+    brightest = reduce(np.maximum, np.moveaxis(small, 2, 0))[np.isfinite(range_m[:: LIMITS.step_px, :: LIMITS.step_px])]
     if not brightest.size:
         return ()
     light = decoded_values(8 * image.dtype.itemsize, encoding)
