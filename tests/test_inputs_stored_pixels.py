@@ -66,6 +66,22 @@ def mosaic_of(bgr: np.ndarray, pattern: str) -> np.ndarray:
     return raw
 
 
+@pytest.mark.parametrize("noise", [0, 8])
+def test_a_raw_left_camera_of_faint_colors_beside_a_monochrome_one(tmp_path: Path, noise: float) -> None:
+    """As a strobe-lit reef: red and blue differ from green by a tenth, less than neighboring pixels do."""
+    rng = np.random.default_rng(2)
+    for side in ("left", "right"):
+        (tmp_path / side).mkdir()
+        for path in sorted((REEF / side).glob("*.png"))[:2]:
+            gray = cv2.cvtColor(cv2.imread(str(path)), cv2.COLOR_BGR2GRAY)[..., None] * np.array([0.95, 1.0, 0.9])
+            seen = np.clip(gray + rng.normal(0, noise, gray.shape), 0, 255).astype(np.uint8)
+            cv2.imwrite(str(tmp_path / side / path.name), mosaic_of(seen, "rggb") if side == "left" else seen[..., 1])
+    found = pair_folders(tmp_path / "left", tmp_path / "right", InputConfig()).pairs
+    assert settled(InputConfig(), found).bayer == "rggb"
+    swapped = [Pair(one.name, one.right, one.left) for one in found]
+    assert settled(InputConfig(), swapped).bayer == "none"
+
+
 @pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
 def test_a_raw_dive_is_read_in_color(tmp_path: Path, pattern: str) -> None:
     for side in ("left", "right"):

@@ -18,20 +18,25 @@ UNSHIFTED: tuple[Literal[10, 12, 14], ...] = (10, 12, 14)
 
 
 def stored_facts(config: InputConfig, sample: Sequence[Pair]) -> dict[Path, ImageFacts]:
-    """Of raw and of deep images, in their order; none where one is neither. One that cannot be read is left out.
+    """Of raw and of deep images, in their order; none where one is neither. One that cannot be read is left out, as is a monochrome
+    one on the right of a raw one.
 
     sample: pairs from all parts of a dive; one of them is read where the settings say how images are stored.
     """
     if "auto" not in (config.significant_bits, config.bayer):
         sample = sample[:1]
     facts: dict[Path, ImageFacts] = {}
-    for path in (path for pair in sample for path in (pair.left, pair.right)):
-        with suppress(InputError):  # the run names it
-            if is_finished_color(read_image_bytes(path)):
-                return {}
-            facts[path] = image_facts(path)
-            if facts[path].bits < 16 and facts[path].bayer == "none":
-                return {}
+    for pair in sample:
+        for path in (pair.left, pair.right):
+            with suppress(InputError):  # the run names it
+                if is_finished_color(read_image_bytes(path)):
+                    return {}
+                one = image_facts(path)
+                if one.bayer == "none" and path == pair.right and pair.left in facts and facts[pair.left].bayer != "none":
+                    continue  # a monochrome camera beside a raw one, which reading as raw hardly blurs
+                if one.bits < 16 and one.bayer == "none":
+                    return {}
+                facts[path] = one
     return facts
 
 
