@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.png import SIGNATURE
-from stereo_seecolor.files.quick_decode import is_compiled, quickly_decoded
+from stereo_seecolor.files.quick_decode import has_exif, is_compiled, quickly_decoded
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.inputs.containers import open_around
 from stereo_seecolor.inputs.headers import image_size
@@ -44,7 +44,7 @@ def read_image_bytes(path: Path) -> bytes:
 
 def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
     """As read_image, from the file's content; ``path`` is for the messages."""
-    pixels = decode_raw(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    pixels, is_rgb = _decoded(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel")
     if isinstance(config.significant_bits, int):
@@ -55,6 +55,8 @@ def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
                 f"{path}: has {pixels.shape[2]} channels, but input.bayer={config.bayer} needs a single-channel raw image"
             )
         code = BAYER_CODES[config.bayer]
+    elif is_rgb:
+        return np.asarray(pixels, np.uint8)
     else:
         code = cv2.COLOR_GRAY2RGB if pixels.ndim == 2 else cv2.COLOR_BGR2RGB
     rgb: Image = cv2.cvtColor(pixels, code)
@@ -81,24 +83,30 @@ def read_range_map(path: Path) -> Map:
 
 def decode_raw(content: bytes, path: Path, flags: int) -> NDArray[np.generic]:
     """The pixels as cv2.imdecode gives them with these flags. Raises InputError, as read_image."""
+    pixels, is_rgb = _decoded(content, path, flags)
+    return cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if is_rgb else pixels
+
+
+def _decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic], bool]:
+    """The same, and whether they are RGB: colors of OpenCV are BGR."""
     try:
         width, height = image_size(content)
     except ValueError as error:
         raise InputError(f"{path}: {error}: copy it again from the vehicle, or leave it out") from error
     if width * height > MAX_PIXELS:
         raise InputError(f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not read")
-    turned = b"eXIf" in content  # OpenCV turns what EXIF says is turned
-    if "numba" in sys.modules and content.startswith(SIGNATURE) and not turned and is_compiled():
+    # OpenCV turns what EXIF says is turned
+    if "numba" in sys.modules and content.startswith(SIGNATURE) and not has_exif(content) and is_compiled():
         quick = quickly_decoded(content)
         if quick is not None:
-            return cv2.cvtColor(quick, cv2.COLOR_RGB2BGR) if quick.ndim == 3 else quick
+            return quick, quick.ndim == 3
     try:
         pixels: NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except cv2.error as error:
         raise InputError(f"{path}: cannot be decoded: {error.err}") from error
     if pixels is None:
         raise InputError(f"{path}: cannot be decoded (damaged, or of a kind that OpenCV does not read)")
-    return pixels
+    return pixels, False
 
 
 def _scale_to_full(pixels: NDArray[np.generic], significant_bits: int, path: Path) -> NDArray[np.uint16]:
