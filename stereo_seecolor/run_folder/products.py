@@ -19,18 +19,21 @@ MASK_CODES = {"good": 0, "range unknown": 1, "range filled in": 2, "color not re
 FORMAT_OF_SUFFIX: dict[str, ImageFormat] = {".png": "png", ".jpg": "jpg", ".jpeg": "jpg", ".tif": "tiff", ".tiff": "tiff"}
 
 Files = dict[str, tuple[str, Content]]
-"""Product -> path relative to OUT, content. Content is encoded when it is written, so that one file at a time is in memory."""
+"""Product -> path relative to OUT, content. Content is encoded when it is written, so that one file at a time is in memory.
+
+The largest come first: the disk is waited for while the next are encoded.
+"""
 
 
 def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
     """OUT/range, OUT/confidence and, if wanted, OUT/range_std of one pair."""
     contents: dict[str, Callable[[], bytes | memoryview]] = {
         "range": lambda: encode_map(range_map.range_m, config.map_compression),
-        "confidence": lambda: encode_confidence(range_map.confidence, config.compression),
     }
     if config.range_std:
         std_m = rounded(range_map.range_std_m) if config.preset == "lean" else range_map.range_std_m
         contents["range_std"] = lambda: encode_map(std_m, config.map_compression)
+    contents["confidence"] = lambda: encode_confidence(range_map.confidence, config.compression)
     return _files(name, contents, config)
 
 
@@ -39,13 +42,12 @@ def correction_files(
 ) -> Files:
     """OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds of one pair. exif: the left image's, or b""."""
     pixels = correction.image if correction.linear is None else correction.linear
-    contents: dict[str, Callable[[], bytes | memoryview]] = {
-        "corrected": lambda: encode_image(pixels, config.image_format, exif, config.compression),
-        "mask": lambda: encode_mask(mask_codes(correction, range_map), config.compression),
-    }
+    contents: dict[str, Callable[[], bytes | memoryview]] = {}
     if config.with_clouds and geometry is not None:
         rays = geometry.rays
         contents["clouds"] = lambda: encode_cloud(range_map.measured_m, rays, correction.image)
+    contents["corrected"] = lambda: encode_image(pixels, config.image_format, exif, config.compression)
+    contents["mask"] = lambda: encode_mask(mask_codes(correction, range_map), config.compression)
     return _files(name, contents, config)
 
 
