@@ -13,6 +13,7 @@ from stereo_seecolor.color.render.gains import fine_ranges_m
 from stereo_seecolor.color.table.encoding import decode, encode
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
+from stereo_seecolor.evaluation.measures import angle_deg
 from stereo_seecolor.records import Water
 
 ENCODINGS = ["srgb", "linear", "as-is"]
@@ -47,7 +48,7 @@ def test_every_pixel_is_the_model_turned_round(seed, depth, encoding):
     centers = fine_ranges_m().astype(np.float32)  # where a level's gain is the range's own
     range_m[known] = centers[np.searchsorted(centers, range_m[known])]
     water = some_water(encoding, seed)
-    corrector = Corrector(ColorConfig(input_encoding=encoding, output_noise=1e9))
+    corrector = Corrector(ColorConfig(input_encoding=encoding, input_noise=1e-9))
     full = 2**depth - 1
     z = np.where(known, range_m, 1.0)
     truth = 0.7 * (decode(image / full, encoding) - water.backscatter(z)) / (water.attenuation(z) * water.white)
@@ -73,7 +74,7 @@ MATRIX = np.array([[1.4, -0.3, -0.1], [-0.2, 1.5, -0.3], [0.05, -0.45, 1.4]])
 def test_a_color_matrix_mixes_the_corrected_light(depth):
     image, range_m = random_frame(4, depth)
     full, water = 2**depth - 1, some_water()
-    corrector = Corrector(ColorConfig(output_noise=1e9, unknown_pixels="black"))
+    corrector = Corrector(ColorConfig(input_noise=1e-9, unknown_pixels="black"))
     plain = corrector.apply_linear(image, range_m, water, exposure=0.7)
     mixed = corrector.apply_linear(image, range_m, replace(water, matrix=MATRIX), exposure=0.7)
     np.testing.assert_allclose(mixed, plain @ MATRIX.T, rtol=1e-4, atol=1e-5)
@@ -93,6 +94,24 @@ def test_a_color_matrix_leaves_gray_and_counts_its_noise():
     dark = replace(clear, white=np.array([0.05, 1.0, 1.0]))
     capped = [corrector.apply(gray, range_m, replace(dark, matrix=m), exposure=1.0).unrecoverable for m in (np.eye(3), MATRIX)]
     assert capped[1].sum() >= capped[0].sum()
+
+
+@pytest.mark.parametrize("depth", [8, 16])
+def test_what_noise_hides_comes_out_gray_and_the_rest_as_it_is(depth):
+    """Red gets six times the gain of blue: black with its noise would come out in red and cyan speckles."""
+    rng, full = np.random.default_rng(8), 2**depth - 1
+    water = replace(clear_water("srgb"), gamma_inf=np.array([0.02, 0.04, 0.04]), beta=np.ones(3), white=np.array([0.15, 0.6, 0.9]))
+    range_m = np.full((60, 60), 3.0, np.float32)
+
+    def seen(light):
+        camera = encode(water.backscatter(range_m) + light * water.white, "srgb") + 0.006 * rng.standard_normal((60, 60, 3))
+        return np.round(np.clip(camera, 0, 1) * full).astype(np.uint8 if depth == 8 else np.uint16)
+
+    shown, sharp = (Corrector(ColorConfig(input_noise=noise)) for noise in (0.006, 1e-9))
+    black, gray = ([c.apply(seen(light), range_m, water, exposure=1.0).image / full for c in (shown, sharp)] for light in (0, 0.3))
+    color, before = (angle_deg(image + 1e-3, np.ones(3)).mean() for image in black)
+    assert color < 0.4 * before
+    assert abs(gray[0].mean() - gray[1].mean()) < 0.005
 
 
 def test_between_the_levels_the_range_is_off_by_four_thousandths_at_most():

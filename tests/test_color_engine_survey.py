@@ -77,7 +77,7 @@ def test_a_jump_of_exposure_is_followed_and_named_and_left_out_of_the_water():
     assert (waters["5"].white / waters["0"].white)[1:] == pytest.approx(0.01, rel=0.5)
     image, range_m = reef(5, exposure=0.01)
     assert corrector.apply(image, range_m, waters["5"]).unrecoverable.all()  # a hundred times the noise
-    uncapped = Corrector(ColorConfig(input_encoding="as-is", output_noise=1e9))
+    uncapped = Corrector(ColorConfig(input_encoding="as-is", input_noise=1e-9))
     bright = uncapped.apply(*reef(5), waters["0"]).image.mean()
     assert uncapped.apply(image, range_m, waters["5"]).image.mean() == pytest.approx(bright, rel=0.5)
 

@@ -24,6 +24,7 @@ class Gains(NamedTuple):
 
     gain, offset: (3, 1024) float32, of full scale. missing: (3, 1024) float32, the fraction of a channel's light that its cap
     leaves out, against that of the channel least capped. capped: (1025,) bool, the last for unknown range: False.
+    noise: (1024,) float32, of something black's light, root mean square of the channels, above what exposure alone gives.
     matrix: (3, 3) float32, mixes the channels of J afterwards; of no row where they are not mixed.
     """
 
@@ -31,6 +32,7 @@ class Gains(NamedTuple):
     offset: NDArray[np.float32]
     missing: NDArray[np.float32]
     capped: NDArray[np.bool_]
+    noise: NDArray[np.float32]
     matrix: NDArray[np.float32]
 
 
@@ -50,14 +52,17 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
     """
     wanted, subtracted = unexposed(water, fine_ranges_m())
     amplified = np.abs(water.matrix).max(axis=0)[:, None]
-    most = config.output_noise / exposure / amplified / _noise(wanted, subtracted, config, exposure)
+    most = config.output_noise / exposure / amplified / _noise(wanted, subtracted, config, MID_GRAY / exposure)
     allowed = np.minimum(1.0, most / wanted)
     best = allowed.max(axis=0)
     trust = (allowed / best) ** 2
     shown = best * trust * exposure
     gain, offset, missing = (part.astype(np.float32) for part in (wanted * shown, subtracted * shown, 1 - trust))
     matrix = water.matrix.astype(np.float32)[: 0 if (water.matrix == np.eye(3)).all() else 3]
-    return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), matrix)
+    black = np.square(_noise(wanted, subtracted, config, 0.0) * wanted * shown).mean(axis=0)
+    without_water = np.square(config.input_noise * decoding_slope(np.zeros(1), config.input_encoding) * exposure)
+    noise = np.sqrt(np.maximum(black - without_water, 0.0)).astype(np.float32)
+    return Gains(gain, offset, missing, np.append((allowed < 1).any(axis=0), False), noise, matrix)
 
 
 def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -66,7 +71,7 @@ def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.fl
     return gain, gain * water.backscatter(range_m).T
 
 
-def _noise(gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, exposure: float) -> NDArray[np.float64]:
-    """(3, N) noise in linear light of a surface that comes out mid-gray: the config's, times the slope of the decoding there."""
-    light = (offset + MID_GRAY / exposure) / gain
+def _noise(gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, surface: float) -> NDArray[np.float64]:
+    """(3, N) noise in linear light, before gains, of a surface of linear light J: the config's, times the slope of the decoding."""
+    light = (offset + surface) / gain
     return np.asarray(config.input_noise * decoding_slope(np.minimum(light, 1.0), config.input_encoding))

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.render.gains import FINE, FINE_BINS, Gains
-from stereo_seecolor.color.render.pixel_kernels import code_of, light_of, mixed, nearest_code, roll_off, unclipped
+from stereo_seecolor.color.render.pixel_kernels import above_noise, code_of, light_of, mixed, nearest_code, roll_off, unclipped
 from stereo_seecolor.color.render.tone import NODES, Display
 from stereo_seecolor.color.table.bins import LOW_BITS
 from stereo_seecolor.color.table.counting import L, U, position_of
@@ -84,13 +84,15 @@ def _new_table(curve: Any) -> Any:
 @compiled
 def _tabulate(span: Any, gains: Any, decoded: Any, table: Any) -> None:
     """The rows of the fine bins from the first to the last of ``span`` that the table does not hold yet."""
-    last = np.float32(table.curve.size - 1)
+    last, nodes = np.float32(table.curve.size - 1), np.empty(256, np.int32)
     for fine in range(span[0], span[1] + 1):
         for c in range(0 if table.filled[fine] else 3):
-            scale, shift = gains.gain[c, fine] * np.float32(NODES), gains.offset[c, fine] * np.float32(NODES) - np.float32(0.5)
+            gain, offset, noise = gains.gain[c, fine], gains.offset[c, fine], gains.noise[fine]
             for value in range(256):
-                node = min(max(scale * decoded[value] - shift, np.float32(0)), last)
-                table.rows[fine * ROW + c * 256 + value] = table.curve[np.int32(node)]
+                light = above_noise(gain * decoded[value] - offset, noise)
+                nodes[value] = np.int32(min(light * np.float32(NODES) + np.float32(0.5), last))
+            for value in range(256):
+                table.rows[fine * ROW + c * 256 + value] = table.curve[nodes[value]]
         table.filled[fine] = True
 
 
@@ -253,7 +255,8 @@ def _compute(image: Any, fine: Any, places: Any, gains: Any, display: Any, out: 
         else:
             light = light_of(pixel, at, gains, shown)
             out.unrecoverable[i] = gains.capped[at] | (shown.known[highest] <= 0)
-        codes[k, 0], codes[k, 1], codes[k, 2] = mixed(light, gains.matrix)
+        noise, (r, g, b) = gains.noise[at], mixed(light, gains.matrix)
+        codes[k, 0], codes[k, 1], codes[k, 2] = above_noise(r, noise), above_noise(g, noise), above_noise(b, noise)
     for k in range(places.size):
         for c in range(3):
             codes[k, c] = code_of(codes[k, c], shown.curve) if image.itemsize > 1 else nearest_code(codes[k, c], shown.curve)

@@ -53,6 +53,13 @@ def unclipped(values: Any, fine: Any, gains: Any, decoded: Any) -> Any:
 
 
 @compiled
+def above_noise(light: Any, noise: Any) -> Any:
+    """A channel's light as it is where it stands out of the noise, and the noise's where it does not: with the same for all
+    channels, what is lost in noise comes out gray."""
+    return np.float32(0.5) * (light + np.sqrt(light * light + np.float32(4) * noise * noise))
+
+
+@compiled
 def code_of(light: Any, curve: Any) -> Any:
     """The code of linear light, between two nodes of the curve."""
     place = min(max(light * np.float32(NODES), np.float32(0)), np.float32(curve.size - 2))

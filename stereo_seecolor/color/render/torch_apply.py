@@ -19,7 +19,7 @@ def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Dis
     unknown, top = fine == FINE_BINS, np.iinfo(image.dtype).max
     known = on_device(shown.known, device)[pixels.to(torch.int64)]
     capped = on_device(gains.capped, device)[fine] & ~unknown
-    light = _mixed(_light(pixels, fine, known, gains, shown.decoded), gains)
+    light = _above_noise(_mixed(_light(pixels, fine, known, gains, shown.decoded), gains), fine, gains)
     codes = _codes(light, on_device(shown.curve, device), image.dtype == np.uint8)
     if image.dtype == np.uint8 and not gains.matrix.size:
         plain = (~capped & (known == 1).all(dim=1)) | unknown
@@ -72,6 +72,12 @@ def _unclipped(pixels: Tensor, fine: Tensor, gains: Gains, decoded: NDArray[np.f
 def _mixed(light: Tensor, gains: Gains) -> Tensor:
     """``pixel_kernels.mixed`` of all pixels."""
     return light @ on_device(gains.matrix, light.device).T if gains.matrix.size else light
+
+
+def _above_noise(light: Tensor, fine: Tensor, gains: Gains) -> Tensor:
+    """``pixel_kernels.above_noise`` of all pixels."""
+    noise = on_device(gains.noise, light.device)[fine.clamp(max=FINE_BINS - 1)][:, None]
+    return 0.5 * (light + (light * light + 4 * noise * noise).sqrt())
 
 
 def _sum(channels: Tensor) -> Tensor:
