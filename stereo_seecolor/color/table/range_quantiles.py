@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import InputEncoding, decode
 from stereo_seecolor.color.table.moment_table import MomentTable
+from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 FRACTIONS = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
 """Of the pixels of a group, from what is nearly in shadow to the brightest, which are the likeliest to be white."""
@@ -15,6 +16,12 @@ MOST_GROUPS = 20
 """More hardly change a fit, and each costs time."""
 CLIPPED = 0.99
 """Fraction of full scale, encoded: from here on a value is a lower bound of the light."""
+NOISE = 0.004
+"""Standard deviation of a value, fraction of full scale as encoded for a screen: a value of 255, about what quiet cameras have."""
+MOST_NOISE = 0.95
+"""At most this fraction of the slope of quantiles over those of a normal distribution is noise: values spread at least so much."""
+_DEVIATIONS = np.array([-2.748, -2.326, -1.645, -0.674, 0.0])
+"""Quantiles of the normal distribution at the fractions up to a half."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +29,8 @@ class RangeQuantiles:
     """Quantiles of the pixels of each group of neighboring ranges.
 
     range_m (G,): mean range of each group, meters, near to far. pixels (G,): how many. light (3, G, 9): quantiles, linear
-    light. clipped (3, G, 9): True where a quantile is at full scale, and the light may have been anything above.
+    light, the dark ones without what noise takes off them. clipped (3, G, 9): True where a quantile is at full scale, and the
+    light may have been anything above.
     """
 
     range_m: NDArray[np.float64]
@@ -42,7 +50,20 @@ def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuan
     step, offset = (1.0, 0.0) if table.bit_depth == 8 else (16.0, 7.5)
     encoded = np.clip((values * step + offset) / full, 0, 1)
     mean_range_m = np.add.reduceat(table.pixels * table.range_m, first) / size
-    return RangeQuantiles(mean_range_m, size, decode(encoded, encoding), encoded >= CLIPPED)
+    light = decode(_without_noise(encoded), encoding) if encoding != "linear" else decode_srgb(_without_noise(encode_srgb(encoded)))
+    return RangeQuantiles(mean_range_m, size, light, encoded >= CLIPPED)
+
+
+def _without_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3, G, 9) quantiles, encoded for a screen: those below the median moved up by what noise moves them down.
+
+    Where a normal distribution has the slope s of its quantiles, that without the noise n has sqrt(s^2 - n^2) (variances add).
+    """
+    slope = np.diff(values[..., :5]) / np.diff(_DEVIATIONS)
+    noise = np.minimum(NOISE, MOST_NOISE * slope)
+    dark = values[..., :4] - _DEVIATIONS[:4] * (slope - np.sqrt(slope**2 - noise**2))
+    below = np.minimum.accumulate(np.concatenate([dark, values[..., 4:5]], axis=-1)[..., ::-1], axis=-1)[..., ::-1]
+    return np.concatenate([below[..., :4], values[..., 4:]], axis=-1)
 
 
 def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
