@@ -178,6 +178,24 @@ def test_poses_read_wrongly_are_named_and_left_out(
 
 
 @pytest.mark.slow
+def test_headings_in_radians_are_named_and_left_out(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+    """The second line of the survey runs the other way; its headings differ by 3 instead of 180 degrees."""
+
+    def in_radians(T: Poses) -> Poses:
+        turn = Rotation.from_matrix(T[:, :3, :3]) * Rotation.from_matrix(T[0, :3, :3]).inv()
+        heading = np.unwrap(turn.as_euler("ZYX")[:, 0])
+        back = Rotation.from_rotvec((np.radians(heading) - heading)[:, None] * [0.0, 0.0, 1.0])
+        T[:, :3, :3] = (back * Rotation.from_matrix(T[:, :3, :3])).as_matrix()
+        return T
+
+    found = placed(in_radians)
+    assert found.navigation is not None
+    assert not found.navigation.fits
+    assert found.origin is None
+    assert off_m(found, reef) < 0.005
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("later_s", [1.0, -0.5])
 def test_clocks_apart_are_named_with_the_difference(placed: Callable[..., Placed], later_s: float) -> None:
     found = placed(lambda T: T, later_s=later_s)

@@ -30,6 +30,19 @@ def test_a_table_by_its_columns(tmp_path: Path) -> None:
     assert trajectory_file(path) == path
 
 
+def test_decimal_commas_between_semicolons(tmp_path: Path) -> None:
+    commas = NAV.replace(",", ";").replace("1000.5", "1000,5").replace("-10", "-10,0").replace("1001.5", "1001,5")
+    read = [read_trajectory(spec(write(tmp_path, text, "nav.csv"), MAP)) for text in (NAV, commas)]
+    np.testing.assert_array_equal(read[1].T_world_camera, read[0].T_world_camera)
+    assert read[1].timestamps_s.tolist() == [1000.5, 1001.5]
+
+
+def test_latitudes_that_cannot_be_are_refused(tmp_path: Path) -> None:
+    path = write(tmp_path, NAV.replace("50,-10", "152,-23"), "nav.csv")
+    with pytest.raises(InputError, match="latitudes reach 152 degrees: are latitude and longitude exchanged"):
+        read_trajectory(spec(path, MAP))
+
+
 def test_places_alone_are_fixes(tmp_path: Path) -> None:
     path = write(tmp_path, NAV, "nav.csv")
     fixes = read_trajectory(spec(path, "time=Stamp,lat=Lat (deg),lon=Lon (deg)"), MountConfig(surge_m=2.0))

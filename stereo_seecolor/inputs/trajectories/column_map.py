@@ -109,7 +109,11 @@ def read(lines: Lines, columns: Mapping[str, str], mount: MountConfig) -> Trajec
     origin: GeoOrigin | None = None
     north_east_m = np.column_stack([_numbers(table, columns, "north"), _numbers(table, columns, "east")])
     if "lat" in columns:
-        north_east_m, origin = from_degrees(_numbers(table, columns, "lat"), _numbers(table, columns, "lon"))
+        latitude_deg = _numbers(table, columns, "lat")
+        if (np.abs(latitude_deg) > 90).any():
+            most = f"latitudes reach {np.nanmax(np.abs(latitude_deg)):.6g} degrees"
+            raise InputError(f"{lines.path}: {most}: are latitude and longitude exchanged, or meters or minutes in that column?")
+        north_east_m, origin = from_degrees(latitude_deg, _numbers(table, columns, "lon"))
     depth_m = _numbers(table, columns, "depth") if "depth" in columns else -_numbers(table, columns, "up")
     mount = MountConfig() if columns.keys() <= _FIXES else mount
     attitude_deg = np.column_stack([_numbers(table, columns, role) for role in ("roll", "pitch", "heading")])

@@ -1,11 +1,15 @@
 """The text of a trajectory file: lines with their numbers, and numbers that name the line they fail on."""
 
 import csv
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.reading import read_bytes
+
+_DECIMAL_COMMA = re.compile(r"^([+-]?\d+),(\d+)$")
+"""As programs of many countries write numbers, between semicolons."""
 
 LARGEST = 1e12
 """Meters, degrees and seconds are less: the epoch is at 2e9 s."""
@@ -104,6 +108,7 @@ class Table:
 
 def _split(lines: Lines, number: int, separator: str, line: str) -> list[str]:
     try:
-        return [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
+        fields = [field.strip() for field in next(csv.reader([line], delimiter=separator, skipinitialspace=True))]
     except csv.Error as error:
         raise lines.error(number, str(error)) from error
+    return fields if separator == "," else [_DECIMAL_COMMA.sub(r"\1.\2", field) for field in fields]

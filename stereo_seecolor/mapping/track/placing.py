@@ -15,8 +15,9 @@ from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.fixes import at_fixes
 from stereo_seecolor.mapping.track.marks import Marks
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit, held
-from stereo_seecolor.mapping.track.navigation import Navigation, Verdict, examine, priors
+from stereo_seecolor.mapping.track.navigation import MAX_TURN_RAD, Navigation, Verdict, examine, priors
 from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.mapping.track.readings import misfit
 from stereo_seecolor.mapping.track.refinement import refined
 from stereo_seecolor.mapping.track.spot_check import spot_check
 from stereo_seecolor.mapping.track.upright import upright
@@ -26,6 +27,9 @@ NOT_HELD = (
     "the map is not held to mapping.markers: that needs GTSAM, mapping.bundle_adjustment, and, where poses are given, "
     "mapping.poses=prior"
 )
+
+WRONG = 0.5
+"""Misfit, in steps between frames: attitudes that turn away from a track over hundreds of meters fit from frame to frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,10 +148,14 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
         except MappingError:
             down = "the given poses' z axis points down: they would fit as north-east-down, or with z negated"
             navigation = replace(navigation, fits=False, advice=down)
+    known = priors(own, verdict.placement, config) if navigation.fits else []
+    if known and known[0].attitude_std_rad > MAX_TURN_RAD and misfit(verdict.placement.T_world_camera, track.edges) > WRONG:
+        off_deg = np.degrees(known[0].attitude_std_rad)
+        advice = f"the given attitudes are {off_deg:.0f} degrees off those of the pictures: are they radians, taken for degrees?"
+        navigation = replace(navigation, fits=False, advice=advice)
     if not navigation.fits:
         alone, (own, markers) = "the map was made by the pictures alone", _upright(track, own, config)
         return _Used(own.with_warnings(alone), navigation, in_their_world=False, markers=markers)
-    known = priors(own, verdict.placement, config)
     position, _, depth = known[0].position_std_m
     navigation = replace(
         navigation,
