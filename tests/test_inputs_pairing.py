@@ -104,6 +104,23 @@ def test_pairs_by_timestamp_with_tolerance(tmp_path: Path) -> None:
     assert [(left, right) for _, left, right in found] == [(lefts[0], rights[0]), (lefts[2], rights[2])]
 
 
+def test_how_far_the_nearest_time_stamp_is(tmp_path: Path) -> None:
+    lefts = ["1000000000.500.png", "1000000001.500.png", "1000000009.500.png"]
+    pairing = pair_folders(*folders(tmp_path, lefts, ["1000000000.504.png", "1000000001.534.png"]), InputConfig())
+    reasons = {path.path.parent.name + "/" + path.path.name: path.reason for path in pairing.unpaired}
+    near = "the nearest in time is 0.034 s away, input.timestamp_tolerance_s is 0.01"
+    assert reasons == {
+        "L/1000000001.500.png": f"no right image matches: {near}",
+        "L/1000000009.500.png": "no right image matches",
+        "R/1000000001.534.png": f"no left image matches: {near}",
+    }
+
+
+def test_how_far_all_time_stamps_are(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"time stamps are 0\.034 s apart, median"):
+        pair_folders(*folders(tmp_path, ["1000000000.500.png"], ["1000000000.534.png"]), InputConfig())
+
+
 def test_wider_tolerance_takes_the_nearest(tmp_path: Path) -> None:
     found = names(
         tmp_path, ["1000000000.000000.png"], ["1000000000.100000.png", "1000000000.050000.png"], timestamp_tolerance_s=0.2

@@ -1,7 +1,6 @@
 """Which file of the left folder belongs to which of the right one, and which belong to none."""
 
 from array import array
-from bisect import bisect_left
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,6 +18,7 @@ from stereo_seecolor.files.names import natural_key, product_name, short_hash, s
 from stereo_seecolor.inputs.clock_offset import clock_offset_s, drift_notes
 from stereo_seecolor.inputs.listing import FolderFiles, Listing, Unpaired, list_images
 from stereo_seecolor.inputs.name_keys import Keys, affix_keys, number_keys, side_keys, stem_keys
+from stereo_seecolor.inputs.near_times import distances_s, nearest, timed
 from stereo_seecolor.inputs.timestamps import timestamp_from_name
 
 
@@ -122,12 +122,22 @@ class _Matching:
 
     def settle_by_time(self, tolerance_s: float, offset_s: float = 0.0) -> None:
         """Pair mutually nearest time stamps that differ by at most the tolerance; the right clock is ahead by the offset."""
-        lefts, rights = _timed(self.lefts), [(time_s - offset_s, path) for time_s, path in _timed(self.rights)]
+        lefts, rights = timed(self.lefts), [(time_s - offset_s, path) for time_s, path in timed(self.rights)]
         left_times, right_times = [t for t, _ in lefts], [t for t, _ in rights]
         for i, (time_s, left) in enumerate(lefts):
-            j = _nearest(right_times, time_s)
-            if j is not None and abs(right_times[j] - time_s) <= tolerance_s and _nearest(left_times, right_times[j]) == i:
+            j = nearest(right_times, time_s)
+            if j is not None and abs(right_times[j] - time_s) <= tolerance_s and nearest(left_times, right_times[j]) == i:
                 self.add(left.stem, left, rights[j][1])
+        self.drop_settled()
+
+    def say_how_far(self, tolerance_s: float) -> None:
+        """Of files that are left and have a time stamp: how far the nearest one of the other side is."""
+        lefts, rights = ([*(getattr(pair, side) for pair in self.pairs)] for side in ("left", "right"))
+        for side, alone, others in (("right", self.lefts, rights + self.rights), ("left", self.rights, lefts + self.lefts)):
+            for path, off_s in distances_s(alone, others).items():
+                if off_s > tolerance_s:
+                    how_far = f"the nearest in time is {off_s:.3f} s away, input.timestamp_tolerance_s is {tolerance_s:g}"
+                    self.unpaired += [Unpaired(path, f"no {side} image matches: {how_far}")]
         self.drop_settled()
 
     def drop_settled(self) -> None:
@@ -192,13 +202,16 @@ def _settled(matching: _Matching, config: InputConfig, where: str) -> Pairing:
     if not matching.pairs and config.pairing != "timestamp":
         notes = _settle_by_number(matching)
     if not matching.pairs:
-        example = (
-            f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if matching.lefts and matching.rights else ""
-        )
+        both = matching.lefts and matching.rights
+        example = f", for example {matching.lefts[0].name} and {matching.rights[0].name}" if both else ""
+        off_s = sorted(distances_s(matching.lefts, matching.rights).values())
+        apart = f" (time stamps are {off_s[len(off_s) // 2]:.3f} s apart, median)" if off_s else ""
         raise InputError(
-            f"{where}: no left image matches a right one by name or time stamp{example}: give both the same stem, or set "
+            f"{where}: no left image matches a right one by name or time stamp{example}{apart}: give both the same stem, or set "
             "input.timestamp_tolerance_s"
         )
+    if not notes and config.pairing != "name":
+        matching.say_how_far(config.timestamp_tolerance_s)
     return _pairing(matching, "no right image matches", "no left image matches").with_notes(notes)
 
 
@@ -206,7 +219,7 @@ def _settle_by_offset(matching: _Matching, tolerance_s: float) -> tuple[str, ...
     """Where nothing else paired, by clocks that differ by a constant."""
     if matching.pairs:
         return ()
-    lefts, rights = ([time_s for time_s, _ in _timed(side)] for side in (matching.lefts, matching.rights))
+    lefts, rights = ([time_s for time_s, _ in timed(side)] for side in (matching.lefts, matching.rights))
     offset_s = clock_offset_s(lefts, rights, tolerance_s)
     if offset_s is None:
         return ()
@@ -280,16 +293,6 @@ def _with_unique_names(pairs: list[Pair]) -> list[Pair]:
         pair if count[pair.name.casefold()] == 1 else replace(pair, name=f"{pair.name}~{short_hash(pair.left.name)}")
         for pair in pairs
     ]
-
-
-def _timed(paths: list[Path]) -> list[tuple[float, Path]]:
-    return sorted((t, p) for p in paths if (t := timestamp_from_name(p.stem)) is not None)
-
-
-def _nearest(times: list[float], time_s: float) -> int | None:
-    right = bisect_left(times, time_s)
-    candidates = [i for i in (right - 1, right) if 0 <= i < len(times)]
-    return min(candidates, key=lambda i: abs(times[i] - time_s), default=None)
 
 
 def _drift_notes(pairs: Sequence[Pair]) -> tuple[str, ...]:
