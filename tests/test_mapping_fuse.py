@@ -34,7 +34,9 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.recovered_frames import RecoveredFrames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
+from stereo_seecolor.mapping.track.known_steps import STEP
 from stereo_seecolor.records import FrameRow, SurveyFrame
+from stereo_seecolor.run_folder.kept_steps import KeptSteps, frame_mark
 from stereo_seecolor.run_folder.lock import held
 from stereo_seecolor.synthetic.survey import SurveySpec
 
@@ -260,7 +262,7 @@ class Onlooker:
 
     def begin(self, stage: str, total: int) -> None:
         self.stages.append(stage)
-        if stage == "fusing tiles":
+        if stage in ("finding features", "fusing tiles"):
             self.picture = cv2.imread(str(self.out / "map_preview.png"), cv2.IMREAD_UNCHANGED)
 
     def advance(self, row: FrameRow) -> None:
@@ -289,6 +291,17 @@ def test_a_first_look_is_there_until_the_map_is(small_run: Path, monkeypatch: py
     with pytest.raises(KeyboardInterrupt):
         fuse(small_run, poses, config)
     assert not (small_run / "map_preview.png").exists()
+
+
+def test_without_poses_the_first_look_comes_from_what_the_run_found(small_run: Path) -> None:
+    names, T = [f"f{i}" for i in range(4)], track(4).T_world_camera
+    steps = np.array([(i + 1, i, np.linalg.inv(T[i + 1]) @ T[i], 50) for i in range(3)], STEP)
+    KeptSteps.of(PAIR, [frame_mark(name, "") for name in names], steps).save(small_run)
+    onlooker = Onlooker(small_run)
+    with pytest.raises(MappingError):  # flat color has no features: there is no track
+        fuse(small_run, None, RunConfig(mapping=CONFIG), onlooker)
+    assert onlooker.picture is not None
+    assert abs(onlooker.picture.shape[1] * 0.02 - 2.1) < 0.1, "four frames of 1.2 m, 0.3 m apart"
 
 
 @pytest.mark.slow

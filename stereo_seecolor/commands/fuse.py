@@ -7,6 +7,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from stereo_seecolor.commands.placed_frames import describe_frames
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.threads import Threads, cores
@@ -16,6 +19,7 @@ from stereo_seecolor.progress import Both, Listener, Silence
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.kept_steps import KeptSteps, frame_mark
 from stereo_seecolor.run_folder.layout import FIRST_LOOK, MAP, state
 from stereo_seecolor.run_folder.map_folder import building_map, fusion_folder
 from stereo_seecolor.run_folder.progress_file import ProgressFile
@@ -61,12 +65,20 @@ def fuse(
         trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left) if poses else None
         progress = _stages_of(Both(listener or Silence(), ProgressFile(folder.root)))
         with compute.sharing(state(out), ()), _building(folder) as building:
-            workspace = Workspace(fusion_folder(out), progress, compute, partial(_show, folder, progress))
+            workspace = Workspace(fusion_folder(out), progress, compute, partial(_show, folder, progress), _steps(frames, out))
             summary = build_map(frames, frames.geometry, building, config.mapping, trajectory, workspace)
         describe_frames(folder)
     aside = tuple(f"{path}: was in the earlier map and is not of this program; it is kept here" for path in folder.owned.set_aside)
     stopped = () if run.state == "complete" else ("the run was stopped: pairs that it did not come to are not in the map",)
     return replace(summary.moved(building, out / MAP), warnings=(*summary.warnings, *aside, *stopped))
+
+
+def _steps(frames: SurveyFrames, out: Path) -> NDArray[np.void] | None:
+    """How neighboring frames lie to each other, as far as the run found out."""
+    kept = KeptSteps.load(out)
+    if kept is None:
+        return None
+    return kept.among(frames.geometry, (frame_mark(frame.name, frame.sha256) for frame in frames.finished))
 
 
 @contextmanager

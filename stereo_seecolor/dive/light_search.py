@@ -12,19 +12,19 @@ from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences,
 from stereo_seecolor.color.photometry.light_model import FrameGains
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
-from stereo_seecolor.color.photometry.sightings import SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.interface import Compute
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.compute.names import Names, SomeNames
-from stereo_seecolor.dive.overlap import LOOK, FrameLook, ReadFrame, Stretch, reduced, reduction
+from stereo_seecolor.dive.overlap import LOOK, FrameLook, PlacedWindow, ReadFrame, Stretch, reduced, reduction
+from stereo_seecolor.mapping.track.known_steps import STEP
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
-Differing = tuple[NDArray[np.int64], Differences]
-"""A window's frames, and how they differ."""
+Differing = tuple[NDArray[np.int64], Differences, NDArray[np.void]]
+"""A window's frames, how they differ, and how they lie to each other."""
 
 
 @dataclass(frozen=True)
@@ -56,16 +56,20 @@ class StretchSettings:
 
 
 STRETCH = StretchSettings()
+MOST_STEPS = 20_000
+"""Frames of a dive whose relative poses are kept for a first look at its map: 10 MB of memory; of a million it were half a GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
     """light: of the dive; None where no two frames show the same. linked: names of frames that show what frames before them show,
     and of all between those: no cut through the dive separates them from the frame before.
+    steps: (S,) STEP between neighbors that were looked at.
     """
 
     light: SurveyLight | None
     linked: SomeNames
+    steps: NDArray[np.void]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +86,10 @@ class LightSearch:
     geometry: RectifiedPair
     encoding: InputEncoding
     compute: Compute
-    windows: Sequence[SeenWindow] | None = None
+    windows: Sequence[PlacedWindow] | None = None
     told: Callable[[str], None] = lambda _: None
 
-    def windows_of(self, frames: Iterable[Any]) -> list[SeenWindow]:
+    def windows_of(self, frames: Iterable[Any]) -> list[PlacedWindow]:
         """What the frames of a short dive show, each examined as soon as it comes: for ``windows``."""
         return list(self._frame_look.windows(Stretch(0, enumerate(frames)), LOOK.loops))
 
@@ -105,7 +109,7 @@ class LightSearch:
         windows = list(self._looked(chosen, _WindowLook(look_at), parts)) if self.windows is None else self.windows
         links = _Links(len(names))
         for window in windows:
-            links.add(window.frames)
+            links.add(window.frames, window.steps)
         size = look_at.geometry.image_size
         light = solve_light(windows, names, size, allowed)
         recorded = log_exposures(self.captures)
@@ -120,11 +124,11 @@ class LightSearch:
             every = self._looked(range(len(names)), _DifferenceLook(look_at, light), self.compute.parts)
             light = self._followed(light, names, every, links, confirmed)
         elif light and (allowed.gains or light.recorded):
-            few = [(seen.frames, differences(seen, light, size)) for seen in windows]
+            few = [(seen.frames, differences(seen, light, size), seen.steps) for seen in windows]
             light = self._followed(light, names, few, links, confirmed)
-        return Found(light, SomeNames(names, links.frames))
+        return Found(light, SomeNames(names, links.frames), links.all_steps)
 
-    def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[SeenWindow]) -> tuple[float, float] | None:
+    def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[PlacedWindow]) -> tuple[float, float] | None:
         """How frames differ without and with the (F,) records; None where no two frames show the same."""
         size = reduced(self.geometry).image_size
         found = np.concatenate([np.zeros(0, DIFFERENCE), *(differences(window, light, size) for window in windows)])
@@ -136,8 +140,8 @@ class LightSearch:
     ) -> SurveyLight:
         """With the gains of all frames, which have these names; with none where they do not help."""
         table = DifferenceTable()
-        for frames, differing in windows:
-            links.add(frames)
+        for frames, differing, steps in windows:
+            links.add(frames, steps)
             table.add(differing)
         found, known, chosen = table.all, np.zeros(len(names)), (light.luminance.use.gains, light.color.use.gains)
         solved = solve_chain(found, known, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
@@ -180,7 +184,7 @@ class _WindowLook:
 
     frames: FrameLook
 
-    def __call__(self, stretch: Stretch) -> list[SeenWindow]:
+    def __call__(self, stretch: Stretch) -> list[PlacedWindow]:
         return list(self.frames.windows(stretch, LOOK.loops))
 
 
@@ -195,19 +199,29 @@ class _DifferenceLook:
 
     def __call__(self, stretch: Stretch) -> list[Differing]:
         size = self.frames.geometry.image_size
-        return [(seen.frames, differences(seen, self.light, size)) for seen in self.frames.windows(stretch, 0)]
+        return [(seen.frames, differences(seen, self.light, size), seen.steps) for seen in self.frames.windows(stretch, 0)]
 
 
 class _Links:
-    """frames: (F,) those that show what a frame before them shows, and all between."""
+    """frames: (F,) those that show what a frame before them shows, and all between. steps: of each frame to those before it, in
+    dives of at most ``MOST_STEPS``.
+    """
 
     def __init__(self, frames: int) -> None:
         self.frames = np.zeros(frames, np.bool_)
+        self.steps: dict[int, NDArray[np.void]] = {}
 
-    def add(self, frames: NDArray[np.int64]) -> None:
+    @property
+    def all_steps(self) -> NDArray[np.void]:
+        """(S,) STEP, of all windows."""
+        return np.concatenate([np.zeros(0, STEP), *self.steps.values()])
+
+    def add(self, frames: NDArray[np.int64], steps: NDArray[np.void]) -> None:
         """The frames of one more window, its own frame first; loops link nothing."""
         near = frames[frames[0] - frames <= max(LOOK.back)]
         self.frames[near.min() + 1 : near.max() + 1] = True
+        if len(self.frames) <= MOST_STEPS:
+            self.steps.setdefault(int(frames[0]), steps)
 
 
 def is_short(frames: int) -> bool:

@@ -14,6 +14,7 @@ from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m, inverse
 from stereo_seecolor.mapping.track.features import Features, FeatureSettings, detect
+from stereo_seecolor.mapping.track.known_steps import STEP
 from stereo_seecolor.mapping.track.relative_pose import RelativePose, relative_pose
 from stereo_seecolor.records import Image, Map, SurveyFrame
 
@@ -91,6 +92,13 @@ class _Placed:
 
 
 @dataclass(frozen=True, eq=False)
+class PlacedWindow(SeenWindow):
+    """steps: (k,) STEP, how the window's other frames lie to its own."""
+
+    steps: NDArray[np.void]
+
+
+@dataclass(frozen=True, eq=False)
 class FrameLook:
     """How frames are examined, as work that can be sent to another process. geometry: of images reduced ``every`` times."""
 
@@ -99,7 +107,7 @@ class FrameLook:
     every: int
     encoding: InputEncoding
 
-    def windows(self, stretch: Stretch, loops: int) -> Iterator[SeenWindow]:
+    def windows(self, stretch: Stretch, loops: int) -> Iterator[PlacedWindow]:
         """Those of a stretch's own frames, with at most so many frames of other lines each."""
         past: list[_Placed] = []
         for place, (seen, view) in enumerate(Threads(cores()).each(self._seen, stretch.frames)):
@@ -112,12 +120,13 @@ class FrameLook:
                     yield self._window(placed, [*near, *far])
             past = [*(_far_back(other, seen.number) for other in past), placed]
 
-    def _window(self, frame: _Placed, others: Sequence[tuple[_Placed, RelativePose]]) -> SeenWindow:
+    def _window(self, frame: _Placed, others: Sequence[tuple[_Placed, RelativePose]]) -> PlacedWindow:
         """What a frame shows and others, placed by features, show too."""
         view = frame.view or self._view(frame.seen)
         views = [replace(other.view or self._view(other.seen), T_world_camera=pose.T_a_b) for other, pose in others]
         seen_by = [frame.number, *(other.number for other, _ in others)]
-        return SeenWindow(np.array(seen_by), look(view.patches_m(LOOK.patches), [view, *views]))
+        steps = np.array([(frame.number, other.number, pose.T_a_b, len(pose.index_a)) for other, pose in others], STEP)
+        return PlacedWindow(np.array(seen_by), look(view.patches_m(LOOK.patches), [view, *views]), steps)
 
     def _placed(self, seen: _Seen, view: View, near: Sequence[tuple[_Placed, RelativePose]]) -> _Placed:
         """By the nearest of the frames before it; at the beginning of a new chain without one."""

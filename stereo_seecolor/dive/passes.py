@@ -32,6 +32,7 @@ from stereo_seecolor.run_folder.frames_table import FrameTable
 from stereo_seecolor.run_folder.kept_fit import KeptFit
 from stereo_seecolor.run_folder.kept_light import KeptLight
 from stereo_seecolor.run_folder.kept_plan import KeptPlan
+from stereo_seecolor.run_folder.kept_steps import KeptSteps, frame_mark
 from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.progress_file import USUAL, Expected, ProgressFile
 from stereo_seecolor.run_folder.water_file import waters_content
@@ -186,9 +187,10 @@ class Dive:
         self._ranged, short = True, is_short(len(pairs)) and self._options.compute.parts == 1
         self._expect(pairs, "ranges", *(() if short else ("light",)), "waters", "colors")
         captures: list[Capture] = []
+        marks: list[int] = []
         encoding, read, compute = self._config.color.input_encoding, self._stages.read_pair, self._options.compute
         search = LightSearch(Named(pairs), read, captures, geometry, encoding, compute, told=self._examined)
-        with closing(self._measured(pairs, captures)) as measured:
+        with closing(self._measured(pairs, captures, marks)) as measured:
             if short:
                 search = replace(search, windows=search.windows_of(measured))
             else:
@@ -202,6 +204,7 @@ class Dive:
         kept = KeptLight(self._fit_key(pairs) or "", light.note if light else NO_OVERLAP, content, found.linked)
         if kept.key:
             kept.save(self._folder.root)
+        KeptSteps.of(geometry, marks, found.steps).save(self._folder.root)
         return kept
 
     def _fit_key(self, pairs: Sequence[Pair]) -> str | None:
@@ -210,11 +213,12 @@ class Dive:
             return self._stages.fit_key(self._stages.ranges_key(pairs))
         return None if self.table.failed else self._stages.fit_key(self._ranges.value)
 
-    def _measured(self, pairs: Sequence[Pair], captures: list[Capture]) -> Generator[Pair, None, None]:
-        """The first pass for the light: each pair once its range is known. captures: is given what the camera recorded of it."""
+    def _measured(self, pairs: Sequence[Pair], captures: list[Capture], marks: list[int]) -> Generator[Pair, None, None]:
+        """The first pass for the light: each pair once its range is known. captures: is given what the camera recorded."""
         different: dict[Capture, Capture] = {}  # a dive has few, and many frames
         for row, pair in self._pass("ranges", pairs, self._stages.prepared):
             capture = recorded_capture(row.facts)
+            marks.append(frame_mark(row.name, row.hashes["left"]))
             captures.append(different.setdefault(capture, capture))
             yield pair
 

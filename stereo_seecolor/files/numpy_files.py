@@ -25,5 +25,5 @@ def load_array(path: Path) -> NDArray[Any]:
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """The arrays of an ``.npz`` file by name. Raises OSError, and ValueError or zipfile.BadZipFile where it is cut."""
-    with PARSING, np.load(path) as content:
+    with PARSING, path.open("rb") as file, np.load(file) as content:
         return dict(content)

@@ -1,6 +1,6 @@
 """What all stages of a map share, and where its frames are placed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -59,6 +59,10 @@ class Placement:
     def frames_of(self, component: int) -> NDArray[np.int64]:
         """The frames of a component."""
         return np.flatnonzero(self.components == component)
+
+    def chosen(self, frames: Sequence[int]) -> "Placement":
+        """The poses of these frames alone."""
+        return Placement(self.T_world_camera[list(frames)], self.components[list(frames)])
 
     def with_warnings(self, *warnings: str) -> "Placement":
         """The same, with more to be said."""

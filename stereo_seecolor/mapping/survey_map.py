@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.compute.interface import Compute
@@ -36,6 +37,7 @@ from stereo_seecolor.mapping.surface.tile_work import PlacedTile, TileFusion
 from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Placement, Survey
+from stereo_seecolor.mapping.track.known_steps import placed_by
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit
 from stereo_seecolor.mapping.track.navigation import Navigation
 from stereo_seecolor.mapping.track.placing import Placed, place_survey, show_first
@@ -81,13 +83,14 @@ class Workspace:
 
     scratch: a folder that outlives the map's, whose features and tiles are used if they were made from the same; None: in the
     map's folder. It is deleted when the map is done. look: is given a picture of the map, a PNG, as soon as the frames' places
-    are roughly known.
+    are roughly known. steps: (S,) STEP between the frames, known from before; for that picture alone.
     """
 
     scratch: Path | None = None
     progress: Progress = silent
     compute: Compute = field(default_factory=lambda: Threads(1))
     look: Callable[[bytes], None] | None = None
+    steps: NDArray[np.void] | None = None
 
 
 def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
@@ -131,18 +134,30 @@ def build_map(
     config = with_voxel(config, found, geometry)
     check_voxel(found, geometry, config.voxel_edge_m)
     kept = KeptFrames(found, scratch / "frames")
-    if workspace.look and len(kept) > 2 * FIRST_FRAMES:
-        with suppress(MappingError):  # none of these frames may be readable or have a pose: there is nothing to show yet
-            posed = trajectory and not trajectory.fixes
-            some = Chosen(kept, range(0, len(kept), -(-len(kept) // FIRST_FRAMES)) if posed else range(FIRST_FRAMES))
-            show_first(_survey(some, geometry, config, workspace, scratch), config, trajectory)
-    survey = _survey(kept, geometry, config, workspace, scratch)
+    survey = _shown(kept, geometry, config, trajectory, workspace, scratch)
     placed = _in_crs(place_survey(survey, config, trajectory), config)
     if placed.range_scale != 1:
         survey = survey.scaled(placed.range_scale)
     built = _Builder(survey, placed, config, scratch, found.lost).build_all(out_dir)
     shutil.rmtree(scratch, ignore_errors=True)
     return _summary(survey, placed, found.lost, built, time.perf_counter() - started)
+
+
+def _shown(
+    kept: Frames, geometry: RectifiedPair, config: MappingConfig, trajectory: Trajectory | None, workspace: Workspace, scratch: Path
+) -> Survey:
+    """The survey of all frames; a few, and then all, are shown where they are known to be."""
+    posed = trajectory is not None and not trajectory.fixes
+    known = None if posed or workspace.steps is None else placed_by(workspace.steps, len(kept))
+    if workspace.look and len(kept) > 2 * FIRST_FRAMES:
+        some = range(0, len(kept), -(-len(kept) // FIRST_FRAMES)) if posed or known else range(FIRST_FRAMES)
+        with suppress(MappingError):  # none of these frames may be readable or have a pose: there is nothing to show yet
+            first = _survey(Chosen(kept, some), geometry, config, workspace, scratch)
+            show_first(first, config, trajectory, known and known.chosen(some))
+    survey = _survey(kept, geometry, config, workspace, scratch)
+    if known:
+        show_first(survey, config, trajectory, known)
+    return survey
 
 
 def _survey(frames: Frames, geometry: RectifiedPair, config: MappingConfig, workspace: Workspace, scratch: Path) -> Survey:

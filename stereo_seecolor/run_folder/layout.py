@@ -170,6 +170,11 @@ def light_file(root: Path) -> Path:
     return state(root, "light.json")
 
 
+def steps_file(root: Path) -> Path:
+    """Where it is kept how neighboring frames lie to each other."""
+    return state(root, "steps.npz")
+
+
 def scratch_folder(root: Path) -> Path:
     """Where a run keeps pixels for its later passes."""
     return state(root, "scratch")

@@ -38,6 +38,11 @@ class SurveyFrames(Lazy[SurveyFrame]):
         self.T_rectified_left: NDArray[np.float64] = run.T_rectified_left
         self._frames, self._range_scale = run.frames if frames is None else frames, range_scale
 
+    @property
+    def finished(self) -> Sequence[FinishedFrame]:
+        """What the run knows of each."""
+        return self._frames
+
     def __len__(self) -> int:
         return len(self._frames)
 

@@ -76,12 +76,14 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     return replace(placed, placement=placed.placement.with_warnings(*warnings))
 
 
-def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> None:
-    """Show the frames where their poses say, or, without any, where each one's picture lies beside the one before.
+def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | None, known: Placement | None = None) -> None:
+    """Show the frames where they are known to be, where their poses say, or where each one's picture lies beside the last.
 
     Raises MappingError if no frame has a pose.
     """
-    if trajectory and not trajectory.fixes:
+    if known:
+        _show(survey, known, "unknown")
+    elif trajectory and not trajectory.fixes:
         _show(survey, place(survey.index, trajectory, config), trajectory.up)
     elif placement := odometry.first_places(survey):
         _show(survey, placement, "unknown")
