@@ -18,7 +18,7 @@ def find_charts(image: Image) -> tuple[FoundChart, ...]:
     read = [read_lattice(picture, lattice, type) for lattice in grids for type in CHART_TYPES]
     kept: list[FoundChart] = []
     _keep(kept, [chart for chart in read if chart])
-    _keep(kept, [chart for type in CHART_TYPES for chart in small_charts(picture, type)])
+    _keep(kept, list(small_charts(picture, CHART_TYPES)))
     return tuple(sorted(kept, key=lambda chart: -chart.score))
 
 

@@ -4,47 +4,35 @@ Water multiplies each channel of a flat chart and adds to it, and normalized cor
 looked for in each channel, over sizes and angles; the best places are refined, and kept where the patches have the right order.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from heapq import nlargest
 from itertools import product
 from operator import itemgetter
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from stereo_seecolor.evaluation.chart_places import ChartPlace, chart_places
 from stereo_seecolor.evaluation.chart_types import ChartType, FoundChart
 from stereo_seecolor.evaluation.sampling import correlations, sampled
 
 Floats = NDArray[np.float32]
 Affine = NDArray[np.float64]
 """(2, 3) or (K, 2, 3): from units of a chart to pixels."""
+Agreement = Callable[[Affine], NDArray[np.float64]]
+"""(K,) of outlines (K, 2, 3)."""
 
 
 @dataclass(frozen=True)
 class SearchLimits:
-    """What is tried, and what is believed.
+    """What is tried at a place, and what is believed.
 
-    On nine real pictures without a chart the best of all places had a correlation of 0.70 (mean of three channels); four charts 14
-    to 36 px wide, at 5 to 10 m, in a real picture have 0.81 to 0.90.
+    Measured on four real charts 14 to 36 px wide, at 5 to 10 m; charts of 18 to 36 px drawn into real reefs; and reefs without one.
     """
 
-    least_px: float = 15.0
-    """Width of the smallest chart: patches of 2.5 pixels."""
-    most_px: float = 32.0
-    """Widths that are searched: of larger charts the patches are seen one by one."""
-    template_px: int = 24
-    """Width of the chart in the picture that is searched."""
-    size_step: float = 1.2
-    """From one size to the next; between them the correlation falls by less than a tenth."""
-    angles_deg: tuple[float, ...] = tuple(90.0 * turn + tilt for turn in range(4) for tilt in (-15, 0, 15))
-    least_green: float = 0.4
-    """Correlation in green alone below which no place is examined."""
-    candidates: int = 30
-    """Places of the green channel's best correlation that are examined in all channels, for each size and kind of chart."""
     widths: tuple[float, ...] = (0.95, 1.15, 1.4, 1.7)
     """Times the width that green found: some columns of patches can look like all of them."""
     heights: tuple[float, ...] = (1.0, 0.85)
@@ -56,26 +44,48 @@ class SearchLimits:
     starts: int = 5
     """Of a place, so many of the outlines that agree best ..."""
     refined: int = 45
-    """... and of those of all places, so many are refined."""
-    least_of_three: float = 0.75
-    """Correlation of patches with the published colors, mean of three channels, of what is a chart ..."""
+    """... and of those of all places, so many are refined ..."""
+    least_start: float = 0.5
+    """... if they agree so well: charts that are found did by 0.57 and more, the best of a reef's places by 0.53."""
+    climb: int = 10
+    """Steps of these, all together ..."""
+    least_climbed: float = 0.75
+    """... after which those are refined that agree so well in their two best channels: real charts have 0.77 to 0.86, drawn ones
+    0.90 and more, the best of all places that are none 0.749."""
+    least_of_three: float = 0.78
+    """Correlation of patches with the published colors, mean of three channels, of what is a chart: the same have 0.81 to 0.90,
+    0.98 and more, and at most 0.76 ..."""
     least_of_two: float = 0.88
     """... or of its two best channels, where the third is clipped or absorbed."""
 
 
 LIMITS = SearchLimits()
+_MOVES = np.vstack(
+    [sign * np.diag([0.1, 0.1, 0.1, 0.1, 0.3, 0.3]) for sign in (-1, 1)]
+    + [[[0, -sign, sign, 0, 0, 0], [sign, 0, 0, sign, 0, 0]] for sign in (-0.08, 0.08)]
+)
+"""Longest steps to better outlines: each side, each shear, along both sides; turned, and in size."""
 _BORDER = 0.1
 """Of a patch, where gap and blur begin."""
 
 
-def small_charts(picture: Floats, type: ChartType) -> Iterator[FoundChart]:
-    """Every chart of a type in (H, W, 3) encoded, fractions of full scale; several outlines of each."""
+def small_charts(picture: Floats, types: Sequence[ChartType]) -> Iterator[FoundChart]:
+    """Every chart of these types in (H, W, 3) encoded, fractions of full scale; several outlines of each."""
+    places = list(chart_places(picture, types))
+    for type in types:
+        yield from _at(picture, type, [place for of, place in places if of is type])
+
+
+def _at(picture: Floats, type: ChartType, places: Sequence[ChartPlace]) -> Iterator[FoundChart]:
     units = _sample_points(type)
     reference = sampled(type.template, type.template_pixels(units)[None])[0]
 
+    def channels(outlines: Affine) -> NDArray[np.float64]:
+        """(K, 3) of outlines (K, 2, 3)."""
+        return correlations(sampled(picture, _mapped(outlines, units)), reference)
+
     def agreement(outlines: Affine) -> NDArray[np.float64]:
-        """(K,) of outlines (K, 2, 3)."""
-        return np.asarray(correlations(sampled(picture, _mapped(outlines, units)), reference).mean(axis=1), np.float64)
+        return np.asarray(channels(outlines).mean(axis=1), np.float64)
 
     patches = _patch_points(type).reshape(-1, 2)
     colors = np.repeat(type.srgb, len(patches) // len(type.cells), axis=0)
@@ -85,77 +95,25 @@ def small_charts(picture: Floats, type: ChartType) -> Iterator[FoundChart]:
         of_patches = correlations(sampled(picture, _mapped(outlines, patches)), colors).mean(axis=1)
         return np.asarray(of_patches + agreement(outlines), np.float64)
 
-    found: list[tuple[float, Affine]] = []
-    for place in _candidates(picture[..., 1], type):
-        starts = _starts(type, place)
-        scores = agreement(starts)
-        found += [(float(scores[i]), starts[i]) for i in np.argsort(-scores)[: LIMITS.starts]]
-    for _, start in nlargest(LIMITS.refined, found, key=itemgetter(0)):
-        outline = _refined(type, start, agreement)
-        if _judged(picture, type, outline):
+    for outline in _climbed(type, _best_starts(type, places, agreement), agreement):
+        if np.sort(channels(outline[None])[0])[1:].mean() > LIMITS.least_climbed:
             chart = _judged(picture, type, _refined(type, outline, inside))
             if chart:
                 yield chart
 
 
-@dataclass(frozen=True)
-class _Place:
-    score: float
-    x_px: float
-    y_px: float
-    width_px: float
-    angle_deg: float
+def _best_starts(type: ChartType, places: Sequence[ChartPlace], agreement: Agreement) -> Affine:
+    """(K, 2, 3): the outlines, a few at each place, that agree best."""
+    found: list[tuple[float, Affine]] = []
+    for place in places:
+        starts = _starts(type, place)
+        scores = agreement(starts)
+        found += [(float(scores[i]), starts[i]) for i in np.argsort(-scores)[: LIMITS.starts] if scores[i] > LIMITS.least_start]
+    best = [start for _, start in nlargest(LIMITS.refined, found, key=itemgetter(0))]
+    return np.array(best).reshape(-1, 2, 3)
 
 
-def _candidates(green: Floats, type: ChartType) -> Iterator[_Place]:
-    """The best places of each size, all angles together, none nearer to a better one of its size than a third of its width."""
-    for size_px in _sizes(green, type):
-        kept: list[_Place] = []
-        for place in sorted(_of_size(green, type, size_px), key=lambda place: -place.score):
-            if all(np.hypot(place.x_px - other.x_px, place.y_px - other.y_px) > 0.3 * size_px for other in kept):
-                kept.append(place)
-            if len(kept) == LIMITS.candidates:
-                break
-        yield from kept
-
-
-def _sizes(green: Floats, type: ChartType) -> Iterator[float]:
-    size_px = LIMITS.least_px
-    while size_px < min(LIMITS.most_px, green.shape[1], green.shape[0] * type.size[0] / type.size[1]):
-        yield size_px
-        size_px *= LIMITS.size_step
-
-
-def _of_size(green: Floats, type: ChartType, size_px: float) -> Iterator[_Place]:
-    scale = LIMITS.template_px / size_px
-    small = cv2.resize(green, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
-    for angle_deg in LIMITS.angles_deg:
-        template = _turned(type, angle_deg)
-        if any(t >= s for t, s in zip(template.shape, small.shape, strict=True)):
-            continue
-        scores = np.nan_to_num(cv2.matchTemplate(small, template, cv2.TM_CCOEFF_NORMED), posinf=0, neginf=0)
-        peaks = (scores > LIMITS.least_green) & (scores <= 1) & (scores == cv2.dilate(scores, np.ones((7, 7), np.uint8)))
-        for y, x in np.argwhere(peaks):
-            middle = (np.array([x, y]) + (np.array(template.shape[::-1]) - 1) / 2 + 0.5) / scale - 0.5
-            yield _Place(float(scores[y, x]), float(middle[0]), float(middle[1]), size_px, angle_deg)
-
-
-def _turned(type: ChartType, angle_deg: float) -> Floats:
-    """The green channel of the template, turned, its surroundings filled with its mean."""
-    green = type.template[..., 1]
-    height, width = green.shape
-    scale = LIMITS.template_px / width
-    angle = np.radians(angle_deg)
-    A = scale * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    size = np.ceil(np.abs(A) @ [width, height]).astype(int)
-    M = np.column_stack([A, (size - 1) / 2 - A @ [(width - 1) / 2, (height - 1) / 2]])
-    smoothed = cv2.GaussianBlur(green, (0, 0), 0.4 / scale)
-    mean = float(green.mean())
-    turned = cv2.warpAffine(smoothed, M, tuple(size.tolist()), borderMode=cv2.BORDER_CONSTANT, borderValue=mean)
-    return np.asarray(turned, np.float32)
-
-
-def _starts(type: ChartType, place: _Place) -> Affine:
+def _starts(type: ChartType, place: ChartPlace) -> Affine:
     """(K, 2, 3): where a refinement may begin: turned, wider, less high, beside what green alone found."""
     choices = product(LIMITS.tilts_deg, LIMITS.widths, LIMITS.heights, LIMITS.shifts, LIMITS.shifts)
     tilt_deg, width, height, x, y = np.array(list(choices)).T
@@ -168,15 +126,37 @@ def _starts(type: ChartType, place: _Place) -> Affine:
     return np.concatenate([A, (center - A @ middle)[..., None]], axis=-1)
 
 
+def _climbed(type: ChartType, outlines: Affine, agreement: Agreement) -> Iterator[Affine]:
+    """What outlines (K, 2, 3) become by steps to better ones, all together; of several of a place the best."""
+    if not len(outlines):
+        return
+    scores, step = agreement(outlines), np.ones(len(outlines))
+    each = np.arange(len(outlines))
+    for _ in range(LIMITS.climb):
+        tried = np.asarray(_moved(type, outlines[:, None], step[:, None, None] * _MOVES), np.float64)
+        of_tried = agreement(tried.reshape(-1, 2, 3)).reshape(len(outlines), -1)
+        best = of_tried.argmax(axis=1)
+        better = of_tried[each, best] > scores
+        outlines = np.where(better[:, None, None], tried[each, best], outlines)
+        scores = np.where(better, of_tried[each, best], scores)
+        step = np.where(better, step, step / 2)
+    middles, widths = _mapped(outlines, np.array([type.size]) / 2)[:, 0], np.hypot(*outlines[:, :, 0].T) * type.size[0]
+    left = np.argsort(-scores)
+    while len(left):
+        best = left[0]
+        yield outlines[best]
+        left = left[np.hypot(*(middles[left] - middles[best]).T) > 0.3 * widths[best]]
+
+
 def _moved(type: ChartType, M: Affine, change: NDArray[np.float64]) -> Affine:
-    """An outline stretched and sheared by change[:4] about its middle, and moved by change[4:] units."""
-    A, middle = M[:, :2], np.array(type.size) / 2
-    center = A @ (middle + change[4:]) + M[:, 2]
-    stretched = A @ (np.eye(2) + change[:4].reshape(2, 2))
-    return np.column_stack([stretched, center - stretched @ middle])
+    """Outlines (..., 2, 3) stretched and sheared by change[..., :4] about their middles, and moved by change[..., 4:] units."""
+    A, middle = M[..., :2], np.array(type.size) / 2
+    stretched = A @ (np.eye(2) + change[..., :4].reshape(*change.shape[:-1], 2, 2))
+    center = A @ (middle + change[..., 4:])[..., None] + M[..., 2:]
+    return np.concatenate([stretched, center - stretched @ middle[:, None]], axis=-1)
 
 
-def _refined(type: ChartType, start: Affine, agreement: Callable[[Affine], NDArray[np.float64]]) -> Affine:
+def _refined(type: ChartType, start: Affine, agreement: Agreement) -> Affine:
     """The outline of best agreement near ``start``."""
     simplex = np.vstack([np.zeros(6), np.diag([-0.1, 0.1, 0.1, -0.1, 0.3, 0.3])])
     options: Any = {"initial_simplex": simplex, "maxfev": 300, "fatol": 1e-4}

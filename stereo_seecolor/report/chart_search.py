@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tuple[SeenChart, ...]]:
-    """The charts of each frame; takes some five seconds of processor time a frame, all cores together."""
+    """The charts of each frame; takes some two seconds of processor time a frame of 1.4 megapixels, all cores together."""
 
     def of(frame: FinishedFrame) -> tuple[SeenChart, ...]:
         try:
