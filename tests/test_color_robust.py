@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.robust_solver import NOISE
-from stereo_seecolor.color.fitting.scene_prior import WATER, whole_prior
+from stereo_seecolor.color.fitting.scene_prior import SCENE, WATER, whole_prior
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import FRACTIONS, RangeQuantiles, quantiles_by_range
-from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.config import ColorConfig, RobustConfig
 from stereo_seecolor.evaluation.measures import score_truth
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Water
@@ -206,6 +206,17 @@ def test_known_depth_narrows_the_white_point() -> None:
     assert deep[12] < at_surface[12] - 0.3  # red is lost first
 
 
+def test_no_scene_tells_the_white_point_better_than_its_own_cast() -> None:
+    known, prior = np.full(3, 1e-6), np.array([10.0, 0.3, 0.1])
+    np.testing.assert_allclose(robust.with_cast(known, prior), (prior**-2 + SCENE.cast**-2) ** -0.5, rtol=1e-3)
+    np.testing.assert_allclose(robust.with_cast(prior * 0.999, prior), prior, rtol=2e-3)  # hardly anything learned
+    set_by_user = ColorConfig(robust=RobustConfig(white_point=(0.9, 1.0, 0.8)))
+    rng = np.random.default_rng(3)
+    table = measure(seen_through(BLUE, reef(rng), slope(), rng), slope())
+    errors = [robust.fit(table, config).standard_errors["white"] for config in (CONFIG, set_by_user)]
+    assert (errors[0] > 0.1).all() and not (errors[1] > 0.01).any()
+
+
 @pytest.mark.real_data
 def test_real_frames_have_no_bands_of_color(real_data: Path) -> None:
     import cv2
@@ -224,13 +235,16 @@ def test_real_frames_have_no_bands_of_color(real_data: Path) -> None:
 
 
 def drawn_from_the_prior(rng: np.random.Generator, range_m: NDArray[np.float64]) -> tuple[RangeQuantiles, NDArray[np.float64]]:
-    """Quantiles of a scene and a water that are as likely as the fit takes them to be; and the water's logarithms, (5, 3)."""
+    """Quantiles of a scene, all of which has a cast, and a water that are as likely as the fit takes them to be; and the water's
+    logarithms, (5, 3).
+    """
     mean, precision, _ = whole_prior(range_m.size, CONFIG.robust)
     x = rng.multivariate_normal(mean, np.linalg.inv(precision))
     far, near, beta, backscatter, white = np.exp(x[:WATER].reshape(5, 3, 1))
     loss = range_m * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * range_m))
     reflectance, brightness = x[WATER : -range_m.size].reshape(3, 1, -1), x[-range_m.size :, None]
-    direct = np.exp(reflectance + brightness) * (white * np.exp(-loss))[..., None]
+    cast = SCENE.cast * rng.standard_normal((3, 1, 1))
+    direct = np.exp(reflectance + cast + brightness) * (white * np.exp(-loss))[..., None]
     veil = np.broadcast_to((backscatter * white * -np.expm1(-beta * range_m))[..., None], direct.shape)
     spread = np.hypot(NOISE.content * direct / (direct + veil), NOISE.all)
     light = (direct + veil) * np.exp(spread * rng.standard_normal(direct.shape))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.robust_solver import NOISE, Data, Prior, minimize
-from stereo_seecolor.color.fitting.scene_prior import WATER, deviations, whole_prior
+from stereo_seecolor.color.fitting.scene_prior import SCENE, WATER, deviations, whole_prior
 from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
@@ -67,7 +67,10 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
     covariance = np.linalg.solve(curvature, np.eye(len(x), WATER))[:WATER]
     learned = deviations(covariance) < SETTINGS.nothing_learned * prior_error
     values = _values(x[:WATER].reshape(5, 3), scale)
-    errors = np.where(learned, standard_errors(values, covariance), np.nan)
+    errors = standard_errors(values, covariance)
+    if config.robust.white_point == "scene":
+        errors[4] *= with_cast(deviations(covariance)[4], prior_error[4]) / deviations(covariance)[4]
+    errors = np.where(learned, errors, np.nan)
     y, w, beta, gamma_inf, white = values
     return Water(
         gamma_inf=gamma_inf,
@@ -104,6 +107,16 @@ def standard_errors(values: NDArray[np.float64], covariance: NDArray[np.float64]
     together = covariance.reshape(5, 3, 5, 3).diagonal(axis1=1, axis2=3)
     variances = np.einsum("kic,ijc,kjc->kc", by_logarithm, together, by_logarithm)
     return np.vstack([np.sqrt(np.maximum(variances, 0.0)), deviations(covariance)[4] * white])
+
+
+def with_cast(error: NDArray[np.float64], prior_error: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) standard errors of the logarithm of the white point, where all of a scene may be of one color.
+
+    Quantiles of a scene have a cast in common, which no number of them averages away: what they say of the white point is no more
+    exact than ``SCENE.cast``. (3,) error: as if it were; prior_error: before any image.
+    """
+    told = np.maximum(error**-2.0 - prior_error**-2.0, 1e-6)
+    return np.asarray((prior_error**-2.0 + 1 / (1 / told + SCENE.cast**2)) ** -0.5)
 
 
 def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:

@@ -37,6 +37,9 @@ class ScenePrior:
     to bright. In 30 photographs 0.8 to 0.95, which takes white from the brightest alone and suits reefs less."""
     reflectance_all: float = 1.0
     """Standard deviation of a quantile's reflectance, all channels together."""
+    cast: float = 0.22
+    """Standard deviation of a channel of the color that all of a scene has in common; of the white point's error alone, where its
+    size was measured (docs/color-quality.md): the fit itself holds reefs to natural colors better without it."""
     brightness: float = 0.5
     """Standard deviation of a range's brightness (light, shade, content), all channels together."""
     mean_brightness: float = 100.0
