@@ -1,8 +1,8 @@
 """Colors where a range was carried over, held within those that measured pixels of the same picture show.
 
 Where the carried range is too large, too much backscatter is taken off, and red, of which water leaves least, gets far too much
-gain: rims and caves before open water come out red. No pixel of carried range is shown redder, against green and against blue, than
-nearly all measured ones.
+gain: rims and caves before open water come out red. No pixel of carried range is shown redder than nearly all measured ones, both
+against green and against blue: what is redder against blue alone is yellow.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ SETTINGS = RednessSettings()
 
 
 def less_red(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-    """The corrected (H, W, 3) image, its red lowered where the range was carried over and no measured pixel is as red.
+    """The corrected (H, W, 3) image, its red lowered where the range was carried over and hardly any measured pixel is as red.
 
     image: encoded uint8 or uint16, or float32 in linear light.
     """
@@ -43,7 +43,7 @@ def less_red(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]
         return image
     at = np.flatnonzero(carried)
     pixels = image.reshape(-1, 3)[at]
-    bound = np.maximum(np.minimum(pixels[:, 1] * most[0], pixels[:, 2] * most[1]), 0)
+    bound = np.maximum((pixels[:, 1:] * most).max(axis=1), 0)
     redder = pixels[:, 0] > bound
     out = image.copy()
     out.reshape(-1, 3)[at[redder], 0] = bound[redder]
