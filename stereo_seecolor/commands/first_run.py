@@ -60,26 +60,27 @@ def compile_for(config: RunConfig, options: RunOptions) -> None:
 
 
 def fit_noise() -> None:
-    """Decoding, counting, fitting, and how bright a frame becomes."""
+    """Decoding, counting, fitting, how bright a frame becomes, the cloud, and the page's ranges."""
+    from stereo_seecolor.report.range_code import CodedRanges
+
     image, range_m = _noise()
     quickly_decoded(cv2.imencode(".png", image)[1].tobytes())
     corrector = Corrector()
     table = corrector.measure(image, range_m)
     choose(table, corrector.fit(table), corrector.config)
+    height, width = range_m.shape
+    encode_cloud(range_m, RectifiedPair(100, width / 2, width / 2, height / 2, 0.1, (width, height)).rays, image)
+    CodedRanges.of(range_m)
 
 
 def correct_noise() -> None:
-    """Correcting, what is written of it, and placing frames for the dive's light."""
+    """Correcting, and placing frames for the dive's light."""
     from stereo_seecolor.mapping.track.image_space import Observed
     from stereo_seecolor.mapping.track.relative_pose import fit_pose
-    from stereo_seecolor.report.range_code import CodedRanges
 
     image, range_m = _noise()
     some = np.full(3, 0.2)
     Corrector().apply(image, range_m, Water(some, some, some, some, some, some, some, some), exposure=1.0)
-    height, width = range_m.shape
-    encode_cloud(range_m, RectifiedPair(100, width / 2, width / 2, height / 2, 0.1, (width, height)).rays, image)
-    CodedRanges.of(range_m)
     seen = Observed(np.random.default_rng(0).uniform(0.5, 1.0, (9, 3)), np.ones((9, 3)))
     fit_pose(np.eye(4), seen, seen)
 

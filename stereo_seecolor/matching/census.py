@@ -33,7 +33,7 @@ def mirrored_census(image: Gray, before: int, after: int) -> Census:
     """(H, before + W + after) the census mirrored left to right, between columns of zeros."""
     height, width = image.shape
     bits = np.zeros((height, before + width + after), np.uint32)
-    _census(padded(image), PATTERN, bits[:, before : before + width][:, ::-1])
+    bits[:, before : before + width] = census(image)[:, ::-1]
     return bits
 
 
