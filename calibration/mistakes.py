@@ -88,7 +88,10 @@ class Mistake:
 
 
 EXCHANGED = "left and right look swapped"
-_EXCHANGE = "exchange --left and --right (or the cameras in the calibration, if it lists the right one first)"
+_EXCHANGE = (
+    "exchange --left and --right (of images that show both sides: --set input.right_half_first=true), or the cameras in the "
+    "calibration, if it lists the right one first"
+)
 _TURN = "turn them as they were when calibrated (or remove their EXIF orientation, if the calibration was made without it)"
 
 

@@ -61,9 +61,9 @@ def _other_shape(images: Size, calibrated: Size) -> str:
         return "turned by a quarter: turn them back (or remove their EXIF orientation, if the calibration was made without it)"
     across, down = images[0] / calibrated[0], images[1] / calibrated[1]
     if across == 2 * down:
-        return "as if both sides lay side by side in it: cut left and right out, into folders of their own"
+        return "as if both sides lay side by side in it: give it as --left and as --right"
     if down == 4 * across or (across, down) == (1, 2):
-        return "as if both sides lay one above the other: cut left and right out, into images or videos of their own"
+        return "as if both sides lay one above the other: give it as --left and as --right"
     if down == 2 * across:
         return "as if each side were squeezed to half its width: stretch both sides to the width that was calibrated"
     return "a cut-out or another camera: use the calibration made at this resolution"

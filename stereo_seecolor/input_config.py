@@ -25,6 +25,10 @@ class InputConfig(StageConfig):
         description="Bits that 16-bit files really use (12 for a 12-bit sensor stored unshifted); scaled to full. auto: the fewest "
         "that hold the values of pairs spread over the dive, and for correct and folders of live all 16. None: all 16.",
     )
+    right_half_first: bool = Field(
+        default=False,
+        description="Of images and videos that show both sides: the left (or upper) half is the right camera's.",
+    )
     exposures: FilePath | None = Field(
         default=None,
         description="CSV with exposure_s and gain of each image by its file's name; what it does not say is read from EXIF.",

@@ -143,9 +143,9 @@ def test_two_images_of_different_things_tell_nothing(monkeypatch: pytest.MonkeyP
     ("size", "said"),
     [
         ((960, 1280), "turned by a quarter: turn them back"),
-        ((2560, 960), "both sides lay side by side in it: cut left and right out"),
-        ((1280, 1920), "one above the other: cut left and right out"),
-        ((640, 1920), "one above the other: cut left and right out"),
+        ((2560, 960), "both sides lay side by side in it: give it as --left and as --right"),
+        ((1280, 1920), "one above the other: give it as --left and as --right"),
+        ((640, 1920), "one above the other: give it as --left and as --right"),
         ((640, 960), "squeezed to half its width: stretch both sides"),
         ((1280, 720), "a cut-out or another camera"),
     ],

@@ -48,14 +48,6 @@ def test_sides_in_one_folder(tmp_path: Path, files: list[str], left: str, right:
     assert (found.left, found.right, found.guessed) == (tmp_path / left, tmp_path / right, guessed)
 
 
-@pytest.mark.parametrize(("size", "how"), [((60, 20), "side by side"), ((30, 40), "one above the other")])
-def test_images_that_show_both_sides(tmp_path: Path, size: tuple[int, int], how: str) -> None:
-    for number in (1, 2):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((size[1], size[0]), np.uint8))
-    with pytest.raises(InputError, match=f"as if each showed both sides {how}: cut left and right out"):
-        find_sides([tmp_path])
-
-
 def test_folders_of_the_same_names_are_said(tmp_path: Path) -> None:
     root = make(tmp_path, "10h/left/1.png", "10h/right/1.png", "11h/left/2.png", "11h/right/2.png", "notes/3.png")
     assert find_sides([root]).others == (root / "11h/left", root / "11h/right")

@@ -80,7 +80,7 @@ def test_side_by_side(tmp_path: Path) -> None:
     assert near(pair.left, lefts[1])
     assert near(pair.right, rights[1])
     odd = write_video(tmp_path / "odd.mkv", [frame[:, :95] for frame in lefts], "libx264rgb", "rgb24")
-    with pytest.raises(InputError, match="an odd number: left and right do not stand side by side"):
+    with pytest.raises(InputError, match="an odd number: it does not show left and right in halves"):
         read_image(paired(odd, odd).pairs[0].left)
 
 

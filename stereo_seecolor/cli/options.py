@@ -33,8 +33,8 @@ def flag(name: str, help: str, panel: str | None = None) -> Any:
     return option(name, "", help, panel)
 
 
-_LEFT = option("--left", "FOLDER", "Folder of left images, a quoted pattern ('DIVE/*_L.png'), or a video.")
-_RIGHT = option("--right", "FOLDER", "The same of the right side; the left video again if it shows both.")
+_LEFT = option("--left", "FOLDER", "Folder of left images, a quoted pattern ('DIVE/*_L.png', 'DIVE/*/left'), or a video.")
+_RIGHT = option("--right", "FOLDER", "The same of the right side; the left folder or video again if its images show both.")
 _CALIB = option("--calib", "FILE", "Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")
 Left = Annotated[Path, _LEFT]
 Right = Annotated[Path, _RIGHT]

@@ -15,8 +15,9 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.files.new_folder import refuse_existing
+from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.inputs.pairing import Pair, pair_folders
+from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow
 
 
@@ -41,7 +42,7 @@ def calibrate(
     coverage = out.with_name(f"{out.stem}_coverage.png")
     refuse_existing(out, coverage)
     board = parse_target(target)
-    pairs = pair_folders(left, right, InputConfig()).pairs
+    pairs = pair_sides(left, right, InputConfig()).pairs
 
     def detect(pair: Pair) -> View:
         return detect_view(pair.name, read_image(pair.left), read_image(pair.right), board)

@@ -8,7 +8,7 @@ from stereo_seecolor.commands.stereo_inputs import sample
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.ranged_images import RangedImages
 from stereo_seecolor.dive.run_options import RunOptions
-from stereo_seecolor.inputs.listing import folder_of
+from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import pair_by_stem
 from stereo_seecolor.run_folder.claim import Owner
 from stereo_seecolor.run_folder.folder import RunFolder
@@ -28,7 +28,7 @@ def correct(
     owner = Owner("ranged", {"images": str(images.resolve()), "range": str(ranges.resolve())}, sample(pairing.pairs[0].left))
     description = describe({"images": str(images), "range": str(ranges)}, config, pairing, "corrected", options)
     job = Job(RangedImages(config), pairing, description, lambda dive, folder: color(dive, folder, pairing, options.water))
-    with RunFolder(out, claim(owner, options, [folder_of(images), folder_of(ranges), options.water])) as folder:
+    with RunFolder(out, claim(owner, options, [*folders_of(images), *folders_of(ranges), options.water])) as folder:
         return job.conduct(folder, options)
 
 

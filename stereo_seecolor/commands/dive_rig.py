@@ -18,6 +18,7 @@ from calibration.resizing import wrong_size
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.halves import is_half
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import FrameRow, Image, is_monochrome
@@ -38,7 +39,8 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
     first = _size(image)
     rig = behind_port(for_channels(load_rig_of_images(calib, first), is_monochrome(image)), images)
     if rig.left.image_size != first and rig.left.image_size not in map(_size, islice(lefts, DECIDING_PAIRS - 1)):
-        raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)))
+        cut = " (--left and --right are the same, so that each image is cut in two)" if is_half(pairs[0].left) else ""
+        raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)) + cut)
     return rig
 
 

@@ -26,9 +26,11 @@ from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
 from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.frames import FrameReader
+from stereo_seecolor.inputs.halves import SIDES, half_of
 from stereo_seecolor.inputs.image_facts import ImageFacts, image_facts
-from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_folders
+from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_images import is_video
@@ -99,7 +101,7 @@ def inspect(places: Sequence[Path]) -> Inspection:
 
 
 def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
-    pairing = pair_folders(sides.left, sides.right, RunConfig().input)
+    pairing = pair_sides(sides.left, sides.right, RunConfig().input)
     left, right = image_facts(pairing.pairs[0].left), image_facts(pairing.pairs[0].right)
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
@@ -183,6 +185,8 @@ def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested
     calib, rows = str(found[0].path) if found else "CALIBRATION", tested.rows
     first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
     words = ["stereo-seecolor", "run", "--left", str(first), "--right", str(second), "--calib", calib, "--out", "out"]
+    if tested.exchanged and first == second:
+        words += ["--set", "input.right_half_first=true"]
     if rows and rows.has_moved:
         words.append("--refine")
     if rows and rows.air_in_water:
@@ -241,8 +245,9 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
 
 
 def _video_size(sides: Sides) -> tuple[int, int]:
-    height, width = gray(video_file(sides.left).frame(0)).shape
-    return (width // 2, height) if sides.left == sides.right else (width, height)
+    image = gray(video_file(sides.left).frame(0))
+    height, width = (half_of(image, SIDES[0], sides.left) if sides.left == sides.right else image).shape
+    return width, height
 
 
 def _interval_s(pairing: Pairing) -> float | None:
@@ -265,9 +270,16 @@ def _problems_of_images(sides: Sides, pairing: Pairing) -> tuple[str, ...]:
     if sides.others:
         problems.append(
             f"{counted(len(sides.others), 'folder')} of the same names are left out, the first: {sides.others[0]}: each pair of "
-            "them is a run of its own, which stereo-seecolor campaign does one after the other"
+            f"them is a run of its own, which stereo-seecolor campaign does one after the other{_together(sides)}"
         )
     return tuple(problems)
+
+
+def _together(sides: Sides) -> str:
+    """How to run folders of the same names as one dive."""
+    if not (patterns := sides.together):
+        return ""
+    return "; all of them as one dive: " + shlex.join(["--left", str(patterns[0]), "--right", str(patterns[1])])
 
 
 def _missing_calibration(places: Sequence[Path], found: Sequence[FoundCalibration], size: tuple[int, int]) -> tuple[str, ...]:

@@ -15,9 +15,10 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes, special_kind
+from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.linear_look import encoding_notes
-from stereo_seecolor.inputs.listing import folder_of
-from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_folders
+from stereo_seecolor.inputs.listing import folders_of
+from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts, stored_notes
 from stereo_seecolor.inputs.video import Videos
 from stereo_seecolor.inputs.video_images import is_video
@@ -48,7 +49,7 @@ class StereoInputs:
     @property
     def paths(self) -> tuple[Path, ...]:
         """Every file and folder that is read."""
-        return (folder_of(self.left), folder_of(self.right), *(Path(part) for part in str(self.calib).split(",")))
+        return (*folders_of(self.left), *folders_of(self.right), *(Path(part) for part in str(self.calib).split(",")))
 
     @property
     def is_video(self) -> bool:
@@ -65,13 +66,13 @@ class StereoInputs:
 
         What looks wrong with the rig, though it can be used, is added to the pairing's notes.
         """
-        pairing = pair_folders(self.left, self.right, config.input)
+        pairing = pair_sides(self.left, self.right, config.input)
         config, notes = settle_storage(config, pairing.pairs)
         return self._opened(pairing.with_notes(notes), config)
 
     def open_videos(self, folder: RunFolder, config: RunConfig) -> "Opened":
         """The same of videos; which of their frames are pairs is kept in OUT. Raises as ``open``, and DeviceError."""
-        pairing = video_pairing(Videos(self.left, self.right), self.calib, folder, config.input)
+        pairing = video_pairing(Videos(self.left, self.right, config.input.right_half_first), self.calib, folder, config.input)
         notes = encoding_notes(config.color, stored_facts(config.input, pairing.pairs[:1]))
         return self._opened(pairing.with_notes(notes), config)
 

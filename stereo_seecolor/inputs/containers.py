@@ -1,15 +1,20 @@
-"""Paths that lead into a video or a bag: these are opened by the path alone, in whatever process reads it."""
+"""Paths that lead into a video, a bag, or an image of both sides: these are opened by the path alone, in any process."""
 
 from pathlib import Path
 
 from stereo_seecolor.files.contained import Container, contained, open_containers
 from stereo_seecolor.inputs.bags.bag import SUFFIXES
+from stereo_seecolor.inputs.halves import Halves, is_half
 from stereo_seecolor.inputs.video_images import VideoImages, is_video
 
 
 def open_around(path: Path) -> None:
-    """Open the video or bag that ``path`` leads into, if it leads into one. Raises InputError, DeviceError."""
+    """Open the video, bag or image that ``path`` leads into, if it leads into one. Raises InputError, DeviceError."""
     if contained(path):
+        return
+    if is_half(path):
+        image = path.parent.parent
+        open_containers({image: Halves(image)})
         return
     outer = next((parent for parent in path.parents if is_video(parent) or parent.suffix.lower() in SUFFIXES), None)
     if outer and outer.is_file():

@@ -1,6 +1,5 @@
 """Image files to RGB arrays at the camera's own bit depth."""
 
-import sys
 from pathlib import Path
 
 import cv2
@@ -9,14 +8,11 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.files.png import SIGNATURE
-from stereo_seecolor.files.quick_decode import has_exif, is_compiled, quickly_decoded
 from stereo_seecolor.files.reading import read_bytes
 from stereo_seecolor.inputs.containers import open_around
-from stereo_seecolor.inputs.headers import image_size
+from stereo_seecolor.inputs.decoding import decode_raw, decoded
 from stereo_seecolor.records import Image, Map
 
-MAX_PIXELS = 150_000_000  # the largest cameras have 150 million; more is a damaged header
 BAYER_CODES = {
     "rggb": cv2.COLOR_BayerRGGB2RGB,
     "bggr": cv2.COLOR_BayerBGGR2RGB,
@@ -44,7 +40,7 @@ def read_image_bytes(path: Path) -> bytes:
 
 def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
     """As read_image, from the file's content; ``path`` is for the messages."""
-    pixels, is_rgb = _decoded(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
+    pixels, is_rgb = decoded(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: holds {pixels.dtype} pixels, an image needs 8 or 16 bits a channel")
     if isinstance(config.significant_bits, int):
@@ -79,34 +75,6 @@ def read_range_map(path: Path) -> Map:
         raise InputError(f"{path}: holds {pixels.dtype} pixels, a range map is float32 meters or 16-bit millimeters")
     with np.errstate(invalid="ignore"):
         return np.where(np.isfinite(range_m) & (range_m > 0), range_m, np.float32(np.nan))
-
-
-def decode_raw(content: bytes, path: Path, flags: int) -> NDArray[np.generic]:
-    """The pixels as cv2.imdecode gives them with these flags. Raises InputError, as read_image."""
-    pixels, is_rgb = _decoded(content, path, flags)
-    return cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if is_rgb else pixels
-
-
-def _decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic], bool]:
-    """The same, and whether they are RGB: colors of OpenCV are BGR."""
-    try:
-        width, height = image_size(content)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}: copy it again from the vehicle, or leave it out") from error
-    if width * height > MAX_PIXELS:
-        raise InputError(f"{path}: claims {width}x{height} pixels, more than {MAX_PIXELS / 1e6:g} million: not read")
-    # OpenCV turns what EXIF says is turned
-    if "numba" in sys.modules and content.startswith(SIGNATURE) and not has_exif(content) and is_compiled():
-        quick = quickly_decoded(content)
-        if quick is not None:
-            return quick, quick.ndim == 3
-    try:
-        pixels: NDArray[np.generic] | None = cv2.imdecode(np.frombuffer(content, np.uint8), flags)
-    except cv2.error as error:
-        raise InputError(f"{path}: cannot be decoded: {error.err}") from error
-    if pixels is None:
-        raise InputError(f"{path}: cannot be decoded (damaged, or of a kind that OpenCV does not read)")
-    return pixels, False
 
 
 def _scale_to_full(pixels: NDArray[np.generic], significant_bits: int, path: Path) -> NDArray[np.uint16]:

@@ -1,11 +1,10 @@
-"""The image files of a folder, or those of them that a pattern names."""
+"""The image files of a folder, of several, or those that a pattern names."""
 
 import os
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 from calibration.wording import counted
@@ -14,6 +13,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key, product_name, sort_naturally, stem_of
 from stereo_seecolor.files.reading import entry_problem
 from stereo_seecolor.inputs.name_keys import side_of
+from stereo_seecolor.inputs.patterns import fits, folder_of, is_marked, is_pattern, matched_folders, split_pattern
 
 EXTENSIONS = frozenset({".png", ".tif", ".tiff", ".jpg", ".jpeg", ".bmp", ".pgm", ".ppm"})
 _COMPRESSED = {".webp", ".jp2", ".j2k", ".jxl", ".avif", ".heic", ".heif", ".gif", ".exr"}
@@ -58,26 +58,83 @@ class Listing:
     unreadable: tuple[Unpaired, ...] = ()
 
 
-def is_pattern(source: Path) -> bool:
-    """True for ``DIVE/left*.png``: a last part that holds ``*``, ``?`` or ``[``, and is not the name of something that is there."""
-    return any(mark in source.name for mark in "*?[") and not source.exists()
-
-
-def folder_of(source: Path) -> Path:
-    """What a source's files lie in: the folder that a pattern is to be looked for in, else the source itself."""
-    return source.parent if is_pattern(source) else source
-
-
 def list_images(source: Path, what: str) -> Listing:
-    """The files directly in a folder with the extension of an image; hidden files are none of them.
+    """The files of a source with the extension of an image; hidden files are none of them.
 
-    source: a folder, one image, or a folder and a pattern for the names in it, for rigs whose sides share one: ``DIVE/*_L.png``.
-    A folder that holds no image itself stands for those in it: cameras begin a new one every so many images, or every hour.
+    source: a folder, one image, or a folder and a pattern for the names in it, for rigs whose sides share one: ``DIVE/*_L.png``; or
+    several folders, see ``folder_parts``.
     Raises InputError if the folder is missing, cannot be read, or holds no such image.
     """
     if source.is_file() and _is_image(source.name, "*"):
         return Listing((source,))
-    folder, pattern = folder_of(source), source.name if is_pattern(source) else "*"
+    parts = folder_parts(source)
+    return _together([list_images(one, what) for one in parts.values()]) if parts else _in_folder(source, what)
+
+
+def folder_parts(source: Path) -> dict[str, Path]:
+    """The folders (or patterns for one folder's files) that a source stands for, in natural order, by what tells them apart.
+
+    Those that a pattern matches (``10h`` and ``11h`` for ``DIVE/*/left``). Those in a folder that holds no image itself: cameras
+    begin a new one every so many images, or every hour. None for one folder, one image, or a pattern for the names in one folder.
+    Raises InputError for a pattern that matches folders of both sides, or of several parts and nothing.
+    """
+    folder, parts = split_pattern(source)
+    if not parts:
+        return {} if _holds_images(folder) else {path.name: path for path in inner_folders(folder)}
+    found = {key: one for key, one in _matched(folder, parts) if is_pattern(one) or one.is_file() or _leads_to_images(one)}
+    if len({side_of(key) for key in found} - {None}) > 1:
+        raise InputError(f"{source}: matches folders of both sides ({', '.join(found)}): write one side's name into the pattern")
+    if not found and len(parts) > 1:
+        raise InputError(f"{source}: no folder of images, and no image, in {folder} fits this pattern")
+    return {} if list(found.values()) == [source] else found
+
+
+def folders_of(source: Path) -> tuple[Path, ...]:
+    """Every folder (or the one image) that a source's files lie in. Raises as ``folder_parts``."""
+    return tuple(map(folder_of, folder_parts(source).values() or (source,)))
+
+
+def _matched(folder: Path, parts: Sequence[str]) -> Iterator[tuple[str, Path]]:
+    """Sources below a folder that the parts of a pattern stand for, each with the names that its marks were matched by."""
+    part, *rest = parts
+    if not rest and ((folder / part).is_file() or (is_marked(part) and _holds_images(folder, part))):
+        yield "", folder / part
+        return
+    for name, inner in matched_folders(folder, part).items():
+        for key, one in _matched(inner, rest) if rest else [("", inner)]:
+            yield "_".join(filter(None, (name, key))), one
+
+
+def _leads_to_images(folder: Path) -> bool:
+    return _holds_images(folder) or bool(inner_folders(folder))
+
+
+def _holds_images(folder: Path, pattern: str = "*") -> bool:
+    try:
+        with os.scandir(folder) as entries:
+            return any(_is_image(entry.name, pattern) for entry in entries)
+    except OSError:
+        return False  # said of the folder itself
+
+
+def inner_folders(folder: Path) -> list[Path]:
+    """The folders directly in one that hold images, in natural order; none where their names are those of both sides."""
+    inner = []
+    with suppress(OSError):  # said of the folder itself
+        inner = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")]
+    inner = [path for path in inner if _holds_images(path)]
+    sides = {side_of(path.name) for path in inner} - {None}
+    return [] if len(sides) > 1 else sorted(inner, key=lambda path: natural_key(path.name))
+
+
+def _together(listings: Sequence[Listing]) -> Listing:
+    files = tuple(file for listing in listings for file in listing.files)
+    return Listing(files, tuple(file for listing in listings for file in listing.unreadable))
+
+
+def _in_folder(source: Path, what: str) -> Listing:
+    """The images directly in a folder, or those of them that a pattern names."""
+    folder, pattern = (source.parent, source.name) if is_pattern(source) else (source, "*")
     names, others, problems = [], [], []
     try:
         with os.scandir(folder) as entries:
@@ -94,8 +151,6 @@ def list_images(source: Path, what: str) -> Listing:
         raise InputError(f"{folder}: is a file; give the folder of {what}") from error
     except OSError as error:
         raise InputError(f"{folder}: the folder of {what} cannot be read: {error.strerror}") from error
-    if not names and (inner := inner_folders(folder)) and not is_pattern(source):
-        return _together([list_images(one, what) for one in inner])
     if not names:
         named = f" named {pattern}" if is_pattern(source) else ""
         hint = unread_hint([*others, *(file.path.name for file in problems)])
@@ -103,21 +158,6 @@ def list_images(source: Path, what: str) -> Listing:
     sort_naturally(names)
     problems.sort(key=lambda file: natural_key(file.path.name))
     return Listing(FolderFiles(folder, names), tuple(problems))
-
-
-def inner_folders(folder: Path) -> list[Path]:
-    """The folders directly in one that hold images, in natural order; none where their names are those of both sides."""
-    inner = []
-    with suppress(OSError):  # said of the folder itself
-        inner = [path for path in folder.iterdir() if path.is_dir() and not path.is_symlink() and not path.name.startswith(".")]
-        inner = [path for path in inner if any(_is_image(file.name, "*") for file in path.iterdir())]
-    sides = {side_of(path.name) for path in inner} - {None}
-    return [] if len(sides) > 1 else sorted(inner, key=lambda path: natural_key(path.name))
-
-
-def _together(listings: Sequence[Listing]) -> Listing:
-    files = tuple(file for listing in listings for file in listing.files)
-    return Listing(files, tuple(file for listing in listings for file in listing.unreadable))
 
 
 def unread_hint(names: Iterable[str]) -> str:
@@ -132,4 +172,4 @@ def unread_hint(names: Iterable[str]) -> str:
 
 def _is_image(name: str, pattern: str) -> bool:
     suffix = name[len(stem_of(name)) :]
-    return suffix.lower() in EXTENSIONS and not name.startswith(".") and (pattern == "*" or fnmatchcase(name, pattern))
+    return suffix.lower() in EXTENSIONS and fits(name, pattern)

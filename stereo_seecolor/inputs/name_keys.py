@@ -34,7 +34,7 @@ def stem_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys
 
 def side_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
     """The stems without the word for their side (``left_0001`` and ``right_0001``)."""
-    return _grouped(lefts, lambda stem: _without_side(stem, "left")), _grouped(rights, lambda stem: _without_side(stem, "right"))
+    return _grouped(lefts, lambda stem: without_side(stem, "left")), _grouped(rights, lambda stem: without_side(stem, "right"))
 
 
 def affix_keys(lefts: Sequence[Path], rights: Sequence[Path]) -> tuple[Keys, Keys]:
@@ -67,7 +67,8 @@ def _grouped(paths: Sequence[Path], key_of: Callable[[str], str]) -> Keys:
     return keys
 
 
-def _without_side(stem: str, side: str) -> str:
+def without_side(stem: str, side: str) -> str:
+    """A name without the word for its side, "left" or "right"; the name itself where nothing else is in it."""
     rest = _SIDE_WORDS[side].sub("", stem)
     return re.sub(r"([_\-. ])[_\-. ]+", r"\1", rest).strip(_SEPARATORS) or stem
 

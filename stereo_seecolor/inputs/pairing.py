@@ -278,7 +278,7 @@ def _settle_by_name(matching: _Matching) -> None:
 def _pairing(matching: _Matching, left_reason: str, right_reason: str) -> Pairing:
     unpaired = [*matching.unpaired, *(Unpaired(path, left_reason) for path in matching.lefts)]
     unpaired += [Unpaired(path, right_reason) for path in matching.rights]
-    pairs = in_dive_order(_with_unique_names(matching.pairs))
+    pairs = in_dive_order(with_unique_names(matching.pairs))
     return Pairing(DivePairs.of(pairs), _in_order(unpaired), _drift_notes(pairs))
 
 
@@ -286,7 +286,7 @@ def _in_order(unpaired: list[Unpaired]) -> tuple[Unpaired, ...]:
     return tuple(sorted(unpaired, key=lambda file: (str(file.path.parent), natural_key(file.path.name))))
 
 
-def _with_unique_names(pairs: list[Pair]) -> list[Pair]:
+def with_unique_names(pairs: list[Pair]) -> list[Pair]:
     """Names that would meet in one output file, also where case does not count, get a hash of the left file's name."""
     count = Counter(pair.name.casefold() for pair in pairs)
     return [

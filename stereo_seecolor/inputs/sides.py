@@ -4,6 +4,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
 from operator import itemgetter
@@ -12,18 +13,18 @@ from pathlib import Path
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.headers import image_size
 from stereo_seecolor.inputs.images import read_image_bytes
-from stereo_seecolor.inputs.listing import EXTENSIONS, inner_folders, list_images, unread_hint
+from stereo_seecolor.inputs.listing import EXTENSIONS, folder_parts, inner_folders, list_images, unread_hint
 from stereo_seecolor.inputs.name_keys import side_of
-from stereo_seecolor.inputs.pairing import pair_folders
 from stereo_seecolor.inputs.video_images import is_video
 
 DEPTH = 3
 """Levels of folders that are searched: a dive, a camera, a format."""
 
 WIDEST = 2.0
-"""Width over height of the widest sensors: 1.9 (17:9)."""
+"""Width over height of two square images side by side; the widest sensors have 1.9 (17:9)."""
 
 MAX_FOLDERS = 12
 """Folders with the most images that are tried as sides, each with each."""
@@ -34,7 +35,7 @@ _NUMBER = re.compile(r"(?P<side>cam[01](?!\d))|\d+", re.IGNORECASE)
 
 @dataclass(frozen=True)
 class Sides:
-    """Two folders of images (or patterns for the names in one), or two videos; the same video twice shows both.
+    """Two folders of images (or patterns for the names in one), or two videos; the same folder or video twice shows both.
 
     guessed: no name says which side is which. others: folders of the same names elsewhere, as of another hour or dive.
     """
@@ -43,6 +44,17 @@ class Sides:
     right: Path
     guessed: bool = False
     others: tuple[Path, ...] = ()
+
+    @property
+    def together(self) -> tuple[Path, Path] | None:
+        """Patterns for these folders and all the others, as of a dive cut into hours; None where one pattern a side has not all."""
+        for place in range(1, len(self.left.parts)):
+            left, right = (Path(*side.parts[:place], "*", *side.parts[place + 1 :]) for side in (self.left, self.right))
+            with suppress(InputError):  # matches folders of both sides
+                found = [*folder_parts(left).values(), *folder_parts(right).values()]
+                if sorted(found) == sorted((self.left, self.right, *self.others)):
+                    return left, right
+        return None
 
 
 def find_sides(places: Sequence[Path]) -> Sides:
@@ -98,23 +110,21 @@ def _in_one_folder(folder: Path) -> Sides:
     patterns = {folder / shape: count for shape, count in shapes.items()}
     if len(patterns) < 2 and (side := side_of(folder.name)):
         raise InputError(f"{folder}: holds the {side} images alone: give the other side's folder too, or the one that holds both")
+    if len(patterns) < 2 and _shows_both(folder):
+        return Sides(folder, folder)
     if len(patterns) < 2:
         cure = "move the left and the right ones into folders of their own"
-        if shape := _shape_of_both(folder):
-            cure = f"they look as if each showed both sides {shape}: cut left and right out, into folders of their own"
         raise InputError(f"{folder}: holds all images in one folder, and no name says which side it is of: {cure}")
     return _best_pair(patterns)
 
 
-def _shape_of_both(folder: Path) -> str:
-    """How two sides may lie in each image, by the shape of the first; "" for one of a usual shape, or that cannot be read."""
+def _shows_both(folder: Path) -> bool:
+    """Whether each image may show both sides, side by side or one above the other, by the shape of the first."""
     try:
         width, height = image_size(read_image_bytes(list_images(folder, "images").files[0]))
     except (InputError, ValueError):
-        return ""
-    if width > WIDEST * height:
-        return "side by side"
-    return "one above the other" if height > width else ""
+        return False
+    return width >= WIDEST * height or height > width
 
 
 def _best_pair(images: dict[Path, int]) -> Sides:
@@ -147,7 +157,7 @@ def _sides_of(first: Path, second: Path) -> tuple[str | None, str | None]:
 
 def _pairs(left: Path, right: Path) -> int:
     try:
-        return len(pair_folders(left, right, InputConfig()).pairs)
+        return len(pair_sides(left, right, InputConfig()).pairs)
     except InputError:
         return 0
 

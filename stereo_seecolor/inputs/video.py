@@ -7,19 +7,21 @@ from calibration import StereoRig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.halves import SIDES
 from stereo_seecolor.inputs.pairing import DivePairs, Pair, Pairing
 from stereo_seecolor.inputs.video_choice import FrameChoice, choose_frames
 from stereo_seecolor.inputs.video_file import video_file
-from stereo_seecolor.inputs.video_images import SIDES, frame_path
+from stereo_seecolor.inputs.video_images import frame_path
 from stereo_seecolor.inputs.video_streams import recorded_at
 
 
 @dataclass(frozen=True)
 class Videos:
-    """One video a side; twice the same one that shows left and right side by side. Raises InputError, DeviceError."""
+    """One video a side; twice the same one that shows both, the left or the right side first. Raises InputError, DeviceError."""
 
     left: Path
     right: Path
+    right_half_first: bool = False
 
     @property
     def key(self) -> str:
@@ -32,7 +34,8 @@ class Videos:
 
     def pairing(self, choice: FrameChoice) -> Pairing:
         """Those frames as pairs, called after the number of the left one. Times are those of the left video."""
-        sides = SIDES if self.left == self.right else ("", "")
+        halves = SIDES[::-1] if self.right_half_first else SIDES
+        sides = halves if self.left == self.right else ("", "")
         times_s = video_file(self.left).index.times_s + (recorded_at(self.left) or 0.0)
         pairs = [
             Pair(

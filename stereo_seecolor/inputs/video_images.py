@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.contained import Container
 from stereo_seecolor.files.tiff import encode_tiff
+from stereo_seecolor.inputs.halves import SIDES, half_of
 from stereo_seecolor.inputs.video_file import video_file
 
 EXTENSIONS = frozenset({".mp4", ".mov", ".avi", ".mkv", ".m4v", ".mpg", ".mpeg", ".webm"})
 
 FULL_16 = 257 / 256
 """FFmpeg makes white of 8 bits 255 * 256 of 16; the rest of the program has it at 65535."""
-
-SIDES = ("left", "right")
 
 
 def is_video(path: Path) -> bool:
@@ -43,13 +42,7 @@ class VideoImages(Container):
         if not file.endswith(".tif") or not file[:-4].isdecimal() or (side and side not in SIDES):
             raise InputError(f"{self.path}: holds no image {name}")
         rgb = pixels(video_file(self.path).frame(int(file[:-4])))
-        return encode_tiff(self._half(rgb, side) if side else rgb)
-
-    def _half(self, rgb: NDArray[Any], side: str) -> NDArray[Any]:
-        width = rgb.shape[1]
-        if width % 2:
-            raise InputError(f"{self.path}: is {width} px wide, an odd number: left and right do not stand side by side in it")
-        return rgb[:, : width // 2] if side == "left" else rgb[:, width // 2 :]
+        return encode_tiff(half_of(rgb, side, self.path) if side else rgb)
 
 
 def pixels(frame: Any) -> NDArray[Any]:
