@@ -193,8 +193,12 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tm
 
 def test_twice_the_same_picture(make_dive, cli, tmp_path) -> None:
     dive = make_dive(1)
-    words = ["run", "--left", str(dive.root / "L"), "--right", str(dive.root / "L"), "--calib", str(dive.root / "cam.yaml")]
-    code, printed, _ = cli(*words, "--out", str(tmp_path / "out"))
+    words = ["run", "--left", str(dive.root / "L"), "--calib", str(dive.root / "cam.yaml"), "--out", str(tmp_path / "out")]
+    code, _, said = cli(*words, "--right", str(dive.root / "L"))
+    assert code == 1
+    assert "give the other side's folder as --right" in said
+    (tmp_path / "twin").symlink_to(dive.root / "L")
+    code, printed, _ = cli(*words, "--right", str(tmp_path / "twin"))
     assert code == 3
     assert "are the same picture" in printed
 

@@ -39,9 +39,19 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
     first = _size(image)
     rig = behind_port(for_channels(load_rig_of_images(calib, first), is_monochrome(image)), images)
     if rig.left.image_size != first and rig.left.image_size not in map(_size, islice(lefts, DECIDING_PAIRS - 1)):
-        cut = " (--left and --right are the same, so that each image is cut in two)" if is_half(pairs[0].left) else ""
-        raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)) + cut)
+        _refuse_one_side(pairs[0], first, rig)
+        raise CalibrationError(wrong_size("left", first, rig.left.image_size, str(calib)))
     return rig
+
+
+def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
+    """Raise InputError where one side's folder was given twice: its images were cut in two, and are as calibrated as a whole."""
+    width, height = half
+    if is_half(pair.left) and rig.left.image_size in ((2 * width, height), (width, 2 * height)):
+        folder = pair.left.parents[2]
+        raise InputError(
+            f"{folder}: is --left and --right, and its images show one side each: give the other side's folder as --right"
+        )
 
 
 def behind_port(rig: StereoRig, images: InputConfig) -> StereoRig:
