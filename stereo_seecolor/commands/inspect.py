@@ -16,10 +16,10 @@ from calibration.port import FLAT_PORT
 from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
-from calibration.wording import counted
 from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, spread
 from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
+from stereo_seecolor.commands.inspect_images import problems_of_images
 from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
 from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
@@ -111,7 +111,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         _refuse_wrong_sizes(found[0], left, right)
         tested = _tested(found[0], pairing, config)
     problems = (
-        *_problems_of_images(sides, pairing),
+        *problems_of_images(sides, pairing),
         *notes,
         *_missing_calibration(places, found, left.size),
         *_problems_of_calibration(found, tested),
@@ -258,28 +258,6 @@ def _interval_s(pairing: Pairing) -> float | None:
 def _exposure_recorded(pairing: Pairing, config: RunConfig) -> bool:
     frame = FrameReader(config.input).read(pairing.pairs[0])
     return frame.left_capture.relative_exposure is not None
-
-
-def _problems_of_images(sides: Sides, pairing: Pairing) -> tuple[str, ...]:
-    problems = list(pairing.notes)
-    if sides.guessed:
-        problems.append("no name says which side is left and which right: they were taken in order")
-    if pairing.unpaired:
-        first, count = pairing.unpaired[0], counted(len(pairing.unpaired), "file without a partner")
-        problems.append(f"{count}, the first: {first.path.name} ({first.reason})")
-    if sides.others:
-        problems.append(
-            f"{counted(len(sides.others), 'folder')} of the same names are left out, the first: {sides.others[0]}: each pair of "
-            f"them is a run of its own, which stereo-seecolor campaign does one after the other{_together(sides)}"
-        )
-    return tuple(problems)
-
-
-def _together(sides: Sides) -> str:
-    """How to run folders of the same names as one dive."""
-    if not (patterns := sides.together):
-        return ""
-    return "; all of them as one dive: " + shlex.join(["--left", str(patterns[0]), "--right", str(patterns[1])])
 
 
 def _missing_calibration(places: Sequence[Path], found: Sequence[FoundCalibration], size: tuple[int, int]) -> tuple[str, ...]:
