@@ -1,5 +1,7 @@
 """Poses find their frames; what is damaged is named and left out, and nothing is joined that does not belong together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -142,6 +144,15 @@ def test_a_trajectory_of_another_dive_is_refused() -> None:
         place(index(), by_time(line(), np.arange(10) + 1e6), CONFIG)
     with pytest.raises(MappingError, match=r"it begins 10\.000 h before the first frame: if one clock showed local time"):
         place(index(), by_time(line(), np.arange(10) - 36000.0), CONFIG)
+
+
+def test_times_that_count_from_the_start_of_the_dive() -> None:
+    frames = replace(index(), timestamps_s=1.3e9 + np.arange(10) + 0.003 * np.arange(10) % 0.009)
+    placement = place(frames, by_time(line(), np.arange(10.0)), CONFIG)
+    np.testing.assert_array_equal(np.isfinite(placement.T_world_camera).all(axis=(1, 2)), True)
+    assert "1300000000.00" in placement.warnings[0]
+    with pytest.raises(MappingError, match=r"of the file are 0.0 to 4.5 s.* from the start of the dive: add \+1300000000.000 s"):
+        place(frames, by_time(line(), np.arange(10) / 2), CONFIG)
 
 
 def test_a_map_upside_down_is_refused() -> None:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 import numpy as np
@@ -17,6 +17,10 @@ from stereo_seecolor.records import Trajectory
 
 END_TOLERANCE_S = 0.01
 """So far before the first pose and after the last one a time stamp may lie: they are rounded in files."""
+
+
+CLOCK_S = 1e8
+"""Times since 1970 are larger (1973); smaller ones count from the start of a dive, a bag or a program."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,8 +93,29 @@ def _by_name(index: FrameIndex, trajectory: Trajectory, by_stem: dict[str, list[
     return Assignment(T, reasons, [])
 
 
+def from_start(frames_s: NDArray[np.float64], poses_s: NDArray[np.float64]) -> bool:
+    """True where the times of one side, finite, are of a clock and those of the other count from a start."""
+    return bool(len(frames_s) and len(poses_s) and (frames_s.min() > CLOCK_S) != (poses_s.min() > CLOCK_S))
+
+
+def _clock_offset_s(frames_s: NDArray[np.float64], poses_s: NDArray[np.float64]) -> float | None:
+    """What is to be added to the times of poses that count from a start: known where each frame has its pose, in one rhythm."""
+    frames, poses = np.sort(frames_s), np.sort(poses_s)
+    if len(frames) < 2 or len(frames) != len(poses) or not from_start(frames, poses):
+        return None
+    offsets = frames - poses
+    return float(np.median(offsets)) if np.ptp(offsets) <= 2 * END_TOLERANCE_S else None
+
+
 def _by_time(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
     warnings = []
+    offset_s = _clock_offset_s(index.timestamps_s, trajectory.timestamps_s)
+    if offset_s is not None:
+        trajectory = replace(trajectory, timestamps_s=trajectory.timestamps_s + offset_s)
+        warnings.append(
+            "the times of the poses and of the frames count from different starts; there are as many, in the same rhythm: "
+            f"{offset_s:.3f} s were added to those of the poses"
+        )
     finite = _finite(trajectory.T_world_camera) & np.isfinite(trajectory.timestamps_s)
     if not finite.all():
         warnings.append(f"left out: {counted(int(np.count_nonzero(~finite)), 'pose of the trajectory')}, not finite")

@@ -9,7 +9,7 @@ from stereo_seecolor.errors import MappingError
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.recovered_frames import Unplaced
 from stereo_seecolor.mapping.survey import Placement
-from stereo_seecolor.mapping.track.assignment import assign
+from stereo_seecolor.mapping.track.assignment import assign, from_start
 from stereo_seecolor.mapping.track.breaks import break_up, drop_spikes
 from stereo_seecolor.records import Trajectory
 
@@ -41,6 +41,10 @@ def _clock_difference(index: FrameIndex, trajectory: Trajectory) -> str:
     frames, poses = (times[np.isfinite(times)] for times in (index.timestamps_s, trajectory.timestamps_s))
     if not len(frames) or not len(poses) or (poses.min() <= frames.max() and frames.min() <= poses.max()):
         return ""
+    if from_start(frames, poses):
+        later = f"{frames.min() - poses.min():+.3f} s to the times of the file if its first pose is that of the first frame"
+        file, dive = (f"{times.min():.1f} to {times.max():.1f} s" for times in (poses, frames))
+        return f"the times of the file are {file}, those of the frames {dive}: one counts from the start of the dive: add {later}"
     ahead_h = float(poses.min() - frames.min()) / 3600
     return (
         f"it begins {abs(ahead_h):.3f} h {'after' if ahead_h > 0 else 'before'} the first frame: if one clock showed local time, "
