@@ -73,6 +73,14 @@ def test_a_jump_is_told_with_its_place() -> None:
     assert told(jumping) == ["the given positions jump by 0.71 m against the pictures between f10 and f09"]
 
 
+@pytest.mark.parametrize("frame", [5, 12])
+def test_a_single_position_is_told_by_its_frame(frame: int) -> None:
+    def change(T: Poses) -> None:
+        T[frame, :3, 3] += [0.3, 0.4, 0.0]
+
+    assert told(change) == [f"the given position of f{frame:02} is 0.50 m off against the pictures"]
+
+
 def test_a_jump_is_told_beside_a_scale_and_among_noise() -> None:
     def both(T: Poses) -> None:
         jumping(T)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from calibration.wording import counted
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.mapping.track.residuals import Motions
@@ -26,6 +27,7 @@ class DeviationSettings:
     sigmas: float = 4.0
     least_jump_m: float = 0.05  # less is no more than navigation's noise
     times_median: float = 6.0  # of what frames that follow each other are off
+    alike: float = 0.5  # of what a single position is off: frames before and after it tell the same to so much
     most_frames: int = 3  # an edge over more frames does not tell between which of them
 
 
@@ -89,6 +91,20 @@ def _jumps(T: Array, edges: Sequence[Edge], index: FrameIndex) -> list[str]:
     if not peak.any():
         return []
     worst = int(np.argmax(np.where(peak, jump_m[1:-1], 0)))
+    for frame in (worst, worst + 1):
+        if (alone_m := _alone_m(off_m[last == frame], -off_m[first == frame])) > limit_m:
+            peak[max(frame - 1, 0) : frame + 1] = False
+            line = f"the given position of {index.names[index.order[frame]]} is {alone_m:.2f} m off against the pictures"
+            return [line + (f", and more jump at {counted(int(peak.sum()), 'place')}" if peak.any() else "")]
     a, b = (index.names[index.order[place]] for place in (worst, worst + 1))
     more = f", and at {peak.sum() - 1} more places" if peak.sum() > 1 else ""
     return [f"the given positions jump by {jump_m[worst + 1]:.2f} m against the pictures between {a} and {b}{more}"]
+
+
+def _alone_m(before: Array, after: Array) -> float:
+    """How far a single position is off, by the edges (n, 3) to frames before it and after it; 0 where they do not tell the same."""
+    if not len(before) or not len(after):
+        return 0.0
+    both = np.median(before, axis=0), np.median(after, axis=0)
+    off_m = float(np.linalg.norm(both[0] + both[1]) / 2)
+    return off_m if np.linalg.norm(both[0] - both[1]) < SETTINGS.alike * off_m else 0.0
