@@ -25,6 +25,11 @@ class InputConfig(StageConfig):
         description="Bits that 16-bit files really use (12 for a 12-bit sensor stored unshifted); scaled to full. auto: the fewest "
         "that hold the values of pairs spread over the dive, and for correct and folders of live all 16. None: all 16.",
     )
+    channels: Literal["rgb", "bgr"] = Field(
+        default="rgb",
+        description="bgr: the files hold blue in the place of red, as pictures of OpenCV that were written by another library do. "
+        "A run names images that look like it.",
+    )
     right_half_first: bool = Field(
         default=False,
         description="Of images and videos that show both sides: the left (or upper) half is the right camera's.",

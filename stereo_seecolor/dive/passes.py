@@ -18,6 +18,7 @@ from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.survey import CountedFrames, ReadPixels
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
+from stereo_seecolor.dive.channel_order import channel_order_notes
 from stereo_seecolor.dive.frame_facts import recorded_capture
 from stereo_seecolor.dive.frame_stages import FrameStages, water_key
 from stereo_seecolor.dive.frame_work import CorrectFrame, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
@@ -94,6 +95,7 @@ class Dive:
                 self.notes += kept.notes
                 return waters
         waters, notes = self._fit(pairs)
+        notes += channel_order_notes(waters)
         self._linked = ()
         self.notes += notes
         key = self._fit_key(pairs)

@@ -1,6 +1,7 @@
 """Image files to RGB arrays at the camera's own bit depth."""
 
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -52,11 +53,14 @@ def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
             )
         code = BAYER_CODES[config.bayer]
     elif is_rgb:
-        return np.asarray(pixels, np.uint8)
+        return np.asarray(_ordered(pixels, config), np.uint8)
     else:
         code = cv2.COLOR_GRAY2RGB if pixels.ndim == 2 else cv2.COLOR_BGR2RGB
-    rgb: Image = cv2.cvtColor(pixels, code)
-    return rgb
+    return _ordered(cv2.cvtColor(pixels, code), config)
+
+
+def _ordered(rgb: NDArray[Any], config: InputConfig) -> NDArray[Any]:
+    return np.ascontiguousarray(rgb[..., ::-1]) if config.channels == "bgr" else rgb
 
 
 def read_range_map(path: Path) -> Map:

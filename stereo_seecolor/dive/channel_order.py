@@ -1,0 +1,22 @@
+"""Whether a dive's images hold blue where red should be: the water that is fitted to them shows it."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from stereo_seecolor.records import Water
+
+REDDER = 1.1
+"""Red over green of the veil. Three real dives, by day and by strobe: at most 0.92; with red and blue exchanged: 1.3 to 3.9."""
+
+
+def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
+    """Say so where the veiling light is reddest and red is attenuated least, as in no sea; nothing where either is not so."""
+    different = list({id(water): water for water in waters.values()}.values())
+    if not different:
+        return ()
+    veil, attenuation = (np.median([getattr(water, name) for water in different], axis=0) for name in ("gamma_inf", "beta"))
+    if veil[0] <= REDDER * veil[1] or not veil[1] > veil[2] or not attenuation[0] < attenuation[1] < attenuation[2]:
+        return ()
+    found = "the veiling light is reddest, and red is attenuated least, as in no sea"
+    return (f"water: {found}: if the files hold blue in the place of red, set input.channels=bgr",)

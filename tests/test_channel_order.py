@@ -1,0 +1,37 @@
+"""Images that hold blue in the place of red are named, and read as the settings say."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from color_waters import clear_water
+
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.dive.channel_order import channel_order_notes
+from stereo_seecolor.inputs.images import read_image
+
+VEILS = {
+    "clear": ((0.003, 0.015, 0.034), (0.60, 0.21, 0.11)),
+    "strobe": ((0.024, 0.026, 0.035), (0.57, 0.13, 0.09)),
+    "yellow": ((0.050, 0.080, 0.001), (0.60, 0.50, 1.40)),
+}
+
+
+@pytest.mark.parametrize("name", VEILS)
+def test_exchanged_channels_are_named(name: str) -> None:
+    veil, attenuation = map(np.array, VEILS[name])
+    given = replace(clear_water("srgb"), gamma_inf=veil, beta=attenuation)
+    exchanged = replace(given, gamma_inf=veil[::-1], beta=attenuation[::-1])
+    assert channel_order_notes({"a": given, "b": given}) == ()
+    named = channel_order_notes({"a": exchanged, "b": exchanged})
+    assert len(named) == (name != "yellow")  # of which both orders may be
+    assert all("set input.channels=bgr" in line for line in named)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_channels_are_read_as_the_settings_say(tmp_path: Path, suffix: str) -> None:
+    image = np.random.default_rng(0).integers(0, 60000, (20, 30, 3)).astype(np.uint16)
+    cv2.imwrite(str(tmp_path / f"a{suffix}"), image)
+    np.testing.assert_array_equal(read_image(tmp_path / f"a{suffix}", InputConfig(channels="bgr")), image)
