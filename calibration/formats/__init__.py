@@ -9,6 +9,8 @@ from calibration.files import write_atomic
 from calibration.formats import (
     basalt,
     bouguet,
+    calib_filter,
+    calib_io,
     cityscapes,
     colmap,
     depthai,
@@ -23,6 +25,7 @@ from calibration.formats import (
     opencv,
     oplab,
     orbslam,
+    rectified,
     ros,
     seagis,
     viame,
@@ -37,7 +40,7 @@ from calibration.rig import StereoRig
 __all__ = ["WritableFormat", "format_name", "load_rig", "load_rig_of_images", "parse_size", "write_rig"]
 
 WritableFormat = Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"]
-SIZED = (native, kalibr, oplab, orbslam, basalt, depthai)  # these store the size of the images
+SIZED = (native, kalibr, oplab, orbslam, basalt, depthai, calib_filter, calib_io)  # these store the size of the images
 WHOLE_RIG = (
     *SIZED,
     middlebury,
@@ -50,6 +53,7 @@ WHOLE_RIG = (
     colmap,
     metashape,
     cityscapes,
+    rectified,
 )  # these hold a rig in one file
 ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}  # these hold a camera in each of two files
 READERS = (*WHOLE_RIG, *ONE_CAMERA.values(), opencv)

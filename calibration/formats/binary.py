@@ -16,6 +16,10 @@ from calibration.formats.section import Section
 MAX_BYTES = 8 * 2**20  # MATLAB keeps every reprojection error: 0.1 MB for 50 views of 100 corners
 
 
+PICKLES = (b"\x93NUMPY", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05", b"(dp0\n")
+"""Begins of NumPy's .npy, which holds one array or any object, and of pickles."""
+
+
 def is_binary(path: Path) -> bool:
     """True if the file begins as one of these formats do. OSError if it cannot be read."""
     with path.open("rb") as file:
@@ -47,9 +51,17 @@ def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
         return _read_mat5
     if start.startswith(b"PK\x03\x04"):
         return npz.read
+    if start.startswith(PICKLES):
+        return _refuse_pickle
     if start.startswith((b"CAM", b"CBL")) and len(start) > 3 and start[3] < 32:
         return seagis.read
     return None
+
+
+def _refuse_pickle(_: bytes) -> dict[str, Any]:
+    raise CalibrationError(
+        "is a single array, or holds Python objects, which could run code: save K1, D1, K2, D2, R, T by numpy.savez"
+    )
 
 
 def _read_mat5(raw: bytes) -> dict[str, Any]:

@@ -21,6 +21,7 @@ from calibration.formats.foreign import foreign
 from calibration.formats.section import Section
 
 MAX_BYTES = 256 * 1024  # a calibration as text is a few kB
+START_BYTES = 2048  # the first key of a file that is too large
 MAX_VALUES = 50_000  # a file of 300 views with every pose has some thousands
 MAX_DEPTH = 20  # levels; known formats have far fewer
 MAX_INTEGER = 10**18  # larger ones overflow 64 bits when they become floats and back
@@ -60,6 +61,9 @@ def _is_binary(path: Path) -> bool:
 def _read_text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
+            with path.open("rb") as file:
+                if told := foreign(file.read(START_BYTES).decode(errors="replace")):
+                    raise CalibrationError(f"{path}: {told}")
             raise CalibrationError(
                 f"{path}: is larger than {MAX_BYTES // 1024} kB: a calibration file holds a few kB, is it the right file?"
             )

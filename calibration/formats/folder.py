@@ -6,6 +6,7 @@ from typing import Any
 
 from calibration.errors import CalibrationError
 from calibration.formats import opencv
+from calibration.formats.scalars import spelling
 from calibration.formats.section import Section
 
 SUFFIXES = (".yaml", ".yml", ".xml", ".json", ".txt", ".mat", ".npz", ".cam", ".conf")
@@ -45,7 +46,7 @@ def merged(documents: list[Section]) -> Section:
         stem = Path(document.where).stem
         side = next((SIDE_WORDS[word] for word in re.split(r"[^a-z0-9]+", stem.lower()) if word in SIDE_WORDS), None)
         for key, value in document.content.items():
-            sided = key + side if side and opencv.spelling(key) in (*opencv.K_NAMES, *opencv.D_NAMES) else key
+            sided = key + side if side and spelling(key) in (*opencv.K_NAMES, *opencv.D_NAMES) else key
             content.setdefault(sided, value)
             if len(document.content) == 1 and document.size(key):
                 content.setdefault(stem, value)

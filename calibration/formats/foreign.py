@@ -2,10 +2,18 @@
 
 import re
 
+_NUMBER = r"[-+]?[\d.]+(?:[eE][-+]?\d+)?"
+_TWO = rf"{_NUMBER}[,\t ]+{_NUMBER}"
+_FIRST_KEY = r"\A(?:%YAML.*\s*---|<\?xml.*>\s*<opencv_storage>)\s*<?"
+"""Of a file of OpenCV."""
+
 FOREIGN = {
     "one lens of Metashape": r"<calibration>\s*<projection>",
     "a lens of Pix4D": r"\APix4D camera calibration",
     "settings of a RealSense camera": r"RealSense",
+    "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",
+    "coefficients of a direct linear transformation (DLT)": rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z",
+    "a camera of mrcal": r"^\s*[\"']?lensmodel[\"']?\s*:",
 }
 
 

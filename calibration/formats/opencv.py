@@ -4,7 +4,6 @@ ZED's custom calibration (K_LEFT, D_LEFT, Size, T in mm) and VIAME's .npz (camer
 OpenCV's stereo_calib sample stores no image size; files written here do, and name the camera model.
 """
 
-import re
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -14,6 +13,7 @@ import numpy as np
 
 from calibration.errors import CalibrationError
 from calibration.formats.ros import make_camera, rectified_rig, rig_from_projections
+from calibration.formats.scalars import spelling, with_matrices
 from calibration.formats.section import Section, naming
 from calibration.formats.units import to_meters
 from calibration.rig import MAX_BASELINE_M, Camera, CameraModel, StereoRig
@@ -63,11 +63,6 @@ def keys_of(document: Section, names: tuple[str, ...], counts: tuple[int, ...]) 
     return None
 
 
-def spelling(key: str) -> str:
-    """A key as all its spellings have it: without case, blanks and underscores."""
-    return re.sub(r"[^a-z0-9]", "", key.lower())
-
-
 def _spelled(document: Section, counts: tuple[int, ...]) -> dict[str, str]:
     """Spelling -> key of all that hold as many numbers as one of ``counts``."""
     return {spelling(key): key for key in document.content if document.size(key) in counts}
@@ -108,7 +103,8 @@ def sides_apart(document: Section) -> Section:
         content = {str(key): value for key, value in inner.get(name, {}).items()} | content
     for left, right in SIDES:
         if left in inner and right in inner:
-            sided = [{f"{key}{n}": value for key, value in inner[side].items()} for n, side in (("1", left), ("2", right))]
+            cameras = [with_matrices(inner[side]) for side in (left, right)]
+            sided = [{f"{key}{n}": value for key, value in camera.items()} for n, camera in enumerate(cameras, 1)]
             pose = {str(key): value for key, value in inner[right].items() if spelling(str(key)) in (*R_NAMES, *T_NAMES)}
             size = {str(key): value for key, value in inner[left].items() if "size" in str(key).lower() or str(key) in SIZE_KEYS}
             content = sided[0] | sided[1] | size | ({} if _has_pose(document) else pose) | content

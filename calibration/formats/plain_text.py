@@ -5,7 +5,7 @@ import re
 from typing import Any
 
 from calibration.errors import CalibrationError
-from calibration.formats import colmap
+from calibration.formats import calib_filter, colmap
 
 LEAST_FOCAL_PX = 10  # tells a projection from a pose, whose numbers are cosines
 OST_KEYS = {
@@ -30,6 +30,8 @@ def read(text: str) -> dict[str, Any] | None:
         return {colmap.RIGS: _table(text)}
     if re.search(r"^\[STEREO\]\s*$", text, re.MULTILINE):
         return _parse_ini(text)
+    if (numbers := calib_filter.read(text)) is not None:
+        return numbers
     rows = _rows_of_twelve(text)
     return None if rows is None else {f"P{camera}": row for camera, row in enumerate(rows)}
 
