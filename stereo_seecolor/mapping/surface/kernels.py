@@ -155,8 +155,8 @@ def integrate(
     """Update the voxels of the blocks chosen[first:last] that project onto a measured pixel and lie no deeper behind it than the
     truncation.
 
-    Curless and Levoy's (1996) running weighted mean. Voxels in front of the surface are updated as well: that carves away what
-    other frames saw only once, such as fish.
+    Curless and Levoy's (1996) running weighted mean, of distance and of color. Voxels in front of the surface are updated as well:
+    that carves away what other frames saw only once, such as fish.
     """
     for b in chosen[first:last]:
         corner = keys[b, 0] * BLOCK * voxel_m, keys[b, 1] * BLOCK * voxel_m, keys[b, 2] * BLOCK * voxel_m
@@ -188,7 +188,9 @@ def integrate(
                     vertical = abs(T[0, 2] * across + T[1, 2] * down + T[2, 2]) / ray_length
                     pixel_m = z * ray_length / (camera[0] * max(vertical, 0.05))
                     w = color_weight(pixel_m / voxel_m, doubtful[row, column])
-                    _mix(color[b, k, j, i], color_weights[b, k, j], i, rgb[row, column], w)
+                    color_weights[b, k, j, i] += w
+                    for c in range(3):
+                        color[b, k, j, i, c] += (rgb[row, column, c] - color[b, k, j, i, c]) * w / color_weights[b, k, j, i]
 
 
 @compiled
@@ -205,14 +207,6 @@ def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
         T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3],
         T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3],
     )
-
-
-@compiled
-def _mix(color: Any, color_weights: Any, i: int, rgb: Any, w: float) -> None:
-    """One more view of a voxel's color, into the running weighted mean."""
-    color_weights[i] += w
-    for c in range(3):
-        color[c] += (rgb[c] - color[c]) * w / color_weights[i]
 
 
 @compiled
