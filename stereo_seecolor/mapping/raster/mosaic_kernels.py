@@ -101,7 +101,7 @@ def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_level
     a color that is off the median by ``outlier_levels`` weighs half (Cauchy).
     """
     views, _, width = cost.shape
-    values, seeing, off = np.empty(views), np.empty(views, np.int64), np.empty(views)
+    values, seeing, off = np.empty(views, np.int32), np.empty(views, np.int64), np.empty(views)
     for r in range(first, last):
         for c in range(width):
             count = 0
@@ -111,7 +111,7 @@ def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_level
                     off[count] = 0
                     count += 1
             for k in range(3):
-                median = _median(color[:, r, c, k], seeing[:count], values)
+                median = _median(color, r, c, k, seeing, count, values)
                 for n in range(count):
                     off[n] += abs(color[seeing[n], r, c, k] - median)
             total = 0.0
@@ -120,17 +120,15 @@ def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_level
                 w = weight[seeing[n], r, c] / (1 + (off[n] / (3 * outlier_levels)) ** 2)
                 total += w
                 for k in range(3):
-                    mean[r, c, k] += (color[seeing[n], r, c, k] - mean[r, c, k]) * w / total
+                    mean[r, c, k] += (color[seeing[n], r, c, k] - mean[r, c, k]) * (w / total)
 
 
-@compiled
-def _median(color: Any, seeing: Any, values: Any) -> float:
-    """Of the colors (views,) of some of them, (n,) numbers; 0 of none. values: room for as many."""
-    for n in range(len(seeing)):
-        value = float(color[seeing[n]])
-        place = n
-        while place > 0 and values[place - 1] > value:
-            values[place] = values[place - 1]
-            place -= 1
-        values[place] = value
-    return (values[(len(seeing) - 1) // 2] + values[len(seeing) // 2]) / 2 if len(seeing) else 0.0
+@compiled(inline=True)
+def _median(color: Any, row: int, column: int, k: int, seeing: Any, count: int, values: Any) -> float:
+    """Of a channel of a cell, over the first ``count`` views of ``seeing``; 0 of none. values: room for as many, int32."""
+    for n in range(count):
+        value = np.int32(color[seeing[n], row, column, k])
+        for place in range(n):  # sorts it in without branches, which would hang on the colors
+            values[place], value = min(values[place], value), max(values[place], value)
+        values[n] = value
+    return (values[(count - 1) // 2] + values[count // 2]) / 2 if count else 0.0
