@@ -14,7 +14,7 @@ import numpy as np
 from calibration import Rectification, RectifiedPair, StereoRig
 from calibration.original_view import OriginalView
 from stereo_seecolor.color.corrector import Corrector
-from stereo_seecolor.color.render.carried_colors import less_red
+from stereo_seecolor.color.render.carried_colors import within_measured
 from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.config import RunConfig
@@ -164,8 +164,8 @@ def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: Ra
 def _carried_as_measured(correction: Correction, range_map: RangeMap) -> Correction:
     """No redder where the range was carried over than where it was measured."""
     measured = ~(range_map.filled | correction.unknown | correction.unrecoverable)
-    image = less_red(correction.image, range_map.filled, measured)
-    linear = None if correction.linear is None else less_red(correction.linear, range_map.filled, measured)
+    image = within_measured(correction.image, range_map.filled, measured)
+    linear = None if correction.linear is None else within_measured(correction.linear, range_map.filled, measured)
     return replace(correction, image=image, linear=linear)
 
 

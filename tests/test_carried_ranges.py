@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import SampleRun
 
-from stereo_seecolor.color.render.carried_colors import less_red
+from stereo_seecolor.color.render.carried_colors import within_measured
 from stereo_seecolor.color.render.carried_ranges import Smoother, carry_ranges
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
@@ -133,12 +133,25 @@ def test_what_lies_at_carried_ranges_is_no_redder_than_the_measured_reef(dtype: 
     colors[:40, 100:] = (0.6, 0.1, 0.1)  # a rim before open water
     colors[60:, 100:] = (0.5, 0.42, 0.05)  # a yellow sponge: 10 times as red as blue
     image = (colors * full).astype(dtype)
-    held = less_red(image, carried, ~carried)
+    held = within_measured(image, carried, ~carried)
     np.testing.assert_array_equal(held[~carried], image[~carried])
-    np.testing.assert_array_equal(held[..., 1:], image[..., 1:])
+    np.testing.assert_array_equal(held[:40, 100:, 1:], image[:40, 100:, 1:])
     assert held[:40, 100:, 0].max() < 0.25 * full
     assert (held[40:60, 100:] == image[40:60, 100:]).all(axis=-1).mean() > 0.8  # what is as red as the reef stays
     np.testing.assert_array_equal(held[60:], image[60:])
-    np.testing.assert_array_equal(less_red(image, carried, np.zeros_like(carried)), image)  # nothing measured, nothing known
+    np.testing.assert_array_equal(within_measured(image, carried, np.zeros_like(carried)), image)  # nothing measured, nothing known
     no_carried = np.zeros_like(carried)
-    assert less_red(image, no_carried, ~carried) is image
+    assert within_measured(image, no_carried, ~carried) is image
+
+
+@pytest.mark.parametrize("water", [(0.1, 0.5, 0.5), (0.2, 0.3, 0.8), (0.4, 0.4, 0.8), (0.3, 0.7, 0.3)])
+def test_open_water_is_hardly_more_colored_than_the_measured_reef(water: tuple[float, float, float]) -> None:
+    """Cyan, blue, violet, green: of no range at all, what water scatters would be shown as a surface of its color."""
+    colors = np.array([0.45, 0.4, 0.35]) * RNG.uniform(0.9, 1.1, (160, 160, 3))
+    carried = np.zeros((160, 160), bool)
+    carried[:80] = True
+    colors[:80] = water
+    held = within_measured(np.round(colors * 255).astype(np.uint8), carried, ~carried)[0, 0].astype(float)
+    reef = colors[80:].reshape(-1, 3)
+    assert max(water) / min(water) > 1.9
+    assert held.max() / held.min() < (reef.max(axis=1) / reef.min(axis=1)).max()
