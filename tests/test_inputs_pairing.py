@@ -44,6 +44,10 @@ def names(tmp_path: Path, lefts: list[str], rights: list[str], **config: object)
         ("fwd_0001.png", "aft_0001.png", "0001"),
         ("récif_links_5.png", "récif_rechts_5.png", "récif_5"),
         ("lc_5.png", "rc_5.png", "5"),
+        ("LFT_5.png", "RGT_5.png", "5"),
+        ("imgL_5.png", "imgR_5.png", "5"),
+        ("leftcam5.png", "rightcam5.png", "5"),
+        ("imager_5_L.png", "imager_5_R.png", "imager_5"),
     ],
 )
 def test_pairs_by_name(tmp_path: Path, left: str, right: str, name: str) -> None:
@@ -196,6 +200,9 @@ def test_own_range_maps_pair_by_stem(tmp_path: Path) -> None:
         ("1403636579763_left", 1403636579.763),
         ("PR_20180811_153729_762_LC16", 1534001849.762),
         ("2022-08-01T12-34-56.250", 1659357296.25),
+        ("2022-08-01 12.34.56.250", 1659357296.25),
+        ("16233051861828957", 1623305186.1828957),
+        ("20180811153729762", 1534001849.762),
         ("frame_000123", None),
         ("20221399_999999", None),
     ],

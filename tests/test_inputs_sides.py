@@ -27,6 +27,7 @@ def make(root: Path, *files: str) -> Path:
         (["R/1.png", "L/1.png"], "L", "R", False),
         (["dive/cam0/data/1.png", "dive/cam1/data/1.png"], "dive/cam0/data", "dive/cam1/data", False),
         (["port/1.png", "star/1.png", "thumbs/x.png"], "port", "star", True),
+        (["RGT/1.png", "LFT/1.png"], "LFT", "RGT", False),
         (["droite/1.png", "gauche/1.png"], "gauche", "droite", False),
         (["Rechte Kamera/1.png", "Linke Kamera/1.png"], "Linke Kamera", "Rechte Kamera", False),
         (["left/1.png", "right/1.png", "left/raw/2.png", "notes/3.png"], "left", "right", False),

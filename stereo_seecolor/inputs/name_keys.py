@@ -8,8 +8,11 @@ from pathlib import Path
 Keys = dict[str, list[Path]]
 """Key -> the files of one folder that have it; more than one where the key is ambiguous."""
 
-_LEFT = "left|lc|lm|l|cam0|linke?|links|gauche|izquierda|sinistra|esquerda"
-_RIGHT = "right|rc|rm|r|cam1|rechte?|rechts|droite?|derecha|destra|direita"
+_CAMERA = "cam|cams|camera|cameras|image|images|img|imgs|im|eye|view|frame|frames"
+_SHORT = "cam|img|im|frame"
+"""What words for the side are written together with: ``leftcam``, ``imgL``; but an imager is no right camera."""
+_LEFT = f"left({_CAMERA})?|({_SHORT})l|lft|lc|lm|l|cam0|linke?|links|gauche|izquierda|sinistra|esquerda"
+_RIGHT = f"right({_CAMERA})?|({_SHORT})r|rgt|rc|rm|r|cam1|rechte?|rechts|droite?|derecha|destra|direita"
 """LC and RM: the left camera in color and the right one in monochrome, as on some rigs."""
 
 _LETTER = r"[^\W\d_]"

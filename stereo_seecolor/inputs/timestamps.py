@@ -4,16 +4,16 @@ import re
 from datetime import UTC, datetime
 
 _SECONDS_NANOSECONDS = re.compile(r"(?<!\d)(\d{10})[-_.](\d{6,10})(?!\d)|(?<!\d)(1\d{9})\.(\d{1,5})(?!\d)")
-_EPOCH = re.compile(r"(?<!\d)(\d{19}|\d{16}|\d{13})(?!\d)")
-_CALENDAR = re.compile(r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)[T_-]?(\d\d)[-:_]?(\d\d)[-:_]?(\d\d)(?:[._-]?(\d{1,9}))?(?!\d)")
-_EPOCH_UNITS = {19: 1e9, 16: 1e6, 13: 1e3}
+_EPOCH = re.compile(r"(?<!\d)(\d{19}|1[0-7]\d{15}|\d{16}|\d{13})(?!\d)")
+_CALENDAR = re.compile(r"(?<!\d)(\d{4})-?(\d\d)-?(\d\d)[T_ .-]?(\d\d)[-:_.]?(\d\d)[-:_.]?(\d\d)(?:[._-]?(\d{1,9}))?(?!\d)")
+_EPOCH_UNITS = {19: 1e9, 17: 1e7, 16: 1e6, 13: 1e3}
 
 
 def timestamp_from_name(stem: str) -> float | None:
     """Seconds since 1970 from a file name's stem, None where it holds no time.
 
-    Understood: seconds and fraction (``1317354879.544786``, ``1659471354-0395682455``, ``1317354879.54``), epoch in ns, us or ms by
-    its number of digits, and calendar time in UTC (``20180811_153729_762``, ``2022-08-01T12-34-56.250``).
+    Understood: seconds and fraction (``1317354879.544786``, ``1659471354-0395682455``, ``1317354879.54``), epoch in ns, 0.1 us, us
+    or ms by its number of digits, and calendar time in UTC (``20180811_153729_762``, ``2022-08-01T12-34-56.250``).
     """
     if match := _SECONDS_NANOSECONDS.search(stem):
         seconds, fraction = (part for part in match.groups() if part is not None)
