@@ -24,6 +24,28 @@ def board_pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StereoR
 
 
 @pytest.mark.slow
+def test_check_and_calibrate_take_videos(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
+    av = pytest.importorskip("av")
+    folder, rig = board_pairs
+    write_rig(rig, tmp_path / "true.yaml")
+    both = tmp_path / "both.mkv"
+    names = sorted(path.name for path in (folder / "left").iterdir())
+    images = [np.hstack([cv2.imread(str(folder / side / name)) for side in ("left", "right")]) for name in names]
+    with av.open(str(both), "w") as video:
+        stream = video.add_stream("ffv1", rate=5)
+        stream.pix_fmt = "bgr0"
+        stream.height, stream.width = images[0].shape[:2]
+        for image in images:
+            video.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+        video.mux(stream.encode())
+    _, _, said = cli("check", "--left", both, "--right", both, "--calib", tmp_path / "true.yaml")
+    assert "points were found in both images of 6 pairs" in said  # of a board few features are
+    code, _, said = cli("calibrate", "--left", both, "--right", both, "--target", TARGET, "--out", tmp_path / "cam.yaml")
+    assert code == 0, said
+    assert load_rig(tmp_path / "cam.yaml").baseline_m == pytest.approx(rig.baseline_m, rel=0.01)
+
+
+@pytest.mark.slow
 def test_calibrate_from_folders(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
     folder, rig = board_pairs
     out = tmp_path / "cam.yaml"

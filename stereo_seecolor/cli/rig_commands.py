@@ -19,7 +19,7 @@ Target = Annotated[
     str,
     opt.option("--target", "TARGET", "chessboard:9x6:24.23mm (inner corners) or charuco:5X5_100:11x8:30mm:22mm (squares, marker)."),
 ]
-TargetLeft = Annotated[Path | None, opt.option("--left", "FOLDER", "Folder of left images of the target.")]
+TargetLeft = Annotated[Path | None, opt.option("--left", "FOLDER", "Folder of left images of the target, or a video.")]
 TargetRight = Annotated[Path | None, opt.option("--right", "FOLDER", "Folder of right images of the target.")]
 CalibrationOut = Annotated[
     Path, opt.option("--out", "FILE", "Calibration file to write; a picture of the coverage is written beside it.")

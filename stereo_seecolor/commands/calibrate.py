@@ -10,15 +10,19 @@ from calibration.report import CalibrationReport
 from calibration.rig import Medium
 from calibration.targets import parse_target
 from calibration.views import View, detect_view
+from stereo_seecolor.commands.dive_rig import pairs_of, spread
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.encode import encode_image
 from stereo_seecolor.files.new_folder import refuse_existing
-from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.records import FrameRow
+
+MOST_FRAMES = 60
+"""Of videos, spread over them: neighbors show the target alike."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,7 @@ class CalibrationResult:
 def calibrate(
     left: Path, right: Path, target: str, out: Path, medium: Medium = "water", options: RunOptions | None = None
 ) -> CalibrationResult:
-    """Calibrate from two folders of images of ``target``; write ``out`` (native format) and ``<out>_coverage.png``, both new.
+    """Calibrate from two folders or videos of ``target``; write ``out`` (native format) and ``<out>_coverage.png``, both new.
 
     target: chessboard:COLUMNSxROWS:SQUARE or charuco:DICTIONARY:COLUMNSxROWS:SQUARE:MARKER (docs/calibration.md).
     Raises CalibrationError where the images do not show it; InputError for folders and images that cannot be read; OutputError.
@@ -42,7 +46,8 @@ def calibrate(
     coverage = out.with_name(f"{out.stem}_coverage.png")
     refuse_existing(out, coverage)
     board = parse_target(target)
-    pairs = pair_sides(left, right, InputConfig()).pairs
+    pairs = pairs_of(left, right, InputConfig(video_skip_blurred=True)).pairs
+    pairs = spread(pairs, MOST_FRAMES) if is_video(left) else pairs
 
     def detect(pair: Pair) -> View:
         return detect_view(pair.name, read_image(pair.left), read_image(pair.right), board)

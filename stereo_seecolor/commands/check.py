@@ -17,10 +17,9 @@ from calibration.readings import settle_matches
 from calibration.refine import refine_matches
 from calibration.refinement import Refinement
 from calibration.row_check import LIMITS
-from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, load_unsettled, read_both, spread
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, load_unsettled, pairs_of, read_both, spread
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.new_folder import refuse_existing
-from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts
 
 PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
@@ -85,7 +84,7 @@ def check(
     images = images or InputConfig()
     if refine:
         refuse_existing(refine)
-    pairs = pair_sides(left, right, images).pairs
+    pairs = pairs_of(left, right, images).pairs
     images = as_stored(images, stored_facts(images, spread(pairs, most_pairs)))
     rig = load_unsettled(calib, pairs, images)
     raw = raw_matches(rig, (read_both(pair, images) for pair in spread(pairs, most_pairs)))
