@@ -1,5 +1,6 @@
 """Dives whose sides are cut into many folders, and images that show both sides."""
 
+from contextlib import ExitStack
 from pathlib import Path
 
 import cv2
@@ -14,6 +15,7 @@ from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.listing import folders_of, list_images
 from stereo_seecolor.inputs.sides import find_sides
+from stereo_seecolor.live.sources import live_source
 
 RNG = np.random.default_rng(0)
 
@@ -106,3 +108,8 @@ def test_images_that_cannot_be_halved(tmp_path: Path) -> None:
     (pair,) = pair_sides(tmp_path, tmp_path, InputConfig()).pairs
     with pytest.raises(InputError, match=r"1\.png: is 33 px wide, an odd number"):
         FrameReader(InputConfig()).read(pair)
+
+
+def test_live_refuses_one_folder_as_both_sides(tmp_path: Path) -> None:
+    with ExitStack() as stack, pytest.raises(InputError, match="is --left and --right"):
+        live_source(str(tmp_path), str(tmp_path), InputConfig(), stack)

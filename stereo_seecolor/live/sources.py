@@ -40,4 +40,6 @@ def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) ->
         return StreamPairs(first, second, config)
     if kinds[0] == "address":
         return StreamPairs(*stack.enter_context(cameras(left, right)), config)
+    if left == right:
+        raise InputError(f"{left}: is --left and --right: of folders that fill, images of both sides in one are read by run alone")
     return FolderWatch(Path(left), Path(right), config)
