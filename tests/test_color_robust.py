@@ -235,8 +235,8 @@ def test_real_frames_have_no_bands_of_color(real_data: Path) -> None:
 
 
 def drawn_from_the_prior(rng: np.random.Generator, range_m: NDArray[np.float64]) -> tuple[RangeQuantiles, NDArray[np.float64]]:
-    """Quantiles of a scene, all of which has a cast, and a water that are as likely as the fit takes them to be; and the water's
-    logarithms, (5, 3).
+    """Quantiles of a scene, all of which has a cast, and a water that are as likely as the fit takes them to be, and the water's
+    logarithms, (5, 3). The quantiles of a range err together.
     """
     mean, precision, _ = whole_prior(range_m.size, CONFIG.robust)
     x = rng.multivariate_normal(mean, np.linalg.inv(precision))
@@ -247,7 +247,7 @@ def drawn_from_the_prior(rng: np.random.Generator, range_m: NDArray[np.float64])
     direct = np.exp(reflectance + cast + brightness) * (white * np.exp(-loss))[..., None]
     veil = np.broadcast_to((backscatter * white * -np.expm1(-beta * range_m))[..., None], direct.shape)
     spread = np.hypot(NOISE.content * direct / (direct + veil), NOISE.all)
-    light = (direct + veil) * np.exp(spread * rng.standard_normal(direct.shape))
+    light = (direct + veil) * np.exp(spread * rng.standard_normal((3, range_m.size, 1)))  # of a range, dark to bright
     return RangeQuantiles(range_m, np.full(range_m.size, 1e5), light, np.zeros(light.shape, np.bool_)), x[:WATER].reshape(5, 3)
 
 

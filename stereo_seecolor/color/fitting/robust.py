@@ -68,6 +68,7 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
     learned = deviations(covariance) < SETTINGS.nothing_learned * prior_error
     values = _values(x[:WATER].reshape(5, 3), scale)
     errors = standard_errors(values, covariance)
+    errors[:4] = standard_errors(values, told_once(curvature, precision, seen.light.shape[-1]))[:4]
     if config.robust.white_point == "scene":
         errors[4] *= with_cast(deviations(covariance)[4], prior_error[4]) / deviations(covariance)[4]
     errors = np.where(learned, errors, np.nan)
@@ -107,6 +108,12 @@ def standard_errors(values: NDArray[np.float64], covariance: NDArray[np.float64]
     together = covariance.reshape(5, 3, 5, 3).diagonal(axis1=1, axis2=3)
     variances = np.einsum("kic,ijc,kjc->kc", by_logarithm, together, by_logarithm)
     return np.vstack([np.sqrt(np.maximum(variances, 0.0)), deviations(covariance)[4] * white])
+
+
+def told_once(curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int) -> NDArray[np.float64]:
+    """(15, 15) covariance of the water where the quantiles of a range err together: what so many of them say counts once."""
+    size = len(precision)
+    return np.asarray(np.linalg.solve(precision + (curvature - precision) / quantiles, np.eye(size, WATER))[:WATER])
 
 
 def with_cast(error: NDArray[np.float64], prior_error: NDArray[np.float64]) -> NDArray[np.float64]:
