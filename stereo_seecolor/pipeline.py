@@ -162,7 +162,7 @@ def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: Ra
 
 
 def _carried_as_measured(correction: Correction, range_map: RangeMap) -> Correction:
-    """No redder where the range was carried over than where it was measured."""
+    """Where the range was carried over, colors within those of measured pixels."""
     measured = ~(range_map.filled | correction.unknown | correction.unrecoverable)
     image = within_measured(correction.image, range_map.filled, measured)
     linear = None if correction.linear is None else within_measured(correction.linear, range_map.filled, measured)
