@@ -6,7 +6,6 @@ import numpy as np
 
 from stereo_seecolor.compute.compiled import compiled
 from stereo_seecolor.mapping.color_weight import color_weight
-from stereo_seecolor.mapping.raster.medians import UNKNOWN, twice_medians
 
 NEAREST_M = 0.05
 """Nearer than the cameras' housing nothing is seen, meters."""
@@ -102,37 +101,34 @@ def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_level
     a color that is off the median by ``outlier_levels`` weighs half (Cauchy).
     """
     views, _, width = cost.shape
-    levels, total, twice = np.empty((views, 3 * width), np.uint8), np.empty(width), np.empty(3 * width, np.int32)
-    seeing, counted = np.empty(3 * width, np.uint16), np.empty(3 * width, np.uint16)
-    lower, other, sums = np.empty(3 * width, np.uint8), np.empty(3 * width, np.uint8), np.empty(3 * width)
+    values, seeing, off = np.empty(views, np.int32), np.empty(views, np.int64), np.empty(views)
     for r in range(first, last):
-        total[:], sums[:] = 0, 0
-        _gather(color, cost, r, levels, seeing)
-        twice_medians(levels, seeing, lower, other, counted, twice)
-        for view in range(views):
-            for c in range(width):
-                if not cost[view, r, c] < np.inf:
-                    continue
-                off = 0.0
-                for k in range(3):
-                    off += 0.5 * abs(2 * np.int32(color[view, r, c, k]) - twice[3 * c + k])
-                cost[view, r, c] += cost_a_level * off
-                w = weight[view, r, c] / (1 + (off / (3 * outlier_levels)) ** 2)
-                total[c] += w
-                for k in range(3):
-                    sums[3 * c + k] += w * color[view, r, c, k]
         for c in range(width):
+            count = 0
+            for view in range(views):
+                if cost[view, r, c] < np.inf:
+                    seeing[count] = view
+                    off[count] = 0
+                    count += 1
             for k in range(3):
-                mean[r, c, k] = sums[3 * c + k] / total[c] if total[c] > 0 else 0.0
+                median = _median(color, r, c, k, seeing, count, values)
+                for n in range(count):
+                    off[n] += abs(color[seeing[n], r, c, k] - median)
+            total = 0.0
+            for n in range(count):
+                cost[seeing[n], r, c] += cost_a_level * off[n]
+                w = weight[seeing[n], r, c] / (1 + (off[n] / (3 * outlier_levels)) ** 2)
+                total += w
+                for k in range(3):
+                    mean[r, c, k] += (color[seeing[n], r, c, k] - mean[r, c, k]) * (w / total)
 
 
-@compiled
-def _gather(color: Any, cost: Any, r: int, levels: Any, seeing: Any) -> None:
-    """Write the colors of a row of cells, (views, 3 w), UNKNOWN where a view does not see the cell, and how many do, (3 w,)."""
-    seeing[:] = 0
-    for view in range(len(levels)):
-        for c in range(cost.shape[2]):
-            seen = cost[view, r, c] < np.inf
-            for k in range(3):
-                seeing[3 * c + k] += np.uint8(seen)
-                levels[view, 3 * c + k] = color[view, r, c, k] if seen else UNKNOWN
+@compiled(inline=True)
+def _median(color: Any, row: int, column: int, k: int, seeing: Any, count: int, values: Any) -> float:
+    """Of a channel of a cell, over the first ``count`` views of ``seeing``; 0 of none. values: room for as many, int32."""
+    for n in range(count):
+        value = np.int32(color[seeing[n], row, column, k])
+        for place in range(n):  # sorts it in without branches, which would hang on the colors
+            values[place], value = min(values[place], value), max(values[place], value)
+        values[n] = value
+    return (values[(count - 1) // 2] + values[count // 2]) / 2 if count else 0.0
