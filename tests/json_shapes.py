@@ -180,10 +180,10 @@ SHAPES: dict[str, Shape] = {
         ],
     },
     "evaluate": TRUTH,
-    "evaluate --spread": {"raw": SPREAD, "corrected": SPREAD, "pairs": int},
+    "evaluate --spread": {"raw": SPREAD, "corrected": SPREAD, "others": dict, "pairs": int},
     "evaluate --chart": {
         **keys([CHART_ROW], "rows means"),
-        **{"spreads": [SPREAD_ROW], "without_target": [str], "sheet": str},
+        **{"spreads": [SPREAD_ROW], "without_target": [str], "missing": dict, "sheet": str},
     },
     "synthesize": {"out": str, "spec": dict},
     "demo": {**RUN, "truth": TRUTH},

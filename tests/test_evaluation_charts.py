@@ -141,6 +141,8 @@ def test_folders_of_other_tools_are_scored_and_black_is_unknown(chart_image: tup
         cv2.imwrite(str(tmp_path / name / "a.png"), image[..., ::-1])
     found = OtherResults.of([tmp_path / name for name in ("perfect", "green", "holed")])
     assert found.corrected("b", SIZE) == {}
+    assert found.missing(["a"]) == {}
+    assert found.missing(["a", "b"]) == dict.fromkeys(("perfect", "green", "holed"), ("b",))
     target = chart("c", corners, SIZE)
     rows = {name: score_target("a", target, name, image, flat_range()) for name, image in found.corrected("a", SIZE).items()}
     assert rows["perfect"].psi_deg < 1 < 10 < rows["green"].psi_deg
@@ -163,6 +165,14 @@ def test_wrong_folders_of_other_tools(
         evaluate_charts(*folders, others=[tmp_path / "paper"])
     with pytest.raises(InputError, match=r"small/a\.png: is 30x20 px, and the image that it was made from is 640x480"):
         evaluate_charts(*folders, targets=corners, others=[tmp_path / "small"])
+    for folder, names in (("renamed", ["a_enhanced.png"]), ("twice", ["a.png", "a.jpg"])):
+        (tmp_path / folder).mkdir()
+        for name in names:
+            cv2.imwrite(str(tmp_path / folder / name), np.full((*SIZE, 3), 90, np.uint8))
+    with pytest.raises(InputError, match=r"renamed: none of its images is called like .* first is 'a_enhanced', theirs is 'a'"):
+        evaluate_charts(*folders, targets=corners, others=[tmp_path / "renamed"])
+    with pytest.raises(InputError, match=r"twice/a\.png: a\.jpg is an image of that name too"):
+        evaluate_charts(*folders, targets=corners, others=[tmp_path / "twice"])
     with pytest.raises(InputError, match="the folder of corrected images does not exist"):
         evaluate_charts(*folders, others=[tmp_path / "nowhere"])
 

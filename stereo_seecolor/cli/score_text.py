@@ -45,8 +45,11 @@ def charts_text(report: "ChartReport") -> str:
         numbers = [f"{value:.1f}" for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)]
         rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}"))
     without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
+    missing = [
+        f"{method}: has no image of {', '.join(stems)}: its means leave them out" for method, stems in report.missing.items()
+    ]
     sheet = f"  {report.sheet}: every method on every frame, to look at"
-    return table(columns, rows) + _ranges_text(report) + lines(*without, sheet)
+    return table(columns, rows) + _ranges_text(report) + lines(*without, *missing, sheet)
 
 
 def _ranges_text(report: "ChartReport") -> str:
@@ -75,9 +78,10 @@ def spread_text(report: "SpreadReport") -> str:
         ("brightness of one spot between views, robust spread", "luminance", ".3f"),
         ("brightness between frames, rms", "frame_offsets", ".3f"),
         ("color of one spot between views, degrees", "angle_deg", ".2f"),
+        ("spots neither dark nor clipped", "spots", "d"),
     )
     methods = {"corrected": report.corrected, "raw images": report.raw, **report.others}
     rows = [(what, *(format(getattr(spread, name), style) for spread in methods.values())) for what, name, style in measures]
     return table(("between frames", *methods), rows) + lines(
-        f"{report.corrected.spots} spots in {report.pairs} pairs of frames; brightness as natural logarithm of a ratio"
+        f"{report.pairs} pairs of frames; brightness as natural logarithm of a ratio"
     )

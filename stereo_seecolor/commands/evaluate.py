@@ -41,7 +41,9 @@ def evaluate_spread(out: Path, others: Sequence[Path] = ()) -> SpreadReport:
     Raises InputError where no two frames show the same, the images are gone, or another tool's are missing.
     """
     run = open_run(out)
-    frames = _Compared(run, OtherResults.of(others))
+    results = OtherResults.of(others)
+    frames = _Compared(run, results)
+    _refuse_missing(results, [frame.name for frame in run.frames])
     return measure_spread(frames, frames.geometry, run.config.color.input_encoding)
 
 
@@ -60,6 +62,13 @@ class _Compared(Lazy[ComparedFrame]):
         shown = self._frames[number]
         others = self._others.images(shown.name, shown.color.shape)
         return ComparedFrame(self._raw.rectified(shown.name), shown, others)
+
+
+def _refuse_missing(others: OtherResults, names: Sequence[str]) -> None:
+    """Before the first frame is read: a long dive would be compared in vain."""
+    others.refuse_other_names(names)
+    for method, missing in others.missing(names).items():
+        raise InputError(f"{method}: holds no image called {missing[0]}: give a folder with the rectified image of every frame")
 
 
 def _files(frame: FinishedFrame) -> FrameFiles:

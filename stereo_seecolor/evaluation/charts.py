@@ -51,6 +51,7 @@ class ChartRow:
 class ChartReport:
     """rows: every method on every target. spreads: every method over charts at several ranges. sheet: if one was asked for.
 
+    missing: other tool -> frames with targets that it has no image of, so that its means are over fewer targets.
     without_target: frames that had none, and "frame: target" of targets without one pixel to score (clipped, dark, range unknown).
     """
 
@@ -58,6 +59,7 @@ class ChartReport:
     without_target: tuple[str, ...]
     sheet: Path | None = None
     spreads: tuple[SpreadRow, ...] = ()
+    missing: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def means(self) -> tuple[ChartRow, ...]:
         """A row a method: means over the targets on which it left pixels to score (of pixels the sum)."""
@@ -84,6 +86,7 @@ def evaluate_charts(
     config, results = config or RunConfig(), OtherResults.of(others)
     given = read_targets(targets) if targets else {}
     pairs = pair_by_stem(images, ranges).pairs
+    results.refuse_other_names([pair.left.stem for pair in pairs])
     frames = [_scored(pair, given.get(pair.left.stem) if targets else [], results, config) for pair in pairs]
     rows = tuple(row for frame in frames for row in frame.rows)
     without = tuple(name for frame in frames for name in frame.without)
@@ -91,7 +94,9 @@ def evaluate_charts(
         raise InputError(_nothing_found(images, targets, len(without)))
     if sheet:
         write_atomic(sheet, _sheet([frame.tiles for frame in frames if frame.tiles]))
-    return ChartReport(rows, without, sheet, spread_over_charts([chart for frame in frames for chart in frame.seen]))
+    scored = [pair.left.stem for pair, frame in zip(pairs, frames, strict=True) if frame.rows]
+    spreads = spread_over_charts([chart for frame in frames for chart in frame.seen])
+    return ChartReport(rows, without, sheet, spreads, results.missing(scored))
 
 
 @dataclass(frozen=True, eq=False)

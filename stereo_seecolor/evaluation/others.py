@@ -1,6 +1,6 @@
 """Corrected images of other tools, from plain folders, to be scored beside our own."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,7 +24,7 @@ class OtherResults:
     def of(cls, folders: Sequence[Path]) -> "OtherResults":
         """Folders of images; a method is called as its folder.
 
-        Raises InputError where two methods are called alike, or one holds no image.
+        Raises InputError where two methods are called alike, or one holds no image, or two of one name.
         """
         found: dict[str, dict[str, Path]] = {}
         for folder in folders:
@@ -33,8 +33,22 @@ class OtherResults:
                 raise InputError(f"{folder}: a method that is scored anyway is called {name!r} too: rename the folder")
             if name in found:
                 raise InputError(f"{folder}: another folder of results is called {name!r} too: rename one")
-            found[name] = {path.stem: path for path in list_images(folder, "corrected images").files}
+            found[name] = _by_stem(list_images(folder, "corrected images").files)
         return cls(found)
+
+    def missing(self, stems: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """Method -> which of these images it lacks, of the methods that lack any."""
+        lacking = {method: tuple(stem for stem in stems if stem not in files) for method, files in self.folders.items()}
+        return {method: names for method, names in lacking.items() if names}
+
+    def refuse_other_names(self, stems: Sequence[str]) -> None:
+        """Raises InputError where a method has none of these images: its files are called otherwise."""
+        for method, files in self.folders.items():
+            if files.keys().isdisjoint(stems):
+                raise InputError(
+                    f"{method}: none of its images is called like one of those to be scored: its first is {min(files)!r}, "
+                    f"theirs is {min(stems)!r}: give its images the names of those that they were made from"
+                )
 
     def corrected(self, stem: str, shape: tuple[int, ...]) -> dict[str, NDArray[np.float64]]:
         """Method -> (H, W, 3) in [0, 1] as displayed, of the methods that have this image; NaN where it is black, as unknown.
@@ -51,11 +65,17 @@ class OtherResults:
         return results
 
     def images(self, stem: str, shape: tuple[int, ...]) -> dict[str, Image]:
-        """Method -> image of that stem, as it is. Raises InputError where a method has none, or one of another size."""
-        for method, files in self.folders.items():
-            if stem not in files:
-                raise InputError(f"{method}: holds no image called {stem}: give a folder with the rectified image of every frame")
+        """Method -> image of that stem, which all must have, as it is. Raises InputError where one is of another size."""
         return {method: _of_size(files[stem], shape) for method, files in self.folders.items()}
+
+
+def _by_stem(files: Iterable[Path]) -> dict[str, Path]:
+    found: dict[str, Path] = {}
+    for path in files:
+        if path.stem in found:
+            raise InputError(f"{path}: {found[path.stem].name} is an image of that name too: leave one of them in the folder")
+        found[path.stem] = path
+    return found
 
 
 def _of_size(path: Path, shape: tuple[int, ...]) -> Image:
