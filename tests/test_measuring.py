@@ -282,11 +282,13 @@ def test_the_command_prints_a_table(out: Path, tmp_path: Path, cli: Cli) -> None
     ("rows", "message"),
     [
         (["a,0000,line,,1,2"], r"line 2: kind is 'line': give point, length or area"),
-        (["a,0000,point,,x,2"], r"line 2: x_px and y_px must be numbers"),
+        (["a,0000,point,,x,2"], r"line 2: x_px is 'x': give a number"),
+        (["a,0000,point,,2,nan"], r"line 2: y_px is 'nan': give a number"),
         (["a,0000,length,,50,50"], r"measure 'a': length needs at least 2 places"),
         (["a,0000,length,,50,50", "a,0001,length,,50,50"], r"line 3: measure 'a' has another frame or kind than before"),
         (["a,0009,point,,50,50"], r"holds no finished frame '0009'"),
-        (["a,,point,,,"], r"x_m and y_m must be numbers"),
+        (["a,,point,,,"], r"x_m is '': give a number"),
+        (["a,0000,point,,inf,2"], r"line 2: x_px is 'inf': give a number"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_named(out: Path, tmp_path: Path, rows: list[str], message: str) -> None:

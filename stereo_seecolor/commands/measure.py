@@ -1,5 +1,6 @@
 """``measure``: points, lengths and areas in the frames and on the map of a finished run, from a table of places."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -195,12 +196,23 @@ def _wanted(row: dict[str, str], where: str) -> Wanted:
     if frame:
         return Wanted(row["measure"], frame, kind, row["label"] or "", (_numbers(row, FRAME_COLUMNS, where),))
     x_m, y_m = _numbers(row, MAP_COLUMNS, where)
-    spot = x_m, y_m, float(row.get("z_m") or "nan"), float(row.get("click_m") or "nan")
+    z_m, click_m = (
+        math.nan if (row.get(name) or "nan").lower() == "nan" else _number(row[name], name, where) for name in ("z_m", "click_m")
+    )
+    spot = x_m, y_m, z_m, click_m
     return Wanted(row["measure"], frame, kind, row["label"] or "", (), (spot,))
 
 
 def _numbers(row: dict[str, str], names: tuple[str, str], where: str) -> tuple[float, float]:
+    x, y = (_number(row.get(name), name, where) for name in names)
+    return x, y
+
+
+def _number(text: str | None, name: str, where: str) -> float:
     try:
-        return float(row[names[0]]), float(row[names[1]])
-    except (TypeError, ValueError, KeyError) as error:
-        raise InputError(f"{where}: {names[0]} and {names[1]} must be numbers: {error}") from error
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {name} is {text or ''!r}: give a number")
+    return value
