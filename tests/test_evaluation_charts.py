@@ -132,6 +132,24 @@ def test_every_method_gets_a_row_and_ours_is_nearer_than_raw(folders: tuple[Path
     assert sheet.shape[1] == 8 * 320
 
 
+@pytest.mark.slow
+def test_a_method_has_one_column_of_the_sheet(folders: tuple[Path, Path], tmp_path: Path) -> None:
+    for tool, names in (("dark", "b"), ("copy", "ab")):
+        (tmp_path / tool).mkdir()
+        for name in names:
+            image = cv2.imread(str(folders[0] / f"{name}.tiff"))
+            cv2.imwrite(str(tmp_path / tool / f"{name}.tiff"), image // (9 if tool == "dark" else 1))
+    polygon = {"polygon": [[5, 5], [25, 5], [25, 25], [5, 25]]}
+    (tmp_path / "targets.json").write_text(json.dumps({"a": [polygon], "b": [polygon]}))
+    others = [tmp_path / "dark", tmp_path / "copy"]
+    report = evaluate_charts(*folders, tmp_path / "targets.json", sheet=tmp_path / "sheet.png", others=others)
+    assert report.missing == {"dark": ("a",)}
+    for frame in np.vsplit(cv2.imread(str(tmp_path / "sheet.png")), 2):
+        raw, *_, copy, dark = (column[30:] for column in np.hsplit(frame, 9))  # without the labels
+        np.testing.assert_array_equal(copy, raw)
+        assert dark.mean() < 0.2 * raw.mean()
+
+
 def test_folders_of_other_tools_are_scored_and_black_is_unknown(chart_image: tuple[np.ndarray, np.ndarray], tmp_path: Path) -> None:
     truth, corners = eight_bit(chart_image[0]), chart_image[1]
     for name, image in (("perfect", truth), ("green", truth // np.array([2, 1, 2], np.uint8)), ("holed", truth.copy())):

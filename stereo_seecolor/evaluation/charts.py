@@ -1,6 +1,6 @@
 """How well each method does on targets of known color: rows of a table, and a contact sheet to look at."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -101,11 +101,11 @@ def evaluate_charts(
 
 @dataclass(frozen=True, eq=False)
 class _ScoredFrame:
-    """What one frame adds to the report. without: what of it could not be scored, by name."""
+    """What one frame adds to the report. without: what of it could not be scored, by name. tiles: method -> what it made of it."""
 
     rows: list[ChartRow] = field(default_factory=list)
     without: list[str] = field(default_factory=list)
-    tiles: list[NDArray[np.uint8]] = field(default_factory=list)
+    tiles: dict[str, NDArray[np.uint8]] = field(default_factory=dict)
     seen: list[SeenChart] = field(default_factory=list)
 
 
@@ -127,7 +127,7 @@ def _scored(
     return _ScoredFrame(
         [score_target(pair.name, target, method, result, range_m) for target, method, result in each],
         [f"{pair.name}: {target.name}" for target in found if not target.mask.any()],
-        [_tile(f"{pair.name}  {method}", result) for method, result in corrected.items()],
+        {method: _tile(f"{pair.name}  {method}", result) for method, result in corrected.items()},
         [chart for chart in charts if chart],
     )
 
@@ -202,10 +202,11 @@ def _tile(label: str, result: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.concatenate([strip, picture])
 
 
-def _sheet(tiles: Sequence[Sequence[NDArray[np.uint8]]]) -> bytes:
-    """PNG: a frame a row, a method a column; methods that lack the frame leave their places at the end of the row empty."""
-    tall, longest = max(tile.shape[0] for row in tiles for tile in row), max(len(row) for row in tiles)
+def _sheet(tiles: Sequence[Mapping[str, NDArray[np.uint8]]]) -> bytes:
+    """PNG: a frame a row, a method a column, empty where it lacks the frame. tiles: of each frame, by method."""
+    methods = dict.fromkeys(method for frame in tiles for method in frame)
+    tall = max(tile.shape[0] for frame in tiles for tile in frame.values())
     empty = np.zeros((tall, _TILE_WIDTH, 3), np.uint8)
-    tiles = [[*row, *[empty] * (longest - len(row))] for row in tiles]
-    padded = [np.hstack([np.pad(tile, ((0, tall - tile.shape[0]), (0, 0), (0, 0))) for tile in row]) for row in tiles]
+    rows = [[frame.get(method, empty) for method in methods] for frame in tiles]
+    padded = [np.hstack([np.pad(tile, ((0, tall - tile.shape[0]), (0, 0), (0, 0))) for tile in row]) for row in rows]
     return bytes(cv2.imencode(".png", np.vstack(padded)[..., ::-1])[1])
