@@ -48,6 +48,11 @@ class Camera:
             raise CalibrationError(f"camera matrix K must be 3x3 and finite, got shape {self.K.shape}: {self.K.tolist()}")
         if self.K[0, 0] <= 0 or self.K[1, 1] <= 0:
             raise CalibrationError(f"focal lengths must be positive, got fx={self.K[0, 0]:g}, fy={self.K[1, 1]:g}")
+        if self.K[0, 1] == 0 and not self.K[:2, 2].any() and self.K[2, :2].all() and self.K[2, 2] == 1:
+            raise CalibrationError(
+                f"camera matrix K is transposed, as MATLAB's IntrinsicMatrix, its center in its last row, {self.K[2].tolist()}: "
+                "transpose it; of a file of MATLAB also transpose the rotation and take 1 from both numbers of the center"
+            )
         if not np.array_equal(self.K[2], [0, 0, 1]) or self.K[1, 0] != 0:
             raise CalibrationError(f"camera matrix K must be [fx s cx; 0 fy cy; 0 0 1], got {self.K.tolist()}")
         if self.distortion.ndim != 1 or self.distortion.size not in DISTORTION_LENGTHS[self.model]:

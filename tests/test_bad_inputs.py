@@ -111,6 +111,7 @@ def pose(x: float, scale: float = 1.0) -> list[list[float]]:
         ("T_right_left", pose(0.0), "the baseline is zero"),
         ("T_right_left", pose(-94.0), "millimeters it is 0.094 m"),
         ("left.K", [[0, 0, 1], [0, 1, 1], [0, 0, 1]], "focal lengths must be positive"),
+        ("left.K", [[500, 0, 0], [0, 500, 0], [320, 240, 1]], "K is transposed"),
     ],
 )
 def test_bad_calibrations_in_one_line(make_dive, cli, tmp_path, key, value, message) -> None:

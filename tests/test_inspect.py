@@ -86,6 +86,14 @@ def test_range_maps_are_not_taken_for_a_side(tmp_path: Path) -> None:
         inspect([tmp_path])
 
 
+def test_float_images_on_both_sides_are_not_called_range_maps(tmp_path: Path) -> None:
+    for folder in ("left", "right"):
+        (tmp_path / folder).mkdir()
+        cv2.imwrite(str(tmp_path / folder / "1.tiff"), np.ones((4, 6, 3), np.float32))
+    with pytest.raises(InputError, match=r"left and .*right: hold floating-point numbers.*save them as 16-bit PNG"):
+        inspect([tmp_path])
+
+
 @pytest.mark.slow
 def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
     dive = make_dive(5)

@@ -166,6 +166,11 @@ NOTHING_TESTED = Tested()
 def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> None:
     """Images with a range map each are no stereo pairs, and another command is for them."""
     maps, images = (sides.left, sides.right) if left.bits == FLOAT_BITS else (sides.right, sides.left)
+    if left.bits == right.bits == FLOAT_BITS:
+        raise InputError(
+            f"{sides.left} and {sides.right}: hold floating-point numbers, images need 8 or 16 bits a channel: save them as "
+            "16-bit PNG or TIFF (values of 0 to 1 times 65535)"
+        )
     if FLOAT_BITS in (left.bits, right.bits):
         command = shlex.join(["stereo-seecolor", "correct", "--images", str(images), "--range", str(maps)])
         raise InputError(f"{maps}: holds floating-point numbers, no images: if these are range maps in meters, run: {command}")
