@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -25,7 +26,6 @@ def board_pairs(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, StereoR
 
 @pytest.mark.slow
 def test_check_and_calibrate_take_videos(cli: Cli, board_pairs: tuple[Path, StereoRig], tmp_path: Path) -> None:
-    av = pytest.importorskip("av")
     folder, rig = board_pairs
     write_rig(rig, tmp_path / "true.yaml")
     both = tmp_path / "both.mkv"

@@ -155,3 +155,12 @@ def test_open_water_is_hardly_more_colored_than_the_measured_reef(water: tuple[f
     reef = colors[80:].reshape(-1, 3)
     assert max(water) / min(water) > 1.9
     assert held.max() / held.min() < (reef.max(axis=1) / reef.min(axis=1)).max()
+
+
+def test_white_at_a_carried_range_stays_at_full_scale() -> None:
+    """Where all that is measured is redder than white, red cannot be raised any more."""
+    image = np.round(np.array([0.5, 0.45, 0.4]) * RNG.uniform(0.9, 1.1, (96, 128, 1)) * 255).astype(np.uint8)
+    carried = np.zeros((96, 128), bool)
+    carried[:8, :8] = True
+    image[carried] = 255
+    np.testing.assert_array_equal(within_measured(image, carried, ~carried)[carried][:, 0], 255)

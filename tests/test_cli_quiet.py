@@ -39,7 +39,7 @@ def test_libpngs_warnings_are_shown_only_if_asked_for(make_dive, tmp_path: Path,
 
 @pytest.mark.slow
 def test_errors_of_the_program_get_to_standard_error() -> None:
-    words = ["check", "--left", "nowhere", "--right", "nowhere", "--calib", "cam.yaml"]
+    words = ["check", "--left", "nowhere", "--right", "elsewhere", "--calib", "cam.yaml"]
     done = subprocess.run([sys.executable, "-m", "stereo_seecolor", *words], capture_output=True, text=True, check=False)
     assert done.returncode == 1
     assert "nowhere: the folder of left images does not exist" in done.stderr

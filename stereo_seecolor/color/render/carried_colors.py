@@ -52,13 +52,14 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
     if bounds is None:
         return image
     at = np.flatnonzero(carried)
+    full = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else np.inf
     pixels = np.maximum(image.reshape(-1, 3)[at].astype(np.float32), 0)
     held = pixels.copy()
     for c in range(3):
         others = _others(c)
         most = (pixels[:, others] * bounds.most[c, others]).max(axis=1)
         least = (pixels[:, others] * bounds.least[c, others]).min(axis=1) if c == RED else 0
-        held[:, c] = np.clip(pixels[:, c], least, most)
+        held[:, c] = np.clip(pixels[:, c], least, np.minimum(most, full))
     changed = (held != pixels).any(axis=1)
     out = image.copy()
     out.reshape(-1, 3)[at[changed]] = held[changed]
