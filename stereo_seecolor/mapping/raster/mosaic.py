@@ -192,8 +192,8 @@ def _reaching(cells: Cells, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Ar
     low, high = np.array([x_m.min(), y_m.min()]), np.array([x_m.max(), y_m.max()])
     middle = (low + high) / 2
     near = [i for i, box in boxes.items() if (box[0] <= high).all() and (box[1] >= low).all()]
-    side = max(1, int(np.ceil(float((high - low).max()))))
-    return sorted(sorted(near, key=lambda i: (float(np.hypot(*(T[i, :2, 3] - middle))), i))[: SETTINGS.views_a_meter * side])
+    most = int(np.ceil(SETTINGS.views_a_meter * max(1.0, float((high - low).max()))))
+    return sorted(sorted(near, key=lambda i: (float(np.hypot(*(T[i, :2, 3] - middle))), i))[:most])
 
 
 def _paint(cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedPair) -> NDArray[np.uint8]:
