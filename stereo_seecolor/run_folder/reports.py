@@ -76,13 +76,13 @@ def close_run(folder: RunFolder, run: RunDescription, complete: bool, compute: C
     compute: reads the frames' records; those of a run that was stopped are read here, since its cluster may be gone.
     """
     if complete:
-        folder.owned.remove_leftovers()  # of workers that were lost
         retired = sum(folder.frames.retire(name) for name in folder.manifest.names() if name not in run.names)
         if retired:
             gone = f"{counted(retired, 'frame')} of an earlier run, no longer in the dive"
             folder.dive.removed.append(f"{gone}: what was made of it is kept in {folder.root / SET_ASIDE}")
     current = CurrentFrames.of(folder, run.names, run.last, compute if complete else None)
     if complete:
+        folder.owned.remove_leftovers()  # of workers that were lost; not before, as a new worker looks for the cluster's own file
         sources = dict.fromkeys((MAP, FIRST_LOOK, INDEX), current.digests["corrected"]) | {MEASURED_WATER: current.digests["range"]}
         stale = [name for name, source in sources.items() if folder.dive.record.made_from.get(name, source) != source]
         if stale:
