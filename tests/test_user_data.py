@@ -4,7 +4,7 @@ import csv
 import errno
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,6 +25,7 @@ from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import PRODUCTS
 from stereo_seecolor.run_folder.lock import held
+from stereo_seecolor.run_folder.owned_files import OwnedFiles
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 PRECIOUS = b"three years of field notes"
@@ -422,6 +423,17 @@ def test_a_file_that_cannot_be_flushed_is_named_and_not_left_behind(
             go(dive, out)
     assert not list(out.rglob(".writing-*"))
     assert go(dive, out).all_done
+
+
+def test_a_folder_lost_while_files_are_written_is_named(tmp_path: Path) -> None:
+    def contents_of_a_pair() -> Iterator[tuple[str, bytes]]:
+        yield "range/0001.tiff", b"range"
+        (tmp_path / "range").rename(tmp_path / "lost")
+        (tmp_path / "range").touch()  # removing the first file fails now with an error of its own
+        yield "range/0002.tiff", b"range"
+
+    with pytest.raises(OutputError, match=r"range/000.\.tiff: cannot be written"):
+        OwnedFiles(tmp_path).write_temporaries(contents_of_a_pair())
 
 
 def test_a_damaged_manifest_is_refused_untouched(dive: Dive, tmp_path: Path) -> None:

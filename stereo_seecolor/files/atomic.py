@@ -56,7 +56,7 @@ def atomic_path(path: Path) -> Iterator[Path]:
             temporary.replace(path)
             flush_folder(path.parent)
         except BaseException:
-            _remove(temporary)
+            remove(temporary)
             raise
 
 
@@ -86,7 +86,7 @@ def write_temporary(path: Path, content: Content) -> Path:
         with temporary.open("wb") as file:
             file.writelines([content] if isinstance(content, bytes | memoryview) else content)
     except BaseException:
-        _remove(temporary)
+        remove(temporary)
         raise
     return temporary
 
@@ -108,7 +108,7 @@ def move_into_place(temporary: Path, path: Path) -> None:
     try:
         temporary.replace(path)
     except OSError:
-        _remove(temporary)
+        remove(temporary)
         raise
 
 
@@ -126,7 +126,7 @@ def flush_file(temporary: Path) -> None:
         finally:
             os.close(descriptor)
     except OSError:
-        _remove(temporary)
+        remove(temporary)
         raise
 
 
@@ -147,7 +147,7 @@ def remove_leftovers(folder: Path) -> None:
     if not folder.is_dir() or folder.is_symlink():
         return
     for leftover in folder.glob(f"{TEMPORARY_PREFIX}*"):
-        _remove(leftover)
+        remove(leftover)
 
 
 def remove_leftovers_below(folder: Path) -> None:
@@ -165,7 +165,8 @@ def files_below(folder: Path) -> Iterable[Path]:
         yield from (Path(root) / name for name in (*names, *links))
 
 
-def _remove(path: Path) -> None:
+def remove(path: Path) -> None:
+    """Delete a temporary file or folder as far as it can be: an error here must not hide the one that led here."""
     with contextlib.suppress(OSError):
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)

@@ -41,7 +41,7 @@ class OwnedFiles:
             with contextlib.suppress(OutputError):
                 flushed.finish()  # no system deletes what is open
             for temporary in written.values():
-                temporary.unlink(missing_ok=True)
+                atomic.remove(temporary)
             raise
         return written
 

@@ -89,7 +89,8 @@ class DaskCompute:
             yield
         finally:
             self._probes = tuple(other for other in self._probes if other is not probe)
-            probe.file.unlink(missing_ok=True)
+            with suppress(OSError):
+                probe.file.unlink(missing_ok=True)
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
         """``work`` of every item, in the items' order. A lost worker's batch is done again by another."""
@@ -135,7 +136,8 @@ class DaskCompute:
             _write(file, content)
             yield file
         finally:
-            file.unlink(missing_ok=True)
+            with suppress(OSError):
+                file.unlink(missing_ok=True)
 
     def _sender(self, do: DoBatch, work: Parcel) -> Callable[[list[Any]], Future]:
         ticket = Ticket.mine(self._probes)
