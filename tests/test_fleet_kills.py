@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 import psutil
@@ -14,6 +15,8 @@ from conftest import contents
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.cluster.connect import cluster
+from stereo_seecolor.compute.interface import Item, Result
+from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.dive.run_options import RunOptions
 
 
@@ -80,6 +83,32 @@ def test_workers_are_killed(make_dive, tmp_path: Path) -> None:
     run(*sides, tmp_path / "threads")
     assert contents(tmp_path / "cluster") == contents(tmp_path / "threads")
     assert not list((tmp_path / "cluster").rglob(".writing-probe*"))
+
+
+class NewWorkers(Threads):
+    """Every item goes to a worker that begins with it, and makes sure that it sees the shared folder."""
+
+    @contextlib.contextmanager
+    def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
+        self._probe = folder / ".writing-probe-1"
+        self._probe.touch()
+        yield
+        self._probe.unlink(missing_ok=True)
+
+    def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
+        for item in items:
+            assert self._probe.exists()
+            yield work(item)
+
+    tiles = each
+
+
+def test_a_worker_that_begins_at_the_very_end_sees_the_shared_folder(make_dive, tmp_path: Path) -> None:
+    dive = make_dive(2)
+    summary = run(
+        dive.root / "L", dive.root / "R", dive.root / "cam.yaml", tmp_path / "out", options=RunOptions(cluster=NewWorkers(1))
+    )
+    assert summary.count("ok") == 2
 
 
 @pytest.mark.slow
