@@ -76,7 +76,8 @@ class Survey(Sequence[SurveyFrame]):
 
     def __getitem__(self, i: int) -> SurveyFrame:  # type: ignore[override]
         ranges, colors, name = self.load(i, "m"), self.load(i, "c"), self.trajectory.names[i]
-        confidence, time_s = np.nan_to_num(ranges["confidence"]), float(self.trajectory.timestamps_s[i])
+        time_s = float(self.trajectory.timestamps_s[i])
+        confidence = np.rint(255 * np.nan_to_num(ranges["confidence"])).astype(np.uint8)
         return SurveyFrame(name, time_s, colors["image"], ranges["range_m"], ranges["std"], confidence, colors["unrecoverable"])
 
     def load(self, i: int, what: str = "") -> dict[str, NDArray]:

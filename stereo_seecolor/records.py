@@ -186,7 +186,8 @@ class FrameResult:
 class SurveyFrame:
     """A finished pair as the map sees it: corrected colors and ranges of the rectified left camera.
 
-    name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m, confidence: Map, measured pixels only.
+    name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m: Map, measured pixels only.
+    confidence: (H, W) uint8, 0..255 for 0..1 as in its file; 0 where unknown.
     unrecoverable: True where the water left too little of a color, None where nothing is known of that.
     """
 
@@ -195,7 +196,7 @@ class SurveyFrame:
     color: NDArray[np.uint8]
     range_m: Map
     range_std_m: Map
-    confidence: Map
+    confidence: NDArray[np.uint8]
     unrecoverable: Mask | None = None
 
     def scaled(self, scale: float) -> "SurveyFrame":

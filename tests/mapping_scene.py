@@ -42,7 +42,7 @@ def flat_frame(i: int, altitude_m: float = 1.5, color: tuple[int, int, int] = (2
         depth_m[50:70, 60:100] = 0.6 * altitude_m
         rgb[50:70, 60:100] = (255, 0, 255)
     range_m = depth_m * PAIR.ray_length
-    return SurveyFrame(f"f{i}", float(i), rgb, range_m, 0.004 * range_m**2, np.ones_like(range_m))
+    return SurveyFrame(f"f{i}", float(i), rgb, range_m, 0.004 * range_m**2, np.full(range_m.shape, 255, np.uint8))
 
 
 def track(count: int, altitude_m: float = 1.5, step_m: float = 0.3) -> Trajectory:
@@ -92,7 +92,7 @@ def rig_of(pair: RectifiedPair) -> StereoRig:
 
 def save_frame(folder: RunFolder, frame: SurveyFrame) -> None:
     name, mask = frame.name, np.zeros(frame.range_m.shape, np.uint8)
-    ranges = {"range": encode_map(frame.range_m), "confidence": encode_confidence(frame.confidence)}
+    ranges = {"range": encode_map(frame.range_m), "confidence": encode_confidence(frame.confidence / np.float32(255))}
     if np.isfinite(frame.range_std_m).any():  # else as with output.range_std=false
         ranges["range_std"] = encode_map(frame.range_std_m)
     colors = {"corrected": encode_image(frame.color, "png"), "mask": encode_mask(mask)}
@@ -148,7 +148,7 @@ class ReefFrames(Sequence[SurveyFrame]):
             color=np.clip(np.rint(color), 0, 255).astype(np.uint8),
             range_m=noisy_m.astype(np.float32),
             range_std_m=std_m.astype(np.float32),
-            confidence=np.ones(std_m.shape, np.float32),
+            confidence=np.full(std_m.shape, 255, np.uint8),
         )
 
     @cached_property

@@ -143,7 +143,7 @@ def test_a_tilted_plane_is_smooth_and_keeps_its_depth_and_an_edge_is_not(every: 
     range_m = (PAIR.ray_length / inverse).astype(np.float32)
     range_m[100:102, 40:44] = np.nan
     color = np.zeros((256, 320, 3), np.uint8)
-    frame = SurveyFrame("a", 0.0, color, range_m, 0.001 * range_m, np.ones_like(range_m))
+    frame = SurveyFrame("a", 0.0, color, range_m, 0.001 * range_m, np.full(range_m.shape, 255, np.uint8))
     depth = smooth_depth(frame, PAIR, every)
     rows, columns = (axis.ravel() for axis in np.mgrid[9:248:2.3, 9:149:2.7])
     far = (np.abs(columns - 41.5) > 9) | (np.abs(rows - 100.5) > 9)  # from the hole

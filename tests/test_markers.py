@@ -65,7 +65,8 @@ def frame(index: int, T: NDArray[np.float64], texture: NDArray[np.uint8]) -> Sur
     std = depth_m * range_m / (RIG.focal_px * RIG.baseline_m) * np.float32(0.1)
     seen = np.clip(gray + rng.normal(0, 2, gray.shape), 1, 254).astype(np.uint8)
     noisy = range_m + std * noise / noise.std()
-    return SurveyFrame(f"f{index}", float(index), np.repeat(seen[..., None], 3, axis=2), noisy, std, np.ones_like(std))
+    color, certain = np.repeat(seen[..., None], 3, axis=2), np.full(std.shape, 255, np.uint8)
+    return SurveyFrame(f"f{index}", float(index), color, noisy, std, certain)
 
 
 @pytest.fixture(scope="module")

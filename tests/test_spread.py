@@ -26,7 +26,7 @@ def frame(raw_gain: float, shown_gain: float) -> ComparedFrame:
     range_m = read_range_map(REEF / "truth" / "range" / f"{name}.tiff")
     light = decode_srgb(image / 255.0)
     raw, shown = (np.round(255 * encode_srgb(np.clip(light * gain, 0, 1))).astype(np.uint8) for gain in (raw_gain, shown_gain))
-    std_m, known = estimated_range_std_m(range_m, RECTIFICATION.pair), np.isfinite(range_m).astype(np.float32)
+    std_m, known = estimated_range_std_m(range_m, RECTIFICATION.pair), np.isfinite(range_m).astype(np.uint8) * np.uint8(255)
     return ComparedFrame(raw, SurveyFrame(name, None, shown, range_m, std_m, known))
 
 

@@ -44,7 +44,7 @@ def drawn(number: int, gain: float) -> SurveyFrame:
     color = gain * np.where(box[..., None], BOX_COLOR, pattern(place[..., 0], place[..., 1]))
     range_m = (depth_m * PAIR.ray_length).astype(np.float32)
     rgb = np.clip(np.rint(color), 0, 255).astype(np.uint8)
-    return SurveyFrame(f"f{number}", float(number), rgb, range_m, 0.004 * range_m**2, np.ones_like(range_m))
+    return SurveyFrame(f"f{number}", float(number), rgb, range_m, 0.004 * range_m**2, np.full(range_m.shape, 255, np.uint8))
 
 
 def made(folder: Path, gains: tuple[float, ...]) -> Path:

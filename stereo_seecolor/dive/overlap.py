@@ -154,7 +154,7 @@ class FrameLook:
         small = cv2.resize(image[: height * every, : width * every], (width, height), interpolation=cv2.INTER_AREA)
         ranges = np.ascontiguousarray(range_m[every // 2 :: every, every // 2 :: every][:height, :width])
         shown = small if small.dtype == np.uint8 else (small >> 8).astype(np.uint8)
-        known = np.isfinite(ranges).astype(np.float32)
+        known = np.isfinite(ranges).astype(np.uint8) * np.uint8(255)
         shown_frame = SurveyFrame("", None, shown, ranges, estimated_range_std_m(ranges, geometry), known)
         seen = _Seen(number, KeyFrame(small, ranges, np.eye(4)), detect(shown_frame, geometry, FEATURES))
         return seen, self._view(seen)

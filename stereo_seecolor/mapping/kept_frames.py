@@ -19,7 +19,7 @@ from stereo_seecolor.records import SurveyFrame
 class KeepingSettings:
     """How much of the disk may be used."""
 
-    most_bytes: float = 16e9  # 750 frames of 1.3 megapixels
+    most_bytes: float = 16e9  # 900 frames of 1.3 megapixels
     free_fraction: float = 0.25  # of what is free: the map itself is to be written
 
 

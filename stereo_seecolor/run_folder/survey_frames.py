@@ -50,13 +50,15 @@ class SurveyFrames(Lazy[SurveyFrame]):
         """Read one frame. Raises FrameError if one of its files is gone or damaged."""
         frame = self._frames[number]
         try:
-            return self._read(frame).scaled(self._range_scale)
+            read = self._read(frame)
+            return read if self._range_scale == 1 else read.scaled(self._range_scale)  # a copy of what is large
         except InputError as error:
             raise FrameError(frame.name, str(error)) from error
 
     def _read(self, frame: FinishedFrame) -> SurveyFrame:
         confidence = self._pixels(frame, "confidence")
-        range_m: Map = np.where(confidence > 0, self._pixels(frame, "range"), np.float32(np.nan))
+        range_m: Map = self._pixels(frame, "range")
+        range_m[confidence == 0] = np.nan
         has_std = "range_std" in frame.products
         return SurveyFrame(
             name=frame.name,
@@ -64,7 +66,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
             color=eight_bit(self._pixels(frame, "corrected")),
             range_m=range_m,
             range_std_m=self._pixels(frame, "range_std") if has_std else estimated_range_std_m(range_m, self.geometry),
-            confidence=(confidence / np.float32(255)).astype(np.float32),
+            confidence=confidence,
             unrecoverable=self._pixels(frame, "mask") == MASK_CODES["color not recoverable"],
         )
 

@@ -24,7 +24,7 @@ OFFSET = 1 << (BITS - 1)
 def weigh(
     range_m: Any,  # (H, W) float32
     range_std_m: Any,  # (H, W) float32
-    confidence: Any,  # (H, W) float32
+    confidence: Any,  # (H, W) uint8, 255 for 1
     ray_length: Any,  # (H, W) float32: range over depth
     voxel_m: float,
     depth_m: Any,  # (H, W) float32, written
@@ -46,7 +46,8 @@ def weigh(
         if row % CELL == 0:
             deepest_m[row // CELL, left:right] = 0
         for column in range(left * CELL, min(right * CELL, range_m.shape[1])):
-            measured, trust, std = range_m[row, column], confidence[row, column], range_std_m[row, column]
+            measured, std = range_m[row, column], range_std_m[row, column]
+            trust = np.float32(confidence[row, column]) / np.float32(255)
             weight[row, column] = 0
             inverse[row + SLANT_PX, column + SLANT_PX] = 0
             if not (measured > 0 and trust > 0 and measured < np.inf):
