@@ -49,11 +49,10 @@ def gray_angle_deg(pixels: Pixels) -> NDArray[np.float64]:
 
 def angle_deg(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
     """Angle between two colors, degrees, shape (...); NaN where either is black or unknown."""
-    a, b = np.asarray(pixels, dtype=np.float64), np.asarray(truth, dtype=np.float64)
-    cross = np.linalg.norm(np.cross(a, b), axis=-1)  # atan2 keeps the small angles that arccos rounds away
-    dot = (a * b).sum(axis=-1)
-    known = (np.linalg.norm(a, axis=-1) > 0) & (np.linalg.norm(b, axis=-1) > 0)
-    return np.where(known, np.degrees(np.arctan2(cross, dot)), np.nan)
+    (r, g, b), (x, y, z) = (np.moveaxis(np.asarray(colors, dtype=np.float64), -1, 0) for colors in (pixels, truth))
+    cross = np.sqrt((g * z - b * y) ** 2 + (b * x - r * z) ** 2 + (r * y - g * x) ** 2)  # arctan2 keeps what arccos rounds away
+    known = (r * r + g * g + b * b > 0) & (x * x + y * y + z * z > 0)
+    return np.where(known, np.degrees(np.arctan2(cross, r * x + g * y + b * z)), np.nan)
 
 
 def clipped(pixels: Pixels) -> NDArray[np.bool_]:
@@ -126,9 +125,8 @@ def range_consistency(pixels: Pixels, truth: Pixels | None, range_m: NDArray[np.
 
 def lab_from_linear(linear: Pixels) -> NDArray[np.float64]:
     """CIE L*a*b* under D65 of linear sRGB primaries, shape (..., 3)."""
-    t = np.maximum(np.asarray(linear, dtype=np.float64), 0) @ _XYZ_FROM_LINEAR.T / _WHITE
-    f = np.where(t > (6 / 29) ** 3, np.cbrt(t), t / (3 * (6 / 29) ** 2) + 4 / 29)
-    x, y, z = np.moveaxis(f, -1, 0)
+    t = _XYZ_FROM_LINEAR / _WHITE[:, None] @ np.maximum(np.moveaxis(np.asarray(linear, dtype=np.float64), -1, 0), 0).reshape(3, -1)
+    x, y, z = np.where(t > (6 / 29) ** 3, np.cbrt(t), t / (3 * (6 / 29) ** 2) + 4 / 29).reshape(3, *np.shape(linear)[:-1])
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
 
 
