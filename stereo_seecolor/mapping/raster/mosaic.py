@@ -161,11 +161,29 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
     u, v = np.meshgrid((across - left).astype(np.float32), (down - top).astype(np.float32))
     weight = cv2.remap(np.isfinite(part).astype(np.float32), u, v, cv2.INTER_LINEAR)
     z = cv2.remap(np.nan_to_num(part), u, v, cv2.INTER_LINEAR)
+    lowest, highest = (cv2.remap(heights, u, v, cv2.INTER_NEAREST) for heights in _around_each(part))
     with np.errstate(invalid="ignore", divide="ignore"):
-        level = np.where(weight > 0.5, z / weight, np.nan)
-    near, other = (cv2.remap(heights, u, v, cv2.INTER_NEAREST) for heights in _steps(part))
-    at_step = np.isfinite(other)
-    return Cells(grid.cell_m, x_m, y_m, np.where(at_step, near, level).astype(np.float64), other.astype(np.float64))
+        z_m = np.where(weight > 0.5, z / weight, np.nan).astype(np.float64)
+        at_step = (weight > 0.5) & (highest - lowest > SETTINGS.hidden_m)
+        z_m[at_step] = _on_one_side(part, u[at_step], v[at_step])
+        other_m = np.where(z_m - lowest > highest - z_m, lowest, highest)
+    return Cells(grid.cell_m, x_m, y_m, z_m, np.where(at_step, other_m, np.nan).astype(np.float64))
+
+
+def _on_one_side(terrain_m: Float, u: Float, v: Float) -> Float:
+    """(n,) heights at columns u and rows v of the terrain, bilinear; between cells on both sides of a step, in those of the side
+    that weighs more. So the step's edge crosses the terrain's cells, and does not run along their borders.
+    """
+    column, row = u.astype(int), v.astype(int)
+    corners = np.stack([terrain_m[row + j, column + i] for j in (0, 1) for i in (0, 1)])
+    right, below = u - column, v - row
+    weights = np.stack([(1 - right) * (1 - below), right * (1 - below), (1 - right) * below, right * below])
+    weights *= np.isfinite(corners)
+    highest, lowest = np.fmax.reduce(corners), np.fmin.reduce(corners)
+    upper = weights * (corners > (highest + lowest) / 2)
+    side = np.where(upper.sum(axis=0) > 0.5 * weights.sum(axis=0), upper, weights - upper)
+    weights = np.where(highest - lowest > SETTINGS.hidden_m, side, weights)
+    return np.asarray((weights * np.nan_to_num(corners)).sum(axis=0) / weights.sum(axis=0))
 
 
 def _closed(heights_m: Float) -> Float:
@@ -176,14 +194,11 @@ def _closed(heights_m: Float) -> Float:
     return np.asarray(np.where(known | (share < SETTINGS.closed), heights_m, mean), np.float32)
 
 
-def _steps(heights_m: Float) -> tuple[Float, Float]:
-    """Heights as they are, and of cells at a step the height of its other side, NaN elsewhere: between both there is nothing."""
+def _around_each(heights_m: Float) -> tuple[Float, Float]:
+    """The lowest and the highest of each cell and its neighbors; infinite where none is known."""
     known, around = np.isfinite(heights_m), np.ones((3, 3), np.uint8)
-    highest = cv2.dilate(np.where(known, heights_m, -np.inf).astype(np.float32), around)
     lowest = cv2.erode(np.where(known, heights_m, np.inf).astype(np.float32), around)
-    with np.errstate(invalid="ignore", over="ignore"):
-        other = np.where(heights_m - lowest > highest - heights_m, lowest, highest)
-        return heights_m, np.where(known & (highest - lowest > SETTINGS.hidden_m), other, np.nan).astype(np.float32)
+    return lowest, cv2.dilate(np.where(known, heights_m, -np.inf).astype(np.float32), around)
 
 
 def _reaching(cells: Cells, wanted: NDArray[np.bool_], boxes: dict[int, tuple[Array, Array]], T: Array) -> list[int]:
