@@ -1,21 +1,25 @@
 """How many threads other libraries use, in a process that does many things at once itself."""
 
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 PRODUCTS = "OPENBLAS_NUM_THREADS"
-VARIABLES = (PRODUCTS, "OPENCV_FOR_THREADS_NUM")
+VARIABLES = {PRODUCTS: "numpy", "OPENCV_FOR_THREADS_NUM": "cv2"}
+"""Each is heeded by what this module imports, once, when it is imported."""
 
 
 def one_thread_in_libraries() -> None:
-    """One thread for OpenCV and for products of matrices, unless the environment says another number. Before either is imported.
+    """One thread for OpenCV and for products of matrices, as far as neither is imported yet, unless the environment says another
+    number.
 
     OpenBLAS starts a thread a core for matrices of some dozen rows, and these wait in busy loops: the light of a dive took three
     times the processor time. OpenCV's threads cost a run 8 %.
     """
-    for variable in VARIABLES:
-        os.environ.setdefault(variable, "1")
+    for variable, module in VARIABLES.items():
+        if module not in sys.modules:
+            os.environ.setdefault(variable, "1")
 
 
 @contextmanager
