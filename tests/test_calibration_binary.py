@@ -88,6 +88,14 @@ def test_matlab_struct_and_its_size_from_the_images(tmp_path: Path) -> None:
         load_rig(tmp_path / "struct.mat")
 
 
+@pytest.mark.parametrize("name", ["{}{}", "{}_{}", "Camera{1}_{0}", "cameraParameters{1}{0}"])
+def test_matlab_properties_saved_one_by_one(name: str, tmp_path: Path) -> None:
+    cameras = [camera_fields(camera, "millimeters", False) for camera in (RIG.left, RIG.right)]
+    content = {name.format(key, i): value for i, camera in enumerate(cameras, 1) for key, value in camera.items()}
+    savemat(tmp_path / "flat.mat", content | stereo_fields(RIG))
+    assert_same(load_rig(tmp_path / "flat.mat"))
+
+
 COLUMN_MM = RIG.T_right_left[:3, 3:] * 1000
 HOMOGENEOUS = np.block([[RIG.R, COLUMN_MM], [np.zeros((1, 3)), np.ones((1, 1))]])
 POSES = {

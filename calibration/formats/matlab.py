@@ -6,6 +6,8 @@ as we do. Some tools fill RotationOfCamera2 without transposing; where nothing e
 readings.
 """
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,15 @@ Size = tuple[int, int]
 SAME_ROTATION = 1e-6  # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
 DOCUMENTED = "RotationOfCamera2 read as MATLAB documents it, for row vectors"
 TRANSPOSED = "RotationOfCamera2 read as R of x2 = R x1 + T, not transposed"
+_PROPERTIES = {
+    name.lower(): name
+    for name in (
+        *("IntrinsicMatrix", "K", "FocalLength", "PrincipalPoint", "Skew", "RadialDistortion", "TangentialDistortion"),
+        *("ImageSize", "WorldUnits", "RotationVectors", "RotationOfCamera2", "TranslationOfCamera2", "PoseCamera2"),
+    )
+}
+_NUMBERED = re.compile(rf"(?:camera(?:parameters|params)?([12]))?({'|'.join(list(_PROPERTIES)[:-3])})([12])?")
+"""A property of one camera, saved as a variable of its own: ``IntrinsicMatrix1``, ``camera2_RadialDistortion``."""
 
 
 def matches(document: Section) -> bool:
@@ -79,17 +90,42 @@ def _find(document: Section) -> Section | None:
         section, depth = pending.pop()
         if section.has("CameraParameters1", "CameraParameters2"):
             return section
+        if (gathered := _gathered(section)) is not None:
+            return gathered
         if depth < 2:
             inner = ((name, value) for name, value in section.content.items() if isinstance(value, dict))
             pending += [(Section(f"{section.where}: {name}", value), depth + 1) for name, value in inner]
     return None
 
 
+def _gathered(section: Section) -> Section | None:
+    """The properties of stereoParameters where each was saved by itself, with the camera's number in its name; None if not so."""
+    cameras: tuple[dict[str, Any], dict[str, Any]] = ({}, {})
+    rest: dict[str, Any] = {}
+    for key, value in section.content.items():
+        bare = re.sub(r"[\W_]", "", key).lower()
+        found = _NUMBERED.fullmatch(bare)
+        if found is None:
+            rest[_PROPERTIES.get(bare, key)] = value
+            continue
+        number = found[1] or found[3]
+        for camera in [cameras[int(number) - 1]] if number else cameras:
+            camera.setdefault(_PROPERTIES[found[2]], value)
+    if not all(map(_is_camera, cameras)) or not rest.keys() & {"PoseCamera2", "RotationOfCamera2"}:
+        return None
+    return Section(section.where, {**rest, "CameraParameters1": cameras[0], "CameraParameters2": cameras[1]})
+
+
+def _is_camera(content: Mapping[str, Any]) -> bool:
+    return "RadialDistortion" in content and bool(content.keys() & {"IntrinsicMatrix", "K", "FocalLength"})
+
+
 def _camera(section: Section, image_size: Size | None) -> Camera:
     if section.has("K"):
         K = section.matrix("K", 3, 3)
     elif section.has("IntrinsicMatrix"):
-        K = section.matrix("IntrinsicMatrix", 3, 3).T.copy()
+        K = section.matrix("IntrinsicMatrix", 3, 3)
+        K = (K if K[:2, 2].any() else K.T).copy()  # where somebody has transposed it already
     elif section.has("FocalLength", "PrincipalPoint"):  # a cameraIntrinsics object
         (fx, fy), (cx, cy) = section.numbers("FocalLength", 2), section.numbers("PrincipalPoint", 2)
         K = np.array([[fx, section.number("Skew") if section.has("Skew") else 0.0, cx], [0, fy, cy], [0, 0, 1]])
