@@ -72,6 +72,12 @@ def test_frames_out_of_order_are_no_jumps() -> None:
     assert not placement.warnings
 
 
+def test_names_match_by_folder_and_name_where_names_begin_anew() -> None:
+    names = tuple(f"{hour}h_{i:04d}" for hour in (10, 11) for i in range(5))
+    paths = tuple(f"DIVE\\{hour}h\\left\\{i:04d}.png" for hour in (10, 11) for i in range(5))
+    np.testing.assert_allclose(place(index(names=names), by_name(line(), paths), CONFIG).T_world_camera, line())
+
+
 def test_a_gap_leaves_its_frames_out_and_names_them() -> None:
     keep = [0, 1, 8, 9]
     placement = place(index(), by_time(line()[keep], np.array(keep, dtype=float)), CONFIG)

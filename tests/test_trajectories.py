@@ -75,6 +75,14 @@ def test_colmap_is_world_to_camera_with_w_first(tmp_path: Path) -> None:
     np.testing.assert_allclose(trajectory.T_world_camera[0, :3, 3], [-2, 1, -3], atol=1e-12)
 
 
+def test_poses_of_the_right_camera_are_left_out_of_a_file_of_both(tmp_path: Path) -> None:
+    rows = [f"{i} 1 0 0 0 {x} 0 0 1 {side}/{i:04d}.png\n0 0 -1\n" for i in range(3) for side, x in (("left", 0), ("right", -0.1))]
+    (tmp_path / "images.txt").write_text("# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME\n" + "".join(rows))
+    trajectory = read_trajectory(tmp_path / "images.txt")
+    assert trajectory.names == ("left/0000.png", "left/0001.png", "left/0002.png")
+    assert not trajectory.T_world_camera[:, 0, 3].any()
+
+
 def test_oplab_is_north_east_down_with_the_vehicles_heading(tmp_path: Path) -> None:
     rows = "a/1.png,10,20,5,0,0,0,2,100,50,-10\na/2.png,10,21,5,0,0,90,None,101,50,-10\n"
     trajectory = read_trajectory(write(tmp_path, OPLAB + rows, "auv_ekf_LC.csv"), MountConfig(surge_m=1.0))

@@ -9,6 +9,7 @@ import numpy as np
 
 from stereo_seecolor.commands.inspect_rig import candidates
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.names import folder_keys, stem_of_path
 from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.inputs.trajectories import read_trajectory, trajectory_format
 from stereo_seecolor.records import Trajectory
@@ -41,7 +42,7 @@ def find_poses(places: Sequence[Path], pairs: Sequence[Pair], others: Collection
 
 def _facts(path: Path, kind: str, trajectory: Trajectory, pairs: Sequence[Pair]) -> FoundPoses:
     finite = np.isfinite(trajectory.T_world_camera).all(axis=(1, 2))
-    names = {Path(name).stem for name in trajectory.names if name}
+    names = {key for name in trajectory.names if name for key in (stem_of_path(name), *folder_keys(name))}
     times_s = trajectory.timestamps_s[finite & np.isfinite(trajectory.timestamps_s)]
     if names:
         number, by = sum(bool({pair.name, pair.left.stem} & names) for pair in pairs), "name"

@@ -11,12 +11,15 @@ REDDER = 1.1
 
 
 def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
-    """Say so where the veiling light is reddest and red is attenuated least, as in no sea; nothing where either is not so."""
+    """Say so where the veiling light is reddest and red is attenuated least; nothing where either is not so.
+
+    So it is in brown water too, of peat or mud. Exchanged channels of green water look like another green water, and are not found.
+    """
     different = list({id(water): water for water in waters.values()}.values())
     if not different:
         return ()
     veil, attenuation = (np.median([getattr(water, name) for water in different], axis=0) for name in ("gamma_inf", "beta"))
     if veil[0] <= REDDER * veil[1] or not veil[1] > veil[2] or not attenuation[0] < attenuation[1] < attenuation[2]:
         return ()
-    found = "the veiling light is reddest, and red is attenuated least, as in no sea"
-    return (f"water: {found}: if the files hold blue in the place of red, set input.channels=bgr",)
+    found = "the veiling light is reddest, and red is attenuated least, as in brown water alone"
+    return (f"water: {found}: if it was not brown, the files hold blue in the place of red: set input.channels=bgr",)

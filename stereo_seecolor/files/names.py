@@ -3,6 +3,7 @@
 import hashlib
 import os
 import re
+from pathlib import PurePath
 
 from stereo_seecolor.errors import printable
 
@@ -57,3 +58,14 @@ def product_name(stem: str) -> str:
 def short_hash(text: str) -> str:
     """Eight hexadecimal digits that differ for different texts; the text need not be valid UTF-8."""
     return hashlib.sha256(text.encode(errors="surrogatepass")).hexdigest()[:_HASH_DIGITS]
+
+
+def stem_of_path(name: str) -> str:
+    """The name of a file without folders, of either system, and suffix; "" where there is none."""
+    return PurePath(name.replace("\\", "/")).stem
+
+
+def folder_keys(name: str) -> list[str]:
+    """What frames are called whose names begin anew in each folder: ``10h_0001`` and ``left_0001`` of ``10h/left/0001.png``."""
+    path = PurePath(name.replace("\\", "/"))
+    return [f"{folder}_{path.stem}" for folder in dict.fromkeys(path.parts[:-1])]

@@ -9,6 +9,7 @@ import numpy as np
 from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.bags.bag import is_bag
+from stereo_seecolor.inputs.name_keys import side_of, without_side
 from stereo_seecolor.inputs.trajectories import (
     acfr,
     colmap,
@@ -66,7 +67,7 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     trajectory = column_map.read(lines, columns, mount) if columns else _reader(lines)(lines, mount)
     if not np.isfinite(trajectory.T_world_camera).all(axis=(1, 2)).any():
         raise InputError(f"{path}: holds no finite pose")
-    return trajectory
+    return _of_left(trajectory)
 
 
 def trajectory_format(path: Path) -> str | None:
@@ -89,6 +90,20 @@ def rectified_trajectory(path: Path, config: MappingConfig, T_rectified_left: np
 def trajectory_file(path: Path) -> Path:
     """The file that is read for ``path``, which may have a map of columns after it. Raises InputError for a bad map."""
     return column_map.split_spec(path)[0]
+
+
+def _of_left(trajectory: Trajectory) -> Trajectory:
+    """Without the poses of the right camera where the file names both sides' images (``left/0001.png``, ``right/0001.png``)."""
+    sides = [side_of(name) for name in trajectory.names]
+    lefts = {without_side(name, "left") for name, side in zip(trajectory.names, sides, strict=True) if side == "left"}
+    of_right = [side == "right" and without_side(name, side) in lefts for name, side in zip(trajectory.names, sides, strict=True)]
+    if not any(of_right):
+        return trajectory
+    kept = np.flatnonzero(~np.array(of_right))
+    names = tuple(trajectory.names[i] for i in kept)
+    return replace(
+        trajectory, names=names, timestamps_s=trajectory.timestamps_s[kept], T_world_camera=trajectory.T_world_camera[kept]
+    )
 
 
 def _reader(lines: Lines) -> _Reader:

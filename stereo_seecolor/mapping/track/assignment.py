@@ -1,9 +1,8 @@
 """Which pose of a trajectory belongs to which frame."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import PurePath
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from calibration.wording import counted
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
+from stereo_seecolor.files.names import folder_keys, stem_of_path
 from stereo_seecolor.geometry import interpolate
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.records import Trajectory
@@ -33,15 +33,14 @@ class Assignment:
 
 
 def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
-    """By name, else by time (interpolated), else, where neither says anything, by order, or by the numbers of frames of which
-    only some are here. Raises MappingError.
+    """By name, or by folder and name (``10h_0001`` of ``10h/left/0001.png``); else by time, interpolated; else by order.
+
+    By order where neither says anything; or by the numbers of frames of which only some are here. Raises MappingError.
     """
-    by_stem: dict[str, list[int]] = {}
-    for i, name in enumerate(trajectory.names):
-        by_stem.setdefault(_stem(name), []).append(i)
-    by_stem.pop("", None)
-    if by_stem.keys() & {_stem(name) for name in index.names}:
-        return _by_name(index, trajectory, by_stem)
+    by_stem = _places(trajectory.names, lambda name: [stem_of_path(name)])
+    for by_key in (by_stem, _places(trajectory.names, folder_keys)):
+        if by_key.keys() & {stem_of_path(name) for name in index.names}:
+            return _by_name(index, trajectory, by_key)
     if np.isfinite(trajectory.timestamps_s).any() and np.isfinite(index.timestamps_s).any():
         return _by_time(index, trajectory, config)
     if not by_stem and len(trajectory.T_world_camera) == len(index.names):
@@ -53,6 +52,15 @@ def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> 
         f"the {len(trajectory.T_world_camera)} poses of the trajectory cannot be matched to the {len(index.names)} frames: no "
         f"common names (for example {trajectory.names[0]!r} and {index.names[0]!r}), no common times, not the same number"
     )
+
+
+def _places(names: Sequence[str], keys_of: Callable[[str], Sequence[str]]) -> dict[str, list[int]]:
+    """Which of the names have a key, by the key."""
+    places: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        for key in filter(None, keys_of(name)):
+            places.setdefault(key, []).append(i)
+    return places
 
 
 def _numbers(names: Sequence[str], poses: int) -> NDArray[np.intp] | None:
@@ -69,13 +77,13 @@ def _of_places(trajectory: Trajectory, places: NDArray[np.intp], how: str) -> As
     return Assignment(T, reasons, [f"the trajectory names no frames and holds no common time: poses were taken {how}"])
 
 
-def _by_name(index: FrameIndex, trajectory: Trajectory, by_stem: dict[str, list[int]]) -> Assignment:
+def _by_name(index: FrameIndex, trajectory: Trajectory, by_key: dict[str, list[int]]) -> Assignment:
     T = np.full((len(index.names), 4, 4), np.nan)
     reasons: dict[int, str] = {}
     used: dict[int, str] = {}
     finite = _finite(trajectory.T_world_camera)
     for i, name in enumerate(index.names):
-        poses = by_stem.get(_stem(name), [])
+        poses = by_key.get(stem_of_path(name), [])
         if len(poses) > 1:  # two poses of one name: the one of the frame's time, if times tell
             gaps = np.abs(trajectory.timestamps_s[poses] - index.timestamps_s[i])
             poses = [poses[int(np.nanargmin(gaps))]] if np.isfinite(gaps).any() else poses
@@ -152,7 +160,3 @@ def _at(times: NDArray[np.float64], poses: NDArray[np.float64], time_s: float, m
 
 def _finite(T: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(np.isfinite(T).all(axis=(1, 2)))
-
-
-def _stem(name: str) -> str:
-    return PurePath(name.replace("\\", "/")).stem if name else ""
