@@ -72,5 +72,21 @@ def test_notes_are_given_for_a_few_pairs_and_none_for_files_that_are_gone(make_d
     rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
     pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
     pairs[0].left.unlink()
-    notes = misfit_notes(pairs, {pair.name for pair in pairs}, rectification, InputConfig())
+    notes = misfit_notes(pairs, {pair.name for pair in pairs[:4]}, rectification, InputConfig())
     assert [note.partition(",")[0] for note in notes] == ["0022.png fits 0023.png", "0023.png fits 0024.png"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("lost", "short"), [("R", "right"), ("L", "left")])
+def test_where_a_slip_begins_is_named(make_dive, lost: str, short: str) -> None:
+    """One image is lost on one side, and those after it are numbered on."""
+    dive = make_dive(9)
+    images = sorted((dive.root / lost).iterdir())
+    for image, place in zip(images[4:], images[3:], strict=False):
+        image.replace(place)
+    pairs = pair_folders(dive.root / "L", dive.root / "R", InputConfig()).pairs
+    rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))
+    failed = {pair.name for pair in pairs[3:]}
+    (note,) = misfit_notes(pairs, failed, rectification, InputConfig())
+    assert f"from {pairs[3].name} to {pairs[-1].name} (5 pairs that failed) left and right are 1 image out of step" in note
+    assert f"{short} lacks 1 image before {pairs[3].name}" in note

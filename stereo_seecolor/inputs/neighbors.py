@@ -27,6 +27,8 @@ class _Limits:
     reach: int = 2  # neighbors examined on either side: numbering is off by one where a frame was dropped, seldom by more
     points: int = 40  # false pairs of the sample dive and of a real reef have 4 at most, true ones 1,200 and more
     ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
+    slip_pairs: int = 5  # failed pairs that are looked at together: of fewer, each has its own line
+    slip_fraction: float = 0.8  # of the pairs from the first to the last failed one: a few may lack texture, or fit by chance
 
 
 _LIMITS = _Limits()
@@ -85,13 +87,47 @@ def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification:
 def misfit_notes(
     pairs: Sequence[Pair], failed: Collection[str], rectification: Rectification, config: InputConfig
 ) -> tuple[str, ...]:
-    """A line for each of the first few pairs of the names ``failed`` whose left image fits the right one of a neighbor."""
-    notes = []
-    for pair in [pair for pair in pairs if pair.name in failed][:NOTED_MISFITS]:
-        with contextlib.suppress(InputError, CalibrationError):
-            if other := neighbor_that_fits(pair, pairs, rectification, config):
-                notes.append(f"{pair.left.name} fits {other.right.name}, not {pair.right.name}: are the sides numbered alike?")
-    return tuple(notes)
+    """Of the pairs of the names ``failed``: where they begin to be out of step; else a line for each of the first few."""
+    misfits = [(place, pair) for place, pair in enumerate(pairs) if pair.name in failed]
+    if slip := _slip(misfits, pairs, rectification, config):
+        return (slip,)
+    found = [_fitting(pair, pairs, rectification, config) for _, pair in misfits[:NOTED_MISFITS]]
+    return tuple(
+        f"{pair.left.name} fits {other.right.name}, not {pair.right.name}: are the sides numbered alike?"
+        for (_, pair), other in zip(misfits, found, strict=False)
+        if other
+    )
+
+
+def _slip(
+    misfits: Sequence[tuple[int, Pair]], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig
+) -> str | None:
+    """Which pair a slip of the pairing begins with, as where one side lost an image; None where the failed pairs show none.
+
+    misfits: the failed pairs with their places, of which nearly all from the first to the last one failed.
+    """
+    if len(misfits) < _LIMITS.slip_pairs or len(misfits) < _LIMITS.slip_fraction * (misfits[-1][0] - misfits[0][0] + 1):
+        return None
+    examples = [misfits[i] for i in (1, len(misfits) // 2, len(misfits) - 2)]  # the first and the last may have no partner
+    fitting = [(place, pair, _fitting(pair, pairs, rectification, config)) for place, pair in examples]
+    found = [(pairs.index(other) - place, pair, other) for place, pair, other in fitting if other]
+    if len(found) < 2 or len({shift for shift, _, _ in found}) > 1:
+        return None
+    shift, pair, other = found[0]
+    short, long = ("left", "right") if shift > 0 else ("right", "left")
+    first, last, images = misfits[0][1].name, misfits[-1][1].name, counted(abs(shift), "image")
+    return (
+        f"from {first} to {last} ({counted(len(misfits), 'pair')} that failed) left and right are {images} out of step: "
+        f"{pair.left.name} fits {other.right.name}, not {pair.right.name}; {short} lacks {images} before {first}, or {long} holds "
+        "too many: number both sides alike from there on"
+    )
+
+
+def _fitting(pair: Pair, pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> Pair | None:
+    """As neighbor_that_fits; None also for a pair that cannot be read or compared."""
+    with contextlib.suppress(InputError, CalibrationError):
+        return neighbor_that_fits(pair, pairs, rectification, config)
+    return None
 
 
 def _points_or_none(rectification: Rectification, left: Image, other: Pair, config: InputConfig) -> int:
