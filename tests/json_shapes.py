@@ -62,7 +62,7 @@ SPREAD = {**keys(float, "luminance frame_offsets angle_deg"), "spots": int}
 SPREAD_ROW = {**keys(str, "method chart"), "charts": int, **keys(NUMBER, "nearest_m farthest_m angle_deg luminance")}
 CHART_ROW = {
     **keys(str, "frame target method"),
-    **keys(UNKNOWN, "range_m psi_deg psi_linear_deg ciede2000 clipped_fraction"),
+    **keys(UNKNOWN, "range_m psi_deg psi_linear_deg ciede2000 clipped_fraction chroma"),
     "pixels": int,
 }
 SETTING_VALUE = (str, int, float, bool, list, None)

@@ -137,7 +137,7 @@ def test_known_truth(parsed, demo_at_hand: DemoResult, tmp_path) -> None:
 def test_charts(parsed, tmp_path, monkeypatch) -> None:
     from stereo_seecolor.evaluation import charts
 
-    row = charts.ChartRow("a", "chart", "raw", math.nan, 3.0, 2.0, 5.0, 0.0, 100)
+    row = charts.ChartRow("a", "chart", "raw", math.nan, 3.0, 2.0, 5.0, 0.0, 9.0, 100)
     report = charts.ChartReport((row,), ("b",), tmp_path / "sheet.png")
     monkeypatch.setattr(charts, "evaluate_charts", lambda *_: report)
     content = parsed("evaluate --chart", "evaluate", "--chart", "--images", tmp_path, "--range", tmp_path)

@@ -67,6 +67,14 @@ def test_a_cast_is_seen(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
     assert row.ciede2000 > 8
 
 
+def test_a_picture_without_colors_is_seen_by_its_chroma(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
+    image, corners = chart_image
+    gray = np.repeat(image.mean(axis=-1, keepdims=True), 3, axis=-1)
+    true, row = (score_target("f", chart("c", corners, SIZE), "gray", one, flat_range()) for one in (image, gray))
+    assert (row.psi_deg, row.chroma) == pytest.approx((0, 0), abs=0.01)
+    assert true.chroma > 3
+
+
 @pytest.mark.slow
 def test_the_chart_is_found_through_blue_water(chart_image: tuple[np.ndarray, np.ndarray]) -> None:
     image, _ = chart_image

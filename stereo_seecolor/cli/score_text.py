@@ -39,11 +39,11 @@ def truth_text(report: "TruthReport") -> str:
 
 def charts_text(report: "ChartReport") -> str:
     """Every method on every target, and the means."""
-    columns = ("frame", "target", "method", "range m", "psi", "psi linear", "CIEDE2000", "clipped")
+    columns = ("frame", "target", "method", "range m", "psi", "psi linear", "CIEDE2000", "clipped", "chroma")
     rows = []
     for row in (*report.rows, *report.means()):
         numbers = [f"{value:.1f}" for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)]
-        rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}"))
+        rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}", f"{row.chroma:.0f}"))
     without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
     missing = [
         f"{method}: has no image of {', '.join(stems)}: its means leave them out" for method, stems in report.missing.items()

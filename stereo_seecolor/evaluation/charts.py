@@ -33,7 +33,8 @@ class ChartRow:
 
     range_m: median distance, NaN where unknown. psi_deg: mean angle to gray of its neutral patches as displayed, psi_linear_deg: in
     linear light, degrees. ciede2000: median over its patches after one exposure gain, against the chart's published colors, or for
-    something merely neutral against gray of the same brightness. clipped_fraction: of its pixels. pixels counted.
+    something merely neutral against gray of the same brightness. clipped_fraction: of its pixels. chroma: median C*ab of the whole
+    frame, without which psi is no score: a picture without colors has psi 0. pixels counted, of the target.
     """
 
     frame: str
@@ -44,6 +45,7 @@ class ChartRow:
     psi_linear_deg: float
     ciede2000: float
     clipped_fraction: float
+    chroma: float
     pixels: int
 
 
@@ -165,8 +167,16 @@ def score_target(frame: str, target: Target, method: str, result: NDArray[np.flo
         psi_linear_deg=_mean_of([score_neutral(decode_srgb(pixels)).psi_deg for pixels in grays]),
         ciede2000=_difference(colors, target.type.srgb if target.type else None),
         clipped_fraction=float(clipped(whole[known]).mean()) if known.any() else float("nan"),
+        chroma=_chroma(result),
         pixels=int(known.sum()),
     )
+
+
+def _chroma(result: NDArray[np.float64]) -> float:
+    """Median C*ab of every fourth pixel of every fourth row; NaN where none is known."""
+    pixels = result[::4, ::4].reshape(-1, 3)
+    known = pixels[np.isfinite(pixels).all(axis=-1)]
+    return float(np.median(np.hypot(*lab_from_linear(decode_srgb(known))[:, 1:].T))) if len(known) else float("nan")
 
 
 def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64] | None) -> float:
@@ -181,7 +191,7 @@ def _difference(colors: Sequence[NDArray[np.float64]], srgb: NDArray[np.float64]
 
 
 def _mean(method: str, rows: Sequence[ChartRow]) -> ChartRow:
-    keys = ("range_m", "psi_deg", "psi_linear_deg", "ciede2000", "clipped_fraction")
+    keys = ("range_m", "psi_deg", "psi_linear_deg", "ciede2000", "clipped_fraction", "chroma")
     number = {key: _mean_of([getattr(row, key) for row in rows]) for key in keys}
     scored = sum(row.pixels > 0 for row in rows)
     return ChartRow("all", f"mean of {scored}", method, pixels=sum(row.pixels for row in rows), **number)
