@@ -8,6 +8,7 @@ import pytest
 from calibration import CalibrationError
 from calibration.formats import format_name, load_rig
 from calibration.formats.kitti import for_channels
+from stereo_seecolor.commands.inspect_rig import find_calibration
 
 P = {
     "0": "7.215377e+02 0 6.095593e+02 0 0 7.215377e+02 1.728540e+02 0 0 0 1 0",
@@ -138,6 +139,12 @@ def test_euroc_as_a_folder_and_as_two_files(tmp_path: Path) -> None:
         rig = load_rig(given)
         assert rig.baseline_m == pytest.approx(0.1101, abs=1e-4)
         assert rig.left.image_size == (752, 480)
+
+
+def test_euroc_is_found_in_the_folder_of_a_dive(tmp_path: Path) -> None:
+    (tmp_path / "dive" / "mav0").mkdir(parents=True)
+    folder = euroc(tmp_path / "dive" / "mav0")
+    assert [(one.path, one.format) for one in find_calibration([tmp_path / "dive"], (752, 480))] == [(folder, "euroc")]
 
 
 def test_one_camera_of_euroc_is_refused(tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ def make(root: Path, *files: str) -> Path:
         (["R/1.png", "L/1.png"], "L", "R", False),
         (["dive/cam0/data/1.png", "dive/cam1/data/1.png"], "dive/cam0/data", "dive/cam1/data", False),
         (["port/1.png", "star/1.png", "thumbs/x.png"], "port", "star", True),
+        ([f"set_{i}/{side}_{i + 7}.tif" for i in range(3) for side in ("LFT", "RGT")], "*/LFT_*.tif", "*/RGT_*.tif", False),
         (["RGT/1.png", "LFT/1.png"], "LFT", "RGT", False),
         (["droite/1.png", "gauche/1.png"], "gauche", "droite", False),
         (["Rechte Kamera/1.png", "Linke Kamera/1.png"], "Linke Kamera", "Rechte Kamera", False),

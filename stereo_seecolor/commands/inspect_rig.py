@@ -32,6 +32,9 @@ def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[Fou
     found = [one for path in paths if (one := _try_load(path, size))]
     folders = sorted({path.parent for path in paths} - {one.path.parent for one in found})
     found += [one for folder in folders if (one := _try_load(folder, size))]
+    if not found:  # a camera in each of two folders, as EuRoC has them
+        above = sorted({folder.parent for folder in folders if folder not in places})
+        found = [one for folder in above if (one := _try_load(folder, size))]
     return tuple(sorted(found, key=lambda one: one.rig.left.image_size != size))
 
 

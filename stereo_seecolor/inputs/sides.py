@@ -3,7 +3,7 @@
 import os
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -70,7 +70,7 @@ def find_sides(places: Sequence[Path]) -> Sides:
         images |= found
         videos += found_videos
     if len(images) >= 2:
-        sides = _best_pair(images | _parents(images))
+        sides = _both_in_each(images) or _best_pair(images | _parents(images))
         names = {sides.left.name, sides.right.name}
         others = [one for one in images if one.name in names and one not in (sides.left, sides.right)]
         return replace(sides, others=tuple(sorted(others, key=lambda path: natural_key(str(path)))))
@@ -80,7 +80,10 @@ def find_sides(places: Sequence[Path]) -> Sides:
         (folder,) = images
         return _in_one_folder(folder)
     hint = unread_hint(path.name for folder in folders for path in folder.rglob("*"))
-    raise InputError(f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos were found{hint}")
+    raise InputError(
+        f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos were found, up to "
+        f"{DEPTH} folders deep: give the folders of the two sides{hint}"
+    )
 
 
 def _look_through(root: Path) -> tuple[dict[Path, int], list[Path]]:
@@ -102,6 +105,23 @@ def _parents(images: dict[Path, int]) -> dict[Path, int]:
     """Folders that hold no images themselves, but several folders of them: a camera's, cut by time or by number."""
     found = {parent: inner_folders(parent) for parent in {folder.parent for folder in images} - images.keys()}
     return {parent: sum(images.get(one, 0) for one in inner) for parent, inner in found.items() if len(inner) > 1}
+
+
+def _both_in_each(images: Iterable[Path]) -> Sides | None:
+    """Patterns for folders that each hold both sides' images (``set_1/LFT_3.tif``, ``set_1/RGT_3.tif``); else None."""
+    found: set[tuple[Path, Path]] = set()
+    shared = set.intersection(*(set(folder.parts) for folder in images))
+    for folder in images:
+        if any(map(side_of, set(folder.parts) - shared)):
+            return None
+        try:
+            sides = _in_one_folder(folder)
+        except InputError:
+            return None
+        if sides.guessed or sides.left == folder:
+            return None
+        found.add((folder.parent / "*" / sides.left.name, folder.parent / "*" / sides.right.name))
+    return Sides(*found.pop()) if len(found) == 1 else None
 
 
 def _in_one_folder(folder: Path) -> Sides:
