@@ -96,6 +96,19 @@ def test_matlab_properties_saved_one_by_one(name: str, tmp_path: Path) -> None:
     assert_same(load_rig(tmp_path / "flat.mat"))
 
 
+@pytest.mark.parametrize("between_rows", ["; ", ";\n    "])
+def test_matlab_properties_as_text(between_rows: str, tmp_path: Path) -> None:
+    cameras = [camera_fields(camera, "centimeters", False) for camera in (RIG.left, RIG.right)]
+    content = {f"{key}{i}": value for i, camera in enumerate(cameras, 1) for key, value in camera.items()} | stereo_fields(RIG)
+    content["TranslationOfCamera2"] = np.asarray(content["TranslationOfCamera2"]) / 10
+    lines = []
+    for key, value in content.items():
+        rows = [] if isinstance(value, str) else [" ".join(map(repr, row)) for row in np.atleast_2d(value).tolist()]
+        lines.append(f"{key} = [{between_rows.join(rows)}];" if rows else f"{key} = '{value}';")
+    (tmp_path / "flat.txt").write_text("\n".join(lines))
+    assert_same(load_rig(tmp_path / "flat.txt"))
+
+
 COLUMN_MM = RIG.T_right_left[:3, 3:] * 1000
 HOMOGENEOUS = np.block([[RIG.R, COLUMN_MM], [np.zeros((1, 3)), np.ones((1, 1))]])
 POSES = {

@@ -18,8 +18,8 @@ OST_KEYS = {
 
 def read(text: str) -> dict[str, Any] | None:
     """Keys and values of a text in one of these notations; None if it is in none."""
-    if re.search(r"^cam0\s*=\s*\[", text, re.MULTILINE):
-        return _parse_lines(text, "=")
+    if re.search(r"^(cam0|\w*IntrinsicMatrix\w*)\s*=\s*\[", text, re.MULTILINE):
+        return _parse_lines(re.sub(r"\[[^\]]*\]", lambda matrix: " ".join(matrix[0].split()), text), "=")
     if re.search(r"^P(_rect_0)?[0-3]:\s*[-+.\d]", text, re.MULTILINE):
         return _parse_lines(text, ":")
     if text.startswith("# oST version"):
@@ -37,9 +37,16 @@ def read(text: str) -> dict[str, Any] | None:
 
 
 def _parse_lines(text: str, mark: str) -> dict[str, Any]:
-    """Middlebury's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0: 718.8 0 607.1 ...``."""
+    """Middlebury's and MATLAB's ``cam0=[1733.74 0 792.27; 0 1733.74 541.89; 0 0 1]``, KITTI's ``P0: 718.8 0 607.1 ...``."""
     pairs = (line.split(mark, 1) for line in text.splitlines() if mark in line)
-    return {key.strip(): value.strip().strip("[]").replace(";", " ").replace(",", " ").split() for key, value in pairs}
+    return {key.strip(): _value(value.strip(" \t;")) for key, value in pairs}
+
+
+def _value(text: str) -> str | list[str]:
+    """Numbers, of a matrix row by row; of text in quotes, as MATLAB writes it, the text."""
+    if text[:1] in ("'", '"'):
+        return text.strip("'\"")
+    return text.strip("[]").replace(";", " ").replace(",", " ").split()
 
 
 def _parse_ini(text: str) -> dict[str, Any]:
