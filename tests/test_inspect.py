@@ -106,6 +106,19 @@ def test_numbers_that_are_off_by_one_are_named(make_dive, cli) -> None:
     assert "--refine" not in printed
 
 
+@pytest.mark.slow
+def test_folders_that_show_different_scenes_are_no_sides(tmp_path: Path) -> None:
+    reef = Path(__file__).parents[1] / "data_samples" / "reef"
+    for k, name in enumerate(sorted(path.name for path in (reef / "left").iterdir())[:6:3]):
+        (tmp_path / f"scene{k}").mkdir()
+        for i, side in enumerate(("left", "right")):
+            (tmp_path / f"scene{k}/im{i}.png").write_bytes((reef / side / name).read_bytes())
+    (tmp_path / "cam.yaml").write_bytes((reef / "cam.yaml").read_bytes())
+    found = inspect([tmp_path])
+    assert any("too little in common to be the two sides: give them by hand" in line for line in found.problems)
+    assert shlex.split(found.run_command)[3:6:2] == ["LEFT", "RIGHT"]
+
+
 def test_a_pair_of_open_water_is_no_misfit(make_dive) -> None:
     dive = make_dive(3)
     for seed, side in enumerate("LR"):

@@ -111,7 +111,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         _refuse_wrong_sizes(found[0], left, right)
         tested = _tested(found[0], pairing, config)
     problems = (
-        *problems_of_images(sides, pairing),
+        *problems_of_images(sides, pairing, doubtful(sides, tested)),
         *notes,
         *_missing_calibration(places, found, left.size),
         *_problems_of_calibration(found, tested),
@@ -182,13 +182,20 @@ def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageF
             raise CalibrationError(wrong_size(side, image.size, camera.image_size, str(found.path)))
 
 
+def doubtful(sides: Sides, tested: Tested) -> bool:
+    """Whether the sides may be none: no name says so, and their sample pairs have too little in common."""
+    return sides.guessed and tested.facts is not None and tested.rows is None and tested.mistake is None
+
+
 def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested = NOTHING_TESTED) -> str:
-    """The ``run`` command for what was found, quoted for a shell; CALIBRATION stands where none was found.
+    """The ``run`` command for what was found, quoted for a shell; LEFT, RIGHT, CALIBRATION stand for what was not found.
 
     Exchanges sides that are swapped, refines a rig of which a camera has moved, sets limits of range.
     """
     calib, rows = str(found[0].path) if found else "CALIBRATION", tested.rows
     first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
+    if doubtful(sides, tested):
+        first, second = Path("LEFT"), Path("RIGHT")
     words = ["stereo-seecolor", "run", "--left", str(first), "--right", str(second), "--calib", calib, "--out", "out"]
     if tested.exchanged and first == second:
         words += ["--set", "input.right_half_first=true"]

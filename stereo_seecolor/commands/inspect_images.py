@@ -7,10 +7,18 @@ from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.inputs.sides import Sides
 
 
-def problems_of_images(sides: Sides, pairing: Pairing) -> tuple[str, ...]:
-    """A line for each: notes of the pairing, sides that no name tells, files without a partner, folders left out."""
+def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[str, ...]:
+    """A line for each: notes of the pairing, sides that no name tells, files without a partner, folders left out.
+
+    doubtful: the sample pairs say nothing for sides that no name tells.
+    """
     problems = list(pairing.notes)
-    if sides.guessed:
+    if doubtful:
+        problems.append(
+            f"no name says which images are left and which right, and {sides.left} and {sides.right} show too little in common to "
+            "be the two sides: give them by hand, a folder for each or a pattern ('*/im0.png' and '*/im1.png')"
+        )
+    elif sides.guessed:
         problems.append("no name says which side is left and which right: they were taken in order")
     if pairing.unpaired:
         first, count = pairing.unpaired[0], counted(len(pairing.unpaired), "file without a partner")
