@@ -202,7 +202,7 @@ class SurveyFrame:
     def scaled(self, scale: float) -> "SurveyFrame":
         """With ranges scaled by this factor: of a rig whose scale is known better than by its calibration."""
         factor = np.float32(scale)
-        return replace(self, range_m=factor * self.range_m, range_std_m=factor * self.range_std_m)
+        return self if scale == 1 else replace(self, range_m=factor * self.range_m, range_std_m=factor * self.range_std_m)
 
     @cached_property
     def color_is_doubtful(self) -> Mask:

@@ -27,14 +27,10 @@ Size = tuple[int, int]
 SAME_ROTATION = 1e-6  # of matrix entries: MATLAB writes 16 digits, and R and its transpose differ by far more
 DOCUMENTED = "RotationOfCamera2 read as MATLAB documents it, for row vectors"
 TRANSPOSED = "RotationOfCamera2 read as R of x2 = R x1 + T, not transposed"
-_PROPERTIES = {
-    name.lower(): name
-    for name in (
-        *("IntrinsicMatrix", "K", "FocalLength", "PrincipalPoint", "Skew", "RadialDistortion", "TangentialDistortion"),
-        *("ImageSize", "WorldUnits", "RotationVectors", "RotationOfCamera2", "TranslationOfCamera2", "PoseCamera2"),
-    )
-}
-_NUMBERED = re.compile(rf"(?:camera(?:parameters|params)?([12]))?({'|'.join(list(_PROPERTIES)[:-3])})([12])?")
+_OF_LENS = ("IntrinsicMatrix", "K", "FocalLength", "PrincipalPoint", "Skew", "RadialDistortion", "TangentialDistortion")
+_OF_CAMERA = {name.lower(): name for name in (*_OF_LENS, "ImageSize", "WorldUnits", "RotationVectors")}
+_OF_PAIR = {name.lower(): name for name in ("RotationOfCamera2", "TranslationOfCamera2", "PoseCamera2")}
+_NUMBERED = re.compile(rf"(?:camera(?:parameters|params)?([12]))?({'|'.join(_OF_CAMERA)})([12])?")
 """A property of one camera, saved as a variable of its own: ``IntrinsicMatrix1``, ``camera2_RadialDistortion``."""
 
 
@@ -106,11 +102,11 @@ def _gathered(section: Section) -> Section | None:
         bare = re.sub(r"[\W_]", "", key).lower()
         found = _NUMBERED.fullmatch(bare)
         if found is None:
-            rest[_PROPERTIES.get(bare, key)] = value
+            rest[_OF_PAIR.get(bare, key)] = value
             continue
         number = found[1] or found[3]
         for camera in [cameras[int(number) - 1]] if number else cameras:
-            camera.setdefault(_PROPERTIES[found[2]], value)
+            camera.setdefault(_OF_CAMERA[found[2]], value)
     if not all(map(_is_camera, cameras)) or not rest.keys() & {"PoseCamera2", "RotationOfCamera2"}:
         return None
     return Section(section.where, {**rest, "CameraParameters1": cameras[0], "CameraParameters2": cameras[1]})

@@ -111,7 +111,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         _refuse_wrong_sizes(found[0], left, right)
         tested = _tested(found[0], pairing, config)
     problems = (
-        *problems_of_images(sides, pairing, doubtful(sides, tested)),
+        *problems_of_images(sides, pairing, _doubtful(sides, tested)),
         *notes,
         *_missing_calibration(places, found, left.size),
         *_problems_of_calibration(found, tested),
@@ -182,7 +182,7 @@ def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageF
             raise CalibrationError(wrong_size(side, image.size, camera.image_size, str(found.path)))
 
 
-def doubtful(sides: Sides, tested: Tested) -> bool:
+def _doubtful(sides: Sides, tested: Tested) -> bool:
     """Whether the sides may be none: no name says so, and their sample pairs have too little in common."""
     return sides.guessed and tested.facts is not None and tested.rows is None and tested.mistake is None
 
@@ -194,7 +194,7 @@ def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested
     """
     calib, rows = str(found[0].path) if found else "CALIBRATION", tested.rows
     first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
-    if doubtful(sides, tested):
+    if _doubtful(sides, tested):
         first, second = Path("LEFT"), Path("RIGHT")
     words = ["stereo-seecolor", "run", "--left", str(first), "--right", str(second), "--calib", calib, "--out", "out"]
     if tested.exchanged and first == second:

@@ -75,7 +75,7 @@ def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification:
             if other is None:
                 return None
             shifts.add(pairs.index(other) - pairs.index(pair))
-            example = f"{pair.left.name} fits {other.right.name}, not {pair.right.name}"
+            example = _fits(pair, other)
     if len(sample) < 2 or len(shifts) != 1:
         return None
     return (
@@ -91,11 +91,10 @@ def misfit_notes(
     misfits = [(place, pair) for place, pair in enumerate(pairs) if pair.name in failed]
     if slip := _slip(misfits, pairs, rectification, config):
         return (slip,)
-    found = [_fitting(pair, pairs, rectification, config) for _, pair in misfits[:NOTED_MISFITS]]
     return tuple(
-        f"{pair.left.name} fits {other.right.name}, not {pair.right.name}: are the sides numbered alike?"
-        for (_, pair), other in zip(misfits, found, strict=False)
-        if other
+        f"{_fits(pair, other)}: are the sides numbered alike?"
+        for _, pair in misfits[:NOTED_MISFITS]
+        if (other := _fitting(pair, pairs, rectification, config))
     )
 
 
@@ -118,9 +117,13 @@ def _slip(
     first, last, images = misfits[0][1].name, misfits[-1][1].name, counted(abs(shift), "image")
     return (
         f"from {first} to {last} ({counted(len(misfits), 'pair')} that failed) left and right are {images} out of step: "
-        f"{pair.left.name} fits {other.right.name}, not {pair.right.name}; {short} lacks {images} before {first}, or {long} holds "
-        "too many: number both sides alike from there on"
+        f"{_fits(pair, other)}; {short} lacks {images} before {first}, or {long} holds too many: number both sides alike from "
+        "there on"
     )
+
+
+def _fits(pair: Pair, other: Pair) -> str:
+    return f"{pair.left.name} fits {other.right.name}, not {pair.right.name}"
 
 
 def _fitting(pair: Pair, pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> Pair | None:

@@ -50,8 +50,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
         """Read one frame. Raises FrameError if one of its files is gone or damaged."""
         frame = self._frames[number]
         try:
-            read = self._read(frame)
-            return read if self._range_scale == 1 else read.scaled(self._range_scale)  # a copy of what is large
+            return self._read(frame).scaled(self._range_scale)
         except InputError as error:
             raise FrameError(frame.name, str(error)) from error
 
