@@ -8,10 +8,13 @@ import numpy as np
 import pyproj
 import pytest
 import rasterio
+import tifffile
 from mapping_scene import CONFIG, PAIR, flat_frame, track
+from PIL import Image
 
 from stereo_seecolor.mapping.raster import mosaic
 from stereo_seecolor.mapping.raster.block_raster import BlockRaster
+from stereo_seecolor.mapping.raster.georeference import Georeference, write_geotiff
 from stereo_seecolor.mapping.raster.grid import Grid
 from stereo_seecolor.mapping.raster.preview import render_preview
 from stereo_seecolor.mapping.raster.reef_metrics import measure, measure_squares, site_of
@@ -257,6 +260,23 @@ def test_what_the_views_nearest_to_a_block_do_not_see_is_painted_from_others(
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("kind", [np.float32, np.uint8])
+def test_rasters_with_blocks_without_a_surface_open_in_programs_that_know_no_gdal(tmp_path: Path, kind: type) -> None:
+    bands, empty = (1, np.nan) if kind == np.float32 else (4, 0)
+    raster = BlockRaster(tmp_path / "blocks", Grid(0.0, 8.0, 0.01, (800, 900)), bands, kind, empty)
+    seen = np.random.default_rng(1).integers(1, 255, (bands, 200, 300)).astype(kind)
+    raster.write(slice(500, 700), slice(400, 700), seen)
+    expected = np.full((bands, 800, 900), empty, kind)
+    expected[:, 500:700, 400:700] = seen
+
+    path = write_geotiff(tmp_path / "raster.tif", raster, Georeference(np.zeros(3), None))
+
+    with Image.open(path) as image:
+        by_pillow = np.asarray(image)
+    for pixels in (tifffile.imread(path), by_pillow):
+        np.testing.assert_array_equal(np.moveaxis(np.atleast_3d(pixels), -1, 0), expected)
+
+
 def test_the_metrics_table_has_the_site_first(tmp_path: Path) -> None:
     build_map([flat_frame(i) for i in range(4)], PAIR, tmp_path, CONFIG, track(4))
     lines = (tmp_path / "reef_metrics.csv").read_text().splitlines()

@@ -16,6 +16,8 @@ NORTH, SOUTH = 32600, 32700
 """EPSG numbers of WGS 84's UTM zones, less the zone."""
 CHUNK = 1_000_000
 """Points at a time: 27 MB."""
+SPARSE_FROM_PIXELS = 2**30
+"""More than OpenCV and Pillow open. They do not open sparse files at all, and blocks without a surface take 16 MB up to here."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +87,7 @@ def in_utm(T_world_camera: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np
 
 
 def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()) -> Path:
-    """Write float32 with NaN as nodata, or uint8 RGBA with alpha; tiled, compressed, sparse, with overviews; the path.
+    """Write float32 with NaN as nodata, or uint8 RGBA with alpha; tiled, compressed, with overviews; the path.
 
     Coordinates are the world's; without an origin on Earth they are its meters, and no CRS is given.
     """
@@ -96,9 +98,11 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
     west_m, north_m = grid.west_m + float(place.offset_m[0]), grid.north_m + float(place.offset_m[1])
     profile = {
         "driver": "GTiff", "dtype": raster.dtype, "count": raster.bands, "height": grid.shape[0], "width": grid.shape[1],
-        "tiled": True, "blockxsize": 256, "blockysize": 256, "compress": "deflate", "predictor": 3 if floating else 2,
+        "tiled": True, "blockxsize": 256, "blockysize": 256, "compress": "deflate",
+        "predictor": 2,  # that of floating point needs imagecodecs in tifffile
         "zlevel": 1,  # a quarter of the time of the usual 6, files 2 to 4 % larger
-        "bigtiff": "if_safer", "sparse_ok": True, "crs": crs_wkt(place.origin) if place.origin else None,
+        "bigtiff": "if_safer", "sparse_ok": grid.shape[0] * grid.shape[1] > SPARSE_FROM_PIXELS,
+        "crs": crs_wkt(place.origin) if place.origin else None,
         "transform": rasterio.Affine(grid.cell_m, 0, west_m, 0, -grid.cell_m, north_m),
         "nodata": np.nan if floating else None,
     }  # fmt: skip
