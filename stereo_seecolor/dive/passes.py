@@ -23,6 +23,7 @@ from stereo_seecolor.dive.frame_facts import recorded_capture
 from stereo_seecolor.dive.frame_stages import FrameStages, water_key
 from stereo_seecolor.dive.frame_work import CorrectFrame, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
 from stereo_seecolor.dive.pairs import Groups, Named, chosen
+from stereo_seecolor.dive.repeated_images import RepeatedImages
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.dive.source import PageMaker, Source
 from stereo_seecolor.files.keys import ContentKey
@@ -61,6 +62,7 @@ class Dive:
         self._folder, self._options, self._last = folder, options, last
         self._progress = ProgressFile(folder.root)
         self._ranges: ContentKey | None = None  # of the ranges of all pairs, as the first pass finds them
+        self._repeated = RepeatedImages()
         self._stages = FrameStages(source, folder, options.verify)
 
     @property
@@ -257,10 +259,13 @@ class Dive:
 
     def _note(self, stage: str, outcome: Outcome[Any]) -> None:
         """The outcome of a pair. Raises what was wrong with it where the run is to stop at the first bad pair."""
-        self._folder.frames.note(outcome.row.name, outcome.written, outcome.aside)
-        self.table.add(outcome.row)
+        row = outcome.row
+        self._folder.frames.note(row.name, outcome.written, outcome.aside)
+        if self.table.row(row.name) is None and (again := self._repeated.warning(row)):
+            row = replace(row, warnings=(*row.warnings, again))
+        self.table.add(row)
         if stage == "ranges" and self._ranges:
-            self._ranges.add((outcome.row.name, self._stages.range_key(outcome.row.hashes)))
-        self._advance(outcome.row)
+            self._ranges.add((row.name, self._stages.range_key(row.hashes)))
+        self._advance(row)
         if outcome.failure and self._options.strict:
             raise outcome.failure
