@@ -1,4 +1,4 @@
-"""Every color method on known truth and on white cards in the sea: the tables of docs/color-quality.md.
+"""Every color method on known truth and on white cards in the sea: the tables of docs/color-quality.md and color-experiments.md.
 
     python benchmarks/color_quality.py [--cases 24] [--first-seed 100] [--data ../shared/data]
 

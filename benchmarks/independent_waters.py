@@ -1,4 +1,4 @@
-"""Every color method in waters that stem from no table of Jerlov's: the judging set of docs/color-quality.md.
+"""Every color method in waters that stem from no table of Jerlov's: the judging set of docs/color-experiments.md.
 
     python benchmarks/independent_waters.py [--cases 24] [--first-seed 0] [--data ../shared/data]
 

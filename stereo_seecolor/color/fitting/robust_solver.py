@@ -52,7 +52,7 @@ LEAST_PIVOT = 1e-300
 
 
 class Noise(NamedTuple):
-    """What a quantile may be off by; chosen on the synthetic scenes and reefs of seeds below 100 (docs/color-quality.md)."""
+    """What a quantile may be off by; chosen on the synthetic scenes and reefs of seeds below 100 (docs/color-experiments.md)."""
 
     content: tuple[float, ...] = (0.6, 0.6, 0.6, 0.5, 0.4, 0.25, 0.1, 0.1, 0.1)
     """Of each quantile, dark to bright, fraction of the direct signal: content differs from range to range, dark content most. In
