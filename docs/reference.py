@@ -3,6 +3,7 @@
 --check writes nothing and ends with exit code 1 where a page differs from what the program says.
 """
 
+import re
 import sys
 import types
 from collections import Counter
@@ -16,7 +17,7 @@ from command_examples import EXAMPLES
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from stereo_seecolor.cli.app import app
+from stereo_seecolor.cli.app import COMMANDS, app
 from stereo_seecolor.config import RunConfig
 
 HERE = Path(__file__).parent
@@ -35,6 +36,11 @@ stereo-seecolor run --left left --right right --calib cam.yaml --out out
 The examples on this page run in the folder of the sample dive, in this order. `stereo-seecolor COMMAND --help` prints the same
 options. `stereo-seecolor --install-completion` sets up completion with the Tab key for bash, zsh, fish and PowerShell.
 
+| for | commands |
+| --- | --- |
+"""
+
+EXIT_CODES = """
 | exit code | meaning |
 | --- | --- |
 | 0 | all done |
@@ -47,7 +53,9 @@ options. `stereo-seecolor --install-completion` sets up completion with the Tab 
 COMMON_COMMANDS = 4
 """Options that this many commands share are described once."""
 COMMON_HEAD = """
-Several commands have these options, which are described here alone:
+## Options of several commands
+
+They are described here once; *Also* at the end of a command says which of them it has.
 """
 OPTIONS_HEAD = "| option | value | default | what it does |\n| --- | --- | --- | --- |"
 
@@ -92,15 +100,21 @@ A key of an earlier version is refused, and the error names the new one: `color.
 def commands_page() -> str:
     """All commands: usage, examples, options."""
     group = typer.main.get_command(app)
-    order = [name for name in EXAMPLES if name in group.commands]  # type: ignore[attr-defined]
-    order += [name for name in group.commands if name not in order]  # type: ignore[attr-defined]
-    commands = {name: group.commands[name] for name in order}  # type: ignore[attr-defined]
+    commands = {name: group.commands[name] for panel in COMMANDS.values() for name in panel}  # type: ignore[attr-defined]
     times = Counter(
         option_row(parameter) for command in commands.values() for parameter in options_of(command) if not parameter.required
     )
     common = [row for row, count in times.items() if count >= COMMON_COMMANDS]
     sections = (command_section(name, command, common) for name, command in commands.items())
-    return COMMANDS_HEAD + "\n".join([COMMON_HEAD, OPTIONS_HEAD, *common, ""]) + "".join(sections)
+    return "".join(
+        [COMMANDS_HEAD, *map(panel_rows, COMMANDS), EXIT_CODES, "\n".join([COMMON_HEAD, OPTIONS_HEAD, *common, ""]), *sections]
+    )
+
+
+def panel_rows(panel: str) -> str:
+    """Rows of the table of all commands."""
+    links = " ".join(f"[`{name}`](#{name})" for name in COMMANDS[panel])
+    return f"| {panel} | {links} |\n"
 
 
 def options_of(command: Any) -> list[Any]:
@@ -193,11 +207,18 @@ def kind(annotation: Any) -> str:
 
 
 def cell(text: str) -> str:
-    return " ".join(text.split()).replace("|", "/").replace("<", "&lt;")
+    return linked(" ".join(text.split()).replace("|", "/").replace("<", "&lt;"))
+
+
+def linked(text: str) -> str:
+    """The text with options and file patterns as code, and pages as links."""
+    text = re.sub(r"(?<![\w`-])(--[a-z][a-z-]*)", r"`\1`", text)
+    text = re.sub(r"('[^']*\*[^']*')", r"`\1`", text)
+    return re.sub(r"docs/([a-z-]+)\.md", r"[\1](\1.md)", text)
 
 
 def paragraph(text: str) -> str:
-    return "\n".join(line.strip() for line in text.strip().splitlines())
+    return linked("\n".join(line.strip() for line in text.strip().splitlines()))
 
 
 def main(check: bool) -> int:

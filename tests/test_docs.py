@@ -183,5 +183,5 @@ def test_reference_pages_are_those_of_this_program() -> None:
 
 
 def test_every_command_has_an_example() -> None:
-    for section in (DOCS / "commands.md").read_text(encoding="utf-8").split("\n## ")[1:]:
+    for section in (DOCS / "commands.md").read_text(encoding="utf-8").split("\n## `")[1:]:
         assert "```sh\n" in section, f"{section.splitlines()[0]}: add an example to docs/command_examples.py"

@@ -8,6 +8,7 @@ from inspect import Parameter, Signature, signature
 from typing import Annotated, Any, get_type_hints
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from stereo_seecolor.cli import (
     dive_commands,
@@ -30,46 +31,63 @@ from stereo_seecolor.compute.allocator import keep_freed_memory
 
 COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "A dive": {
-        "inspect": look_commands.inspect,
-        "bag-info": look_commands.bag_info,
-        "sync": look_commands.sync,
-        "live": live_command.live,
         "run": dive_commands.run,
+        "inspect": look_commands.inspect,
+        "check": rig_commands.check,
+        "view": map_commands.view,
         "fuse": map_commands.fuse,
         "report": map_commands.report,
-        "view": map_commands.view,
         "measure": map_commands.measure,
         "metrics": reef_commands.metrics,
         "compare": reef_commands.compare,
         "markers": reef_commands.markers,
         "export": map_commands.export,
     },
+    "Bags, videos, live": {"bag-info": look_commands.bag_info, "sync": look_commands.sync, "live": live_command.live},
+    "Calibration": {"calibrate": rig_commands.calibrate, "convert-calib": rig_commands.convert_calib},
     "Single steps of run": {
         "rectify": dive_commands.rectify,
         "range": dive_commands.range_,
         "correct": dive_commands.correct,
         "water": water_commands.water,
     },
-    "Calibration": {
-        "calibrate": rig_commands.calibrate,
-        "check": rig_commands.check,
-        "convert-calib": rig_commands.convert_calib,
-    },
-    "Accuracy": {"demo": score_commands.demo, "evaluate": score_commands.evaluate, "synthesize": score_commands.synthesize},
+    "Accuracy": {"evaluate": score_commands.evaluate, "demo": score_commands.demo, "synthesize": score_commands.synthesize},
     "Many machines, many dives": {
-        "campaign": fleet_commands.campaign,
         "plan": fleet_commands.plan,
+        "campaign": fleet_commands.campaign,
         "merge": fleet_commands.merge,
         "status": fleet_commands.status,
     },
-    "This program": {"config": machine_commands.config, "doctor": machine_commands.doctor},
+    "This program": {"doctor": machine_commands.doctor, "config": machine_commands.config},
 }
 """Panel of the help -> command -> function."""
 
+
+class _PlainFlags:
+    """Of a command: options that take no value show none in the help."""
+
+    def get_params(self, ctx: Any) -> Any:
+        params = super().get_params(ctx)  # type: ignore[misc]
+        for param in params:
+            if getattr(param, "is_flag", False) and param.metavar is None:
+                param.metavar = ""
+        return params
+
+
+class _Command(_PlainFlags, TyperCommand):
+    pass
+
+
+class _Group(_PlainFlags, TyperGroup):
+    pass
+
+
 app = typer.Typer(
+    cls=_Group,
+    context_settings={"help_option_names": ["-h", "--help"]},
     name="stereo-seecolor",
-    help="Stereo pairs of a reef in, metric range maps, true-color images and colored 3-D maps out.",
-    epilog="Begin with: stereo-seecolor demo",
+    help="Turns calibrated stereo pairs of a reef into metric range maps, true-color images and a colored 3-D map.",
+    epilog="Begin with: stereo-seecolor demo\n\nOptions and examples of a command: stereo-seecolor COMMAND --help",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
 )
@@ -97,7 +115,7 @@ def one_by_one(name: str, command: Callable[..., None]) -> Callable[..., None]:
 
 for panel, commands in COMMANDS.items():
     for name, command in commands.items():
-        app.command(name, epilog=epilog(name), rich_help_panel=panel)(one_by_one(name, command))
+        app.command(name, cls=_Command, epilog=epilog(name), rich_help_panel=panel)(one_by_one(name, command))
 
 
 @app.callback(invoke_without_command=True)

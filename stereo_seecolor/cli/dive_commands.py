@@ -104,8 +104,11 @@ def _run(left: Path | None, right: Path | None, calib: str | None, bag: Path | N
 
 
 def correct(
-    images: Annotated[Path, opt.option("--images", "FOLDER", "Folder of images.")],
-    ranges: Annotated[Path, opt.option("--range", "FOLDER", "Folder of range maps: float32 TIFF in meters, or 16-bit PNG in mm.")],
+    images: Annotated[Path, opt.option("--images", "FOLDER", "Folder of rectified images.")],
+    ranges: Annotated[
+        Path,
+        opt.option("--range", "FOLDER", "Folder of range maps of the same names: float32 TIFF in meters, or 16-bit PNG in mm."),
+    ],
     out: opt.Out = Path("out"),
     water: opt.WaterFile = None,
     *,
@@ -114,7 +117,7 @@ def correct(
     execution: opt.Execution,
     report: Report,
 ) -> None:
-    """Color correction alone, for images that already have range maps."""
+    """Correct colors only, of images that already have range maps."""
     from stereo_seecolor.commands.correct import correct as correct_images
 
     with report.working() as listener:
@@ -135,7 +138,7 @@ def range_(
     execution: opt.Execution,
     report: Report,
 ) -> None:
-    """Range maps alone: stereo pairs in, meters along the ray out."""
+    """Make range maps only, in meters along the ray."""
     from stereo_seecolor.commands.run import range_maps
 
     with report.working() as listener:
@@ -156,7 +159,7 @@ def rectify(
     execution: opt.Execution,
     report: Report,
 ) -> None:
-    """Rectified images alone, and the calibration that they have."""
+    """Rectify only: write the rectified images and their calibration."""
     from stereo_seecolor.commands.rectify import rectify as rectify_pairs
 
     with report.working() as listener:

@@ -1,23 +1,23 @@
 """Examples in the help of each command, as a user types them."""
 
-SIDES = "--left DIVE/left --right DIVE/right --calib cam.yaml"
+SIDES = "--left left --right right --calib cam.yaml"
 PROGRAM = "stereo-seecolor"
 
 EXAMPLES = {
-    "inspect": ("inspect DIVE", "inspect DIVE/left DIVE/right stereo.mat"),
+    "inspect": ("inspect DIVE", "inspect left right stereo.mat"),
     "run": (
-        f"run {SIDES} --out OUT --fuse",
-        f"run {SIDES} --out OUT --fuse --poses nav.tum",
-        f"run {SIDES} --out OUT --water EARLIER/water.json --workers 8",
+        f"run {SIDES} --out OUT",
+        f"run {SIDES} --fuse",
+        f"run {SIDES} --refine --fuse --poses nav.tum",
+        f"run {SIDES} --water EARLIER/water.json",
         "run --bag dive.mcap --out OUT",
-        f"run {SIDES} --out PARTS/2 --shard 2/8",
-        "run --left dive.mp4 --right dive.mp4 --calib cam.yaml --out OUT --config settings.yaml",
+        "run --left a.mp4 --right b.mp4 --calib cam.yaml --out OUT",
     ),
-    "live": ("live --left INCOMING/left --right INCOMING/right --calib cam.yaml --port 8080", "live --bag dive.mcap --port 8080"),
+    "live": (f"live {SIDES} --port 8080", "live --bag dive.mcap --port 8080"),
     "sync": ("sync left.mp4 right.mp4",),
     "bag-info": ("bag-info dive.mcap", "bag-info BAG --topics left=/fwd/image,right=/aft/image"),
     "correct": ("correct --images IMAGES --range RANGES --out OUT",),
-    "range": (f"range {SIDES} --out OUT --set matching.max_range_m=8",),
+    "range": (f"range {SIDES} --set matching.max_range_m=8",),
     "rectify": (f"rectify {SIDES} --out OUT",),
     "fuse": ("fuse OUT", "fuse OUT --poses nav.tum --set mapping.voxel_m=0.005"),
     "report": ("report OUT",),
@@ -32,16 +32,20 @@ EXAMPLES = {
     "evaluate": (
         "evaluate OUT --truth dive/truth",
         "evaluate OUT --spread",
-        "evaluate --chart --images IMAGES --range RANGES --sheet charts.png",
-        "evaluate --chart --images IMAGES --range RANGES --others SEATHRU --others MINE",
+        "evaluate --chart --images IMAGES --range RANGES",
+        "evaluate --chart --images IMAGES --range RANGES --others SEATHRU",
     ),
     "calibrate": (
         "calibrate --target chessboard:9x6:24mm --print-target board.pdf",
-        "calibrate --target chessboard:9x6:24mm --left TARGET/left --right TARGET/right --out cam.yaml",
+        "calibrate --target chessboard:9x6:24mm --left BOARD/left --right BOARD/right",
     ),
     "check": (f"check {SIDES}", f"check {SIDES} --refine refined.yaml"),
-    "convert-calib": ("convert-calib stereo.mat cam.yaml", "convert-calib cam.yaml ROS --to ros"),
-    "water": ("water OUT --poses nav.tum",),
+    "convert-calib": (
+        "convert-calib stereo.mat cam.yaml",
+        "convert-calib cam.yaml ROS --to ros",
+        "convert-calib camchain.yaml cam.yaml",
+    ),
+    "water": ("water OUT --poses nav.tum", "water OUT --chart"),
     "campaign": ("campaign campaign.yaml", "campaign campaign.yaml --only-failed"),
     "plan": (f"plan {SIDES}",),
     "merge": ("merge PARTS/1 PARTS/2 --out OUT", "merge PARTS/1 PARTS/2 --out OUT --fit-only"),

@@ -20,7 +20,7 @@ def merge(
     parts: Annotated[list[Path], typer.Argument(metavar="PART...", help="Output folders of run --shard.")],
     out: opt.Out = Path("out"),
     fit_only: Annotated[
-        bool, opt.flag("--fit-only", "Stop when water.json is there: run --shard --water corrects on all machines.")
+        bool, opt.flag("--fit-only", "Stop after fitting water.json, which run --shard --water then uses on all machines.")
     ] = False,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     cluster: opt.ClusterName = "",
@@ -28,7 +28,7 @@ def merge(
     *,
     report: Report,
 ) -> None:
-    """Join the results of a dive's shards: one water, one manifest, one frames.csv; fuse then makes the map."""
+    """Join the results of the shards of a dive into one output folder with one water; fuse then makes the map."""
     from stereo_seecolor.commands.merge import merge as join
 
     with report.working() as listener, computing(cluster, report.notice) as compute:
@@ -44,7 +44,7 @@ def status(
     ],
     report: BareReport,
 ) -> None:
-    """How far runs are, wherever they run: pairs done, failed and why, left, and when they end."""
+    """Show the progress of runs on any machine: pairs done, failed (and why) and left, and the expected end."""
     from stereo_seecolor.commands.status import statuses
 
     found = statuses(outs)
@@ -53,13 +53,13 @@ def status(
 
 def campaign(
     file: Annotated[Path, typer.Argument(metavar="CAMPAIGN", help="YAML file that lists the dives (docs/fleets.md).")],
-    only_failed: Annotated[bool, opt.flag("--only-failed", "Skip dives all of whose pairs went through.")] = False,
+    only_failed: Annotated[bool, opt.flag("--only-failed", "Run only dives that are not finished or have failed pairs.")] = False,
     workers: opt.Workers = opt.DEFAULT_WORKERS,
     cluster: opt.ClusterName = "",
     *,
     report: Report,
 ) -> None:
-    """Run many dives, one after the other; what is wrong with one does not end the others."""
+    """Run many dives, one after the other; a dive that fails does not stop the others."""
     from stereo_seecolor.commands.campaign import campaign as run_all
 
     with report.working() as listener, computing(cluster, report.notice) as compute:
@@ -75,13 +75,14 @@ def plan(
     right: opt.Right,
     calib: opt.Calib,
     out: Annotated[
-        Path | None, opt.option("--out", "FOLDER", "Keep the plan there, so that the run into it says what it took against it.")
+        Path | None,
+        opt.option("--out", "FOLDER", "Keep the plan in this folder; a run into the same folder compares its cost with it."),
     ] = None,
     *,
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """What a dive will cost, from ten of its pairs: core-hours, wall time by workers, disk, memory."""
+    """Estimate the cost of a dive from ten of its pairs: core-hours, time by number of workers, disk, memory."""
     from stereo_seecolor.commands.plan import plan as measure
 
     with report.working():

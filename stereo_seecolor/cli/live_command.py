@@ -22,32 +22,47 @@ OneSource = Annotated[
 LeftSource = Annotated[
     str | None,
     opt.option(
-        "--left", "SOURCE", "Folder that left images arrive in; a capture device (0), rtsp://... or http://...; or ros2:/TOPIC."
+        "--left", "SOURCE", "Folder in which left images arrive; a capture device (0), rtsp://... or http://...; or ros2:/TOPIC."
     ),
 ]
 RightSource = Annotated[
-    str | None, opt.option("--right", "SOURCE", "The same of the right side; the left camera again if it shows both.")
+    str | None, opt.option("--right", "SOURCE", "The same for the right side; the left camera again if it shows both.")
 ]
-Publish = Annotated[str, opt.option("--publish", "NAMESPACE", "Publish all pairs as ROS 2 topics there, without ROS (/seecolor).")]
+Publish = Annotated[
+    str,
+    opt.option(
+        "--publish",
+        "NAMESPACE",
+        "Publish all pairs as ROS 2 topics in this namespace, such as /seecolor. ROS need not be installed.",
+    ),
+]
 Played = Annotated[Path | None, opt.option("--bag", "BAG", "ROS bag instead of two folders, played at its own rate.")]
 KeptIn = Annotated[
-    Path | None, opt.option("--out", "FOLDER", "Keep all products there, in a new or empty folder. Default: none are kept.")
+    Path | None, opt.option("--out", "FOLDER", "Keep all products in this new or empty folder. Default: none are kept.")
 ]
-Every = Annotated[int, opt.option("--every", "N", "Of the pairs, keep the products of every Nth in --out.", min=1)]
+Every = Annotated[int, opt.option("--every", "N", "Keep the products of every Nth pair only, in --out.", min=1)]
 Record = Annotated[
     Path | None, opt.option("--record", "FILE", "Record all pairs to a new MCAP file: images, ranges, points as ROS 2 messages.")
 ]
 Host = Annotated[
-    str, opt.option("--host", "ADDRESS", "Show the page to other machines too; its address then ends in a random token.")
+    str,
+    opt.option(
+        "--host",
+        "ADDRESS",
+        "Address that the page is served on. 0.0.0.0: other machines can open it too, by a URL with a random token.",
+    ),
 ]
 BudgetMs = Annotated[
-    float | None, opt.option("--budget-ms", "MS", "What a pair may take; where it takes longer, half the size is matched.", min=1)
+    float | None,
+    opt.option(
+        "--budget-ms", "MS", "Time for a pair, in milliseconds. Where pairs take longer, they are matched at half size.", min=1
+    ),
 ]
 Cpus = Annotated[int | None, opt.option("--cpus", "N", "Run on at most N processors.", min=1)]
 Port = Annotated[
     int | None, opt.option("--port", "N", "Show the last pair on http://127.0.0.1:N; 0 takes a free port.", min=0, max=65535)
 ]
-Pairs = Annotated[int | None, opt.option("--pairs", "N", "End after N pairs. Default: at Ctrl-C.", min=1)]
+Pairs = Annotated[int | None, opt.option("--pairs", "N", "Stop after N pairs. Default: at Ctrl-C.", min=1)]
 
 
 def live(
@@ -70,7 +85,7 @@ def live(
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Correct pairs as they arrive in two folders, from cameras, topics or a played bag; the newest wins."""
+    """Correct pairs as they arrive, from folders, cameras, ROS 2 topics or a played bag; always the newest pair."""
     from stereo_seecolor.cli.dive_commands import check_sources
     from stereo_seecolor.commands.live import LiveInputs, LiveOptions
     from stereo_seecolor.commands.live import live as correct_live

@@ -18,17 +18,22 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.inspect_poses import FoundPoses
     from stereo_seecolor.inputs.image_facts import ImageFacts
 
-Places = Annotated[list[Path], typer.Argument(help="Folders and files of the dive: images or videos, and the calibration.")]
+Places = Annotated[
+    list[Path], typer.Argument(metavar="PATH...", help="Folders and files of the dive: images or videos, and the calibration.")
+]
 BagArgument = Annotated[Path, typer.Argument(metavar="BAG", help="A .bag, .db3 or .mcap file, or a folder with those of one bag.")]
 LeftVideo = Annotated[Path, typer.Argument(metavar="LEFT", help="Video of the left camera.")]
 Rig = Annotated[
-    str | None, opt.option("--calib", "FILE", "Calibration of the rig: rows of rectified pairs then tell the offset too.")
+    str | None,
+    opt.option(
+        "--calib", "FILE", "Calibration of the rig; the offset is then also measured from row differences of rectified pairs."
+    ),
 ]
 RightVideo = Annotated[Path, typer.Argument(metavar="RIGHT", help="Video of the right camera.")]
 
 
 def inspect(places: Places, report: LoggedReport) -> None:
-    """Look at the files of a dive, say what they are, and print the run command that fits; exit code 3 if pairs do not fit."""
+    """Look at the files of a dive, say what they are, and print the run command for them; exit code 3 if pairs do not match."""
     from stereo_seecolor.commands.inspect import inspect as look
 
     with report.working():
@@ -95,7 +100,7 @@ def _duration(seconds: float) -> str:
 
 
 def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport) -> None:
-    """List a ROS bag's topics and the pairs that run would take from it; exit code 3 if it would take none."""
+    """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there are none."""
     from stereo_seecolor.commands.bag_info import bag_info as look
 
     with report.working():
@@ -121,7 +126,7 @@ def bag_text(found: "BagFacts") -> str:
 
 
 def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
-    """Find offset and drift of two cameras without a wire, from sound, a flash and the motion of the picture."""
+    """Find clock offset and drift between two unsynchronized cameras, from sound, a flash and image motion."""
     from stereo_seecolor.commands.sync import sync as find
 
     with report.working():

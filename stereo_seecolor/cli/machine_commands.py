@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.doctor import Finding
     from stereo_seecolor.config_file import Setting
 
-Show = Annotated[bool, opt.flag("--show", "Print every setting with its origin (what this command does anyway).")]
+Show = Annotated[bool, opt.flag("--show", "The default of this command; accepted for scripts.")]
 
 
 def doctor(report: BareReport) -> None:
-    """What this machine has, what it lacks, what is lost without, and the command that installs it."""
+    """Check this machine: what is installed, what is missing, what that costs, and how to install it."""
     from stereo_seecolor.commands.doctor import doctor as examine
 
     found = examine()

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def fuse(
     out: opt.Finished, poses: opt.PosesFile = None, *, settings: opt.Settings, cluster: opt.ClusterName = "", report: Report
 ) -> None:
-    """Fuse a finished run into one map of the dive, OUT/map."""
+    """Fuse a finished run into one map of the dive, OUT/map: cloud, mesh, orthomosaic, terrain, rugosity."""
     from stereo_seecolor.commands.fuse import fuse as fuse_frames
     from stereo_seecolor.commands.report import report as write_page
 
@@ -34,12 +34,13 @@ def fuse(
 def report(
     out: opt.Finished,
     charts: Annotated[
-        bool, opt.flag("--charts", "Look for color charts in all frames (seconds a frame), and compare views.")
+        bool,
+        opt.flag("--charts", "Also search all frames for color charts (seconds a frame), and compare views of the same spots."),
     ] = False,
     *,
     report: Report,
 ) -> None:
-    """Write the page of a finished run, OUT/index.html, with everything of every frame."""
+    """Write OUT/index.html, the page of a finished run, with the images and numbers of every frame."""
     from stereo_seecolor.commands.report import report as write_page
 
     with report.working() as listener:
@@ -51,9 +52,9 @@ def report(
 def measure(
     out: opt.Finished,
     points: Annotated[
-        Path, typer.Argument(metavar="POINTS", help="CSV with measure, frame, kind, label, x_px, y_px, as the page saves it.")
+        Path, typer.Argument(metavar="POINTS", help="CSV of points as the page saves it: measure, frame, kind, label, x_px, y_px.")
     ],
-    lengths: Annotated[bool, opt.flag("--lengths", "Print the lengths in frames as a table like EventMeasure's instead.")] = False,
+    lengths: Annotated[bool, opt.flag("--lengths", "Print the lengths as a table with EventMeasure's columns instead.")] = False,
     *,
     report: BareReport,
 ) -> None:
@@ -76,7 +77,7 @@ def view(
     *,
     report: BareReport,
 ) -> None:
-    """Open the page of a run in the browser; without a page, or with --window, its map in a window."""
+    """Open the page of a run in the browser, or its map in a window (--window, or where there is no page)."""
     from stereo_seecolor.commands.view import view as show
     from stereo_seecolor.commands.view import view_map
 
@@ -86,13 +87,13 @@ def view(
 
 def export(
     out: Annotated[Path | None, typer.Argument(metavar="OUT", help="Output folder of a run that was fused.")] = None,
-    to: Annotated[str, opt.option("--to", "FORMAT", "What to write; --list says what there is.")] = "",
-    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for it.")] = None,
-    listed: Annotated[bool, opt.option("--list", None, "List the formats, and the programs that open them.")] = False,
+    to: Annotated[str, opt.option("--to", "FORMAT", "Format to write, one of --list.")] = "",
+    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty output folder.")] = None,
+    listed: Annotated[bool, opt.flag("--list", "List the formats, and the programs that open them.")] = False,
     *,
     report: BareReport,
 ) -> None:
-    """Write a fused run in the form that another program opens."""
+    """Write a fused run for another program: COLMAP, Nerfstudio, Metashape, GLB, TagLab and others."""
     from stereo_seecolor.commands.export import export as write
     from stereo_seecolor.export.formats import EXPORT_FORMATS
 

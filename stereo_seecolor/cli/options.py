@@ -34,7 +34,9 @@ def flag(name: str, help: str, panel: str | None = None) -> Any:
 
 
 _LEFT = option("--left", "FOLDER", "Folder of left images, a quoted pattern ('DIVE/*_L.png', 'DIVE/*/left'), or a video.")
-_RIGHT = option("--right", "FOLDER", "The same of the right side; the left folder or video again if its images show both.")
+_RIGHT = option(
+    "--right", "FOLDER", "The same for the right side. If each image shows both sides, give the left folder or video again."
+)
 _CALIB = option("--calib", "FILE", "Calibration of the rig: cam.yaml, or any format of docs/calibration.md.")
 Left = Annotated[Path, _LEFT]
 Right = Annotated[Path, _RIGHT]
@@ -47,20 +49,20 @@ Bag = Annotated[
     option(
         "--bag",
         "BAG",
-        "ROS bag instead of two folders: .bag, .db3, .mcap, or a folder of a split one. Without a calibration its own camera_info "
-        "is used.",
+        "ROS bag instead of two folders: .bag, .db3, .mcap, or the folder of a split bag. A calibration is then optional: the "
+        "default is the camera_info of the bag.",
     ),
 ]
 Topics = Annotated[
-    str, option("--topics", "LIST", "Image topics of the bag, where they are not found: left=NAME,right=NAME.", SETTINGS)
+    str, option("--topics", "LIST", "Image topics of the bag, if they are not found: left=NAME,right=NAME.", SETTINGS)
 ]
 Out = Annotated[Path, option("--out", "FOLDER", "Output folder. Run again with the same folder to resume a stopped run.")]
 OutMcap = Annotated[
-    Path | None, option("--out-mcap", "FILE", "Record the finished frames as ROS 2 messages in an MCAP file too.", EXECUTION)
+    Path | None, option("--out-mcap", "FILE", "Also record the finished frames as ROS 2 messages in an MCAP file.", EXECUTION)
 ]
 Finished = Annotated[Path, typer.Argument(metavar="OUT", help="Output folder of a finished run.")]
 RefineRig = Annotated[
-    bool, flag("--refine", "First estimate what has moved in the rig since its calibration, from pairs of the dive (input.refine).")
+    bool, flag("--refine", "First estimate from pairs of the dive what has moved in the rig since its calibration (input.refine).")
 ]
 WaterFile = Annotated[
     Path | None, option("--water", "FILE", "water.json of an earlier run, used instead of fitting the water.", COLOR)
@@ -70,19 +72,19 @@ PosesFile = Annotated[
 ]
 LivePage = Annotated[
     bool,
-    flag("--page", "Write OUT/index.html already while the run works; a browser that shows it renews it by itself.", REPORTING),
+    flag("--page", "Write OUT/index.html while the run is under way; an open browser reloads it by itself.", REPORTING),
 ]
 Workers = Annotated[int, option("--workers", "N", "Number of pairs processed at the same time.", EXECUTION, min=1)]
 ClusterName = Annotated[
     str,
-    option("--cluster", "WHERE", "Work on a cluster: local:N, tcp://HOST:PORT, or slurm:cluster.yaml (docs/fleets.md).", EXECUTION),
+    option("--cluster", "WHERE", "Run on a cluster: local:N, tcp://HOST:PORT, or slurm:cluster.yaml (docs/fleets.md).", EXECUTION),
 ]
 ShardOption = Annotated[
     str,
     option(
         "--shard",
         "I/N",
-        "Do only part I of N of the pairs, into an output folder of its own; merge joins them (docs/fleets.md).",
+        "Process only part I of N of the pairs, into an output folder of its own; merge joins them (docs/fleets.md).",
         EXECUTION,
     ),
 ]
@@ -117,9 +119,9 @@ class Execution:
 
     overwrite: Overwrite = False
     strict: Annotated[bool, flag("--strict", "Stop at the first pair that fails.", EXECUTION)] = False
-    verify: Annotated[
-        bool, flag("--verify", "Read every input again, also those whose size and time have not changed.", EXECUTION)
-    ] = False
+    verify: Annotated[bool, flag("--verify", "Read every input again, even if its size and time have not changed.", EXECUTION)] = (
+        False
+    )
 
     def options(self, workers: int, config_file: Path | None, listener: "Listener") -> "RunOptions":
         """The same for the command."""

@@ -20,7 +20,7 @@ def metrics(
     *,
     report: BareReport,
 ) -> None:
-    """Structure, colonies and cover of a fused run, with standard errors."""
+    """Measure rugosity and structure of a fused run, and colonies and cover by polygons, with standard errors."""
     from stereo_seecolor.commands.metrics import metrics as measure
 
     with report.working():
@@ -34,7 +34,7 @@ def compare(
     second: Annotated[Path, typer.Argument(metavar="SECOND", help="The same of a later dive at the same site.")],
     folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for rasters, table and picture.")] = None,
     joint: Annotated[
-        bool, opt.option("--joint", None, "The second track in one graph with the first too: second_track.tum, to fuse it by.")
+        bool, opt.flag("--joint", "Also estimate the second track together with the first: second_track.tum, for fuse --poses.")
     ] = False,
     *,
     report: BareReport,
@@ -52,15 +52,19 @@ def compare(
 
 def markers(
     out: opt.Finished,
-    size: Annotated[float | None, opt.option("--size", "METERS", "Edge of the black border that all markers have.")] = None,
-    family: Annotated[str, opt.option("--family", "NAME", "36h11 (AprilTag), aruco-4x4, ...; a wrong one lists them.")] = "36h11",
+    size: Annotated[
+        float | None, opt.option("--size", "METERS", "Edge length of the black square of the markers, in meters.")
+    ] = None,
+    family: Annotated[
+        str, opt.option("--family", "NAME", "Marker family: 36h11 (AprilTag), aruco-4x4, ...; an unknown name lists all.")
+    ] = "36h11",
     bars: Annotated[Path | None, opt.option("--bars", "FILE", "Scale bars: CSV with first, second, length_m.")] = None,
     points: Annotated[Path | None, opt.option("--points", "FILE", "Surveyed places: CSV with marker, x_m, y_m, z_m.")] = None,
     folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for table and track.")] = None,
     *,
     report: BareReport,
 ) -> None:
-    """Find markers in a fused run: its scale, checked by their size and by scale bars; its place, by surveyed markers."""
+    """Find markers in a fused run, and check its scale by their size and scale bars, and its place by surveyed markers."""
     from stereo_seecolor.commands.markers import Known
     from stereo_seecolor.commands.markers import markers as find
 

@@ -24,7 +24,10 @@ TargetRight = Annotated[Path | None, opt.option("--right", "FOLDER", "Folder of 
 CalibrationOut = Annotated[
     Path, opt.option("--out", "FILE", "Calibration file to write; a picture of the coverage is written beside it.")
 ]
-Medium = Annotated[Literal["water", "air"], opt.option("--medium", None, "Where the images were taken; water is best.")]
+Medium = Annotated[
+    Literal["water", "air"],
+    opt.option("--medium", None, "Where the images of the target were taken; calibrate in water if you can."),
+]
 PrintTarget = Annotated[
     Path | None, opt.option("--print-target", "FILE", "Draw the target into this .pdf or .png and stop.", opt.SETTINGS)
 ]
@@ -39,9 +42,10 @@ Source = Annotated[
 ]
 Converted = Annotated[str, typer.Argument(metavar="OUT", help="File to write; for ros a folder, or left.yaml,right.yaml.")]
 Format = Annotated[Literal["native", "ros", "kalibr", "opencv", "matlab", "viame"], opt.option("--to", None, "Format to write.")]
-Size = Annotated[str | None, opt.option("--size", "WIDTHxHEIGHT", "WIDTHxHEIGHT, for a source that does not state it (OpenCV).")]
+Size = Annotated[str | None, opt.option("--size", "WIDTHxHEIGHT", "Image size of a calibration that does not state it (OpenCV).")]
 Resize = Annotated[
-    str | None, opt.option("--resize", "WIDTHxHEIGHT", "Size of the images where they were binned or resized since.")
+    str | None,
+    opt.option("--resize", "WIDTHxHEIGHT", "Size of the dive's images, if they were binned or resized after the calibration."),
 ]
 
 
@@ -93,7 +97,7 @@ def check(
 def convert_calib(
     source: Source, out: Converted, to: Format = "native", size: Size = None, resize: Resize = None, *, report: BareReport
 ) -> None:
-    """Convert a calibration into another format; the rays of all pixels stay the same."""
+    """Convert a calibration into another format, with the same ray for every pixel."""
     from stereo_seecolor.commands.convert_calib import convert_calib as convert
 
     result = convert(source, out, to, size, resize)

@@ -12,30 +12,32 @@ from stereo_seecolor.cli.run_text import run_text
 from stereo_seecolor.cli.score_text import charts_text, spread_text, truth_text
 
 CHARTS = "Color charts"
-FinishedRun = Annotated[Path | None, typer.Argument(metavar="OUT", help="Output folder of a finished run (with --truth).")]
+FinishedRun = Annotated[
+    Path | None, typer.Argument(metavar="OUT", help="Output folder of a finished run (for --truth and --spread).")
+]
 Truth = Annotated[Path | None, opt.option("--truth", "FOLDER", "The truth/ folder of a dive made by synthesize.")]
 BySpread = Annotated[bool, opt.flag("--spread", "Compare the same spots of the reef between the frames of OUT; needs no truth.")]
 ByChart = Annotated[bool, opt.flag("--chart", "Score every method on color charts or white targets.", CHARTS)]
 Images = Annotated[Path | None, opt.option("--images", "FOLDER", "Folder of images as the camera saw them.", CHARTS)]
 Ranges = Annotated[Path | None, opt.option("--range", "FOLDER", "Folder of their range maps.", CHARTS)]
 Targets = Annotated[
-    Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons; without it charts are found.", CHARTS)
+    Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons. Default: charts are searched for.", CHARTS)
 ]
 Others = Annotated[
     list[Path] | None,
     opt.option(
         "--others",
         "FOLDER",
-        "Folder of what another tool made of the images (with --spread of rectified ones), under the same names; once a tool.",
+        "Results of another tool: a folder of images with the same names (for --spread of the rectified ones). May be repeated.",
         CHARTS,
     ),
 ]
 Sheet = Annotated[Path, opt.option("--sheet", "FILE", "Contact sheet to write, PNG.", CHARTS)]
 PairCount = Annotated[int, opt.option("--pairs", "N", "Number of stereo pairs.", min=1)]
-LineCount = Annotated[int, opt.option("--lines", "N", "Number of survey lines, flown to and fro.", min=1)]
-ImageSize = Annotated[str, opt.option("--size", "WIDTHxHEIGHT", "Image size in pixels, as WIDTHxHEIGHT.")]
-WaterName = Annotated[str, opt.option("--water", "NAME", "blue-ocean, coastal-green or turbid.")]
-Seed = Annotated[int, opt.option("--seed", "N", "Another number gives another reef and another track.", min=0)]
+LineCount = Annotated[int, opt.option("--lines", "N", "Number of parallel survey lines.", min=1)]
+ImageSize = Annotated[str, opt.option("--size", "WIDTHxHEIGHT", "Image size in pixels.")]
+WaterName = Annotated[str, opt.option("--water", "NAME", "Kind of water: blue-ocean, coastal-green or turbid.")]
+Seed = Annotated[int, opt.option("--seed", "N", "Random seed; each gives another reef and track.", min=0)]
 
 
 def evaluate(
@@ -52,7 +54,7 @@ def evaluate(
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Errors of a run against truth (--truth); how evenly it shows the reef (--spread); errors of methods on targets (--chart)."""
+    """Measure quality: errors against truth (--truth), differences between views (--spread), errors on charts (--chart)."""
     from stereo_seecolor.commands.evaluate import evaluate as evaluate_run
     from stereo_seecolor.commands.evaluate import evaluate_spread
     from stereo_seecolor.evaluation.charts import evaluate_charts

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 Poses = Annotated[Path | None, opt.option("--poses", "FILE", "Trajectory of the dive (TUM, KITTI, COLMAP, AUV tables).")]
 Chart = Annotated[bool, opt.flag("--chart", "White point and color matrix from color charts and white cards in the frames.")]
 Targets = Annotated[
-    Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons; without it charts are found.")
+    Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons. Default: charts are searched for.")
 ]
 
 
@@ -27,8 +27,7 @@ def water(
     settings: opt.Settings,
     report: LoggedReport,
 ) -> None:
-    """Measure the water from places that several frames see (--poses), or its white point and the camera's colors (--chart), for
-    run --water."""
+    """Measure the water of a run, for run --water: from spots that several frames see (--poses), or from charts (--chart)."""
     from stereo_seecolor.commands.water import measure_water, measure_white
     from stereo_seecolor.errors import InputError
 
