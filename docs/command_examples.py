@@ -4,7 +4,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "run": (
         "stereo-seecolor run --left left --right right --calib cam.yaml --out out",
         "stereo-seecolor run --left left --right right --calib cam.yaml --out survey --set color.lock=survey --json",
-        "stereo-seecolor run --left left --right right --calib cam.yaml --out mapped --poses trajectory.tum --fuse",
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out mapped --set color.lock=survey --poses trajectory.tum --fuse",
     ),
     "inspect": ("stereo-seecolor inspect left right cam.yaml",),
     "check": (
@@ -40,7 +40,7 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
         "stereo-seecolor evaluate --chart --images rectified/rectified_left --range truth/range",
     ),
     "demo": ("stereo-seecolor demo --out demo",),
-    "synthesize": ("stereo-seecolor synthesize --out night --pairs 4 --lines 1 --size 320x256 --water turbid --seed 3",),
+    "synthesize": ("stereo-seecolor synthesize --out turbid --pairs 2 --lines 1 --size 160x128 --water turbid --seed 3",),
     "plan": ("stereo-seecolor plan --left left --right right --calib cam.yaml",),
     "campaign": ("stereo-seecolor campaign campaign.yaml",),
     "merge": (

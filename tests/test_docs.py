@@ -24,8 +24,8 @@ FINISHED = (0, None)
 SHOWN_ONLY = ("view", "bag-info", "measure", "campaign", "sync", "markers")
 """Commands that open a window, or need files that a user has: only their help is asked for."""
 
-ONLY_PRINT = ("evaluate", "inspect", "doctor")
-"""Commands that write nothing, of the shorter dive always the same."""
+ONLY_PRINT = ("evaluate", "inspect", "check", "doctor")
+"""Commands that write nothing (but ``check --refine``), of the shorter dive always the same."""
 
 MOST_BYTES = 200_000
 
@@ -90,7 +90,7 @@ class Shell:
             missing = [word for word in words[2:] if not word.startswith("-") and not Path(word).exists()]
             assert not missing, line
             return
-        if words[1] in ONLY_PRINT:
+        if words[1] in ONLY_PRINT and "--refine" not in words:
             self._printed.add(line)
         if out is None or out.exists() or "board" in line:
             _program(words, monkeypatch)
