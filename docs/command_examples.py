@@ -4,7 +4,8 @@ EXAMPLES: dict[str, tuple[str, ...]] = {
     "run": (
         "stereo-seecolor run --left left --right right --calib cam.yaml --out out",
         "stereo-seecolor run --left left --right right --calib cam.yaml --out survey --set color.lock=survey --json",
-        "stereo-seecolor run --left left --right right --calib cam.yaml --out mapped --set color.lock=survey --poses trajectory.tum --fuse",
+        "stereo-seecolor run --left left --right right --calib cam.yaml --out mapped --set color.lock=survey "
+        "--poses trajectory.tum --fuse",
     ),
     "inspect": ("stereo-seecolor inspect left right cam.yaml",),
     "check": (

@@ -18,7 +18,15 @@ FinishedRun = Annotated[
 Truth = Annotated[Path | None, opt.option("--truth", "FOLDER", "The truth/ folder of a dive made by synthesize.")]
 BySpread = Annotated[bool, opt.flag("--spread", "Compare the same spots of the reef between the frames of OUT; needs no truth.")]
 ByChart = Annotated[bool, opt.flag("--chart", "Score every method on color charts or white targets.", CHARTS)]
-Images = Annotated[Path | None, opt.option("--images", "FOLDER", "Folder of images as the camera saw them.", CHARTS)]
+Images = Annotated[
+    Path | None,
+    opt.option(
+        "--images",
+        "FOLDER",
+        "Folder of uncorrected images whose pixels are those of the range maps, as rectify writes them.",
+        CHARTS,
+    ),
+]
 Ranges = Annotated[Path | None, opt.option("--range", "FOLDER", "Folder of their range maps.", CHARTS)]
 Targets = Annotated[
     Path | None, opt.option("--targets", "FILE", "JSON of chart corners and polygons. Default: charts are searched for.", CHARTS)

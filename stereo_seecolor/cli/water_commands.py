@@ -1,5 +1,6 @@
 """The command water: attenuation and backscatter from places that several frames see, or the white point from charts."""
 
+import shlex
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -40,7 +41,7 @@ def water(
 
 def water_text(result: "MeasuredWater") -> str:
     """What was measured, and the option that uses it."""
-    use = f"use it with: stereo-seecolor run ... --water {result.path}"
+    use = f"use it with: stereo-seecolor run ... --water {shlex.quote(str(result.path))}"
     if result.charts:
         return lines(*_white_lines(result), use)
     errors = result.water.standard_errors["y"]
