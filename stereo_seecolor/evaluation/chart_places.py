@@ -65,13 +65,12 @@ def chart_places(picture: Floats, types: Sequence[ChartType]) -> Iterator[tuple[
     """The best places of each size in (H, W, 3) for each of the types, all angles together, none nearer to a better one of its size
     than a third of its width."""
     half: Floats = np.asarray(cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32)
-    matched = [(type, *_templates(type)) for type in types]
+    matched = [_templates(type) for type in types]
     size_px = LIMITS.least_px
     while size_px < min(LIMITS.most_px, *picture.shape[:2]):
         windows = _windows(picture[..., 1], many_colors(half, size_px / 2), size_px)
         middles = windows.middles
-        for type, templates, weights in matched:
-            scores, angles = windows.best_angles(templates, weights)
+        for type, (scores, angles) in zip(types, windows.best_angles(matched), strict=True):
             for best in _apart(scores, middles, 0.3 * size_px):
                 x_px, y_px = middles[best].tolist()
                 yield type, ChartPlace(float(scores[best]), x_px, y_px, size_px, LIMITS.angles_deg[angles[best]])
@@ -108,20 +107,23 @@ class _Windows:
     corners: NDArray[np.intp]
     middles: NDArray[np.float64]
 
-    def best_angles(self, templates: Floats, weights: Floats) -> tuple[Floats, NDArray[np.intp]]:
-        """(N,): correlation with that of templates (P, K) that they are most like, over the pixels of its weight, and which it is.
+    def best_angles(self, matched: Sequence[tuple[Floats, Floats]]) -> list[tuple[Floats, NDArray[np.intp]]]:
+        """Of each set of templates: (N,) the correlation with that which they are most like, over the pixels of its weight, and
+        which it is.
 
-        weights: (P, K / 2): a chart upside down has those of one that is not.
+        matched: templates (P, K) and weights (P, K / 2): a chart upside down has those of one that is not.
         """
         offsets = (np.arange(_SIDE)[:, None] * self.green.shape[1] + np.arange(_SIDE)).ravel()
-        scores, angles = np.zeros(len(self.corners), np.float32), np.zeros(len(self.corners), np.intp)
+        found = [(np.zeros(len(self.corners), np.float32), np.zeros(len(self.corners), np.intp)) for _ in matched]
         for first in range(0, len(self.corners), LIMITS.batch):
             part = slice(first, first + LIMITS.batch)
             values = self.green.ravel()[self.corners[part, None] + offsets]
-            variance = values**2 @ weights - (values @ weights) ** 2 / weights.sum(axis=0)
-            each = values @ templates / np.sqrt(np.maximum(np.hstack([variance, variance]), 1e-6))
-            angles[part], scores[part] = each.argmax(axis=1), each.max(axis=1)
-        return scores, angles
+            squares = values**2
+            for (templates, weights), (scores, angles) in zip(matched, found, strict=True):
+                variance = squares @ weights - (values @ weights) ** 2 / weights.sum(axis=0)
+                each = values @ templates / np.sqrt(np.maximum(np.hstack([variance, variance]), 1e-6))
+                angles[part], scores[part] = each.argmax(axis=1), each.max(axis=1)
+        return found
 
 
 def _windows(green: Floats, colorful: NDArray[np.bool_], size_px: float) -> _Windows:

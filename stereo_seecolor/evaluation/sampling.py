@@ -23,6 +23,7 @@ def correlations(values: Array, reference: Array) -> Array:
     """(K, 3) of values (K, N, 3), for each channel; -1 where an outline leaves the picture or shows nothing."""
     b = reference - reference.mean(axis=0)
     products = np.einsum("knc,nc->kc", values, b)
-    spread = np.einsum("knc,knc->kc", values, values) - values.sum(axis=1) ** 2 / values.shape[1]
+    sums = np.ones(values.shape[1]) @ values  # several times faster than values.sum(axis=1)
+    spread = np.einsum("knc,knc->kc", values, values) - sums**2 / values.shape[1]
     norms = np.sqrt(np.maximum(spread, 0) * (b * b).sum(axis=0))
     return np.where(norms > _NOTHING, products / np.maximum(norms, _NOTHING), -1.0)

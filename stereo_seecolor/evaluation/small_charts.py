@@ -179,7 +179,8 @@ def _judged(picture: Floats, type: ChartType, M: Affine) -> FoundChart | None:
 
 def _mapped(M: Affine, units: NDArray[np.floating]) -> NDArray[np.float64]:
     """(..., N, 2) pixels of points (N, 2) by outlines (..., 2, 3)."""
-    return np.asarray(units @ np.swapaxes(M[..., :2], -1, -2) + M[..., None, :, 2], np.float64)
+    homogeneous = np.vstack([units.T, np.ones(len(units))])
+    return np.asarray(np.swapaxes((M.reshape(-1, 3) @ homogeneous).reshape(*M.shape[:-1], -1), -1, -2), np.float64)
 
 
 def _sample_points(type: ChartType) -> NDArray[np.float64]:
@@ -200,7 +201,8 @@ def _patch_means(picture: Floats, type: ChartType, M: Affine) -> NDArray[np.floa
     """(N, 3): the middles of the patches."""
     units = _patch_points(type)
     middles = units.mean(axis=1, keepdims=True) + 0.5 * (units - units.mean(axis=1, keepdims=True))
-    return np.asarray(sampled(picture, _mapped(M[None], middles)).mean(axis=1), np.float64)
+    pixels = _mapped(M, middles.reshape(-1, 2)).reshape(middles.shape)
+    return np.asarray(sampled(picture, pixels).mean(axis=1), np.float64)
 
 
 def _is_plausible(M: Affine) -> bool:
