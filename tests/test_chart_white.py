@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.cli import main
 from stereo_seecolor.evaluation.camera_matrix import CameraMatrix, camera_matrix
-from stereo_seecolor.evaluation.chart_types import CLASSIC
+from stereo_seecolor.evaluation.chart_types import CHART_TYPES, CLASSIC, ChartType
 from stereo_seecolor.evaluation.chart_white import ChartWhite, seen_whites, survey_white
 from stereo_seecolor.evaluation.targets import Target, chart
 from stereo_seecolor.files.srgb import decode_srgb
@@ -34,13 +34,13 @@ CAMERA = np.array([[1.3, -0.25, -0.05], [-0.1, 1.3, -0.2], [0.02, -0.32, 1.3]])
 
 
 def pictured(
-    range_m: float, brightness: float = 1.0, camera: NDArray[np.float64] | None = None
+    range_m: float, brightness: float = 1.0, camera: NDArray[np.float64] | None = None, type: ChartType = CLASSIC
 ) -> tuple[Target, NDArray[np.uint16], NDArray[np.float32]]:
-    """A ColorChecker that fills a frame of 16 bits, at one range in ``some_water``; camera: (3, 3) of its colors to sRGB's."""
+    """A chart that fills a frame of 16 bits, at one range in ``some_water``; camera: (3, 3) of its colors to sRGB's."""
     water, corners = some_water(), np.array([[10, 10], [118, 10], [118, 86], [10, 86]], float)
-    target, z = chart("chart", corners, SIZE), np.array(range_m)
+    target, z = chart("chart", corners, SIZE, type), np.array(range_m)
     color = np.zeros((*SIZE, 3))
-    for patch, srgb in zip(target.patches, CLASSIC.srgb, strict=True):
+    for patch, srgb in zip(target.patches, type.srgb, strict=True):
         color[patch] = decode_srgb(srgb) if camera is None else np.linalg.solve(camera, decode_srgb(srgb))
     light = brightness * color * WHITE * water.attenuation(z) + water.backscatter(z)
     return target, np.round(light * 65535).astype(np.uint16), np.full(SIZE, range_m, np.float32)
@@ -63,6 +63,13 @@ def test_the_true_white_comes_back_from_any_range() -> None:
     assert np.log(water.white).mean() == pytest.approx(np.log(0.5))
     assert (water.standard_errors["white"] > 0).all()
     np.testing.assert_array_equal(water.y, wrong.y)
+
+
+@pytest.mark.parametrize("type", CHART_TYPES, ids=lambda type: type.name)
+def test_grays_that_are_not_quite_neutral_give_the_true_white(type: ChartType) -> None:
+    target, image, range_m = pictured(2.0, type=type)
+    (seen,) = seen_whites("0", [target], image, range_m, some_water())
+    np.testing.assert_allclose(seen.white, np.log(WHITE) - np.log(WHITE).mean(), atol=0.005)
 
 
 def test_a_wrong_attenuation_shows_over_range() -> None:

@@ -260,11 +260,11 @@ def test_targets_of_other_images_are_named(folders: tuple[Path, Path], tmp_path:
     [
         ("[", "cannot be read"),
         ("[1]", "must hold"),
-        ('{"a": [{"circle": [[0, 0], [1, 1], [2, 0]]}]}', "is one polygon, chart or dkk"),
+        ('{"a": [{"circle": [[0, 0], [1, 1], [2, 0]]}]}', "is one polygon, chart, dkk or spyder"),
         ('{"a": [{"polygon": [[0, 0], [1, 1]]}]}', "3 corners or more"),
         ('{"a": [{"chart": [[0, 0], [1, 1], [2, 0]]}]}', "a chart its 4"),
-        ('{"a": [{"polygon": "here"}]}', "is one polygon, chart or dkk"),
-        ('{"a": [{}]}', "is one polygon, chart or dkk"),
+        ('{"a": [{"polygon": "here"}]}', "is one polygon, chart, dkk or spyder"),
+        ('{"a": [{}]}', "is one polygon, chart, dkk or spyder"),
     ],
 )
 def test_bad_targets_are_named(tmp_path: Path, content: str, message: str) -> None:

@@ -87,6 +87,16 @@ DKK_SRGB = np.array(
     ]
 )  # fmt: skip
 """The 18 patches row by row: OpenCV's reference of its VINYL18 chart, as sRGB of 8 bits."""
+SPYDER_SRGB = np.array(
+    [
+        [98, 187, 166], [126, 125, 174], [82, 106, 60], [87, 120, 155], [197, 145, 125], [112, 76, 60],
+        [222, 118, 32], [58, 88, 159], [195, 79, 95], [83, 58, 106], [157, 188, 54], [238, 158, 25],
+        [0, 127, 159], [192, 75, 145], [245, 205, 0], [186, 26, 51], [57, 146, 64], [25, 55, 135],
+        [249, 242, 238], [202, 198, 195], [161, 157, 154], [122, 118, 116], [80, 80, 78], [43, 41, 43],
+    ]
+)  # fmt: skip
+"""The 24 patches row by row, grays below, white at the left: sRGB of 8 bits, as Datacolor publishes them (columns H to E of
+"SpyderCheckr Color Data V2")."""
 
 CLASSIC = ChartType(
     "ColorChecker Classic",
@@ -106,4 +116,13 @@ DKK = ChartType(
     slice(0, 6),
 )
 
-CHART_TYPES = (CLASSIC, DKK)
+SPYDER = ChartType(
+    "SpyderCheckr 24",
+    SPYDER_SRGB / 255,
+    _grid(6, (1, 1, 1, 1)),
+    (6, 4),
+    0.3,
+    slice(18, 24),
+)
+
+CHART_TYPES = (CLASSIC, DKK, SPYDER)

@@ -85,9 +85,9 @@ def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Ma
     for target in targets:
         patches = tuple(_patch(light, image[patch], range_m[patch], water) for patch in target.patches)
         grays = patches[target.type.grays] if target.type else patches
-        published = decode_srgb(target.type.srgb[target.type.grays]).mean(axis=1) if target.type else np.ones(len(grays))
-        counted = [gray for gray, reflects in zip(grays, published, strict=True) if reflects >= SETTINGS.least_reflectance]
-        seen = [(gray.white, gray.range_m) for gray in counted if np.isfinite(gray.white).all()]
+        published = decode_srgb(target.type.srgb[target.type.grays]) if target.type else np.ones((len(grays), 3))
+        counted = [each for each in zip(grays, published, strict=True) if each[1].mean() >= SETTINGS.least_reflectance]
+        seen = [(gray.white - np.log(color), gray.range_m) for gray, color in counted if np.isfinite(gray.white).all()]
         if seen:
             colors = np.stack([white - white.mean() for white, _ in seen])
             scatter = float(colors.std(axis=0, ddof=1).mean()) / np.sqrt(len(seen)) if len(seen) > 1 else 0.0

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.chart_finder import find_charts
-from stereo_seecolor.evaluation.chart_types import CLASSIC, DKK, ChartType, FoundChart
+from stereo_seecolor.evaluation.chart_types import CLASSIC, DKK, SPYDER, ChartType, FoundChart
 from stereo_seecolor.evaluation.measures import CLIPPED
 from stereo_seecolor.records import Image, Map
 
 _INNER = 0.25
 """Of a patch, this much is left out on each side, where its neighbors bleed in."""
 
-CHARTS = {"chart": CLASSIC, "dkk": DKK}
+CHARTS = {"chart": CLASSIC, "dkk": DKK, "spyder": SPYDER}
 """What a file of targets calls them."""
 
 
@@ -69,7 +69,7 @@ def neutral(name: str, polygon: NDArray[np.floating], image: Image, range_m: Map
 def read_targets(path: Path) -> dict[str, list[dict[str, NDArray[np.float64]]]]:
     """Targets by image stem from JSON: {"0006": [{"polygon": [[x, y], ...]}, {"chart": [[x, y] four times]}]};
 
-    "dkk" instead of "chart" for a DGK or DKK chart of 18 patches.
+    "dkk" instead of "chart" for a DGK or DKK chart of 18 patches, "spyder" for a SpyderCheckr 24.
 
     Raises InputError for a file that says something else.
     """
@@ -105,7 +105,7 @@ def _points(path: Path, stem: str, entry: dict[str, object]) -> dict[str, NDArra
     except ValueError:
         corners = np.empty(0)
     if len(entry) != 1 or kind not in ("polygon", *CHARTS) or corners.ndim != 2 or corners.shape[1] != 2:
-        raise InputError(f"{path}: {stem}: a target is one polygon, chart or dkk of [x, y] corners, got {str(entry)[:60]}")
+        raise InputError(f"{path}: {stem}: a target is one polygon, chart, dkk or spyder of [x, y] corners, got {str(entry)[:60]}")
     if len(corners) < 3 or (kind in CHARTS and len(corners) != 4):
         raise InputError(f"{path}: {stem}: a polygon needs 3 corners or more, a chart its 4; got {len(corners)}")
     return {kind: corners}
