@@ -198,8 +198,10 @@ class _DifferenceLook:
     light: SurveyLight
 
     def __call__(self, stretch: Stretch) -> list[Differing]:
-        size = self.frames.geometry.image_size
-        return [(seen.frames, differences(seen, self.light, size), seen.steps) for seen in self.frames.windows(stretch, 0)]
+        return list(self.frames.of_windows(stretch, 0, self._differing))
+
+    def _differing(self, seen: PlacedWindow) -> Differing:
+        return seen.frames, differences(seen, self.light, self.frames.geometry.image_size), seen.steps
 
 
 class _Links:

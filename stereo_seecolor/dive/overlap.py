@@ -1,8 +1,9 @@
 """Frames of a dive examined for its light: what each shows that frames before it, and frames of other lines, show too."""
 
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -19,6 +20,7 @@ from stereo_seecolor.mapping.track.relative_pose import RelativePose, relative_p
 from stereo_seecolor.records import Image, Map, SurveyFrame
 
 Array = NDArray[np.float64]
+Shown = TypeVar("Shown")
 ReadFrame = Callable[[Any], tuple[Image, Map]]
 
 
@@ -98,6 +100,10 @@ class PlacedWindow(SeenWindow):
     steps: NDArray[np.void]
 
 
+_Others = Sequence[tuple[_Placed, RelativePose]]
+_Near = tuple[_Seen, View, Sequence[tuple[int, RelativePose]]]
+
+
 @dataclass(frozen=True, eq=False)
 class FrameLook:
     """How frames are examined, as work that can be sent to another process. geometry: of images reduced ``every`` times."""
@@ -109,18 +115,34 @@ class FrameLook:
 
     def windows(self, stretch: Stretch, loops: int) -> Iterator[PlacedWindow]:
         """Those of a stretch's own frames, with at most so many frames of other lines each."""
-        past: list[_Placed] = []
-        for place, (seen, view) in enumerate(Threads(cores()).each(self._seen, stretch.frames)):
-            before = [other for other in past if seen.number - other.number in LOOK.back]
-            near = [(other, pose) for other in before if (pose := self._pose(seen, other))]
-            placed = self._placed(seen, view, near)
-            if place >= stretch.before:
-                far = [(other, pose) for other in _loops(placed, past)[:loops] if (pose := self._pose(seen, other))]
-                if near or far:
-                    yield self._window(placed, [*near, *far])
-            past = [*(_far_back(other, seen.number) for other in past), placed]
+        return self.of_windows(stretch, loops, lambda window: window)
 
-    def _window(self, frame: _Placed, others: Sequence[tuple[_Placed, RelativePose]]) -> PlacedWindow:
+    def of_windows(self, stretch: Stretch, loops: int, work: Callable[[PlacedWindow], Shown]) -> Iterator[Shown]:
+        """``work`` of each of ``windows``. All but placing each frame by those before it is done on all cores."""
+        on_cores = Threads(cores())
+        seen = on_cores.each(self._seen, stretch.frames)
+        chain = self._chain(on_cores.each(self._near, _with_before(seen)), stretch.before, loops)
+        return on_cores.each(lambda placed: work(self._window(*placed)), chain)
+
+    def _chain(self, frames: Iterable[_Near], before: int, loops: int) -> Iterator[tuple[_Placed, _Others]]:
+        """Frames after the first ``before``, and those that show the same: near ones, and at most ``loops`` of other lines."""
+        past: dict[int, _Placed] = {}
+        for place, (seen, view, poses) in enumerate(frames):
+            near = [(past[number], pose) for number, pose in poses]
+            placed = self._placed(seen, view, near)
+            others = list(past.values())
+            if place >= before:
+                far = [(other, pose) for other in _loops(placed, others)[:loops] if (pose := self._pose(seen, other.seen))]
+                if near or far:
+                    yield placed, [*near, *far]
+            past = {other.number: _far_back(other, seen.number) for other in others} | {seen.number: placed}
+
+    def _near(self, frame: tuple[_Seen, View, Sequence[_Seen]]) -> _Near:
+        """The frame, and how it lies to those of the frames before it that show the same, by their numbers."""
+        seen, view, before = frame
+        return seen, view, [(other.number, pose) for other in before if (pose := self._pose(seen, other))]
+
+    def _window(self, frame: _Placed, others: _Others) -> PlacedWindow:
         """What a frame shows and others, placed by features, show too."""
         view = frame.view or self._view(frame.seen)
         views = [replace(other.view or self._view(other.seen), T_world_camera=pose.T_a_b) for other, pose in others]
@@ -140,8 +162,8 @@ class FrameLook:
         width_m = range_m * self.geometry.image_size[0] / self.geometry.focal_px
         return _Placed(seen, chain, T, path_m, T[:3, 3] + range_m * T[:3, 2], width_m, view)
 
-    def _pose(self, frame: _Seen, other: _Placed) -> RelativePose | None:
-        return relative_pose(frame.features, other.seen.features, self.geometry)
+    def _pose(self, frame: _Seen, other: _Seen) -> RelativePose | None:
+        return relative_pose(frame.features, other.features, self.geometry)
 
     def _view(self, frame: _Seen) -> View:
         return View.of(frame.key, self.geometry, self.encoding)
@@ -158,6 +180,14 @@ class FrameLook:
         shown_frame = SurveyFrame("", None, shown, ranges, estimated_range_std_m(ranges, geometry), known)
         seen = _Seen(number, KeyFrame(small, ranges, np.eye(4)), detect(shown_frame, geometry, FEATURES))
         return seen, self._view(seen)
+
+
+def _with_before(frames: Iterable[tuple[_Seen, View]]) -> Iterator[tuple[_Seen, View, Sequence[_Seen]]]:
+    """Each frame with those that it is compared with."""
+    past: deque[_Seen] = deque(maxlen=max(LOOK.back))
+    for seen, view in frames:
+        yield seen, view, [other for other in past if seen.number - other.number in LOOK.back]
+        past.append(seen)
 
 
 def _loops(frame: _Placed, past: Sequence[_Placed]) -> list[_Placed]:
