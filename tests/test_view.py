@@ -50,3 +50,5 @@ def test_without_a_screen_the_preview_is_named(fused: Path, monkeypatch: pytest.
 def test_without_a_map_the_command_that_makes_it_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"holds no map \(map/mesh\.ply\): make it with stereo-seecolor fuse"):
         view(tmp_path)
+    with pytest.raises(InputError, match="no such folder"):
+        view(tmp_path / "out")

@@ -28,6 +28,8 @@ def view(out: Path) -> ViewResult:
     Raises InputError if there is neither; DeviceError if there is no browser, viewer or screen.
     """
     page = out / INDEX
+    if not out.is_dir():
+        raise InputError(f"{out}: no such folder: give the output folder of a run")
     if not page.is_file():
         return view_map(out)
     if not (_has_screen() and webbrowser.open(page.resolve().as_uri())):
