@@ -1,5 +1,6 @@
 """Conventions of trajectory formats, each on a case small enough to check by hand."""
 
+import json
 from pathlib import Path
 from typing import Literal
 
@@ -63,6 +64,37 @@ def test_kitti_rows_are_camera_to_world(tmp_path: Path) -> None:
     assert np.isnan(trajectory.timestamps_s).all()
     write(tmp_path, "0.0\n0.5\n", "times.txt")
     assert read_trajectory(path).timestamps_s.tolist() == [0.0, 0.5]
+
+
+def test_tartanair_is_north_east_down_without_times(tmp_path: Path) -> None:
+    trajectory = read_trajectory(write(tmp_path, "1 2 3 0 0 0 1\n4 5 6 0 0 0 1\n", "pose_left.txt"))
+    # north 1, east 2, down 3; the camera looks north: its z axis is the map's y axis, its x axis east, its y axis down
+    T = trajectory.T_world_camera[0]
+    np.testing.assert_allclose(T[:3, 3], [2, 1, -3])
+    np.testing.assert_allclose(T[:3, :3], [[1, 0, 0], [0, 0, 1], [0, -1, 0]], atol=1e-12)
+    assert np.isnan(trajectory.timestamps_s).all()
+    assert trajectory.up == "z"
+
+
+def test_seven_numbers_without_a_quaternion_are_no_trajectory(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="is no trajectory that is known here"):
+        read_trajectory(write(tmp_path, "1790000000 1 2 3 10 20 30\n"))
+
+
+def test_transforms_of_nerf_have_the_axes_of_opengl(tmp_path: Path) -> None:
+    matrix = [[2.0, 0, 0, 5], [0, 2, 0, 6], [0, 0, 2, 7], [0, 0, 0, 1]]  # with an object's scale, as Blender leaves it
+    text = json.dumps({"camera_angle_x": 0.9, "frames": [{"file_path": "./render/0001_L", "transform_matrix": matrix}]}, indent=1)
+    trajectory = read_trajectory(write(tmp_path, text, "transforms.json"))
+    np.testing.assert_allclose(trajectory.T_world_camera[0], [[1, 0, 0, 5], [0, -1, 0, 6], [0, 0, -1, 7], [0, 0, 0, 1]])
+    assert trajectory.names == ("./render/0001_L",)
+    assert trajectory.up == "unknown"
+
+
+@pytest.mark.parametrize("frames", [[], [{"file_path": "a"}], [{"file_path": "a", "transform_matrix": [[1, 0], [0, 1]]}], 5])
+def test_transforms_without_poses_are_refused(tmp_path: Path, frames: object) -> None:
+    text = json.dumps({"is": "transform_matrix", "frames": frames})
+    with pytest.raises(InputError, match="transform_matrix"):
+        read_trajectory(write(tmp_path, text, "transforms.json"))
 
 
 def test_colmap_is_world_to_camera_with_w_first(tmp_path: Path) -> None:

@@ -18,17 +18,19 @@ from stereo_seecolor.inputs.trajectories import (
     matisse,
     metashape_reference,
     metashape_xml,
+    nerf,
     oplab,
     orca,
     pose_table,
+    tartanair,
     tum,
 )
 from stereo_seecolor.inputs.trajectories.table import Lines, read_lines
 from stereo_seecolor.records import Trajectory
 
 FORMATS = (
-    "TUM, KITTI, COLMAP images.txt, Metashape cameras (XML) and reference (text), oplab, ACFR stereo_pose_est.data, ORCA, Matisse "
-    "(CSV and dim2), ROS bags, "
+    "TUM, KITTI, TartanAir, transforms.json (NeRF), COLMAP images.txt, Metashape cameras (XML) and reference (text), oplab, "
+    "ACFR stereo_pose_est.data, ORCA, Matisse (CSV and dim2), ROS bags, "
     "tables of poses or navigation whose header names the columns; or any table with a map of its columns, "
     " nav.csv:time=...,lat=...,lon=...,depth=...,heading=..."
 )
@@ -43,6 +45,8 @@ _FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
     ("ORCA", orca.recognizes, orca.read),
     ("Matisse", matisse.recognizes, matisse.read),
     ("KITTI", kitti.recognizes, kitti.read),
+    ("TartanAir", tartanair.recognizes, tartanair.read),
+    ("transforms.json", nerf.recognizes, nerf.read),
     ("TUM", tum.recognizes, tum.read),
     ("table of poses", pose_table.recognizes, pose_table.read),
     ("table of navigation", column_map.recognizes, column_map.read_by_names),
