@@ -79,7 +79,19 @@ matching:
 ```
 
 All settings of a run are written to `OUT/run.json`, so that a run can be repeated: `--config OUT/run.json`. A setting that does
-not exist is refused, and the nearest known one is suggested; so is a value out of range.
+not exist is refused, and the error suggests the nearest known one. A value out of range is refused, too.
+
+## Settings used most
+
+| setting | when to change it |
+| --- | --- |
+| `matching.min_range_m`, `matching.max_range_m` | to the nearest and farthest range of the dive: faster, and fewer wrong matches |
+| `color.lock` | `survey` for one water in all frames of a dive at one site; `frame` for unrelated frames |
+| `color.unknown_pixels` | `black` or `raw` where colors must not rest on ranges carried over from neighbors |
+| `input.timestamp_tolerance_s` | where left and right are paired by time stamps |
+| `input.flat_port` | for a rig that was calibrated in air and looks through flat windows |
+| `output.geometry` | `original` for corrected images in the pixels of the left camera as well |
+| `mapping.voxel_m`, `mapping.mount` | detail of the map; how the camera sits on the vehicle |
 
 ## Color methods
 
