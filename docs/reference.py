@@ -192,9 +192,11 @@ def section_lines(model: BaseModel, prefix: str = "") -> Iterator[str]:
 
 
 def setting_row(key: str, default: object, field: FieldInfo) -> str:
-    shown = str(default).lower() if isinstance(default, bool) else default
-    values = f"{kind(field.annotation)}{bounds(field)}"
-    return f"| `{key}` | {values} | {'' if default is None else f'`{shown}`'} | {cell(field.description or '')} |"
+    description = field.description or ""
+    automatic = "auto: " in description and type(None) in get_args(field.annotation)  # None may be written auto
+    shown = "auto" if automatic and default is None else str(default).lower() if isinstance(default, bool) else default
+    values = f"{'`auto`, ' if automatic else ''}{kind(field.annotation)}{bounds(field)}"
+    return f"| `{key}` | {values} | {'' if shown is None else f'`{shown}`'} | {cell(description)} |"
 
 
 def bounds(field: FieldInfo) -> str:
