@@ -19,7 +19,7 @@ from calibration.views import View, common_ids, observations_of, usable_views
 
 LENSES = (Lens("pinhole", 5), Lens("fisheye", 4), Lens("pinhole", 8))  # simplest first
 FOLDS = 10  # parts of the views that are left out in turn, to choose a lens model: each fit keeps nine tenths of them
-MIN_VIEWS_FOR_CHOICE = 5  # fewer views cannot judge a model by what is left out: the simplest is taken
+MIN_VIEWS_FOR_CHOICE = 5  # too few views for cross-validation: the simplest model is taken
 
 
 def calibrate(views: Sequence[View], target: Target, medium: Medium = "water") -> tuple[StereoRig, CalibrationReport]:

@@ -61,7 +61,7 @@ def view_errors(bundle: Bundle, views: Sequence[View], target: Target) -> Array:
 
 
 def _blame(bundle: Bundle, views: list[View], number: int, target: Target, limit: float) -> str:
-    """Why a view does not fit: each image alone tells whether its corners are bad, or the two disagree."""
+    """Why a view does not fit: the corners of one image are bad (it does not fit alone), or the two images disagree."""
     own = [o for o in observations_of(views, target) if o.view == number]
     alone = [rms(solve(bundle, [o], poses_only=True), [o]) for o in own]
     bad = [f"{side} ({error:.2f} px)" for side, error in zip(SIDES, alone, strict=True) if error > limit]

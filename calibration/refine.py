@@ -1,4 +1,4 @@
-"""What has moved in a rig since its calibration, from the matches of a dive: the vertical disparity that is left tells.
+"""What has moved in a rig since its calibration, estimated from the vertical disparity of a dive's matches.
 
 Only the right camera is moved, against the left: its rotation and its focal length. A rotation about the baseline's axis (pitch)
 and a vertical offset of the principal point look the same to a fraction of a pixel, and neither changes a range, so both are called

@@ -70,7 +70,7 @@ def _other_shape(images: Size, calibrated: Size) -> str:
 
 
 def resized_rig(rig: StereoRig, size: Size) -> StereoRig:
-    """``rig`` for left images of ``size`` (width, height) that are the whole of what it was calibrated with, resized.
+    """``rig`` for left images of ``size`` (width, height): the images of its calibration, resized but not cropped.
 
     Raises CalibrationError for a size of another shape.
     """

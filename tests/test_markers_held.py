@@ -92,7 +92,7 @@ def test_surveyed_places_give_the_world_and_the_scale(survey: Survey, tmp_path: 
 @pytest.mark.slow
 def test_a_map_that_cannot_be_held_says_so(survey: Survey) -> None:
     config = MappingConfig(markers=MarkersConfig(edge_m=EDGE_M), loop_closure=False, bundle_adjustment=False)
-    assert any("the map is not held to mapping.markers" in said for said in place_survey(survey, config, None).placement.warnings)
+    assert any("mapping.markers do not constrain the map" in said for said in place_survey(survey, config, None).placement.warnings)
 
 
 def test_a_scale_is_weighed_against_the_calibration_and_named_where_it_is_far(survey: Survey) -> None:

@@ -62,7 +62,7 @@ Size = tuple[int, int]
 
 
 def load_rig(path: str | Path, image_size: Size | None = None) -> StereoRig:
-    """Read a calibration of any known format; which one it is, its content tells.
+    """Read a calibration of any known format; the format is recognized by the content of the file.
 
     path: a file, a folder, or two files with a comma between: ``left.yaml,right.yaml``.
     image_size: (width, height) of the images, for files that do not store it; ignored where the file says.

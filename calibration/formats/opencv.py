@@ -218,7 +218,7 @@ def _distortion_keys(document: Section) -> tuple[str, str] | None:
 
 
 def _models(document: Section) -> tuple[CameraModel, ...]:
-    """The camera models that the file can mean: four coefficients are k1 k2 p1 p2 or a fisheye's, where no word tells."""
+    """The camera models that the file can mean: four coefficients without a model's name are k1 k2 p1 p2 or a fisheye's."""
     named = next((name for name in ("camera_model", "distortion_model", "model") if document.has(name)), None)
     if named:
         return ("fisheye",) if document.text(named) in FISHEYE_NAMES else ("pinhole",)

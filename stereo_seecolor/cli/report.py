@@ -27,7 +27,7 @@ log = logging.getLogger("stereo_seecolor.cli")
 
 @contextmanager
 def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute | None]":
-    """The cluster of --cluster while a command works; None where none is named. notice: is told what is waited for.
+    """The cluster of --cluster while a command works; None where none is named. notice: called with what is waited for.
 
     Raises ClusterError.
     """

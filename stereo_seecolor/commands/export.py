@@ -12,8 +12,8 @@ from stereo_seecolor.files.new_folder import new_folder
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What was written. folder: where. files, bytes: how much. frames: of the map that it holds. note: how good it is, where
-    the format tells."""
+    """What was written. folder: where. files, bytes: how much. frames: of the map that it holds. note: its quality, for
+    the formats that measure it."""
 
     format: str
     folder: Path

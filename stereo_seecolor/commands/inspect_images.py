@@ -8,9 +8,9 @@ from stereo_seecolor.inputs.sides import Sides
 
 
 def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[str, ...]:
-    """A line for each: notes of the pairing, sides that no name tells, files without a partner, folders left out.
+    """One line for each problem: notes of the pairing, sides that no name shows, files without a partner, folders left out.
 
-    doubtful: the sample pairs say nothing for sides that no name tells.
+    doubtful: the sample pairs do not show either which side is left.
     """
     problems = list(pairing.notes)
     if doubtful:

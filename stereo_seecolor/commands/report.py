@@ -15,7 +15,7 @@ from stereo_seecolor.run_folder.folder import RunFolder
 def report(out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False) -> PageSummary:
     """Write ``out``/index.html, which works without a network and without the program, and what it shows, ``out``/page.
 
-    brief: as run and fuse write it, in hardly any time: of a dive of many frames only some are shown with all there is of them.
+    brief: the quick page that run and fuse write: of a dive of many frames only some are shown in full.
     charts: look for color charts in all frames, which takes seconds a frame, and compare the views of the same spots; later pages
     of the same frames show what was found, too. Only what changed since an earlier page is made. Raises InputError if ``out`` holds
     no run, or what the page is made of is damaged; OutputError if it cannot be written, or another run writes into it now.

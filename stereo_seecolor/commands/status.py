@@ -27,8 +27,8 @@ class RunStatus:
     stage: the pass that it is in, "" before the first and after the end. done, failed, left: pairs of that pass, or of the run
     after the end. failures: reason, how often, first frame, the most frequent first. writer: who writes into OUT now.
     remaining_s: seconds until the pass ends at the rate so far; None where that is not known. to_come: passes after it.
-    run_remaining_s: until all passes have ended, each as fast against what is expected of it as those so far; rests_on: what that
-    is. Fits, the page and a map are not in it. None where nothing tells.
+    run_remaining_s: seconds until all passes end, from the passes' expected times scaled by the rate so far, without fits, page and
+    map; None where unknown. rests_on: the source of the expected times.
     """
 
     out: Path

@@ -44,7 +44,7 @@ class SyncResult:
 def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
     """Compare sound, a flash, motion, and with a calibration the rows of two videos; nothing is written.
 
-    Raises InputError where nothing tells the offset, the evidence disagrees, or the picture moves too fast; CalibrationError for
+    Raises InputError where evidence for the offset is missing or disagrees, or the picture moves too fast; CalibrationError for
     the rig; DeviceError if PyAV is missing.
     """
     found = synchronize(left, right, load_rig(calib) if calib else None)

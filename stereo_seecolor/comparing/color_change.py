@@ -1,4 +1,4 @@
-"""What changed its color: the second survey's colors brought to the first's by what stayed, then compared in CIELAB."""
+"""Changes of color: the second survey's colors are matched to the first's over what has not changed, then compared in CIELAB."""
 
 from dataclasses import dataclass
 

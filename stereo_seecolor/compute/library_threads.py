@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 PRODUCTS = "OPENBLAS_NUM_THREADS"
 VARIABLES = {PRODUCTS: "numpy", "OPENCV_FOR_THREADS_NUM": "cv2"}
-"""Each is heeded by what this module imports, once, when it is imported."""
+"""Environment variables, each read once by the library named beside it, when it is imported."""
 
 
 def one_thread_in_libraries() -> None:

@@ -74,9 +74,9 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class LightSearch:
-    """frames: the name of each frame of the dive, in order, and by what ``read`` finds its image and its ranges.
+    """frames: the name of each frame of the dive, in order, and the key with which ``read`` finds its image and its ranges.
     captures: what the camera recorded of each. geometry: of the rectified images. compute: where frames are examined.
-    windows: of a short dive, where its frames were examined while they were measured. told: is called with the name of each frame
+    windows: of a short dive, where its frames were examined while they were measured. told: called with the name of each frame
     that was examined, where all frames are.
     """
 

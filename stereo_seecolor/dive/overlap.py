@@ -56,7 +56,7 @@ the light (logarithm) is the same to 0.03 as with 800 features at 360 pixels, an
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """frames: numbers in the dive, and by what each is read. before: so many of them belong to the stretch before."""
+    """frames: numbers in the dive, and the key that each is read by. before: how many of them belong to the stretch before."""
 
     before: int
     frames: Iterable[tuple[int, Any]]
@@ -75,8 +75,8 @@ class _Seen:
 class _Placed:
     """A frame in the chain of poses that begins with frame ``chain``.
 
-    T_chain_camera: (4, 4). path_m: length of the chain up to it. middle_m: (3,) what its middle shows. width_m: of what it shows.
-    view: None once it is far back.
+    T_chain_camera: (4, 4). path_m: length of the chain up to it. middle_m: (3,) point in the middle of the
+    image. width_m: width of the field of view on the bottom. view: None once it is far back.
     """
 
     seen: _Seen

@@ -67,7 +67,7 @@ class Dive:
 
     @property
     def light(self) -> dict[str, Any] | None:
-        """What was found of the dive's light, for water.json; None where nothing of it is used."""
+        """The estimated light of the dive, for water.json; None where none of it is used."""
         light = self._stages.light
         return {**(self._light_found or {}), **light.content()} if light else None
 

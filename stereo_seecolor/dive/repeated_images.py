@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from stereo_seecolor.records import FrameRow
 
 BOTH = "both images are those of the pair before: the cameras stalled, or files were copied, and what they show counts twice"
-ONE = "the {} image is that of the pair before, and the other is not: a camera stalled, and ranges are wrong by what moved since"
+ONE = "the {} image is that of the pair before, and the other is not: a camera stalled, and ranges are wrong by the motion since"
 
 
 class RepeatedImages:

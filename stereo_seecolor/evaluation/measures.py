@@ -1,7 +1,7 @@
-"""What a corrected image is worth: on neutral targets, against known truth, over range, across frames.
+"""Measures of color quality: on neutral targets, against known truth, over range, across frames.
 
 Images are float arrays (..., 3), RGB, as a fraction of full scale, in the encoding that they are viewed in (sRGB for PNG),
-unless said. Unknown pixels are NaN in any channel, and take part in nothing. A measure of nothing is NaN.
+unless said. A pixel that is NaN in any channel is unknown and left out. A measure over no pixels is NaN.
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """How evenly a run shows the reef: the same spots compared between frames, without any truth.
 
-Frames up to four apart are placed by what both show. Spots of the one whose range the other confirms are compared: means of 5x5
+Frames up to four apart are registered by matched features. Spots of one whose range the other confirms are compared: means of 5x5
 pixels of linear light, once as the camera saw them and once corrected.
 """
 

@@ -38,7 +38,7 @@ def write(posed: PosedRun, folder: Path) -> None:
 def item(out: Path, name: str, folder: Path) -> dict[str, Any]:
     """The item of the run in ``out``, for a file in ``folder``. Raises InputError if ``out`` holds no run, or a damaged map.
 
-    Where the dive lies on Earth is told where the map knows it; else geometry is null, as STAC has it.
+    geometry is the dive's place on Earth if the map is georeferenced; else null, as STAC prescribes.
     """
     run, made = open_run(out), open_map(out)
     box = _box(made) if made else None

@@ -72,7 +72,7 @@ def list_images(source: Path, what: str) -> Listing:
 
 
 def folder_parts(source: Path) -> dict[str, Path]:
-    """The folders (or patterns for one folder's files) that a source stands for, in natural order, by what tells them apart.
+    """The folders (or patterns for one folder's files) of a source, in natural order, by the part of the name in which they differ.
 
     Those that a pattern matches (``10h`` and ``11h`` for ``DIVE/*/left``). Those in a folder that holds no image itself: cameras
     begin a new one every so many images, or every hour. None for one folder, one image, or a pattern for the names in one folder.

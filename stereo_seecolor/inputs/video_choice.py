@@ -37,9 +37,9 @@ class FrameChoice:
 def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig | None = None) -> FrameChoice:
     """Of two videos the frames that were taken at nearly the same time; of these every nth, or by their overlap.
 
-    Where nothing tells how the two clocks run, frames of the same number are paired, as of cameras that are wired together; not
-    where the rates differ.
-    rig: if known, rows of rectified pairs tell it most precisely.
+    Without any evidence for the offset of the two clocks, frames of the same number are paired, as from hardware-triggered cameras,
+    unless the frame rates differ.
+    rig: if known, the vertical disparity of rectified pairs gives the offset most precisely.
     Raises InputError where the evidence disagrees, or an offset was given by which the videos do not overlap; DeviceError.
     """
     files = video_file(left), video_file(right)

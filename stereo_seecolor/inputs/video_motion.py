@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 class NoEvidence(InputError):
-    """Nothing tells how the clocks of two videos run."""
+    """There is no evidence for the offset between the clocks of two videos."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,7 @@ LOCAL = (HOST, "localhost")
 
 TOKEN_BYTES = 16
 HEADERS = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"), ("X-Content-Type-Options", "nosniff"))
-"""The token in the address is told to no other site."""
+"""No-referrer keeps the token in the address from other sites."""
 
 SIZE = PreviewSize(960, 85)
 SLOW_CLIENT_S = 5.0

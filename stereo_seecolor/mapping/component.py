@@ -20,7 +20,7 @@ class Component:
     """A survey's frames that are connected.
 
     frames: their numbers. T_local_camera: (N, 4, 4) of all of the survey's frames, valid for these. offset_m: (3,) of the local
-    coordinates in the world: zero unless the world's are too large for float32 (UTM). label: added to what is told of the
+    coordinates in the world: zero unless the world's are too large for float32 (UTM). label: added to the messages of
     progress, "" for a survey in one component.
     """
 

@@ -68,7 +68,7 @@ def _write(path: Path, frame: SurveyFrame) -> None:
 
 
 def _read(path: Path) -> SurveyFrame | None:
-    """With all colors that are doubtful as unrecoverable ones: no pass tells them apart. None where it is not kept."""
+    """The kept frame, None where there is none. Doubtful colors are all marked unrecoverable: no pass distinguishes the two."""
     found = read_arrays(path, 7)
     if found is None:
         return None

@@ -19,7 +19,7 @@ class Survey:
     """Frames, the rectified geometry that they share, their index, what receives the progress, and where the work runs.
 
     scratch: a folder for features, which are used again if they were found in the same frames; None for one that is deleted.
-    look: is told where the frames are, z up, as soon as that is roughly known.
+    look: called with the frames' poses, z up, as soon as these are roughly known.
     """
 
     frames: Frames

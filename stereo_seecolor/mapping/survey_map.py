@@ -56,8 +56,8 @@ class MapSummary:
 
     frames, placed: how many there were, and how many found their place. components: frames in each, the main one first.
     unplaced: the others, each with the reason, and those whose files were lost on the way. files: all that was written.
-    points: of the main cloud. navigation: given poses against the pictures, None where there were none. markers: what the map was
-    held to, None where mapping.markers says nothing.
+    points: of the main cloud. navigation: given poses against the pictures, None where there were none. markers: how the map fits
+    them, None where mapping.markers says nothing.
     """
 
     frames: int

@@ -197,8 +197,8 @@ def _mirror(matrix: Any) -> None:
 
 @compiled
 def _weight(content: float, residual: float, clipped: bool, noise: Any) -> Any:
-    """A quantile's inverse variance, less for an outlier (Cauchy). Light at full scale may have been brighter: no model above it is
-    wrong. content: standard deviation by what differs from range to range."""
+    """A quantile's inverse variance, less for an outlier (Cauchy). A model above light at full
+    scale is not penalized: that may be clipped. content: standard deviation by differences of the scene between ranges."""
     if clipped and residual > 0.0:
         return 0.0
     return 1 / (content**2 + noise.all**2 + (residual / noise.outlier) ** 2)

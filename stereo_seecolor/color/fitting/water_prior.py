@@ -1,8 +1,8 @@
 """What is known of water before any image: daylight that came down through Jerlov's water types and on to the camera, as a prior.
 
 Spectra of many waters, depths and cameras are put through the equations of image formation (Akkaynak and Treibitz, CVPR 2018),
-each becomes the fifteen numbers of the model, and the prior is the Gaussian of these. So a fit that sees little relief leans on
-water that exists, and a white point on light that such water lets through.
+each becomes the fifteen numbers of the model, and the prior is the Gaussian of these. So where a
+scene has little relief, the fit is dominated by waters that exist, and its white point by light that such waters transmit.
 """
 
 from dataclasses import dataclass

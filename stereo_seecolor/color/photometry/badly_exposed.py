@@ -1,4 +1,4 @@
-"""Frames whose light tells little of their colors: almost black, or clipped by the camera."""
+"""Frames too badly exposed for their colors to be measured: almost black, or clipped by the camera."""
 
 from dataclasses import dataclass
 from functools import reduce
@@ -28,7 +28,7 @@ LIMITS = ExposureLimits()
 
 
 def exposure_warnings(image: Image, range_m: Map, encoding: InputEncoding) -> tuple[str, ...]:
-    """What is wrong with the exposure of a frame as the camera took it, where its range is known; nothing where nothing is.
+    """A warning for each fault of a frame's exposure, judged where its range is known; empty for a good exposure.
 
     image: (H, W, 3) uint8 or uint16. range_m: (H, W), NaN where unknown.
     """

@@ -10,8 +10,8 @@ from stereo_seecolor.color.photometry.sightings import SeenWindow
 
 @dataclass(frozen=True)
 class CrossingSettings:
-    """What is asked of how far the reef moves through the picture, in pictures. Chosen on parts of 2 to 10 frames of a real dive of
-    20, by what each part's pattern does to the frames that are not in it.
+    """Limits on the reef's motion through the picture, in sizes of the picture. Chosen by cross-validation on a real dive of
+    20 frames: the pattern of each part of 2 to 10 frames was applied to the frames outside it.
     """
 
     alike: float = 10.0

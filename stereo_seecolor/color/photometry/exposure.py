@@ -69,5 +69,5 @@ def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> Mome
 
 
 def exposed(water: Water, factor: float) -> Water:
-    """The water as a ``factor`` times longer exposure of the camera shows it."""
+    """The water as seen with an exposure ``factor`` times as long."""
     return replace(water, gamma_inf=water.gamma_inf * factor, eta=water.eta * factor, white=water.white * factor)

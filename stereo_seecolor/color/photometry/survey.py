@@ -72,7 +72,7 @@ class FrameFitter(Fitter):
 
 
 class SlidingFitter(Fitter):
-    """``color.lock: sliding``. Each frame the water and the exposure of the last few together."""
+    """``color.lock: sliding``: one water and exposure for each frame, fitted to the last few frames together."""
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
         self._config, self._fit = config, fit
@@ -191,7 +191,7 @@ class SurveyFitter(Fitter):
 
     @property
     def joins(self) -> bool:
-        """Unless frames are brought to the exposure of those before them."""
+        """True unless each frame is brought to the exposure of the frames before it."""
         return self._config.camera_exposure != "brightness"
 
     def join(self, several: CountedFrames) -> None:

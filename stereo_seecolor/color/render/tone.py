@@ -1,4 +1,4 @@
-"""How bright a picture is shown: its exposure, and where light goes that is then beyond full scale.
+"""Exposure of a picture for display, and compression of the light that is then beyond full scale.
 
 A few white targets or specular reflections set the exposure of a picture whose brightest may not clip, and leave a shaded reef
 black. So a scene that is dark against its own brightest is shown brighter, and what is above mid-gray is then compressed: all

@@ -49,7 +49,7 @@ MEMORY_SHARE = 0.95
 
 @contextmanager
 def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator["DaskCompute"]:
-    """A ``Compute`` on the cluster of that name, for as long as the block runs. notice: is told what is waited for.
+    """A ``Compute`` on the cluster of that name, for as long as the block runs. notice: called with what is waited for.
 
     Raises ClusterError.
     """

@@ -53,7 +53,7 @@ log = logging.getLogger(__name__)
 class DaskCompute:
     """Work on the workers of a cluster. name: as on the command line. revive: starts workers in place of those that are lost.
 
-    notice: is told where all workers are lost.
+    notice: called with a line when all workers are lost.
     """
 
     def __init__(self, client: Any, name: str, revive: Callable[[], object], notice: Callable[[str], None] = log.warning) -> None:

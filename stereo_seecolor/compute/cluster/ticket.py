@@ -1,4 +1,4 @@
-"""What a client tells its workers with every batch, and what a worker makes sure of before its first: that it can do the work."""
+"""What a client sends its workers with every batch, and what a worker checks before its first: that it can do the work."""
 
 import os
 import platform

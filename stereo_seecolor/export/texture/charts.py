@@ -36,7 +36,7 @@ class Charts:
 def build_charts(
     views: Views, surface: Surface, label: NDArray[np.int32], across: NDArray[np.int64], group: NDArray[np.int64]
 ) -> Charts:
-    """Charts of triangles that hang together, of one view (F,) and one group (F,)."""
+    """Charts: connected triangles of one view (F,) and one group (F,)."""
     of_face = _components(label, across, group)
     seen = np.flatnonzero(of_face >= 0)
     charts = int(of_face.max(initial=-1)) + 1

@@ -1,6 +1,6 @@
 """Seams leveled: a smooth correction of each chart, so that both sides of a seam have the same colors (Lempitsky, Ivanov 2007).
 
-Least squares over nodes: along each seam the corrections differ by what the views differ, mean over the edge; within a chart
+Least squares over nodes: along each seam the corrections differ as much as the views do, mean over the edge; within a chart
 neighbors have nearly the same correction; and the colors as a whole are those of the map's vertices, which all frames made.
 """
 
@@ -24,7 +24,7 @@ BLUR_PX = 2.0
 """Before colors are compared: a seam may be off by a pixel or two."""
 
 LIGHT_STD = 20.0
-"""Of 255: views that differ by more do so less by their light than by what they show, at the edges of objects."""
+"""Of 255: larger differences between views come from different content (edges of objects) rather than from light."""
 
 
 def level(views: Views, surface: Surface, charts: Charts, across: NDArray[np.int64]) -> Charts:

@@ -110,7 +110,7 @@ def _notes(bag: Bag, sides: SideTopics, pairing: Pairing) -> tuple[str, ...]:
 
 
 def _frame_notes(bag: Bag, sides: SideTopics, infos: tuple[Topic | None, Topic | None]) -> Iterator[str]:
-    """A line for a camera_info that says to be of another frame than the images."""
+    """A line for each camera_info whose frame_id differs from that of the images."""
     for topic, info in zip((sides.left, sides.right), infos, strict=True):
         with suppress(InputError):  # of a damaged message: its pair says so
             frames = [decode(found.entries[0]).header.frame_id for found in (topic, info) if found]

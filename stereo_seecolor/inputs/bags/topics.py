@@ -40,7 +40,7 @@ def side_topics(bag: Bag, given: Mapping[str, str]) -> SideTopics:
     if len(pictures) == 2:
         return SideTopics(pictures[0], pictures[1], guessed=True)
     raise InputError(
-        f"{bag.path}: no two of its image topics are told to be left and right{_listed(images)}: give --topics left=NAME,right=NAME"
+        f"{bag.path}: no two of its image topics are named left and right{_listed(images)}: give --topics left=NAME,right=NAME"
     )
 
 

@@ -54,7 +54,7 @@ _FORMATS: tuple[tuple[str, Callable[[Lines], bool], _Reader], ...] = (
 
 
 def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
-    """Read the poses of the left camera from any known format; ``camera`` of what is returned tells whether of the raw one.
+    """Read the poses of the left camera from any known format; the result's ``camera`` says of the raw or the rectified one.
 
     path: the file, a ROS bag, or a table with a map of its columns: ``nav.csv:time=UTC,lat=Latitude,...`` (column_map.ROLES).
     mount: how the camera sits on the vehicle, for the formats that give the vehicle's attitude (oplab, ORCA, Matisse, bags).

@@ -48,7 +48,7 @@ class Adjusted:
 
 
 def adjust(T_world_camera: Array, sightings: Sightings, priors: Sequence[Prior] = (), known: Sequence[Known] = ()) -> Adjusted:
-    """Poses (N, 4, 4) adjusted; the sightings' frames, and the priors', are their numbers. All must hang together.
+    """Poses (N, 4, 4) adjusted; the sightings' frames, and the priors', are their numbers. All must be connected.
 
     known: lengths between points, and their places. Without known places and priors the first stays where it is, and standard
     errors are relative to it. Under a Cauchy kernel.

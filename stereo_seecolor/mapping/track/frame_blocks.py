@@ -1,7 +1,7 @@
-"""Linear equations in blocks of six numbers, a frame's pose each, most of which hang together with few others.
+"""Sparse linear equations in blocks of six numbers, the pose of one frame each; most blocks are coupled with few others.
 
-Reverse Cuthill-McKee (George and Liu 1981) puts those that hang together near each other. Then parts of as many blocks as the
-farthest reach have to do with the parts beside them alone: a block tridiagonal matrix, solved by Cholesky's method part by part.
+Reverse Cuthill-McKee (George and Liu 1981) puts coupled blocks near each other. Then parts of as many blocks as the
+bandwidth are coupled with the parts beside them alone: a block tridiagonal matrix, solved by Cholesky's method part by part.
 """
 
 from dataclasses import dataclass

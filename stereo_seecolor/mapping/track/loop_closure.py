@@ -1,4 +1,4 @@
-"""Frames that may see the same place again, by where they are thought to be; by what they look like: ``place_recognition``.
+"""Candidates for loop closure, by the estimated positions of frames; by their appearance: ``place_recognition``.
 
 All pairs here are of positions on the track (FrameIndex.rank), smaller first.
 """

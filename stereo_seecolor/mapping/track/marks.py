@@ -1,8 +1,8 @@
-"""Markers of known size, distance or place: the scale of a rig by them, and what bundle adjustment is held to.
+"""Markers of known size, distance or place: the scale of a rig from them, and constraints on its bundle adjustment.
 
-A rig's scale is one number for all of its ranges, which no number of features makes surer: features are of that same rig. So it is
-found by itself, from all known lengths, each by its standard error, together with what the rig's calibration says; all ranges are
-then scaled by this factor, and the lengths and places hold the shape of the track as factors of its bundle adjustment.
+A rig's scale is one number for all of its ranges. Features cannot improve it, since they are measured with that same rig. So it
+is estimated by itself, from all known lengths and the rig's calibration, each weighted by its standard error; all ranges are then
+scaled by this factor, and the lengths and places hold the shape of the track as factors of its bundle adjustment.
 """
 
 from collections import defaultdict

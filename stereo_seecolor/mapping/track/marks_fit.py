@@ -1,4 +1,4 @@
-"""A track held to markers of known size, distance or place, and the outcome of each."""
+"""A track constrained by markers of known size, distance or place, and the outcome of each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class MarkersFit:
-    """What a map was held to.
+    """How a map fits the markers that constrain it.
 
     scale: how many times as long the rig's ranges are taken, with its standard error. before, after: what is known against the map
     without and with that, by name. refused: what was not used, since it cannot be right. control: residuals of surveyed places.
@@ -92,7 +92,7 @@ def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit
 def held(track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior] = ()) -> tuple[Placement, MarkersFit]:
     """A placement, refined before, brought to what is known of markers in its main component, and the outcome of each.
 
-    priors: what the placement is held to besides; without them it is moved to the surveyed places as a whole first.
+    priors: further constraints of the placement; without them it is moved to the surveyed places as a whole first.
     Its lengths are those of a rig of the scale that was found. Raises DeviceError if GTSAM is missing.
     """
     fit = first_fit(marks, _main(placement))

@@ -131,7 +131,7 @@ def follow(survey: Survey, look: Callable[[Placement], None] | None = None) -> T
     """Measure each frame, in the order of time, against the last one, and against those before it around the places that this
     gives; then without the errors that all images have.
 
-    look: is told once where relative poses in a row place the frames, as soon as these hang together, or after the last of them.
+    look: called once with the placement by chained relative poses, as soon as all are connected, or after the last of them.
     """
     track = _featured(survey)
     guess: Guess | None = None
@@ -290,7 +290,7 @@ def _way_m(T: Array, track: Track) -> Array:
 
 
 def _plausible(edge: Edge, T: Array, way_m: Array) -> bool:
-    """A loop may contradict the track by what a track can drift on the way, and no more. way_m: (2,) at both ends."""
+    """Whether a loop contradicts the track by no more than the track can drift on the way. way_m: (2,) path length at both ends."""
     off = inverse(T[edge.i]) @ T[edge.j]
     contradiction_m = float(np.linalg.norm(off[:3, 3] - edge.T_i_j[:3, 3]))
     return contradiction_m < SETTINGS.drift_m + SETTINGS.drift_fraction * abs(float(way_m[1] - way_m[0]))

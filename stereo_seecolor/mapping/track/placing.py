@@ -24,7 +24,7 @@ from stereo_seecolor.mapping.track.upright import upright
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
 NOT_HELD = (
-    "the map is not held to mapping.markers: that needs GTSAM, mapping.bundle_adjustment, and, where poses are given, "
+    "mapping.markers do not constrain the map: that needs GTSAM, mapping.bundle_adjustment, and, where poses are given, "
     "mapping.poses=prior"
 )
 
@@ -36,7 +36,7 @@ WRONG = 0.5
 class Placed:
     """A survey's placement; the outcome of given poses, None without any; and each frame's residuals (N,), NaN where unknown.
 
-    origin: where the placement's world lies on Earth, None where that is not known. markers: what the placement was held to.
+    origin: where the placement's world lies on Earth, None if unknown. markers: how it fits the markers that constrain it.
     """
 
     placement: Placement
@@ -53,7 +53,7 @@ class Placed:
 
 
 class _Used(NamedTuple):
-    """A placement, the outcome of the poses for it, whether its world is theirs, and the markers that it was held to."""
+    """A placement, the outcome of the poses for it, whether its world is theirs, and the markers that constrain it."""
 
     placement: Placement
     navigation: Navigation
@@ -133,7 +133,7 @@ def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Place
 
 
 def _as_given_or_none(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement | None:
-    """None for poses that are upside down: the whole track tells what they are."""
+    """None for poses that are upside down: these are recognized from the whole track."""
     try:
         return _as_given(given, survey, trajectory)
     except MappingError:
