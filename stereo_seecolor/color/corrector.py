@@ -24,7 +24,7 @@ class Sampling:
     """Which rows of a large frame are counted: neighboring rows are alike."""
 
     pixels: int = 400_000
-    """At least so many: a frame of twice as many is counted on every second row, of three times on every third, and so on."""
+    """Least pixels counted in a frame: one of twice as many is counted on every second row, one of three times on every third."""
     least_known: int = 65_000
     """Where these rows have fewer pixels of known range, all rows are counted: quantiles of 20 ranges need some 3,000 each."""
 

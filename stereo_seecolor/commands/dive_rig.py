@@ -125,7 +125,7 @@ def refined_rig(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, opti
 
 
 def spread(pairs: Sequence[Pair], most: int) -> list[Pair]:
-    """At most so many pairs, evenly over the dive."""
+    """At most ``most`` of the pairs, evenly over the dive."""
     return [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int))]
 
 

@@ -47,7 +47,7 @@ class LiveOptions:
     out: a new or empty folder that products of every ``every``th pair are kept in, None for none. record: a new MCAP file of all
     pairs. publish: the namespace that ROS 2 topics of all pairs are published in, "" for none. port, host: of the page, None for
     none; 0 is any port. budget_s: what a pair may take; more is matched at half the size. cpus: processors that are used, None for
-    all. pairs: end after so many, None to go on until Ctrl-C. announce: called with the page's address.
+    all. pairs: end after this number, None to go on until Ctrl-C. announce: called with the page's address.
     """
 
     out: Path | None = None

@@ -74,7 +74,7 @@ class Difference:
         return float(np.nanmedian(self.lod_m))
 
     def alike(self, cells: int) -> float:
-        """How many cells share one error in a patch of so many, as on stable ground."""
+        """How many of a patch's ``cells`` share one error, as measured on stable ground."""
         return float(np.interp(np.log(cells), np.log(self.sharing[:, 0]), self.sharing[:, 1]))
 
 

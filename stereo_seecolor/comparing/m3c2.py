@@ -70,5 +70,5 @@ def _along(points: Array, core: Array, normals: Array, cell_m: float) -> tuple[A
 
 
 def _independent(count: Array) -> Array:
-    """How many independent errors so many points have."""
+    """Effective number of independent errors of ``count`` points."""
     return np.maximum(count / SETTINGS.alike, 1.0)

@@ -24,7 +24,7 @@ class RegistrationSettings:
     tolerance_cells: float = 3.0  # matched points that lie nearer agree
     fewest: int = 12  # matches that agree; wrong matches of a rigid motion with this tolerance reach 4 or 5
     fraction: float = 0.05  # of the matches; RANSAC finds no motion below
-    apart_cells: float = 5.0  # features and surfaces may place the site so differently, and no more
+    apart_cells: float = 5.0  # most that registrations by features and by surfaces may differ
     stable: float = 0.5  # of the ground over both must fit: what moved cannot be told from what did not otherwise
 
 

@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 class SurfaceFitSettings:
     """How surfaces are brought together."""
 
-    points: int = 40_000  # of b, evenly: the standard error of the mean of so many is micrometers
+    points: int = 40_000  # of b, evenly: with these the standard error of the mean is micrometers
     rounds: int = 30  # at the most
     settled_m: float = 1e-5  # a smaller step, at the far end of the site, is none
     steepest: float = 0.3  # cosine to the vertical below which a triangle is no ground: seen from above it is an edge

@@ -88,7 +88,7 @@ def _yield_to_others() -> None:
 
 
 def pin(most: int) -> tuple[int, ...]:
-    """Run this process and all its threads on at most so many processors from now on; those. () where systems cannot."""
+    """Restrict this process and all its threads to ``most`` processors; returns their numbers, () where the system cannot."""
     if not hasattr(os, "sched_setaffinity"):
         return ()
     chosen = sorted(os.sched_getaffinity(0))[:most]

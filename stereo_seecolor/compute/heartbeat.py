@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def heartbeat(beat: Callable[[], bool], every_s: float) -> Iterator[None]:
-    """Call ``beat`` every so many seconds while the block runs, until it returns False."""
+    """Call ``beat`` every ``every_s`` seconds while the block runs, until it returns False."""
     ended = threading.Event()
 
     def run() -> None:

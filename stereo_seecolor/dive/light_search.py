@@ -51,7 +51,7 @@ class StretchSettings:
     """Where there are fewer frames than that for each core: three stretches of a long dive's sample, which overlap with nothing."""
 
     def length(self, frames: int, parts: int) -> int:
-        """Frames a stretch, of so many that are cut into so many parts at least."""
+        """Frames in each stretch, if ``frames`` are cut into at least ``parts`` parts."""
         return max(min(self.frames, -(-frames // parts)), self.least)
 
 
@@ -227,7 +227,7 @@ class _Links:
 
 
 def is_short(frames: int) -> bool:
-    """Whether the pattern of a dive of so many frames is solved of all of them."""
+    """Whether a dive of ``frames`` frames is so short that its pattern is solved from all of them."""
     return frames <= SAMPLE.most_frames
 
 

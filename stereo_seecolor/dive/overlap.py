@@ -114,7 +114,7 @@ class FrameLook:
     encoding: InputEncoding
 
     def windows(self, stretch: Stretch, loops: int) -> Iterator[PlacedWindow]:
-        """Those of a stretch's own frames, with at most so many frames of other lines each."""
+        """The windows of a stretch's own frames, each with at most ``loops`` frames of other survey lines."""
         return self.of_windows(stretch, loops, lambda window: window)
 
     def of_windows(self, stretch: Stretch, loops: int, work: Callable[[PlacedWindow], Shown]) -> Iterator[Shown]:

@@ -111,7 +111,7 @@ def standard_errors(values: NDArray[np.float64], covariance: NDArray[np.float64]
 
 
 def told_once(curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int) -> NDArray[np.float64]:
-    """(15, 15) covariance of the water where the quantiles of a range err together: what so many of them say counts once."""
+    """(15, 15) covariance of the water where errors of a range's quantiles are fully correlated: all of them count as one."""
     size = len(precision)
     return np.asarray(np.linalg.solve(precision + (curvature - precision) / quantiles, np.eye(size, WATER))[:WATER])
 

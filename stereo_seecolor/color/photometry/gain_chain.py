@@ -43,7 +43,7 @@ class ChainSettings:
     left: float = 0.8
     """if at most this fraction of them is left, on patches that took no part."""
     dense_frames: int = 100
-    """Up to so many the system is solved as a full one: loading scipy's solver of bands takes a fifth of a second, this 1 ms."""
+    """Up to this number a dense solver is used (1 ms): loading scipy's solver for banded systems takes a fifth of a second."""
 
 
 SETTINGS = ChainSettings()
@@ -53,7 +53,7 @@ _LUMINANCE, _COLOR = slice(0, 1), slice(1, 4)
 DIFFERENCE = np.dtype(
     [("i", "<i4"), ("j", "<i4"), ("patches", "<i4")] + [(what, "<f4", 4) for what in ("whole", "fitted", "judged", "spread")]
 )
-"""Between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B) over patches, of which there are so many.
+"""Between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B) over patches, and the number of these.
 
 whole: of all patches. fitted, judged: of each half of them. spread: robust standard deviation of one patch's. 76 bytes: a dive of a
 million frames has three million of these.

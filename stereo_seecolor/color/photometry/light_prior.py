@@ -61,7 +61,7 @@ class Gaussian:
 class LightPrior:
     """mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations.
 
-    alike: so many sightings count as one against it.
+    alike: number of correlated sightings that count as one measurement against the prior.
     """
 
     mean: Array
@@ -87,7 +87,7 @@ class LightPrior:
         return cls(*lens_prior.lens_ensemble(LUMINANCE.trend), lens_prior.SETTINGS.gain, LUMINANCE.systematic, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int) -> Gaussian:
-        """Of the terms that are used, and of the gains of so many frames."""
+        """The prior of the terms that are used (``columns``), and of the gains of ``frames`` frames."""
         number = int(columns.sum())
         mean, precision = np.zeros(number + frames), np.eye(number + frames) / self.gain**2
         mean[:number] = self.mean[columns]

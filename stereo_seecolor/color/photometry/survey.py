@@ -237,7 +237,7 @@ def class_of(brightness: Brightness, config: ColorConfig) -> int:
 
 
 def _as_exposed(water: Water, factor: float, config: ColorConfig) -> Water:
-    """In a frame that is so many times as bright as the survey."""
+    """The water in a frame that is ``factor`` times as bright as the survey."""
     if config.camera_exposure == "brightness":
         return exposed(water, factor)
     warning = f"{factor:.3g} times the survey's brightness: another camera exposure, followed"

@@ -12,7 +12,7 @@ def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> 
     """The moment table of an image's pixels with a known range (finite, above 0).
 
     image: (H, W, 3) uint8 or uint16. range_m: (H, W) float32 meters. device: cuda counts there, all else on the processor's cores.
-    every: of so many rows that in the middle is counted.
+    every: only the middle one of each ``every`` rows is counted.
     Raises ColorError for other shapes or types, DeviceError where CUDA is asked for and absent.
     """
     check_pair(image, range_m)

@@ -38,7 +38,7 @@ class Batches(Generic[Item]):
         self._seconds, self._done = 0.0, 0
 
     def learn(self, seconds: float, items: int) -> None:
-        """So long did so many items take."""
+        """Note that ``items`` items took ``seconds``."""
         self._seconds += seconds
         self._done += items
 

@@ -103,7 +103,7 @@ class DaskCompute:
     def _ordered(
         self, do: DoBatch, work: Callable[[Item], Result], batches: Batches[Item], at_once: Callable[[dict[str, int]], int]
     ) -> Iterator[Result]:
-        """at_once: how many batches are done at once by workers of so many threads, by address."""
+        """at_once: from the number of threads of each worker, by address, to the number of batches that are done at once."""
         waiting: deque[tuple[Future, list[Item]]] = deque()
         done = False
         with ExitStack() as ends:

@@ -18,7 +18,7 @@ from stereo_seecolor.inputs.bags.topics import SideTopics, info_topic, parse_top
 from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
 
 GAP_INTERVALS = 3.5
-"""Pairs that are so many usual intervals apart have a gap between them; one or two lost frames are common."""
+"""Pairs further apart than this many median intervals have a gap between them; one or two lost frames are common."""
 
 
 @dataclass(frozen=True)
