@@ -102,6 +102,17 @@ def test_a_chart_cut_by_the_border(type: ChartType, center: tuple[float, float],
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("contrast", [0.3, 0.06])
+def test_a_chart_in_haze(contrast: float) -> None:
+    corners = outline((160, 120), 170, 25)
+    light = contrast * decode_srgb(placed(rubble(0), CLASSIC, corners)) + (1 - contrast) * np.array([0.05, 0.22, 0.25])
+    noisy = encode_srgb(light) + 0.004 * np.random.default_rng(1).standard_normal(light.shape)
+    (found,) = find_charts(np.round(255 * noisy).astype(np.uint8))
+    assert found.type is CLASSIC
+    assert np.abs(found.corners - corners).max() < 0.2 * 170 / 6
+
+
+@pytest.mark.slow
 def test_what_covers_a_chart_is_not_read() -> None:
     corners = outline((160, 120), 150, 20)
     image = placed(rubble(0), CLASSIC, corners)

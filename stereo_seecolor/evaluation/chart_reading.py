@@ -33,7 +33,8 @@ class ReadingLimits:
     least_chroma: float = 0.8
     """Correlation of what channels differ by: 0.93 in the same waters and cameras."""
     noise: float = 0.02
-    """Spread of the noise, fraction of full scale."""
+    """Fraction of full scale: of a channel whose colors spread by less only noise may be seen, as of red that is absorbed. The two
+    of most contrast may spread by less, through haze."""
     first_look: float = 0.6
     """Mean correlation of the grid's patches with a place in a chart that is looked at more closely."""
     fits: float = 0.5
@@ -120,7 +121,7 @@ def _read_at(picture: Floats, lattice: Lattice, place: _Place, type: ChartType) 
     first[place.patches[good]] = True
     seen = _seen(pixels, first, type)
     inside = np.isfinite(pixels).all(axis=(1, 2))
-    score = _score(pixels.mean(axis=1)[seen], type.srgb[seen])
+    score = _score(pixels[seen], type.srgb[seen])
     if seen.sum() < max(LIMITS.least_patches, LIMITS.least_part * inside.sum()) or score < LIMITS.least_score:
         return None
     return FoundChart(type, moved(onto, type.corners), score, seen)
@@ -154,11 +155,16 @@ def _fitted(values: Array, reference: Array, all_references: Array) -> Array:
     return np.asarray(mean + (all_references - middle) * factor, np.float64)
 
 
-def _score(values: Array, reference: Array) -> float:
-    """Mean correlation of the channels, without one that is absorbed; -1 where what they differ by is not the chart's."""
-    if len(values) < LIMITS.least_patches:
+def _score(pixels: Array, reference: Array) -> float:
+    """Mean correlation of the channels, without one that is absorbed: of the two of most contrast, and of the third where it shows
+    anything. -1 where two do not spread more over the patches than within them, and where what they differ by is not the chart's.
+    """
+    if len(pixels) < LIMITS.least_patches:
         return -1.0
-    shown = np.flatnonzero(values.std(axis=0) > LIMITS.noise)
+    values = pixels.mean(axis=1)
+    spread = values.std(axis=0)
+    within = np.median(pixels.std(axis=1), axis=0)
+    shown = np.flatnonzero((spread > within) & (spread >= min(LIMITS.noise, np.sort(spread)[1])))
     if len(shown) < 2:
         return -1.0
     alike = correlations(_differences(values[:, shown])[None], _differences(reference[:, shown]))
