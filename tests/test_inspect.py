@@ -48,6 +48,20 @@ def test_a_dive_is_found_out(make_dive) -> None:
 
 
 @pytest.mark.slow
+def test_images_that_are_damaged_or_of_another_size_are_named_and_the_others_tested(make_dive) -> None:
+    dive = make_dive(4)
+    (dive.root / "L" / "0000.png").write_bytes(b"damaged")
+    turned = dive.root / "R" / "0002.png"
+    cv2.imwrite(str(turned), cv2.rotate(cv2.imread(str(turned)), cv2.ROTATE_90_CLOCKWISE))
+    found = inspect([dive.root])
+    assert found.calibration is not None
+    assert found.calibration.rows is not None
+    damaged, other = found.problems
+    assert "L/0000.png" in damaged
+    assert f"{turned}: is 128x176 px, and most images are 176x128 px: turned by a quarter" in other
+
+
+@pytest.mark.slow
 def test_the_printed_command_works_and_inspect_writes_nothing(make_dive, cli, tmp_path, monkeypatch) -> None:
     dive = make_dive(2)
     before = sorted(tmp_path.rglob("*"))

@@ -18,7 +18,7 @@ from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
 from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, spread
-from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
+from stereo_seecolor.commands.inspect_dive import Measured, Misfit, alike, measure, misfits
 from stereo_seecolor.commands.inspect_images import problems_of_images
 from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
@@ -102,17 +102,19 @@ def inspect(places: Sequence[Path]) -> Inspection:
 
 def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     pairing = pair_sides(sides.left, sides.right, RunConfig().input)
-    left, right = image_facts(pairing.pairs[0].left), image_facts(pairing.pairs[0].right)
+    config, notes = settle_storage(RunConfig(), pairing.pairs)
+    sample, unlike = alike(spread(pairing.pairs, SAMPLE_PAIRS), config)
+    left, right = image_facts(sample[0].left), image_facts(sample[0].right)
     _refuse_range_maps(sides, left, right)
     found = find_calibration(places, left.size)
-    config, notes = settle_storage(RunConfig(), pairing.pairs)
     tested = NOTHING_TESTED
     if found:
         _refuse_wrong_sizes(found[0], left, right)
-        tested = _tested(found[0], pairing, config)
+        tested = _tested(found[0], pairing, sample, config)
     problems = (
         *problems_of_images(sides, pairing, _doubtful(sides, tested)),
         *notes,
+        *unlike,
         *_missing_calibration(places, found, left.size),
         *_problems_of_calibration(found, tested),
         *(f"range: {limit.note}" for limit in tested.limits),
@@ -124,7 +126,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         pairs=len(pairing.pairs),
         unpaired=len(pairing.unpaired),
         interval_s=_interval_s(pairing),
-        exposure_recorded=_exposure_recorded(pairing, config),
+        exposure_recorded=_exposure_recorded(sample[0], config),
         calibrations=tuple(one.path for one in found),
         calibration=tested.facts,
         poses=find_poses(places, pairing.pairs, {one.path for one in found}),
@@ -215,8 +217,7 @@ def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> S
     return rig
 
 
-def _tested(found: FoundCalibration, pairing: Pairing, config: RunConfig) -> Tested:
-    sample = spread(pairing.pairs, SAMPLE_PAIRS)
+def _tested(found: FoundCalibration, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> Tested:
     rig = _settled_rig(found.rig, sample[:DECIDING_PAIRS], config)
     wrong = misfits(rig, pairing, sample, config)
     fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
@@ -267,8 +268,8 @@ def _interval_s(pairing: Pairing) -> float | None:
     return float(np.median(np.diff(times))) if len(times) > 1 else None
 
 
-def _exposure_recorded(pairing: Pairing, config: RunConfig) -> bool:
-    frame = FrameReader(config.input).read(pairing.pairs[0])
+def _exposure_recorded(pair: Pair, config: RunConfig) -> bool:
+    frame = FrameReader(config.input).read(pair)
     return frame.left_capture.relative_exposure is not None
 
 

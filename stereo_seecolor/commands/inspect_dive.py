@@ -1,6 +1,7 @@
 """What sample pairs of a dive tell of the whole: whether they are pairs, how far the bottom is, light, disk space and time."""
 
 import time
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from calibration import Rectification, StereoRig
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.errors import SeeColorError
+from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.neighbors import neighbor_that_fits, show_one_scene
@@ -53,6 +54,32 @@ class Measured:
     strobes: bool
     disk_bytes: int
     seconds: float
+
+
+def alike(sample: Sequence[Pair], config: RunConfig) -> tuple[Sequence[Pair], tuple[str, ...]]:
+    """The sample pairs whose images can be read and have the sizes of most, and a line for each other one; all where none is so."""
+    reader, notes = FrameReader(config.input), []
+    sizes: dict[Pair, tuple[tuple[int, ...], ...]] = {}
+    for pair in sample:
+        try:
+            frame = reader.read(pair)
+        except InputError as error:
+            notes.append(f"{error}; a run leaves that pair out")
+        else:
+            sizes[pair] = (frame.left.shape[1::-1], frame.right.shape[1::-1])
+    if not sizes:
+        return sample, ()
+    usual = Counter(sizes.values()).most_common(1)[0][0]
+    for pair, found in sizes.items():
+        for file, size, other in zip((pair.left, pair.right), found, usual, strict=True):
+            if size != other:
+                notes.append(f"{file}: {_unlike(size, other)}; a run leaves that pair out")
+    return [pair for pair, found in sizes.items() if found == usual], tuple(notes)
+
+
+def _unlike(size: tuple[int, ...], other: tuple[int, ...]) -> str:
+    text = f"is {size[0]}x{size[1]} px, and most images are {other[0]}x{other[1]} px"
+    return f"{text}: turned by a quarter, perhaps by its EXIF orientation alone" if size == other[::-1] else text
 
 
 def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> tuple[Misfit, ...]:
