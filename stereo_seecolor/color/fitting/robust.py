@@ -54,7 +54,7 @@ def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> 
 
 
 def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
-    """As ``fit``, from the quantiles of a table."""
+    """Like ``fit``, from the quantiles of a table."""
     scale = max(float(seen.light[..., -2].max()), SETTINGS.least_light)
     light = seen.light / scale
     mean, precision, prior_error = whole_prior(len(seen.range_m), config.robust)

@@ -27,9 +27,9 @@ class Steps(NamedTuple):
     inner: int = 6
     """Most steps between these."""
     largest_move: float = 1.0
-    """Of a logarithm in one step: a factor of e."""
+    """Largest change of a logarithm in one step: a factor of e."""
     first_damping: float = 1e-3
-    """Of the matrix's diagonal."""
+    """Initial damping, as a fraction of the matrix's diagonal."""
     more_damping: float = 8.0
     """Factor after a step that did not lower the cost."""
     less_damping: float = 0.2

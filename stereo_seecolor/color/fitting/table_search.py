@@ -12,9 +12,9 @@ class Search(NamedTuple):
     """BFGS with a weak Wolfe line search on four raw weights. A tuple, since compiled code cannot read a dataclass."""
 
     cold_steps: int = 120
-    """From a guess."""
+    """Most steps from an initial guess."""
     warm_steps: int = 25
-    """From the water of the frame before, which is near."""
+    """Most steps from the water of the frame before, which is close to the minimum."""
     most_restarts: int = 4
     """Searches without what was learned of the curvature: a kink of the loss can hold one."""
     least_gain: float = 1e-4

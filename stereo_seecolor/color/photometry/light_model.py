@@ -107,7 +107,7 @@ class Light:
     fade: float = 0.0
 
     def on(self, name: str, size: tuple[int, int]) -> "FrameLight":
-        """In a frame of that name, of a picture of ``size`` (width, height)."""
+        """The light in the frame ``name``, whose picture has ``size`` (width, height) pixels."""
         return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size))
 
     def log_pattern(self, pixel: Array, range_m: Array, size: tuple[int, int]) -> Array:
@@ -116,7 +116,7 @@ class Light:
         return np.clip(terms @ self.coefficients, -SHAPE.most, SHAPE.most)
 
     def log_range(self, range_m: NDArray[np.floating]) -> Array:
-        """What the polynomial takes: 0 at the reference range, and where the range is unknown."""
+        """The polynomial's variable, log of range: 0 at the reference range, and where the range is unknown."""
         known = np.where(np.isfinite(range_m) & (range_m > 0), range_m, self.reference_m)
         return np.asarray(np.log(np.clip(known, *self.seen_m) / self.reference_m) / SHAPE.range_step)
 
@@ -149,7 +149,7 @@ class Light:
         return content_key(replace(self, gains={}).content(), gains)
 
     def content(self) -> dict[str, Any]:
-        """As JSON holds it."""
+        """The light as the content of a JSON file."""
         return {
             "reference_m": self.reference_m,
             "seen_m": list(self.seen_m),
@@ -160,7 +160,7 @@ class Light:
 
     @classmethod
     def from_content(cls, content: Any) -> "Light":
-        """What ``content`` gave. Raises ValueError, KeyError or TypeError where it is something else."""
+        """The light from what ``content`` returned. Raises ValueError, KeyError or TypeError where it is something else."""
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
         gains = FrameGains.of(content["log_gains"].items())
@@ -176,7 +176,7 @@ class FrameLight:
     maps: NDArray[np.float32]
 
     def seen_through(self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]) -> "FrameLight":
-        """In the pixels of another image, such as the unrectified one; ``warp`` takes (H, W) maps there."""
+        """This light in the pixels of another image, such as the unrectified one; ``warp`` takes (H, W) maps there."""
         powers = range(self.maps.shape[-1])
         maps = [np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1) for c in range(3)]
         return replace(self, maps=np.stack(maps, axis=2))

@@ -20,13 +20,13 @@ class Deviations:
     """
 
     coefficient: float
-    """Of a coefficient of the pattern."""
+    """Standard deviation of a coefficient of the pattern."""
     ranged: float
-    """Of how much it changes where the range changes by a fifth."""
+    """Standard deviation of the change of a coefficient over a fifth of the range."""
     trend: float
-    """Of the trend with range, for a range that is a fifth longer."""
+    """Standard deviation of the trend with range, for a range that is a fifth longer."""
     gain: float
-    """Of a frame's gain."""
+    """Standard deviation of a frame's gain."""
     systematic: float
     """By which the model itself is off (lamps are no polynomial): what sightings say against the priors is worth no more, however
     well they agree."""
@@ -72,18 +72,18 @@ class LightPrior:
 
     @classmethod
     def unknown(cls, about: Deviations, alike: float) -> "LightPrior":
-        """Where nothing is known of where the light comes from."""
+        """The prior for light of unknown kind: independent coefficients of mean 0."""
         deviations = [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
         return cls(np.zeros(TERMS + 1), np.diag(np.square(deviations)), about.gain, about.systematic, alike)
 
     @classmethod
     def lamps(cls, reference_m: float, alike: float) -> "LightPrior":
-        """Of the luminance of pictures that are lit by lamps on the rig, alone or by day, and taken from about ``reference_m``."""
+        """The prior of luminance under lamps on the rig, with or without daylight, in pictures taken from about ``reference_m``."""
         return cls(*lamp_ensemble(reference_m), LUMINANCE.gain, LUMINANCE.systematic, alike)
 
     @classmethod
     def lens(cls, alike: float) -> "LightPrior":
-        """Of the luminance of pictures that the sun lights, whose strength and exposure change from frame to frame."""
+        """The prior of the luminance of pictures in sunlight, whose strength and exposure change from frame to frame."""
         return cls(*lens_prior.lens_ensemble(LUMINANCE.trend), lens_prior.SETTINGS.gain, LUMINANCE.systematic, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int) -> Gaussian:

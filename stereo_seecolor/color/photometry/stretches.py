@@ -87,7 +87,7 @@ class _Chunk:
         return _Chunk(range(self.frames.start, other.frames.stop), classes)
 
     def table(self) -> MomentTable | None:
-        """Of its frames of usual exposure; None where there is no light, or no known range."""
+        """Moment table of its frames of usual exposure; None where there is no light, or no known range."""
         lit = {kind: frames.unpacked for kind, frames in self.classes.items() if kind != BLACK}
         return usual_exposure(lit)[1].table if lit else None
 
@@ -105,7 +105,7 @@ class _OpenChunk:
         add_to(self._classes, several.classes)
 
     def closed(self) -> _Chunk:
-        """As it is kept."""
+        """The finished chunk, packed to save memory."""
         return _Chunk(self.frames, {kind: _PackedClass.of(frames) for kind, frames in self._classes.items()})
 
 
@@ -165,7 +165,7 @@ class AutoFitter(Fitter):
         return completed(water for stretch in stretches for water in self._waters(stretch))
 
     def _waters(self, stretch: _Chunk) -> Iterator[tuple[str, Water | None]]:
-        """Of its frames, by name."""
+        """Name and water of each of its frames."""
         classes = {kind: frames.unpacked for kind, frames in stretch.classes.items()}
         return survey_waters(self._frames, stretch.frames, classes, self._config, self._fit)
 
@@ -175,7 +175,7 @@ class AutoFitter(Fitter):
         return [self._frames.names[frames.start : frames.stop] for frames in self._stretches]
 
     def notes(self) -> tuple[str, ...]:
-        """Where the dive was cut; nothing where all frames share a water."""
+        """Where the dive was cut into stretches; empty if all frames share a water."""
         if len(self._stretches) < 2:
             return ()
         ends = [(self._frames.names[frames[0]], self._frames.names[frames[-1]]) for frames in self._stretches]
@@ -215,7 +215,7 @@ class _Stretch:
         return cls(tuple(chunks), table, np.array(costs))
 
     def joined(self, later: "_Stretch", config: ColorConfig) -> "_Join":
-        """With the next, and what that costs."""
+        """This stretch joined with the next one, and the cost of joining."""
         both = _Stretch.of(self.chunks + later.chunks, config, self.table + later.table)
         number = len(self.chunks)
         fewer, more = sorted((number, len(later.chunks)))

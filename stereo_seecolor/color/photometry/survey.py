@@ -48,7 +48,7 @@ class Fitter(Protocol):
         """Name of a frame -> its water, for all frames added. Raises ColorError where no frame has a pixel with a known range."""
 
     def notes(self) -> tuple[str, ...]:
-        """What a person should know of the dive as a whole, once ``waters`` has been asked for."""
+        """Warnings and notes about the whole dive, once ``waters`` has been asked for."""
         return ()
 
 
@@ -126,7 +126,7 @@ class CountedFrames:
 
     @classmethod
     def of(cls, tables: Iterable[tuple[str, MomentTable]], config: ColorConfig) -> "CountedFrames":
-        """Of frames by name, in their order."""
+        """Counted frames from the name and table of each, in order."""
         frames, classes = [], dict[int, ExposureClass]()
         for name, table in tables:
             brightness = Brightness.of(table, config.input_encoding)
@@ -164,7 +164,7 @@ class FrameBrightness:
             self._packed.append(packed)
 
     def brightness(self, number: int) -> Brightness:
-        """Of the frame of this number."""
+        """Brightness of frame ``number``."""
         return Brightness.unpacked(self._packed[number])
 
 
