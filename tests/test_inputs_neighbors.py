@@ -20,9 +20,9 @@ def renumber(folder: Path, by: int) -> None:
         path.rename(folder / f"{int(path.stem) + by + 20:04d}.png")
 
 
-@pytest.mark.parametrize(("by", "fits"), [(0, None), (1, 1), (-1, -1), (2, 2), (3, None)])
+@pytest.mark.parametrize(("by", "fits"), [(0, None), (1, 1), (-1, -1), (2, 2), (3, 3)])
 def test_the_neighbor_that_fits_is_named(make_dive, by: int, fits: int | None) -> None:
-    dive = make_dive(6)
+    dive = make_dive(8)
     renumber(dive.root / "L", 0)
     renumber(dive.root / "R", by)
     rectification = Rectification.from_rig(load_rig(dive.root / "cam.yaml"))

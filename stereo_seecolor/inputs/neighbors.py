@@ -24,7 +24,7 @@ class _Limits:
     """Feature matches that agree with the rectification, and how many of them make two images a pair."""
 
     row_px: float = 3.0  # a rig that has drifted is off by a pixel or two (0.6 px on a real dive)
-    reach: int = 2  # neighbors examined on either side: numbering is off by one where a frame was dropped, seldom by more
+    reach: int = 4  # neighbors examined on either side: numbering is off by one where a frame was dropped, seldom by more
     points: int = 40  # false pairs of the sample dive and of a real reef have 4 at most, true ones 1,200 and more
     ratio: float = 3.0  # a fitting pair has so many times the matches of a false one
     slip_pairs: int = 5  # failed pairs that are looked at together: of fewer, each has its own line
