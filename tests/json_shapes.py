@@ -174,6 +174,7 @@ SHAPES: dict[str, Shape] = {
     "water": {
         **keys(str, "out path no_matrix"),
         **keys((dict, None), "trend matrix"),
+        "left_out": [str],
         "water": dict,
         "charts": [
             {**keys(str, "frame target"), **keys(float, "range_m residual_deg"), **keys(UNKNOWN, "ciede2000_before ciede2000")}

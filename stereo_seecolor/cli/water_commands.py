@@ -5,6 +5,7 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+from calibration.wording import counted
 from stereo_seecolor.cli import options as opt
 from stereo_seecolor.cli.console import lines
 from stereo_seecolor.cli.report import LoggedReport
@@ -64,7 +65,9 @@ def _white_lines(result: "MeasuredWater") -> list[str]:
         + ("" if isnan(chart.ciede2000) else f"; CIEDE2000 {chart.ciede2000_before:.1f}, {chart.ciede2000:.1f} with the matrix")
         for chart in result.charts
     ]
-    return [f"white point against green, from {len(each)} charts: {shown}", *each, *_trend_lines(result), *_matrix_lines(result)]
+    left_out = [f"not used: {name}, which looks like a white card" for name in result.left_out]
+    first = f"white point against green, from {counted(len(each), 'target')}: {shown}"
+    return [first, *each, *left_out, *_trend_lines(result), *_matrix_lines(result)]
 
 
 def _trend_lines(result: "MeasuredWater") -> list[str]:

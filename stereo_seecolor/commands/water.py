@@ -11,13 +11,14 @@ from stereo_seecolor.color.photometry.even_light import even_light
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
 from stereo_seecolor.color.photometry.sightings import KeyFrame, find_sightings
+from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.commands.raw_images import RawImages
 from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.camera_matrix import CameraMatrix, SeenPatches, camera_matrix
-from stereo_seecolor.evaluation.chart_white import SeenWhite, WhiteTrend, seen_whites, survey_white
+from stereo_seecolor.evaluation.chart_white import SeenWhite, WhiteTrend, believed, seen_whites, survey_white
 from stereo_seecolor.evaluation.targets import read_targets, targets_of
 from stereo_seecolor.inputs.trajectories import rectified_trajectory
 from stereo_seecolor.mapping.frame_index import FrameIndex
@@ -51,7 +52,8 @@ class MeasuredWater:
     """The water, and the file that ``--water`` of another run takes.
 
     charts: that its white point stems from, if any. trend: what their whites say of the water, where they are at several ranges.
-    matrix: the camera's colors, or no_matrix, why charts did not give it.
+    matrix: the camera's colors, or no_matrix, why charts did not give it. left_out: "frame: target" of what looks like a white card
+    and was not used, since there are charts, or since its color is unlikely.
     """
 
     path: Path
@@ -60,6 +62,7 @@ class MeasuredWater:
     trend: WhiteTrend | None = None
     matrix: CameraMatrix | None = None
     no_matrix: str = ""
+    left_out: tuple[str, ...] = ()
 
 
 def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> MeasuredWater:
@@ -97,10 +100,14 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
     scene, given = _one_water(run, list(names)), read_targets(targets) if targets else None
     looking = _Looking(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
     seen = [white for part in Threads(cores()).each(looking, range(len(names))) for white in part]
-    if not seen:
-        where = f"{targets}: none of its targets" if targets else f"{out}: no color chart"
-        raise InputError(f"{where} shows grays of known range that are neither clipped nor dark: give corners with --targets")
-    white = survey_white(seen)
+    kept = seen if targets else believed(seen, scene)
+    left_out = tuple(f"{one.frame}: {one.target}" for one in seen if one not in kept)
+    if not kept:
+        where = f"{targets}: none of its targets" if targets else f"{out}: no color chart or white card"
+        unlikely = f" ({', '.join(left_out)}: of a color that white hardly has here)" if left_out else ""
+        shown = f"shows grays of known range that are neither clipped nor dark{unlikely}"
+        raise InputError(f"{where} {shown}: give corners with --targets")
+    white = survey_white(kept)
     water = white.set_in(scene)
     charts = white.patches_in(water)
     matrix = camera_matrix([chart for chart in charts if chart])
@@ -110,7 +117,7 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
         folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
     readings = tuple(_reading(*of, water) for of in zip(white.seen, white.residuals_deg, charts, strict=True))
     fitted, reason = (matrix, "") if isinstance(matrix, CameraMatrix) else (None, matrix)
-    return MeasuredWater(out / MEASURED_WATER, water, readings, white.trend(), fitted, reason)
+    return MeasuredWater(out / MEASURED_WATER, water, readings, white.trend(), fitted, reason, left_out)
 
 
 def _reading(seen: SeenWhite, residual_deg: float, chart: SeenPatches | None, water: Water) -> ChartReading:
@@ -135,6 +142,8 @@ class _Looking:
             return []
         image, range_m = self.raw.rectified(name), self.frames[number].range_m
         found = targets_of(self.targets[name] if self.targets else [], image, range_m)
+        if self.targets is None and any(target.type is None for target in found):
+            range_m = carry_ranges(image, range_m)  # a card is too even to be matched but at its border
         if self.light and found:
             light = self.light.on(name, (image.shape[1], image.shape[0]))
             image = even_light(image, range_m, light, self.water.input_encoding)

@@ -38,6 +38,8 @@ class WhiteSettings:
     """Fraction of a patch's light that is not backscatter, in each channel: below, errors of the backscatter are multiplied."""
     least_relief: float = 0.1
     """Of the mean range, from the nearest target to the farthest: below, they say nothing of a trend with range."""
+    likely: float = 3.0
+    """Standard errors by which the white of something found, which looks like a card, may differ from the fitted one."""
     least_error: float = 0.02
     """Standard error of the color of one target's white, logarithm: print, tilt, and light from the side."""
 
@@ -95,6 +97,16 @@ def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Ma
             middle, error = np.median(colors, axis=0), float(np.hypot(scatter, SETTINGS.least_error))
             of_chart = patches if target.type else ()
             yield SeenWhite(frame, target.name, range_of_m, middle - middle.mean(), error, of_chart, target.type)
+
+
+def believed(seen: Sequence[SeenWhite], water: Water) -> list[SeenWhite]:
+    """Of what was found in the frames of a dive, that which tells the white point: charts; without any, what looks like a card and
+    whose white the water's fitted white point allows.
+    """
+    charts = [one for one in seen if one.type]
+    fitted = np.log(water.white) - np.log(water.white).mean()
+    error = np.nan_to_num(water.standard_errors.get("white", np.full(3, np.nan)) / water.white, nan=np.inf)
+    return charts or [one for one in seen if (np.abs(one.white - fitted) <= SETTINGS.likely * np.hypot(error, one.error)).all()]
 
 
 def _patch(decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray[np.floating], water: Water) -> Patch:

@@ -46,13 +46,19 @@ class FlatPatches:
 
 def flat_patches(picture: Floats) -> Iterator[FlatPatches]:
     """The flat regions of (H, W, 3) for each size of patch, the smallest first."""
+    for sized, pixel in pyramid(picture):
+        found = _of_size(sized)
+        yield FlatPatches((found.centers + 0.5) * pixel - 0.5, found.sides * pixel)
+
+
+def pyramid(picture: Floats) -> Iterator[tuple[Levels, float]]:
+    """(H, W, 3) at twice its size, and then halved again and again; and how many of its pixels one of each is wide."""
     levels = np.asarray(picture * 65535, np.uint16)  # morphology is several times faster on whole numbers
     sized = _resized(levels, 2.0)
     for octave in range(LIMITS.octaves):
         if min(sized.shape[:2]) < LIMITS.window_px:
             return
-        found, pixel = _of_size(sized), 2.0 ** (octave - 1)
-        yield FlatPatches((found.centers + 0.5) * pixel - 0.5, found.sides * pixel)
+        yield sized, 2.0 ** (octave - 1)
         sized = _resized(sized, 0.5) if octave else levels
 
 
@@ -61,11 +67,17 @@ def _resized(levels: Levels, factor: float) -> Levels:
     return np.asarray(cv2.resize(levels, None, fx=factor, fy=factor, interpolation=kind), np.uint16)
 
 
-def _of_size(picture: Levels) -> FlatPatches:
+def flat_regions(picture: Levels) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+    """(H, W) number of the flat region that each pixel lies in, 0 in none, and (N, 5) box and area of each."""
     edge = _edges(picture)
     flat = edge < LIMITS.flat * cv2.blur(edge, (LIMITS.window_px, LIMITS.window_px))
     flat[[0, -1]] = flat[:, [0, -1]] = False
     _, labels, stats, _ = cv2.connectedComponentsWithStats(flat.astype(np.uint8), connectivity=4)
+    return labels, stats
+
+
+def _of_size(picture: Levels) -> FlatPatches:
+    labels, stats = flat_regions(picture)
     area = stats[:, cv2.CC_STAT_AREA]
     possible = (area >= LIMITS.least_area) & (area <= LIMITS.most_area)
     possible[0] = False

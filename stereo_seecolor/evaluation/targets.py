@@ -8,10 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.render.carried_ranges import carry_ranges
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.chart_finder import find_charts
 from stereo_seecolor.evaluation.chart_types import CLASSIC, DKK, SPYDER, ChartType, FoundChart
 from stereo_seecolor.evaluation.measures import CLIPPED
+from stereo_seecolor.evaluation.white_cards import inner, white_cards
 from stereo_seecolor.records import Image, Map
 
 _INNER = 0.25
@@ -84,9 +86,16 @@ def read_targets(path: Path) -> dict[str, list[dict[str, NDArray[np.float64]]]]:
 
 
 def targets_of(given: list[dict[str, NDArray[np.float64]]], image: Image, range_m: Map) -> tuple[Target, ...]:
-    """The given targets of an image as masks; without any, the charts that are found in it."""
+    """The given targets of an image as masks; without any, the charts that are found in it, and where there is none, white cards.
+
+    A card may have a range at its border alone: it is too even to be matched.
+    """
     if not given:
         found = find_charts(image)
+        if not found:
+            cards = white_cards(image)
+            ranges_m = carry_ranges(image, range_m) if cards else range_m
+            return tuple(neutral(_card_name(card), inner(card), image, ranges_m) for card in cards)
         names = ["chart"] if len(found) == 1 else [f"chart {number}" for number in range(1, len(found) + 1)]
         return tuple(found_chart(name, one, image.shape[:2]) for name, one in zip(names, found, strict=True))
     targets = []
@@ -96,6 +105,12 @@ def targets_of(given: list[dict[str, NDArray[np.float64]]], image: Image, range_
             type = CHARTS.get(kind)
             targets.append(chart(label, points, image.shape[:2], type) if type else neutral(label, points, image, range_m))
     return tuple(targets)
+
+
+def _card_name(corners: NDArray[np.floating]) -> str:
+    """A found card by its middle, so that it can be looked at."""
+    x, y = np.round(corners.mean(axis=0)).astype(int)
+    return f"white card at pixel {x}, {y}"
 
 
 def _points(path: Path, stem: str, entry: dict[str, object]) -> dict[str, NDArray[np.float64]]:
