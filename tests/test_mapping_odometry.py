@@ -151,7 +151,8 @@ def test_a_long_blank_stretch_breaks_the_map_in_two(reef: ReefFrames, frames: li
     blanked = [blank(f) if 5 <= i <= 7 else f for i, f in enumerate(frames)]
     placement = estimate(blanked[:10], reef, ALONE)
     assert placement.components.tolist() == [0, 0, 0, 0, 0, -1, -1, -1, 1, 1]
-    assert "broken into 2 components of 5, 2 frames" in placement.warnings[-1]
+    warning = placement.warnings[-1]
+    assert f"broken into 2 components of 5, 2 frames, first between {frames[4].name} and {frames[8].name}" in warning
 
 
 @pytest.mark.slow

@@ -183,8 +183,11 @@ def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) ->
     unplaced = tuple(Unplaced(index.names[i], track.reasons[int(i)]) for i in np.flatnonzero(guess.components < 0))
     placement = Placement(guess.T, guess.components, unplaced, tuple(warnings))
     if len(placement.sizes) > 1:
-        sizes = ", ".join(str(n) for n in placement.sizes)
-        return placement.with_warnings(f"the track is broken into {len(placement.sizes)} components of {sizes} frames")
+        sizes, placed = ", ".join(str(n) for n in placement.sizes), index.order[guess.components[index.order] >= 0].tolist()
+        i, j = next((i, j) for i, j in pairwise(placed) if guess.components[i] != guess.components[j])
+        return placement.with_warnings(
+            f"the track is broken into {len(placement.sizes)} components of {sizes} frames, first between {index.names[i]} and {index.names[j]}"
+        )
     return placement
 
 
