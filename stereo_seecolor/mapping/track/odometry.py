@@ -185,9 +185,8 @@ def solve(track: Track, loops: bool, priors: Sequence[pose_graph.Prior] = ()) ->
     if len(placement.sizes) > 1:
         sizes, placed = ", ".join(str(n) for n in placement.sizes), index.order[guess.components[index.order] >= 0].tolist()
         i, j = next((i, j) for i, j in pairwise(placed) if guess.components[i] != guess.components[j])
-        return placement.with_warnings(
-            f"the track is broken into {len(placement.sizes)} components of {sizes} frames, first between {index.names[i]} and {index.names[j]}"
-        )
+        where = f"first between {index.names[i]} and {index.names[j]}"
+        return placement.with_warnings(f"the track is broken into {len(placement.sizes)} components of {sizes} frames, {where}")
     return placement
 
 
