@@ -18,6 +18,7 @@ from calibration.resizing import resized_rig
 from stereo_seecolor.cli import main
 from stereo_seecolor.commands.inspect import inspect
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.inputs.sides import find_sides
 
 
 @pytest.fixture
@@ -90,6 +91,15 @@ def test_sides_that_share_a_folder_and_run_by_pattern(make_dive, cli, tmp_path, 
     assert (tmp_path / "out" / "corrected" / "0000.png").exists()
     assert cli(*command[1:-1], str(both), "--overwrite")[0] == 1, "the folder of the images taken for OUT"
     assert len(list(both.iterdir())) == 4
+
+
+def test_sides_that_are_links_to_folders_are_found(make_dive, tmp_path: Path) -> None:
+    dive, linked = make_dive(1), tmp_path / "linked"
+    linked.mkdir()
+    for name, side in (("left", "L"), ("right", "R")):
+        (linked / name).symlink_to(dive.root / side)
+    sides = find_sides([linked])
+    assert (sides.left, sides.right) == (linked / "left", linked / "right")
 
 
 def test_range_maps_are_not_taken_for_a_side(tmp_path: Path) -> None:

@@ -65,10 +65,13 @@ def find_sides(places: Sequence[Path]) -> Sides:
     videos = [path for path in places if is_video(path)]
     folders = [path for path in places if path not in videos]
     images: dict[Path, int] = {}
-    for folder in folders:
-        found, found_videos = _look_through(folder)
-        images |= found
-        videos += found_videos
+    for through_links in (False, True):
+        for folder in folders:
+            found, found_videos = _look_through(folder, through_links)
+            images |= found
+            videos += found_videos
+        if images or videos:
+            break
     if len(images) >= 2:
         sides = _both_in_each(images) or _best_pair(images | _parents(images))
         names = {sides.left.name, sides.right.name}
@@ -86,13 +89,16 @@ def find_sides(places: Sequence[Path]) -> Sides:
     )
 
 
-def _look_through(root: Path) -> tuple[dict[Path, int], list[Path]]:
-    """Folders with the number of images directly in each, and videos, down to DEPTH; hidden folders and links are passed over."""
+def _look_through(root: Path, through_links: bool) -> tuple[dict[Path, int], list[Path]]:
+    """Folders with the number of images directly in each, and videos, down to DEPTH; hidden folders are passed over.
+
+    through_links: folders that are links, too; a link to a side would make a third one.
+    """
     if not root.is_dir():
         raise InputError(f"{root}: does not exist, or is neither a folder nor a video")
     images: dict[Path, int] = {}
     videos: list[Path] = []
-    for folder, below, names in os.walk(root):
+    for folder, below, names in os.walk(root, followlinks=through_links):
         here = Path(folder)
         below[:] = sorted(name for name in below if name[0] != "." and len(here.relative_to(root).parts) < DEPTH)
         count = sum(Path(name).suffix.lower() in EXTENSIONS and name[0] != "." for name in names)
