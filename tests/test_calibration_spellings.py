@@ -51,6 +51,15 @@ def test_spellings(K: tuple[str, str], D: tuple[str, str], vector: bool, tmp_pat
     assert_same(load_rig(tmp_path / "stereo.yml", SIZE))
 
 
+@pytest.mark.parametrize("key", ["T", "transform", "extrinsics"])
+def test_rotation_and_translation_in_one_matrix(key: str, tmp_path: Path) -> None:
+    cameras = {"K1": RIG.left.K, "K2": RIG.right.K, "D1": RIG.left.distortion, "D2": RIG.right.distortion}
+    np.savez(tmp_path / "stereo.npz", **cameras, **{key: RIG.T_right_left})
+    (tmp_path / "stereo.json").write_text(json.dumps({name: M.tolist() for name, M in (cameras | {key: RIG.T_right_left}).items()}))
+    for name in ("stereo.npz", "stereo.json"):
+        assert_same(load_rig(tmp_path / name, SIZE))
+
+
 @pytest.mark.parametrize("fisheye", [False, True])
 def test_zed_custom_calibration(fisheye: bool, tmp_path: Path) -> None:
     words = ("D_LEFT_FE", "D_RIGHT_FE") if fisheye else ("D_LEFT", "D_RIGHT")

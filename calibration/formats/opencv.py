@@ -34,6 +34,8 @@ FISHEYE_NAMES = ("fisheye", "equidistant", "kannala_brandt", "KannalaBrandt8")
 TO_OPENCV = "rotationofcamera2"  # what MATLAB's stereoParametersToOpenCV returns, with the rows of the images before the columns
 R_NAMES = ("r", "rotationmatrix", "rotation", "rstereo", "stereor", "rot", "rmat", "rotationvector", "rvec", "om", TO_OPENCV)
 T_NAMES = ("t", "translationvector", "translation", "tstereo", "stereot", "trans", "tvec", "trns", "translationofcamera2")
+TRANSFORMS = ("t", "transform", "transformation", "transformationmatrix", "extrinsics", "extrinsic", "extrinsicmatrix")
+"""Of R and T in one matrix (4, 4), x2 = T x1; of the inverse, images tell (``mistakes``)."""
 GROUPS = ("extrinsics", "extrinsic", "stereo", "intrinsics")
 """Mappings that some tools put matrices into, which others write at the top."""
 MATRIX, COEFFICIENTS, ROTATION, TRANSLATION = (9,), (4, 5, 8, 12, 14), (9, 3), (3,)
@@ -109,7 +111,19 @@ def sides_apart(document: Section) -> Section:
             size = {str(key): value for key, value in inner[left].items() if "size" in str(key).lower() or str(key) in SIZE_KEYS}
             content = sided[0] | sided[1] | size | ({} if _has_pose(document) else pose) | content
             break
-    return Section(document.where, content)
+    return _with_R_and_T(Section(document.where, content))
+
+
+def _with_R_and_T(document: Section) -> Section:
+    """A file whose R and T are one matrix, as one of both; others as they are."""
+    key = next((key for name, key in _spelled(document, (16,)).items() if name in TRANSFORMS), None)
+    if key is None or _has_pose(document):
+        return document
+    T = document.numbers(key, 16).reshape(4, 4)
+    if not np.array_equal(T[3], [0, 0, 0, 1]):
+        return document
+    others = {other: value for other, value in document.content.items() if other != key}
+    return Section(document.where, others | {"R": T[:3, :3].tolist(), "T": T[:3, 3].tolist()})
 
 
 def _has_pose(document: Section) -> bool:
