@@ -20,11 +20,21 @@ from stereo_seecolor.synthetic.measured_waters import Kind, draw_contents, draw_
 KINDS: tuple[Kind, ...] = ("ocean", "coast", "harbor")
 
 
-def seen(name: str, truth: np.ndarray, range_m: np.ndarray, kind: Kind, rng: np.random.Generator) -> Case:
-    """A scene under a water of a kind, nearer where stereo would find nothing, by an 8-bit camera with its noise."""
+def seen(
+    name: str,
+    truth: np.ndarray,
+    range_m: np.ndarray,
+    kind: Kind,
+    rng: np.random.Generator,
+    most_optical_depth: tuple[float, float] = (1.0, 3.0),
+) -> Case:
+    """A scene under a water of a kind by an 8-bit camera with its noise, moved nearer where its water is too much to see through.
+
+    most_optical_depth: of the weakest channel over 1 m, times the far end's range; drawn between these.
+    """
     water = draw_water(draw_contents(kind, rng), rng)
     weakest = float(np.max(-np.log(water.attenuation(np.array(1.0)))))
-    range_m = range_m * np.float32(min(1.0, rng.uniform(1.0, 3.0) / (weakest * np.nanquantile(range_m, 0.95))))
+    range_m = range_m * np.float32(min(1.0, rng.uniform(*most_optical_depth) / (weakest * np.nanquantile(range_m, 0.95))))
     linear = truth * water.white * water.attenuation(range_m) + water.backscatter(range_m)
     exposed = linear * rng.uniform(0.6, 1.0) / np.nanquantile(linear.max(axis=-1), 0.995)
     exposed = np.nan_to_num(exposed)
