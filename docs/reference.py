@@ -46,7 +46,7 @@ EXIT_CODES = """
 | 0 | all done |
 | 1 | a known error; one line says what is wrong, where, and what to do |
 | 2 | wrong usage |
-| 3 | finished, but some pairs failed or had no partner, or some frames are not in the map; they are named |
+| 3 | finished, but pairs failed or had no partner, frames are missing in the map or apart from it, or poses do not fit; named |
 | 130 | interrupted |
 """
 

@@ -20,6 +20,7 @@ from calibration.plan import rectified_points
 from calibration.port import FlatPort, FlatWindow
 from calibration.refraction import CameraInWater
 from stereo_seecolor.cli import main
+from stereo_seecolor.cli.contents import map_exit_code
 from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import MappingConfig, RunConfig
@@ -244,7 +245,8 @@ def test_a_map_is_replaced_as_a_whole(small_run: Path) -> None:
     broken = track(4)
     broken.T_world_camera[2:, 1, 3] += 50
     write_tum(poses, broken)
-    assert fuse_small(small_run, poses).components == (2, 2)
+    in_two = fuse_small(small_run, poses)
+    assert in_two.components == (2, 2) and map_exit_code(in_two) == 3
     assert (small_run / "map" / "piece_1" / "cloud.ply").exists()
     write_tum(poses, track(4))
     summary = fuse_small(small_run, poses)

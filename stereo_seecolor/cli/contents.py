@@ -33,11 +33,12 @@ def run_exit_code(summary: "RunSummary") -> int:
 
 
 def map_exit_code(made: "MapSummary") -> int:
-    """Done; or frames are missing from the map, poses were given that contradict the pictures or could not be measured, or lengths
-    of markers that cannot be right."""
+    """Done; or frames are missing from the map or lie in pieces apart from it, poses were given that contradict the pictures or
+    could not be measured, or lengths of markers that cannot be right."""
     contradicted = made.navigation is not None and not (made.navigation.fits and made.navigation.relative_poses)
     refused = made.markers is not None and made.markers.refused
-    return EXIT_SOME_FAILED if made.unplaced or contradicted or refused else EXIT_DONE
+    apart = len(made.components) > 1
+    return EXIT_SOME_FAILED if made.unplaced or apart or contradicted or refused else EXIT_DONE
 
 
 def calibration_content(result: "CalibrationResult") -> Content:
