@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.photometry.color_beside_water import beside_water
 from stereo_seecolor.color.photometry.crossing import alike, pictures_crossed
 from stereo_seecolor.color.photometry.even_light import even_light
 from stereo_seecolor.color.photometry.light_model import TERMS, Light, with_fall_off
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
+from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
 SIZE = (160, 128)
@@ -255,3 +258,43 @@ def test_a_few_frames_give_a_pattern_of_brightness_and_more_reef_one_of_color(
     assert (found.luminance.use.pattern, found.color.use.pattern) == used
     assert ("its color is not: too few frames (0.3 pictures of reef" in found.note) == (used == (True, False))
     assert ("only 100 spots are seen by two frames" in found.note) == (not any(used))
+
+
+def bowl() -> list[SeenWindow]:
+    """A bottom that is farther at the picture's borders, in a light that is redder there and bluer on one side."""
+    rng, found = np.random.default_rng(8), []
+    for first in range(FRAMES - 3):
+        patches, views = 300, 4
+        patch, view = np.repeat(np.arange(patches), views), np.tile(np.arange(views), patches)
+        start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (patches, 2))
+        pixel = start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1)
+        radius = radius2(pixel)
+        range_m = 2 * (1 + 0.15 * radius) * rng.uniform(0.9, 1.1, patches)[patch]
+        log_light = np.log(rng.uniform(0.02, 0.3, (patches, 1)) * [0.4, 1.0, 0.9])[patch]
+        log_light += np.stack([0.3 * radius, 0 * radius, 0.002 * pixel[:, 0]], axis=1) + rng.normal(0, 0.01, (patch.size, 3))
+        found.append(SeenWindow(np.arange(first, first + views), Sightings(patch, view, range_m, np.exp(log_light), pixel)))
+    return found
+
+
+def radius2(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y = ((2 * pixel[:, axis] + 1 - SIZE[axis]) / SIZE[axis] for axis in (0, 1))
+    return np.asarray(x**2 + y**2)
+
+
+def redder_at_borders(light: Light, seen: list[SeenWindow]) -> float:
+    """Red over green (logarithm) for each unit of squared radius, once the light is taken out of all spots and then the water."""
+    pixel, range_m, shown = (np.concatenate([getattr(one.seen, part) for one in seen]) for part in ("pixel", "range_m", "light"))
+    even = shown * np.exp(-light.log_pattern(pixel, range_m, SIZE))
+    image = np.round(65535 * even).astype(np.uint16)[None]
+    water = Corrector(ColorConfig(input_encoding="linear")).fit_frame(image, range_m[None].astype(np.float32))
+    direct = np.maximum((even - water.backscatter(range_m)) / water.attenuation(range_m), 1e-4)
+    return float(np.polyfit(radius2(pixel), np.log(direct[:, 0] / direct[:, 1]), 1)[0])
+
+
+def test_borders_have_the_color_of_the_middle_once_the_water_is_taken_out_too() -> None:
+    seen, names = bowl(), [f"{i:02d}" for i in range(FRAMES)]
+    found = solve_light(seen, names, SIZE, ALL)
+    assert found is not None
+    beside = beside_water(found, seen, names, SIZE)
+    before, after = (abs(redder_at_borders(light.solved, seen)) for light in (found, beside))
+    assert after < 0.5 * before, (before, after)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from stereo_seecolor.color.photometry.color_beside_water import beside_water
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, DifferenceTable, differences, solve_chain
 from stereo_seecolor.color.photometry.light_model import FrameGains
 from stereo_seecolor.color.photometry.light_solver import Use
@@ -120,6 +121,7 @@ class LightSearch:
             light = solve_light(windows, names, size, allowed, confirmed)
         elif light:
             light = replace(light, refused=offsets)
+        light = light and beside_water(light, windows, names, size, confirmed)
         if light and len(chosen) < len(names) and allowed.gains:
             every = self._looked(range(len(names)), _DifferenceLook(look_at, light), self.compute.parts)
             light = self._followed(light, names, every, links, confirmed)

@@ -95,8 +95,12 @@ class SurveyLight:
         """(N, 3) logarithm of the light, but for gains, at (N, 2) pixels of a picture of ``size`` and (N,) ranges: the pattern, and
         how light falls off with range, water and lamps together.
         """
-        trend = self.luminance.solution.trend + self.color.solution.trend
-        return self.solved.log_pattern(pixel, range_m, size) + self.solved.log_range(range_m)[:, None] * trend
+        coefficients, trend = (self._chosen(part) for part in ("coefficients", "trend"))
+        seen = replace(self.solved, coefficients=coefficients)
+        return seen.log_pattern(pixel, range_m, size) + seen.log_range(range_m)[:, None] * trend
+
+    def _chosen(self, part: str) -> NDArray[np.float64]:
+        return np.asarray(getattr(self.luminance.solution, part) + getattr(self.color.solution, part))
 
     def with_gains(self, gains: Mapping[str, NDArray[np.float64]], offsets: tuple[float, float]) -> "SurveyLight":
         """The same with other gains of frames, by name."""

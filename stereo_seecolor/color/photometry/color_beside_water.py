@@ -1,0 +1,78 @@
+"""The color of the pattern beside the water: solved again, once from each sighting is taken what the water will take.
+
+Where range goes with the place in the picture (borders are farther than the middle), pattern and trend with range share what the
+views of a spot differ by. The trend is then left to the water, which takes out another one, and backscatter with it: spots that
+agreed do so no more, and borders come out in another color than the middle. So the water is estimated from the sightings, as it
+will be from the images, and what it leaves of color goes to the pattern.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.fitting import robust
+from stereo_seecolor.color.photometry.crossing import alike
+from stereo_seecolor.color.photometry.light_model import Light
+from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
+from stereo_seecolor.color.photometry.light_solver import Use, Views, Window, solve
+from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
+from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, usable
+from stereo_seecolor.color.table.measure import measure
+from stereo_seecolor.config import ColorConfig
+from stereo_seecolor.records import Water
+
+Array = NDArray[np.float64]
+LEFT = replace(COLOR, coefficient=0.02, ranged=0.005)
+"""What the first solution leaves of the pattern: a few percent. With 0.05 two of eight drawn dives gain less and one loses; with
+0.2 the evidence is for no dive."""
+USES = Use(gains=True), Use(pattern=True, gains=True), Use(pattern=True, ranged=True, gains=True)
+"""Frames keep gains of their own here, which are not used: else a slope along the track follows what the water is off by from one
+altitude to the next (drawn dives: 10 % of pattern in color instead of 4)."""
+LINEAR = ColorConfig(input_encoding="linear")
+FULL = 65535
+"""Full scale of the sightings' light where it is counted."""
+
+
+def beside_water(
+    found: SurveyLight, windows: Sequence[SeenWindow], names: Sequence[str], size: tuple[int, int], recorded: Array | None = None
+) -> SurveyLight:
+    """The light with the color of its pattern solved beside the water; the same where it has none, or no change has more evidence.
+
+    windows, names, size, recorded: as of ``solve_light``, which found it.
+    """
+    if not found.color.use.pattern:
+        return found
+    light, log_gains = found.solved, np.zeros(len(names)) if recorded is None else recorded
+    gains = log_gains[:, None] + np.array([light.gains.get(name, np.zeros(3)) for name in names])
+    even = [_even(window, light, gains, size) for window in windows]
+    water, views = _water(even), Views(size, light.reference_m, light.seen_m)
+    made = [_window(views, window, seen, water) for window, seen in zip(windows, even, strict=True)]
+    made = [window for window in made if len(window.patch)]
+    colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
+    prior = LightPrior.unknown(LEFT, alike(found.crossed)).without_trend()
+    left = min((solve(made, colors, use, len(names), prior) for use in USES), key=lambda solution: solution.misfit)
+    return replace(found, solved=replace(light, coefficients=light.coefficients + left.coefficients))
+
+
+def _even(window: SeenWindow, light: Light, gains: Array, size: tuple[int, int]) -> Sightings:
+    """What the window's frames saw, in the light that the water is fitted in."""
+    seen = window.seen
+    log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[window.frames][seen.frame]
+    return replace(seen, light=seen.light * np.exp(-log_light))
+
+
+def _water(windows: Sequence[Sightings]) -> Water:
+    """The water that all sightings were seen through."""
+    light, range_m = (np.concatenate([getattr(seen, part) for seen in windows]) for part in ("light", "range_m"))
+    counted = np.round(FULL * np.clip(light, 0.0, 1.0)).astype(np.uint16)
+    return robust.fit(measure(counted[None], range_m[None].astype(np.float32)), LINEAR)
+
+
+def _window(views: Views, window: SeenWindow, seen: Sightings, water: Water) -> Window:
+    """The sightings without water; those that it leaves no light do not count."""
+    direct = (seen.light - water.backscatter(seen.range_m)) / water.attenuation(seen.range_m)
+    darkest = LIMITS.light[0]
+    kept = usable(window.seen) & (direct > darkest).all(axis=1)
+    return views.window(replace(seen, light=np.maximum(direct, darkest)), window.frames, kept)
