@@ -11,6 +11,7 @@ from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, ReadPix
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.exposure import choose
 from stereo_seecolor.color.render.tone import Tone
+from stereo_seecolor.color.table.black_rim import without_rim
 from stereo_seecolor.color.table.evidence import doubts
 from stereo_seecolor.color.table.measure import check_pair, measure
 from stereo_seecolor.color.table.moment_table import MomentTable
@@ -41,10 +42,12 @@ class Corrector:
     def measure(self, image: Image, range_m: Map) -> MomentTable:
         """The moment table of an image: its pixels with a known range, counted by channel, range and value.
 
-        Of 800,000 pixels or more every second row is counted, or fewer (see ``Sampling``).
+        A black rim around the picture is left out. Of 800,000 pixels or more every second row is counted (see ``Sampling``).
         image: (H, W, 3) RGB uint8 or uint16. range_m: (H, W) float32 meters along the ray, unknown where not finite or not above 0.
         Raises ColorError where the two do not belong together.
         """
+        check_pair(image, range_m)
+        range_m = without_rim(image, range_m, self.config.input_encoding)
         every = max(range_m.size // SAMPLING.pixels, 1)
         table = measure(image, range_m, self.config.device, every)
         if every > 1 and table.pixels.sum() < SAMPLING.least_known:
