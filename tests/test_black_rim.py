@@ -52,9 +52,16 @@ def test_a_shadow_in_a_corner_is_no_rim() -> None:
     assert without_rim(image, range_m, "srgb") is range_m
 
 
-def test_an_almost_black_picture_has_no_rim() -> None:
+@pytest.mark.parametrize("divisor", [64, 255])
+def test_an_almost_black_picture_has_no_rim(divisor: int) -> None:
     image, range_m = turbid_frame()
-    assert without_rim(image // 64, range_m, "srgb") is range_m
+    assert without_rim(image // divisor, range_m, "srgb") is range_m
+
+
+def test_where_only_the_rim_has_ranges_they_count() -> None:
+    image, range_m = turbid_frame()
+    image[:24], range_m[24:] = 0, np.nan
+    assert without_rim(image, range_m, "srgb") is range_m
 
 
 def test_a_rim_is_unknown_and_the_rest_as_measured() -> None:

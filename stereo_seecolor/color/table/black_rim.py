@@ -50,7 +50,7 @@ def without_rim(image: Image, range_m: Map, encoding: InputEncoding) -> Map:
         return range_m
     step = max(max(image.shape) // LIMITS.looked_at_px, 1)
     light = _brightest(image[::step, ::step], encoding)
-    black = light <= min(LIMITS.black, LIMITS.of_bright * float(np.quantile(light, 0.9)))
+    black = light < min(LIMITS.black, LIMITS.of_bright * float(np.quantile(light, 0.9)))
     _, regions = cv2.connectedComponents(black.astype(np.uint8))
     of_corners = regions[CORNERS]
     if np.count_nonzero(of_corners) < LIMITS.corners:
@@ -62,7 +62,8 @@ def without_rim(image: Image, range_m: Map, encoding: InputEncoding) -> Map:
     rim = _wider(rim, by_px)
     rim[:by_px], rim[-by_px:], rim[:, :by_px], rim[:, -by_px:] = 1, 1, 1, 1
     full = rim.repeat(step, axis=0).repeat(step, axis=1)[: image.shape[0], : image.shape[1]]
-    return np.where(full > 0, np.float32(np.nan), range_m)
+    left = np.where(full > 0, np.float32(np.nan), range_m)
+    return left if np.isfinite(left).any() else range_m
 
 
 def _edge_px(rim: NDArray[np.uint8], light: NDArray[np.float32]) -> int:
