@@ -171,7 +171,11 @@ class ColorConfig(StageConfig):
         "input_encoding is as-is.",
     )
     input_noise: float = Field(
-        default=0.006, gt=0, lt=1, description="Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of 255."
+        default=0.006,
+        gt=0,
+        lt=1,
+        description="Noise of a pixel as a fraction of full scale, standard deviation: 1.5 of 255; of linear images as if they "
+        "were encoded in sRGB.",
     )
     output_noise: float = Field(
         default=0.06,

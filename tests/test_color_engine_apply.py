@@ -223,3 +223,14 @@ def test_broken_frames_give_a_picture_or_a_warning(method, depth, name, image, r
         assert all(np.isfinite(getattr(one, n)).all() for n in ("gamma_inf", "beta", "eta", "alpha", "w", "v", "y", "x", "white"))
     if name in ("one level", "black", "blown", "one valid pixel", "2x2", "1x1"):
         assert found.warnings, "nothing can be learned from this frame, and it should say so"
+
+
+def test_an_underexposed_linear_image_keeps_its_colors():
+    """A sensor's noise grows with its light: a twentieth of the light in 16 bits is no noise."""
+    water = replace(clear_water("linear"), white=np.array([0.015, 0.05, 0.05]))
+    range_m = np.full((20, 20), 2.0, np.float32)
+    red = np.array([0.6, 0.2, 0.1])
+    image = np.round(np.broadcast_to(red * water.white, (20, 20, 3)) * 65535).astype(np.uint16)
+    found = Corrector(ColorConfig(input_encoding="linear")).apply(image, range_m, water, exposure=1.0)
+    assert angle_deg(decode(found.image / 65535, "srgb"), red).max() < 1.0
+    assert not found.unrecoverable.any()

@@ -23,8 +23,11 @@ def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.fl
 
 
 def decoding_slope(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """d light / d value of what ``decode`` does, where it gives this light."""
-    return srgb.decoding_slope(light) if encoding == "srgb" else np.ones_like(light)
+    """d light / d value of files encoded for a screen, where they give this light: what a step of noise in a value is in light.
+
+    Of linear files too, since a sensor's noise grows with its light in them as well; 1 of as-is.
+    """
+    return srgb.decoding_slope(light) if encoding != "as-is" else np.ones_like(light)
 
 
 @lru_cache
