@@ -172,6 +172,18 @@ def test_quantiles_are_those_of_the_pixels() -> None:
     np.testing.assert_allclose(seen.light[:, 0], expected, atol=1 / 255)
 
 
+def test_few_far_pixels_are_of_a_range_of_their_own() -> None:
+    range_m = slope(1.0, 1.5)
+    range_m[:3] = 6.0
+    image = np.full((*SHAPE, 3), 90, np.uint8)
+    image[:3] = 200
+    seen = quantiles_by_range(measure(image, range_m), "as-is")
+    assert seen.range_m[-2:] == pytest.approx([1.5, 6.0], rel=0.05)
+    assert seen.light[:, -1].min() == pytest.approx(200 / 255, abs=0.01)
+    assert seen.light[:, :-1].max() == pytest.approx(90 / 255, abs=0.01)
+    assert seen.pixels.sum() == range_m.size
+
+
 @settings(max_examples=25)
 @given(
     st.integers(0, 2**31), st.sampled_from([(1, 1), (2, 2), (9, 7)]), st.sampled_from([np.uint8, np.uint16]), st.floats(0.05, 40)

@@ -5,7 +5,7 @@
 
 Content and light may change with range (brightness_z) as long as they change alike in all channels. Reflectances are nearly
 those of natural scenes, a little warm, and the brighter the nearer to gray. The water's prior is ``water_prior``, that of the rest
-``scene_prior``. All of this is one regularized least squares over at most 20 ranges, solved by Gauss-Newton steps; the inverse of
+``scene_prior``. All of this is one regularized least squares over some 20 ranges, solved by Gauss-Newton steps; the inverse of
 its curvature is the covariance.
 """
 

@@ -6,14 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.table.bins import RANGE_BINS
 from stereo_seecolor.color.table.encoding import InputEncoding, decode
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 FRACTIONS = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
 """Of the pixels of a group, from what is nearly in shadow to the brightest, which are the likeliest to be white."""
-MOST_GROUPS = 20
-"""More hardly change a fit, and each costs time."""
+PARTS = 20
+"""Of a frame's pixels, one a group: more hardly change a fit, and each costs time."""
+BINS_PER_OCTAVE = RANGE_BINS // 8
+"""Of range, which has eight octaves."""
 CLIPPED = 0.99
 """Fraction of full scale, encoded: from here on a value is a lower bound of the light."""
 NOISE = 0.004
@@ -67,11 +70,14 @@ def _without_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
-    """(G,) the first of the occupied range bins of each group: cut where the running sum passes equal parts."""
+    """(G,) the first of the occupied range bins of each group: cut where the running sum passes equal parts, and at each octave of
+    a group: the few far pixels of a frame have little in common with the next nearer ones."""
     occupied = np.flatnonzero(pixels)
     below = np.cumsum(pixels)
-    part = np.floor((below - 0.5 * pixels)[occupied] / below[-1] * MOST_GROUPS)
-    return occupied[np.flatnonzero(np.diff(part, prepend=-1.0))]
+    part = np.floor((below - 0.5 * pixels)[occupied] / below[-1] * PARTS)
+    starts = np.diff(part, prepend=-1.0) > 0
+    octave = (occupied - np.maximum.accumulate(np.where(starts, occupied, 0))) // BINS_PER_OCTAVE
+    return np.asarray(occupied[starts | (np.diff(octave, prepend=0) > 0)])
 
 
 def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
