@@ -56,8 +56,12 @@ class RowCheck:
 
     @property
     def warning(self) -> str | None:
-        """What a run over a dive must say before it starts; None where rows agree to half a pixel and left is left."""
-        if self.row_error_px <= LIMITS.warning_px and not self.swapped:
+        """What a run over a dive must say before it starts; None where rows agree to half a pixel and left is left.
+
+        What makes ranges wrong by its factor is said from where rows are not acceptable on: small images hide it.
+        """
+        ranges_wrong = not self.acceptable and (self.air_in_water or self.cut_out)
+        if self.row_error_px <= LIMITS.warning_px and not (self.swapped or ranges_wrong):
             return None
         return "; ".join(self.advice)
 
@@ -113,10 +117,13 @@ class RowCheck:
             )
         elif self.cut_out:
             factor = self.enlargement.factor
+            in_water = LIMITS.water_index[0] <= factor <= LIMITS.water_index[1]
+            air = "; a focal length measured in air looks the same in water: calibrate in water" if in_water else ""
             advice.append(
                 f"images cut out of the calibrated ones and enlarged about {factor:.2f} times, to their size, explain the "
                 f"rows, {self.enlargement.unexplained_px:.2f} px left instead of {self.unexplained_px:.2f} px: ranges would be "
-                f"{1 / factor:.2f} of the true ones; give the whole images, or a calibration of this (or of the stabilized) mode"
+                f"{1 / factor:.2f} of the true ones; give the whole images, or a calibration of this (or of the stabilized) "
+                f"mode{air}"
             )
         elif self.row_error_px > LIMITS.acceptable_px:
             advice.append(self._explanation())

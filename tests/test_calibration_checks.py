@@ -11,7 +11,7 @@ from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
 from calibration.checks import RowCheck, judge_matches, suspicions, vertical_disparity
-from calibration.enlargement import enlarged
+from calibration.enlargement import Enlargement, enlarged
 from calibration.formats import load_rig
 from calibration.matches import Matches, MatchLimits, find_matches
 from calibration.plan import rectified_points
@@ -66,6 +66,15 @@ def test_images_cut_out_and_enlarged_are_told_by_the_lens(factor: float) -> None
     assert check.cut_out and not check.has_moved and not check.air_in_water
     assert check.enlargement.factor == pytest.approx(factor, rel=0.1)
     assert "cut out of the calibrated ones" in check.advice[0]
+
+
+@pytest.mark.parametrize(("row_px", "said"), [(0.2, False), (0.3, True)])
+def test_a_wrong_focal_length_is_said_before_a_run_where_rows_are_off_by_little(row_px: float, said: bool) -> None:
+    """Of small images a focal length that is 1.33 times off leaves rows within half a pixel, and ranges 0.75 of the true ones."""
+    check = RowCheck(3, 500, row_px, 0.0, 1.0, 0.0, row_px, 0.0, 1.0, row_px, Enlargement(1.33, 0.3 * row_px))
+    assert (check.warning is not None) == said
+    if check.warning:
+        assert "ranges would be 0.75 of the true ones" in check.warning and "measured in air" in check.warning
 
 
 def test_camera_turned_since_is_explained() -> None:

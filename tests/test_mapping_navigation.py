@@ -203,6 +203,28 @@ def test_clocks_apart_are_named_with_the_difference(placed: Callable[..., Placed
     assert f"{-later_s:+.2f} s added to the times of the poses" in found.navigation.advice
 
 
+def one_attitude(T: Poses) -> Poses:
+    T[:, :3, :3] = np.eye(3)
+    return T
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (positions(lambda p: p * [1 / 111_000, 1 / 111_000, 1]), "latitudes and longitudes"),
+        (positions(lambda p: 0 * p), "hardly move"),
+        (one_attitude, "attitudes are all the same"),
+    ],
+)
+def test_poses_that_stay_while_the_pictures_move_are_named(
+    placed: Callable[..., Placed], reef: ReefFrames, change: Callable[[Poses], Poses], said: str
+) -> None:
+    found = placed(change)
+    assert found.navigation and not found.navigation.fits and said in found.navigation.advice
+    assert off_m(found, reef) < 0.01
+
+
 @pytest.mark.slow
 def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(placed: Callable[..., Placed], reef: ReefFrames) -> None:
     for change in (turned(14.0), lambda T: turned(14.0)(noisy(T))):

@@ -24,6 +24,15 @@ TURN_HELPS = 0.9
 """A constant turn must leave at most this fraction of the misfit."""
 MAX_TURN_RAD = np.radians(20.0)
 """No compass or gyroscope is off by this much between neighbors."""
+MOVES_M, STILL = 0.05, 0.01
+"""Where the pictures move by so much across the vertical, positions that move by so small a fraction are none: a degree of latitude
+is 111 km."""
+STILL_RAD = 1e-6
+"""Attitudes that differ by less are one number."""
+ALIKE = (
+    "the given attitudes are all the same, and not those of the pictures: where only positions are known, give them alone, as a "
+    "table with a map of its columns (nav.csv:time=...,lat=...,lon=...)"
+)
 MIN_FRAMES = 5
 """Fewer do not tell standard errors: the configuration's, or these, are taken."""
 UNKNOWN_STD = (0.5, 0.05, np.radians(1.0))
@@ -92,6 +101,8 @@ def examine(given: Placement, survey: Survey, edges: Sequence[Edge], trajectory:
     plain = misfit(T, posed)
     if not np.isfinite(plain):
         return verdict
+    if still := _still(T, posed, motions):
+        return replace(verdict, navigation=replace(navigation, fits=False, advice=still))
     turn = constant_turn(motions)
     turned = T.copy()
     turned[:, :3, :3] = T[:, :3, :3] @ turn.R
@@ -160,6 +171,25 @@ def _residuals(motions: Motions, edges: Sequence[Edge], survey: Survey) -> Navig
 
 def _median(values: Array) -> float:
     return float(np.median(values)) if len(values) else float("nan")
+
+
+def _still(T_world_camera: Array, edges: Sequence[Edge], motions: Motions) -> str:
+    """What to say of poses that stay while the pictures move: numbers that are no positions, or no attitudes; "" for others."""
+    start = T_world_camera[[e.i for e in edges], :3, :3]
+    given_m, measured_m = (
+        _median(np.linalg.norm(np.einsum("nij,nj->ni", start, shift[:, :3, 3])[:, :2], axis=1))
+        for shift in (motions.given, motions.measured)
+    )
+    if measured_m > MOVES_M and given_m < STILL * measured_m:
+        return "the given positions hardly move while the pictures do: are they latitudes and longitudes, taken for meters?"
+    turns_rad = np.linalg.norm(rotation_vector(motions.measured[:, :3, :3]), axis=1)
+    return ALIKE if turns_rad.max() > MAX_TURN_RAD and attitudes_alike(T_world_camera) else ""
+
+
+def attitudes_alike(T_world_camera: Array) -> bool:
+    """True if all known attitudes are the same to the digit, as no vehicle holds them: they were not measured."""
+    R = T_world_camera[np.isfinite(T_world_camera).all(axis=(1, 2)), :3, :3]
+    return len(R) > 1 and float(np.abs(R - R[0]).max()) < STILL_RAD
 
 
 def _turn_advice(turn: Turn, config: MappingConfig) -> str:

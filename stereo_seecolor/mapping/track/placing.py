@@ -15,7 +15,7 @@ from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.fixes import at_fixes
 from stereo_seecolor.mapping.track.marks import Marks
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit, held
-from stereo_seecolor.mapping.track.navigation import MAX_TURN_RAD, Navigation, Verdict, examine, priors
+from stereo_seecolor.mapping.track.navigation import ALIKE, MAX_TURN_RAD, Navigation, Verdict, attitudes_alike, examine, priors
 from stereo_seecolor.mapping.track.placement import place
 from stereo_seecolor.mapping.track.readings import misfit
 from stereo_seecolor.mapping.track.refinement import refined
@@ -149,7 +149,8 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
             upright(verdict.placement, index, trajectory.up)
         except MappingError:
             down = "the given poses' z axis points down: they would fit as north-east-down, or with z negated"
-            navigation = replace(navigation, fits=False, advice=down)
+            advice = ALIKE if attitudes_alike(verdict.placement.T_world_camera) else down
+            navigation = replace(navigation, fits=False, advice=advice)
     known = priors(own, verdict.placement, config) if navigation.fits else []
     if known and known[0].attitude_std_rad > MAX_TURN_RAD and misfit(verdict.placement.T_world_camera, track.edges) > WRONG:
         off_deg = np.degrees(known[0].attitude_std_rad)
