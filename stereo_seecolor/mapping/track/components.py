@@ -5,8 +5,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
 from stereo_seecolor.geometry import inverse, rotation_vector
 from stereo_seecolor.mapping.track.relative_pose import Edge
@@ -26,6 +24,9 @@ def chain(edges: Sequence[Edge], rank: NDArray[np.int64]) -> tuple[Array, NDArra
 
     Each component starts at the identity, in its first frame by ``rank`` (N,).
     """
+    from scipy.sparse import csr_array  # a fifth of a second, which ``run`` need not wait for: it chains nothing
+    from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+
     count = len(rank)
     T, components = np.full((count, 4, 4), np.nan), np.full(count, -1)
     order = sorted(range(len(edges)), key=lambda k: -edges[k].inliers)
