@@ -53,16 +53,16 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
         return image
     at = np.flatnonzero(carried)
     full = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else np.inf
-    pixels = np.maximum(image.reshape(-1, 3)[at].astype(np.float32), 0)
+    pixels = np.maximum(image.reshape(-1, 3)[at].T.astype(np.float32, order="C"), 0)
     held = pixels.copy()
     for c in range(3):
-        others = _others(c)
-        most = (pixels[:, others] * bounds.most[c, others]).max(axis=1)
-        least = (pixels[:, others] * bounds.least[c, others]).min(axis=1) if c == RED else 0
-        held[:, c] = np.clip(pixels[:, c], least, np.minimum(most, full))
-    changed = (held != pixels).any(axis=1)
+        a, b = _others(c)
+        most = np.maximum(pixels[a] * bounds.most[c, a], pixels[b] * bounds.most[c, b])
+        least = np.minimum(pixels[a] * bounds.least[c, a], pixels[b] * bounds.least[c, b]) if c == RED else 0
+        held[c] = np.clip(pixels[c], least, np.minimum(most, full))
+    changed = (held != pixels).any(axis=0)
     out = image.copy()
-    out.reshape(-1, 3)[at[changed]] = held[changed]
+    out.reshape(-1, 3)[at[changed]] = held[:, changed].T
     return out
 
 
