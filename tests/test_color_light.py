@@ -1,6 +1,7 @@
 """The light of a survey from spots that several frames see: known patterns and gains come back; even light is left alone."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -167,11 +168,12 @@ def two_lines(gains: NDArray[np.float64], pattern: Callable[[NDArray[np.float64]
     return [SeenWindow(np.arange(FRAMES), Sightings(patch, view, range_m, np.exp(log_light), pixel))]
 
 
-def test_a_sun_that_sinks_is_not_taken_for_a_slope_across_the_track() -> None:
-    def radial(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
-        x, y = ((2 * pixel[:, axis] + 1 - SIZE[axis]) / SIZE[0] for axis in (0, 1))
-        return np.asarray(-0.3 * (x**2 + y**2))
+def radial(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y = ((2 * pixel[:, axis] + 1 - SIZE[axis]) / SIZE[0] for axis in (0, 1))
+    return np.asarray(-0.3 * (x**2 + y**2))
 
+
+def test_a_sun_that_sinks_is_not_taken_for_a_slope_across_the_track() -> None:
     gains = np.linspace(0.7, -0.7, FRAMES)
     names = [f"{i:02d}" for i in range(FRAMES)]
     found = solve_light(two_lines(gains, radial), names, SIZE, ALL)
@@ -183,6 +185,23 @@ def test_a_sun_that_sinks_is_not_taken_for_a_slope_across_the_track() -> None:
     assert left.std() < 0.05
     measured = np.array([found.light.gains[name][1] for name in names])
     assert np.abs(measured - gains).max() < 0.1
+
+
+@pytest.mark.slow
+def test_how_well_the_pattern_is_known_is_said() -> None:
+    def error(frames: int) -> float:
+        seen = night_windows(np.zeros((FRAMES, 3)))[:frames]
+        found = solve_light(seen, [f"{i:02d}" for i in range(FRAMES)], SIZE, ALL)
+        assert found is not None
+        return found.luminance.error
+
+    assert 0 < error(9) < 0.8 * error(2)
+    found = solved(True, some_gains(), 0.1)
+    assert 0.3 * found.luminance.error < pattern_error(found.solved) < 2 * found.luminance.error
+    assert found.content()["pattern_error"] == found.luminance.error
+    assert f"known to {100 * found.luminance.error:.0f} %;" in found.note
+    loose = replace(found, luminance=replace(found.luminance, error=0.2))
+    assert "known to 20 % only: lines that overlap" in loose.note
 
 
 def some_light() -> Light:

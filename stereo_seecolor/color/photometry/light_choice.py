@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_prior import LightPrior
-from stereo_seecolor.color.photometry.light_solver import Solution, Use, Window, explained, solve
+from stereo_seecolor.color.photometry.light_solver import Solution, Use, Window, explained, pattern_error, solve
 from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
 
 Array = NDArray[np.float64]
@@ -51,7 +51,7 @@ class Spread:
 class Choice:
     """A solution with the terms that help; what was there before and what is left, both on patches left out of a fit.
 
-    judging: number of these patches.
+    judging: number of these patches. error: standard error of the pattern, as of ``pattern_error``; 0 without a pattern.
     """
 
     use: Use
@@ -59,6 +59,7 @@ class Choice:
     before: Spread
     after: Spread
     judging: int
+    error: float
 
     @property
     def judged(self) -> bool:
@@ -95,7 +96,8 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
     good = [(candidate, spread) for candidate, spread in worth if spread.between_views <= most] or [(nothing, before)]
     solved = [(solve(windows, values, one.use, frames, one.prior), one.use, spread) for one, spread in good]
     solution, use, after = min(solved, key=lambda found: found[0].misfit)
-    return Choice(use, solution, before, after, judging)
+    error = pattern_error(solution, [other for other, *_ in solved]) if use.pattern else 0.0
+    return Choice(use, solution, before, after, judging, error)
 
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:

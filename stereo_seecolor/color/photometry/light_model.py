@@ -199,6 +199,10 @@ def _mean(a: int, b: int) -> float:
     return 0.0 if a % 2 or b % 2 else 1.0 / ((a + 1) * (b + 1))
 
 
+MEAN_SQUARES = np.array([[_mean(a + c, b + d) - _mean(a, b) * _mean(c, d) for c, d in POWERS] for a, b in POWERS])
+"""(PATTERN, PATTERN) mean over the picture of the products of the pattern's terms."""
+
+
 def with_fall_off(water: Water, light: Light | None) -> Water:
     """The water with what of the light's fading with range it does not explain: the fall-off of the rig's own lamps."""
     if light is None or not light.fade:

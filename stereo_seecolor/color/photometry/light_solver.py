@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_model import PATTERN, SHAPE, TERMS, pattern_terms
+from stereo_seecolor.color.photometry.light_model import MEAN_SQUARES, PATTERN, SHAPE, TERMS, pattern_terms
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.sightings import Sightings
 from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
@@ -79,12 +79,14 @@ class Solution:
     """coefficients: (TERMS, Q) of the terms in use, else 0. trend: (1, Q), by log_range. gains: (F, Q) logarithms, of mean 0.
 
     misfit: of the prior to the sightings, twice the negative logarithm of its evidence; to be compared between priors and terms.
+    covariance: (PATTERN, PATTERN) of the first coefficients, those of the pattern at the reference range; 0 without a pattern.
     """
 
     coefficients: Array
     trend: Array
     gains: Array
     misfit: float
+    covariance: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +132,26 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     gains = found[number:] - found[number:].mean(axis=0) if use.gains else np.zeros((frames, outputs))
     apart = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike
     misfit = known.misfit(found, outputs * (squares / trust + apart * np.log(trust)), matrix / trust)
-    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, misfit)
+    covariance = _covariance(matrix / trust + known.precision) if use.pattern else np.zeros((PATTERN, PATTERN))
+    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, misfit, covariance)
+
+
+def _covariance(precision: Array) -> Array:
+    """Of the pattern's coefficients, which are the first of all."""
+    return np.asarray(np.linalg.inv(precision)[:PATTERN, :PATTERN], np.float64)
+
+
+def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
+    """Standard error of the pattern at the reference range, logarithm, rms over the picture.
+
+    others: solutions that fit about as well, and this one: each counts by its evidence, with its covariance and what it says else.
+    """
+    weights = np.exp(0.5 * (min(other.misfit for other in others) - np.array([other.misfit for other in others])))
+    squares = []
+    for other in others:
+        off = (other.coefficients - solution.coefficients)[:PATTERN]
+        squares.append(((other.covariance + off @ off.T / off.shape[1]) * MEAN_SQUARES).sum())
+    return float(np.sqrt(np.average(squares, weights=weights)))
 
 
 @dataclass(frozen=True, eq=False)
