@@ -20,6 +20,7 @@ from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.mapping.track import odometry
+from stereo_seecolor.mapping.track.lever import lever_arm
 from stereo_seecolor.mapping.track.mount import constant_turn
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.mapping.track.residuals import Motions, depth_difference_m
@@ -236,6 +237,25 @@ def test_a_forgotten_mount_angle_is_found_said_and_taken_into_account(placed: Ca
         assert off_m(found, reef) < 0.005
         down = found.placement.T_world_camera[:, 2, 2] - reef.trajectory.T_world_camera[:, 2, 2]
         assert np.abs(down).mean() < 0.03
+
+
+def test_a_lever_arm_is_found_where_the_camera_turns() -> None:
+    rng = np.random.default_rng(0)
+    measured = np.array([pose(rotation_from_vector(v[0]), v[1]) for v in rng.normal(0, 0.3, (30, 2, 3))])
+    arm = pose(np.eye(3), np.array([0.5, -0.2, 0.3]))
+    seen = Motions(inverse(arm) @ measured @ arm, measured)
+    np.testing.assert_allclose(lever_arm(seen), [0.5, -0.2, 0.3], atol=1e-4)
+    noise = seen.given.copy()
+    noise[:, :3, 3] = measured[:, :3, 3] + rng.normal(0, 0.3, (30, 3))
+    assert lever_arm(Motions(noise, measured)) is None
+    assert lever_arm(Motions(measured, measured)) is None
+
+
+@pytest.mark.slow
+def test_positions_of_another_point_of_the_vehicle_are_said_and_moved(placed: Callable[..., Placed], reef: ReefFrames) -> None:
+    found = placed(lambda T: T @ pose(np.eye(3), np.array([0.5, 0.0, 0.0])))
+    assert found.navigation and found.navigation.fits and "a point 0.50 m from the camera" in found.navigation.advice
+    np.testing.assert_allclose(found.placement.T_world_camera[:, :3, 3], reef.trajectory.T_world_camera[:, :3, 3], atol=0.03)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.geometry import inverse, nearest_rotation, pose, rotation_vector
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.deviations import deviations
+from stereo_seecolor.mapping.track.lever import lever_arm
 from stereo_seecolor.mapping.track.mount import Turn, constant_turn, mount_with
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.readings import better_reading, misfit, readings
@@ -116,8 +117,13 @@ def examine(given: Placement, survey: Survey, edges: Sequence[Edge], trajectory:
         advice = "the given poses contradict the pictures, however they are read: are they of this dive?"
         return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))
     told = [_turn_advice(turn, config)] if helps else []
-    told += deviations(turned if helps else T, posed, survey.index)
-    used = replace(given, T_world_camera=turned) if helps else given
+    straight = turned if helps else T
+    arm_m = lever_arm(Motions.of(straight, posed))
+    if arm_m is not None:
+        straight = straight @ pose(np.eye(3), -arm_m)
+        told.append(_lever_advice(arm_m))
+    told += deviations(straight, posed, survey.index)
+    used = replace(given, T_world_camera=straight)
     return replace(verdict, navigation=replace(navigation, advice="; ".join(told)), placement=used)
 
 
@@ -190,6 +196,15 @@ def attitudes_alike(T_world_camera: Array) -> bool:
     """True if all known attitudes are the same to the digit, as no vehicle holds them: they were not measured."""
     R = T_world_camera[np.isfinite(T_world_camera).all(axis=(1, 2)), :3, :3]
     return len(R) > 1 and float(np.abs(R - R[0]).max()) < STILL_RAD
+
+
+def _lever_advice(arm_m: Array) -> str:
+    right, down, forward = arm_m
+    return (
+        f"the given positions are of a point {np.linalg.norm(arm_m):.2f} m from the camera ({right:+.2f} right, {down:+.2f} down, "
+        f"{forward:+.2f} forward), which was taken into account: where they are a vehicle's, set surge_m, sway_m and heave_m of "
+        "mapping.mount"
+    )
 
 
 def _turn_advice(turn: Turn, config: MappingConfig) -> str:

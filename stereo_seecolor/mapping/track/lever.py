@@ -1,0 +1,45 @@
+"""A lever arm between the camera and the point whose positions are given: seen where the camera turns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.mapping.track.residuals import Motions
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LeverSettings:
+    """When a lever arm is believed."""
+
+    least_m: float = 0.1  # less is no more than navigation's noise
+    sigmas: float = 6.0  # of its own standard error, in the direction that the turns show best
+    left: float = 0.5  # of the shifts' residuals, rms and median, it must leave at most this fraction: noise of positions stays
+    rounds: int = 5  # of weighting by the residuals
+    floor_m: float = 0.002  # least standard error of a shift: what the pictures can tell
+    prior_m: float = 1.0  # standard error before anything is measured: decides what the motion leaves open
+
+
+SETTINGS = LeverSettings()
+
+
+def lever_arm(motions: Motions) -> Array | None:
+    """(3,) from the camera to the point whose positions are given, in the camera's axes, meters; None where none shows.
+
+    A point at l moves by t + (R - I) l where the camera moves by R, t.
+    """
+    off_m = motions.given[:, :3, 3] - motions.measured[:, :3, 3]
+    turns = motions.measured[:, :3, :3] - np.eye(3)
+    arm_m, covariance = np.zeros(3), np.eye(3)
+    for _ in range(SETTINGS.rounds):
+        left_m = np.linalg.norm(off_m - turns @ arm_m, axis=1)
+        sigma_m = max(SETTINGS.floor_m, float(np.median(left_m)) / 1.54)  # median of the length of a 3-D Gaussian
+        weight = 1 / (sigma_m**2 * (1 + (left_m / (3 * sigma_m)) ** 2))
+        covariance = np.linalg.inv(np.einsum("n,nki,nkj->ij", weight, turns, turns) + np.eye(3) / SETTINGS.prior_m**2)
+        arm_m = covariance @ np.einsum("n,nki,nk->i", weight, turns, off_m)
+    before_m, after_m = np.linalg.norm(off_m, axis=1), np.linalg.norm(off_m - turns @ arm_m, axis=1)
+    explains = np.median(after_m) < SETTINGS.left * np.median(before_m)
+    sure = (np.abs(arm_m) / np.sqrt(np.diag(covariance))).max() > SETTINGS.sigmas
+    return arm_m if explains and sure and np.linalg.norm(arm_m) > SETTINGS.least_m else None
