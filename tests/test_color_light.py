@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.photometry.color_beside_water import beside_water
+from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.color.photometry.crossing import alike, pictures_crossed
 from stereo_seecolor.color.photometry.even_light import even_light
-from stereo_seecolor.color.photometry.light_model import TERMS, Light, with_fall_off
+from stereo_seecolor.color.photometry.light_model import TERMS, Light, lit_by
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
@@ -115,11 +116,11 @@ def test_the_fall_off_of_lamps_is_what_water_does_not_explain() -> None:
     assert found.light is not None
     assert found.light.fade == pytest.approx(2.0, abs=0.2)
     clear, every = Water(*np.zeros((8, 3))), np.ones(3)
-    assert with_fall_off(clear, found.light).fall_off == pytest.approx(found.light.fade)
+    assert lit_by(clear, found.light).fall_off == pytest.approx(found.light.fade)
     gray = Water(*np.zeros((6, 3)), y=0.5 * every, x=0 * every)
     explained = 0.5 * found.light.reference_m
-    assert with_fall_off(gray, found.light).fall_off == pytest.approx(found.light.fade - explained, abs=0.02)
-    assert with_fall_off(gray, None) is gray
+    assert lit_by(gray, found.light).fall_off == pytest.approx(found.light.fade - explained, abs=0.02)
+    assert lit_by(gray, None) is gray
 
 
 def lamplight(pixel: NDArray[np.float64], range_m: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -206,7 +207,8 @@ def test_how_well_the_pattern_is_known_is_said() -> None:
 
 def some_light() -> Light:
     coefficients = 0.05 * np.random.default_rng(4).standard_normal((TERMS, 3))
-    return Light(coefficients, 2.0, (1.2, 3.0), {"a": np.array([0.1, 0.0, -0.2])}, 1.5)
+    trend = ColorTrend(np.array([-0.5, 0.2, 0.3]), 0.1, 2.0, np.array([0.1, 0.2, 0.2]))
+    return Light(coefficients, 2.0, (1.2, 3.0), {"a": np.array([0.1, 0.0, -0.2])}, 1.5, trend)
 
 
 def test_light_survives_json() -> None:
@@ -305,7 +307,8 @@ def redder_at_borders(light: Light, seen: list[SeenWindow]) -> float:
     pixel, range_m, shown = (np.concatenate([getattr(one.seen, part) for one in seen]) for part in ("pixel", "range_m", "light"))
     even = shown * np.exp(-light.log_pattern(pixel, range_m, SIZE))
     image = np.round(65535 * even).astype(np.uint16)[None]
-    water = Corrector(ColorConfig(input_encoding="linear")).fit_frame(image, range_m[None].astype(np.float32))
+    fitted = Corrector(ColorConfig(input_encoding="linear")).fit_frame(image, range_m[None].astype(np.float32))
+    water = with_color_trend(fitted, light.color_trend)
     direct = np.maximum((even - water.backscatter(range_m)) / water.attenuation(range_m), 1e-4)
     return float(np.polyfit(radius2(pixel), np.log(direct[:, 0] / direct[:, 1]), 1)[0])
 

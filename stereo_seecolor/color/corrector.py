@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_model import Light, with_fall_off
+from stereo_seecolor.color.photometry.light_model import Light, lit_by
 from stereo_seecolor.color.photometry.survey import Fitter, FrameFitter, ReadPixels, SlidingFitter, SurveyFitter
 from stereo_seecolor.color.render.apply import correct, correct_linear
 from stereo_seecolor.color.render.exposure import choose
@@ -104,10 +104,10 @@ class Corrector:
         """
 
         def fit(table: MomentTable, start: Water | None) -> Water:
-            return with_fall_off(self.fit(table, start), light)
+            return lit_by(self.fit(table, start), light)
 
         def fit_measured(table: MomentTable, pixels: ReadPixels, start: Water | None) -> Water:
-            return with_fall_off(self._fit_measured(table, pixels, start), light)
+            return lit_by(self._fit_measured(table, pixels, start), light)
 
         if self.config.lock == "frame":
             return FrameFitter(fit_measured)

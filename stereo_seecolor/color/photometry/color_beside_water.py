@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting import robust
+from stereo_seecolor.color.photometry.color_trend import with_color_trend
 from stereo_seecolor.color.photometry.crossing import alike
 from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
@@ -47,7 +48,7 @@ def beside_water(
     light, log_gains = found.solved, np.zeros(len(names)) if recorded is None else recorded
     gains = log_gains[:, None] + np.array([light.gains.get(name, np.zeros(3)) for name in names])
     even = [_even(window, light, gains, size) for window in windows]
-    water, views = _water(even), Views(size, light.reference_m, light.seen_m)
+    water, views = with_color_trend(_water(even), light.color_trend), Views(size, light.reference_m, light.seen_m)
     made = [_window(views, window, seen, water) for window, seen in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]

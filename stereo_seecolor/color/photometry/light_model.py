@@ -15,6 +15,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.files.json_values import Streamed
 from stereo_seecolor.files.keys import content_key, content_key_of
@@ -98,6 +99,7 @@ class Light:
     coefficients: (TERMS, 3) of the logarithm of the pattern, R, G, B. reference_m: the range at which the pattern is its first
     part alone. seen_m: nearest and farthest range that it was measured at. gains: name of a frame -> (3,) logarithm of its gain.
     fade: power of the range by which the light of a surface falls off, water and lamps together; 0 where it was not measured.
+    color_trend: how the color of a surface changes with range; None where it was not measured.
     """
 
     coefficients: Array
@@ -105,6 +107,7 @@ class Light:
     seen_m: tuple[float, float]
     gains: Mapping[str, Array] = field(default_factory=FrameGains)
     fade: float = 0.0
+    color_trend: ColorTrend | None = None
 
     def on(self, name: str, size: tuple[int, int]) -> "FrameLight":
         """The light in the frame ``name``, whose picture has ``size`` (width, height) pixels."""
@@ -154,6 +157,7 @@ class Light:
             "reference_m": self.reference_m,
             "seen_m": list(self.seen_m),
             "fade": self.fade,
+            **({} if self.color_trend is None else {"color_trend": self.color_trend.content()}),
             "log_pattern": self.coefficients.tolist(),
             "log_gains": Streamed(lambda: ((name, gain.tolist()) for name, gain in self.gains.items())),
         }
@@ -164,7 +168,8 @@ class Light:
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
         gains = FrameGains.of(content["log_gains"].items())
-        return cls(coefficients, float(content["reference_m"]), (near_m, far_m), gains, float(content["fade"]))
+        trend = ColorTrend.from_content(content["color_trend"]) if "color_trend" in content else None
+        return cls(coefficients, float(content["reference_m"]), (near_m, far_m), gains, float(content["fade"]), trend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,9 +208,14 @@ MEAN_SQUARES = np.array([[_mean(a + c, b + d) - _mean(a, b) * _mean(c, d) for c,
 """(PATTERN, PATTERN) mean over the picture of the products of the pattern's terms."""
 
 
-def with_fall_off(water: Water, light: Light | None) -> Water:
+def lit_by(water: Water, light: Light | None) -> Water:
+    """The water with what the sightings say of it: how colors change with range, and the fall-off of the rig's own lamps."""
+    return water if light is None else with_color_trend(_with_fall_off(water, light), light.color_trend)
+
+
+def _with_fall_off(water: Water, light: Light) -> Water:
     """The water with what of the light's fading with range it does not explain: the fall-off of the rig's own lamps."""
-    if light is None or not light.fade:
+    if not light.fade:
         return water
     near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))
     near, far = np.log(water.attenuation(near_far_m)).mean(axis=1)

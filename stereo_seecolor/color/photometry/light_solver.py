@@ -78,6 +78,7 @@ class Window:
 class Solution:
     """coefficients: (TERMS, Q) of the terms in use, else 0. trend: (1, Q), by log_range. gains: (F, Q) logarithms, of mean 0.
 
+    trend_error: standard error of each number of the trend.
     misfit: of the prior to the sightings, twice the negative logarithm of its evidence; to be compared between priors and terms.
     covariance: (PATTERN, PATTERN) of the first coefficients, those of the pattern at the reference range; 0 without a pattern.
     """
@@ -85,6 +86,7 @@ class Solution:
     coefficients: Array
     trend: Array
     gains: Array
+    trend_error: float
     misfit: float
     covariance: Array
 
@@ -132,13 +134,10 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     gains = found[number:] - found[number:].mean(axis=0) if use.gains else np.zeros((frames, outputs))
     apart = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike
     misfit = known.misfit(found, outputs * (squares / trust + apart * np.log(trust)), matrix / trust)
-    covariance = _covariance(matrix / trust + known.precision) if use.pattern else np.zeros((PATTERN, PATTERN))
-    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, misfit, covariance)
-
-
-def _covariance(precision: Array) -> Array:
-    """Of the pattern's coefficients, which are the first of all."""
-    return np.asarray(np.linalg.inv(precision)[:PATTERN, :PATTERN], np.float64)
+    inverse = np.linalg.inv(matrix / trust + known.precision)
+    covariance = np.asarray(inverse[:PATTERN, :PATTERN], np.float64) if use.pattern else np.zeros((PATTERN, PATTERN))
+    trend_error = float(np.sqrt(inverse[number - 1, number - 1]))
+    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, trend_error, misfit, covariance)
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:

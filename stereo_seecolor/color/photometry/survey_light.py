@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry.color_trend import ColorTrend
 from stereo_seecolor.color.photometry.crossing import SETTINGS, alike, pictures_crossed
 from stereo_seecolor.color.photometry.light_choice import Candidate, Choice, choose
 from stereo_seecolor.color.photometry.light_model import SHAPE, Light
@@ -166,8 +167,17 @@ def solve_light(
     coefficients = luminance.solution.coefficients + color.solution.coefficients
     fade = -float(luminance.solution.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0
     by_name = {names[frame]: gain for frame, gain in zip(measured, gains, strict=True)} if gains.any() else {}
-    light = Light(coefficients, views.reference_m, views.seen_m, by_name, fade)
+    light = Light(coefficients, views.reference_m, views.seen_m, by_name, fade, _color_trend(color, made, views.reference_m))
     return SurveyLight(light, luminance, color, crossed, recorded=recorded is not None)
+
+
+def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
+    """None where color has no pattern: gains alone would be taken for it."""
+    if not color.use.pattern:
+        return None
+    light = np.exp(np.concatenate([window.log_light for window in windows]).mean(axis=0))
+    power, error = color.solution.trend[0] / SHAPE.range_step, color.solution.trend_error / SHAPE.range_step
+    return ColorTrend(power - power.mean(), error, reference_m, light)
 
 
 def _candidates(allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior], patterns: Sequence[Use]) -> list[Candidate]:

@@ -1,0 +1,65 @@
+"""How the color of one spot changes with range, seen by several frames: a measurement of the water beside the fit of its colors.
+
+The fit compares what lies near with what lies far, and takes corals above sand for water where their colors differ. A spot that is
+seen from two ranges has one color.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.files.srgb import LUMINANCE
+from stereo_seecolor.records import Water
+
+Array = NDArray[np.float64]
+
+SYSTEMATIC = 0.25
+"""By which a trend is off, of a power of the range, however well sightings agree: gains and pattern take part of it, or give it
+some. On drawn dives with lamps, whose errors by the sightings' scatter are 0.05 to 0.15, it is off by up to 0.4."""
+MOST_BACKSCATTER = 0.8
+"""Fraction of a channel's light: a spot with more of it says nothing of attenuation."""
+
+
+@dataclass(frozen=True, eq=False)
+class ColorTrend:
+    """power: (3,) of the range, by which R, G, B of a spot change beside their common brightness; their mean is 0. error: standard
+    error of each. range_m: at which it was measured. light: (3,) linear light of a usual spot there, fraction of full scale.
+    """
+
+    power: Array
+    error: float
+    range_m: float
+    light: Array
+
+    def content(self) -> dict[str, Any]:
+        """As the content of a JSON file."""
+        return {"power": self.power.tolist(), "error": self.error, "range_m": self.range_m, "light": self.light.tolist()}
+
+    @classmethod
+    def from_content(cls, content: Any) -> "ColorTrend":
+        """The trend from what ``content`` returned. Raises ValueError, KeyError or TypeError where it is something else."""
+        power, light = (np.array(content[name], np.float64).reshape(3) for name in ("power", "light"))
+        return cls(power, float(content["error"]), float(content["range_m"]), light)
+
+
+def with_color_trend(water: Water, trend: ColorTrend | None) -> Water:
+    """The water with its attenuation and the trend's, each weighted by its variance; at the trend's range nothing changes.
+
+    Brightness keeps its change with range: that of the trend would be the lamps' too. The paper's waters, whose coefficients change
+    with range otherwise, stay as they are.
+    """
+    if trend is None or water.x.any():
+        return water
+    z, step = trend.range_m, np.array([0.99, 1.01])
+    backscatter, light = water.backscatter(np.array(z)), trend.light
+    direct = light - np.minimum(backscatter, MOST_BACKSCATTER * light)
+    near, far = direct * water.attenuation(z * step) / water.attenuation(np.array(z)) + water.backscatter(z * step) - backscatter
+    power = (far - near) / light / np.log(step[1] / step[0])
+    off = (trend.power - (power - power.mean())) * light / direct
+    variance = np.nan_to_num(water.standard_errors.get("y", np.full(3, np.nan)) * z, nan=np.inf) ** 2
+    error = np.hypot(trend.error, SYSTEMATIC) * light / direct
+    taken = off / (1.0 + error**2 / variance)
+    y = np.maximum(water.y - (taken - taken @ LUMINANCE) / z, np.maximum(-water.w, 0.0))
+    return replace(water, y=y, white=water.white * np.exp((y - water.y) * z))
