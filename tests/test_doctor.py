@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from stereo_seecolor.cli.machine_commands import doctor_text
 from stereo_seecolor.commands import doctor as module
 from stereo_seecolor.commands.doctor import CORE, EXTRAS, Library, doctor, examine
 
@@ -54,3 +55,14 @@ def test_every_dependency_of_a_user_is_looked_at() -> None:
     names = {requirement.split(">")[0].split("[")[0].strip() for requirement in wanted}
     assert names <= looked_at
     assert {library.extra for library in EXTRAS} == set(extras)
+
+
+def test_the_text_tells_what_is_optional_from_what_stops_a_run() -> None:
+    optional = module.Finding("rerun", False, "not installed", without="a plainer window", fix="pip install rerun-sdk")
+    needed = module.Finding("numba", False, "not installed", needed=True)
+    assert doctor_text([optional]).splitlines()[0] == "optional  rerun: not installed"
+    assert doctor_text([optional]).splitlines()[-1].startswith("ready")
+    assert doctor_text([optional, needed]).splitlines()[-2:] == [
+        "MISSING   numba: not installed",
+        "not ready: numba must be installed first",
+    ]

@@ -26,15 +26,24 @@ def doctor(report: BareReport) -> None:
 
 
 def doctor_text(findings: "Sequence[Finding]") -> str:
-    """What this machine has and lacks."""
+    """What this machine has and what it misses, and at the end whether the program can run."""
     output = []
     for finding in findings:
-        output.append(f"{'ok  ' if finding.ok else 'LACK'}  {finding.what}: {finding.detail}")
+        output.append(f"{_state(finding):8}  {finding.what}: {finding.detail}")
         if not finding.ok and finding.without:
-            output.append(f"      without it: {finding.without}")
+            output.append(f"          without it: {finding.without}")
         if finding.fix:
-            output.append(f"      fix it with: {finding.fix}")
-    return lines(*output)
+            output.append(f"          fix it with: {finding.fix}")
+    missing = [finding.what for finding in findings if finding.needed and not finding.ok]
+    verdict = f"not ready: {', '.join(missing)} must be installed first" if missing else "ready: all that a run needs is there"
+    return lines(*output, verdict)
+
+
+def _state(finding: "Finding") -> str:
+    """One word: an optional part that is missing stops no run."""
+    if finding.ok:
+        return "ok"
+    return "MISSING" if finding.needed else "optional"
 
 
 def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> None:
