@@ -47,7 +47,11 @@ class Use(NamedTuple):
     gains: bool = False
 
     def __str__(self) -> str:
-        names = {"pattern": "a pattern over the picture", "ranged": "its change with range", "gains": "a gain for each frame"}
+        names = {
+            "pattern": "uneven light over the picture",
+            "ranged": "its change with range",
+            "gains": "different exposure of frames",
+        }
         return ", ".join(name for key, name in names.items() if getattr(self, key)) or "nothing"
 
 

@@ -59,7 +59,7 @@ class SurveyLight:
     @property
     def note(self) -> str:
         """What was used and how much it helps, for a person; "" where nothing was."""
-        used = f"light: {'; '.join(self._used())}; on spots left out of the fit" if self.light else self._why_not()
+        used = f"light: {'; '.join(self._used())}; more in water.json" if self.light else self._why_not()
         if self.refused is None:
             return used
         as_taken, about = map(_percent, self.refused)
@@ -69,8 +69,8 @@ class SurveyLight:
 
     def _why_not(self) -> str:
         """Where even light is not what was found: "" where it is."""
-        few = f"only {self.luminance.judging} spots are seen by two frames and left out of the fit"
-        return "" if self.luminance.judged else f"light: {few}: too few to take anything out"
+        few = f"only {self.luminance.judging} spots are seen by two frames and can judge a correction"
+        return "" if self.luminance.judged else f"light: {few}: too few, nothing is corrected"
 
     def _used(self) -> list[str]:
         parts = []
@@ -78,21 +78,25 @@ class SurveyLight:
         if any(luminance.use):
             before, after = luminance.before, luminance.after
             parts.append(
-                f"{luminance.use} taken out: one spot's brightness differs by {_percent(after.between_views)} between views "
-                f"(before {_percent(before.between_views)}) and by {_percent(after.between_frames)} between frames "
-                f"(before {_percent(before.between_frames)})"
+                f"brightness corrected for {luminance.use}: views of one spot differ by {_percent(after.between_views)} "
+                f"(before: {_percent(before.between_views)}), frames by {_percent(after.between_frames)} "
+                f"(before: {_percent(before.between_frames)})"
             )
         if luminance.use.pattern:
-            parts.append(f"the pattern is known to {_percent(luminance.error)}{self._loose}")
+            parts.append(f"the uneven light is known to {_percent(luminance.error)}{self._loose}")
         if any(color.use):
             before_deg, after_deg = (np.degrees(ANGLE * part.between_views) for part in (color.before, color.after))
-            parts.append(f"in color: {color.use}: {after_deg:.1f} degrees between views (before {before_deg:.1f})")
+            same = "the same" if color.use == luminance.use else str(color.use)
+            parts.append(f"color corrected for {same}: views differ by {after_deg:.1f} degrees (before: {before_deg:.1f})")
         if luminance.use.pattern and self.crossed < SETTINGS.color:
-            needed = f"{self.crossed:.1f} pictures of reef shown in turn, {SETTINGS.color:.0f} needed"
-            parts.append(f"its color is not: too few frames ({needed})")
-        if self.offsets and self.solved.gains:
+            parts.append(
+                f"color not corrected for it: the camera crossed {self.crossed:.1f} pictures of reef, {SETTINGS.color:.0f} needed"
+            )
+        if self.offsets and self.solved.gains and not luminance.use.gains:
             without, with_gains = (_percent(offset) for offset in self.offsets)
-            parts.append(f"a gain for each of {len(self.solved.gains)} frames: {with_gains} between neighbors (before {without})")
+            parts.append(
+                f"a gain for each of {len(self.solved.gains)} frames: neighbors differ by {with_gains} (before: {without})"
+            )
         if self.recorded:
             parts.append("the exposures that the camera recorded are used")
         return parts
@@ -100,7 +104,7 @@ class SurveyLight:
     @property
     def _loose(self) -> str:
         """What would tell more of a pattern that is not known well."""
-        more = " only: lines that overlap, or cross, and pictures of the turns between them would tell more"
+        more = " only: lines that overlap or cross, and pictures of the turns between them, would tell more"
         return more if self.luminance.error > LIMITS.loose else ""
 
     def at(self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
