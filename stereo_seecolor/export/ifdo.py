@@ -20,7 +20,7 @@ HANDLE = "unknown: fill in the handle or DOI when it is published"
 
 
 def write(posed: PosedRun, folder: Path) -> None:
-    """``images/`` and image-set.ifdo.yaml. What the program cannot know (project, licence, creators) is left out: add it."""
+    """``images/`` and image-set.ifdo.yaml. What the program cannot know (project, license, creators) is left out: add it."""
     images = write_images(posed.frames, folder)
     (folder / "image-set.ifdo.yaml").write_bytes(document(posed, images, folder / "images", "images"))
 
