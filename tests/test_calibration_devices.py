@@ -152,6 +152,8 @@ def test_oak_without_a_pair(tmp_path: Path) -> None:
 FOREIGN = {
     "one lens of Metashape": "<?xml version='1.0'?>\n<calibration>\n  <projection>frame</projection><f>1700</f></calibration>",
     "a lens of Pix4D": "Pix4D camera calibration file 1.0\nF 8.8\n",
+    "what MATLAB's window shows of a calibration": "stereoParams =\n  stereoParameters with properties:\n",
+    "the lenses of a RealSense camera": '{"left": {"width": 1280, "ppx": 640.1, "fx": 640.2}}',
     "settings of a RealSense camera": '{"device": {"name": "Intel RealSense D435"}}',
 }
 

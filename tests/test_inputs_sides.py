@@ -26,6 +26,8 @@ def make(root: Path, *files: str) -> Path:
         (["left/1.png", "right/1.png"], "left", "right", False),
         (["R/1.png", "L/1.png"], "L", "R", False),
         (["dive/cam0/data/1.png", "dive/cam1/data/1.png"], "dive/cam0/data", "dive/cam1/data", False),
+        (["t/auv0/rgb/cam1/data/1.png", "t/auv0/rgb/cam0/data/1.png"], "t/auv0/rgb/cam0/data", "t/auv0/rgb/cam1/data", False),
+        (["L/1.png", "R/1.png", "out/page/a/b/c/1.png"], "L", "R", False),
         (["port/1.png", "star/1.png", "thumbs/x.png"], "port", "star", True),
         ([f"set_{i}/{side}_{i + 7}.tif" for i in range(3) for side in ("LFT", "RGT")], "*/LFT_*.tif", "*/RGT_*.tif", False),
         (["RGT/1.png", "LFT/1.png"], "LFT", "RGT", False),

@@ -11,6 +11,10 @@ FOREIGN = {
     "one lens of Metashape": r"<calibration>\s*<projection>",
     "a lens of Pix4D": r"\APix4D camera calibration",
     "settings of a RealSense camera": r"RealSense",
+    "the lenses of a RealSense camera": r"\"ppx\"\s*:",
+    "what MATLAB's window shows of a calibration": (
+        r"^\s*(?:stereoParams|stereoParameters)\s*=\s*$|^\s*(?:RotationOfCamera2|CameraParameters1):\s*\["
+    ),
     "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",
     "coefficients of a direct linear transformation (DLT)": rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z",
     "a camera of mrcal": r"^\s*[\"']?lensmodel[\"']?\s*:",

@@ -9,7 +9,7 @@ from pathlib import Path
 from calibration import CalibrationError, StereoRig
 from calibration.formats import format_name, load_rig_of_images
 from stereo_seecolor.files.names import natural_key
-from stereo_seecolor.inputs.sides import DEPTH
+from stereo_seecolor.inputs.sides import DEEPEST
 
 EXTENSIONS = frozenset({".yaml", ".yml", ".json", ".xml", ".mat", ".npz", ".cam", ".calib", ".txt", ".cfg", ".conf"})
 
@@ -56,7 +56,7 @@ def _all_candidates(places: Sequence[Path]) -> list[Path]:
 
 
 def candidates(places: Sequence[Path], extensions: Collection[str], largest_bytes: int) -> set[Path]:
-    """The places that are files, and in those that are folders, up to some folders deep, the files of these extensions."""
+    """The places that are files, and in those that are folders, up to DEEPEST folders deep, the files of these extensions."""
     return {path for place in places for path in _in_place(place, extensions, largest_bytes)}
 
 
@@ -66,7 +66,7 @@ def _in_place(place: Path, extensions: Collection[str], largest_bytes: int) -> I
         return
     for folder, below, names in os.walk(place):
         here = Path(folder)
-        below[:] = [name for name in below if name[0] != "." and len(here.relative_to(place).parts) < DEPTH]
+        below[:] = [name for name in below if name[0] != "." and len(here.relative_to(place).parts) < DEEPEST]
         for path in (here / name for name in names if Path(name).suffix.lower() in extensions):
             if path.is_file() and 0 < path.stat().st_size < largest_bytes:
                 yield path

@@ -39,7 +39,7 @@ from stereo_seecolor.run_folder.layout import Stage
 from stereo_seecolor.run_folder.progress_file import USUAL, Expected, ProgressFile
 from stereo_seecolor.run_folder.water_file import waters_content
 
-NO_OVERLAP = "light: no two frames show the same spots, so that lamps, lens and exposure stay in the images"
+NO_OVERLAP = "light: no two frames were found to show the same spots, so that lamps, lens and exposure stay in the images"
 LONG_DIVE = 10_000
 """Pairs of a dive beyond which their tables are added up in groups before they are fitted."""
 

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from operator import itemgetter
 from pathlib import Path
 
@@ -21,7 +21,9 @@ from stereo_seecolor.inputs.name_keys import side_of
 from stereo_seecolor.inputs.video_images import is_video
 
 DEPTH = 3
-"""Levels of folders that are searched: a dive, a camera, a format."""
+"""Levels of folders that are searched for images: a dive, a camera, a format;"""
+DEEPEST = 6
+"""and where these hold none: a dataset, a dive, a vehicle, a kind of sensor, a camera, a format."""
 
 WIDEST = 2.0
 """Width over height of two square images side by side; the widest sensors have 1.9 (17:9)."""
@@ -65,9 +67,9 @@ def find_sides(places: Sequence[Path]) -> Sides:
     videos = [path for path in places if is_video(path)]
     folders = [path for path in places if path not in videos]
     images: dict[Path, int] = {}
-    for through_links in (False, True):
+    for depth, through_links in product((DEPTH, DEEPEST), (False, True)):
         for folder in folders:
-            found, found_videos = _look_through(folder, through_links)
+            found, found_videos = _look_through(folder, depth, through_links)
             images |= found
             videos += found_videos
         if images or videos:
@@ -85,12 +87,12 @@ def find_sides(places: Sequence[Path]) -> Sides:
     hint = unread_hint(path.name for folder in folders for path in folder.rglob("*"))
     raise InputError(
         f"{', '.join(map(str, places))}: no images ({', '.join(sorted(EXTENSIONS))}) and no videos were found, up to "
-        f"{DEPTH} folders deep: give the folders of the two sides{hint}"
+        f"{DEEPEST} folders deep: give the folders of the two sides{hint}"
     )
 
 
-def _look_through(root: Path, through_links: bool) -> tuple[dict[Path, int], list[Path]]:
-    """Folders with the number of images directly in each, and videos, down to DEPTH; hidden folders are passed over.
+def _look_through(root: Path, depth: int, through_links: bool) -> tuple[dict[Path, int], list[Path]]:
+    """Folders with the number of images directly in each, and videos, down to ``depth``; hidden folders are passed over.
 
     through_links: folders that are links, too; a link to a side would make a third one.
     """
@@ -100,7 +102,7 @@ def _look_through(root: Path, through_links: bool) -> tuple[dict[Path, int], lis
     videos: list[Path] = []
     for folder, below, names in os.walk(root, followlinks=through_links):
         here = Path(folder)
-        below[:] = sorted(name for name in below if name[0] != "." and len(here.relative_to(root).parts) < DEPTH)
+        below[:] = sorted(name for name in below if name[0] != "." and len(here.relative_to(root).parts) < depth)
         count = sum(Path(name).suffix.lower() in EXTENSIONS and name[0] != "." for name in names)
         images |= {here: count} if count else {}
         videos += [here / name for name in names if is_video(here / name)]
