@@ -176,8 +176,8 @@ def solve_light(
 
 
 def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
-    """None where color has no pattern: gains alone would be taken for it."""
-    if not color.use.pattern:
+    """None where too few spots judge, or where color has gains but no pattern, which then is partly taken for the trend."""
+    if not color.judged or (color.use.gains and not color.use.pattern):
         return None
     light = np.exp(np.concatenate([window.log_light for window in windows]).mean(axis=0))
     power, error = color.solution.trend[0] / SHAPE.range_step, color.solution.trend_error / SHAPE.range_step
