@@ -220,8 +220,8 @@ def test_known_depth_narrows_the_white_point() -> None:
 
 def test_no_scene_tells_the_white_point_better_than_its_own_cast() -> None:
     known, prior = np.full(3, 1e-6), np.array([10.0, 0.3, 0.1])
-    np.testing.assert_allclose(robust.with_cast(known, prior), (prior**-2 + SCENE.cast**-2) ** -0.5, rtol=1e-3)
-    np.testing.assert_allclose(robust.with_cast(prior * 0.999, prior), prior, rtol=2e-3)  # hardly anything learned
+    np.testing.assert_allclose(robust.error_with_cast(known, prior), (prior**-2 + SCENE.cast**-2) ** -0.5, rtol=1e-3)
+    np.testing.assert_allclose(robust.error_with_cast(prior * 0.999, prior), prior, rtol=2e-3)  # hardly anything learned
     set_by_user = ColorConfig(robust=RobustConfig(white_point=(0.9, 1.0, 0.8)))
     rng = np.random.default_rng(3)
     table = measure(seen_through(BLUE, reef(rng), slope(), rng), slope())

@@ -37,8 +37,8 @@ def load_document(path: Path) -> Section:
     if _is_binary(path):
         return load_binary(path)
     text = _read_text(path)
-    if told := foreign(text):
-        raise CalibrationError(f"{path}: {told}")
+    if kind := foreign(text):
+        raise CalibrationError(f"{path}: {kind}")
     try:
         content = _parse(text)
         _check_bounded(content)
@@ -62,8 +62,8 @@ def _read_text(path: Path) -> str:
     try:
         if path.stat().st_size > MAX_BYTES:
             with path.open("rb") as file:
-                if told := foreign(file.read(START_BYTES).decode(errors="replace")):
-                    raise CalibrationError(f"{path}: {told}")
+                if kind := foreign(file.read(START_BYTES).decode(errors="replace")):
+                    raise CalibrationError(f"{path}: {kind}")
             raise CalibrationError(
                 f"{path}: is larger than {MAX_BYTES // 1024} kB: a calibration file holds a few kB, is it the right file?"
             )

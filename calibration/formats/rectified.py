@@ -38,6 +38,6 @@ def parse(document: Section, image_size: tuple[int, int] | None) -> StereoRig:
     T = np.eye(4)
     T[:3, 3] = shift
     camera = make_camera(document.where, K, np.zeros(0), size, "pinhole")
-    told = "one lens and a baseline: both cameras are taken for alike, and the images for rectified"
+    doubt = "one lens and a baseline: both cameras are taken for alike, and the images for rectified"
     with naming(document.where):
-        return StereoRig(camera, camera, T, doubts=(told, *doubts))
+        return StereoRig(camera, camera, T, doubts=(doubt, *doubts))

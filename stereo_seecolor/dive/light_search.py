@@ -77,7 +77,7 @@ class Found:
 class LightSearch:
     """frames: the name of each frame of the dive, in order, and the key with which ``read`` finds its image and its ranges.
     captures: what the camera recorded of each. geometry: of the rectified images. compute: where frames are examined.
-    windows: of a short dive, where its frames were examined while they were measured. told: called with the name of each frame
+    windows: of a short dive, where its frames were examined while they were measured. examined: called with the name of each frame
     that was examined, where all frames are.
     """
 
@@ -88,7 +88,7 @@ class LightSearch:
     encoding: InputEncoding
     compute: Compute
     windows: Sequence[PlacedWindow] | None = None
-    told: Callable[[str], None] = lambda _: None
+    examined: Callable[[str], None] = lambda _: None
 
     def windows_of(self, frames: Iterable[Any]) -> list[PlacedWindow]:
         """What the frames of a short dive show, each examined as soon as it comes: for ``windows``."""
@@ -158,7 +158,7 @@ class LightSearch:
             yield from shown
             if len(numbers) == len(self.frames):
                 for number in numbers[stretch * length : (stretch + 1) * length]:
-                    self.told(self.frames[number][0])
+                    self.examined(self.frames[number][0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.color.photometry.sightings import KeyFrame, SeenWindow, View, look
+from stereo_seecolor.color.photometry.sightings import KeyFrame, SeenWindow, View, sightings_of
 from stereo_seecolor.color.table.encoding import InputEncoding
 from stereo_seecolor.compute.threads import Threads, cores
 from stereo_seecolor.geometry import estimated_range_std_m, inverse
@@ -148,7 +148,7 @@ class FrameLook:
         views = [replace(other.view or self._view(other.seen), T_world_camera=pose.T_a_b) for other, pose in others]
         seen_by = [frame.number, *(other.number for other, _ in others)]
         steps = np.array([(frame.number, other.number, pose.T_a_b, len(pose.index_a)) for other, pose in others], STEP)
-        return PlacedWindow(np.array(seen_by), look(view.patches_m(LOOK.patches), [view, *views]), steps)
+        return PlacedWindow(np.array(seen_by), sightings_of(view.patches_m(LOOK.patches), [view, *views]), steps)
 
     def _placed(self, seen: _Seen, view: View, near: Sequence[tuple[_Placed, RelativePose]]) -> _Placed:
         """By the nearest of the frames before it; at the beginning of a new chain without one."""

@@ -193,7 +193,7 @@ class Dive:
         captures: list[Capture] = []
         marks: list[int] = []
         encoding, read, compute = self._config.color.input_encoding, self._stages.read_pair, self._options.compute
-        search = LightSearch(Named(pairs), read, captures, geometry, encoding, compute, told=self._examined)
+        search = LightSearch(Named(pairs), read, captures, geometry, encoding, compute, examined=self._examined)
         with closing(self._measured(pairs, captures, marks)) as measured:
             if short:
                 search = replace(search, windows=search.windows_of(measured))

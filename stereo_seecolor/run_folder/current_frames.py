@@ -50,13 +50,13 @@ class CurrentFrames:
 
 def _records(manifest: Manifest, compute: Compute | None) -> Iterable[FrameRecord]:
     """What matters here of all records, by name."""
-    names, read = manifest.names(), _Read(manifest)
+    names, read = manifest.names(), _RecordsOf(manifest)
     groups = [names[start : start + GROUP] for start in range(0, len(names), GROUP)]
     return chain.from_iterable(compute.each(read, groups) if compute else map(read, groups))
 
 
 @dataclass(frozen=True)
-class _Read:
+class _RecordsOf:
     """The records of some frames: keys, settings and products of their stages."""
 
     manifest: Manifest

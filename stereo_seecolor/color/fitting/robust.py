@@ -68,9 +68,9 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
     learned = deviations(covariance) < SETTINGS.nothing_learned * prior_error
     values = _values(x[:WATER].reshape(5, 3), scale)
     errors = standard_errors(values, covariance)
-    errors[:4] = standard_errors(values, told_once(curvature, precision, seen.light.shape[-1]))[:4]
+    errors[:4] = standard_errors(values, correlated_covariance(curvature, precision, seen.light.shape[-1]))[:4]
     if config.robust.white_point == "scene":
-        errors[4] *= with_cast(deviations(covariance)[4], prior_error[4]) / deviations(covariance)[4]
+        errors[4] *= error_with_cast(deviations(covariance)[4], prior_error[4]) / deviations(covariance)[4]
     errors = np.where(learned, errors, np.nan)
     y, w, beta, gamma_inf, white = values
     return Water(
@@ -110,20 +110,20 @@ def standard_errors(values: NDArray[np.float64], covariance: NDArray[np.float64]
     return np.vstack([np.sqrt(np.maximum(variances, 0.0)), deviations(covariance)[4] * white])
 
 
-def told_once(curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int) -> NDArray[np.float64]:
+def correlated_covariance(curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int) -> NDArray[np.float64]:
     """(15, 15) covariance of the water where errors of a range's quantiles are fully correlated: all of them count as one."""
     size = len(precision)
     return np.asarray(np.linalg.solve(precision + (curvature - precision) / quantiles, np.eye(size, WATER))[:WATER])
 
 
-def with_cast(error: NDArray[np.float64], prior_error: NDArray[np.float64]) -> NDArray[np.float64]:
+def error_with_cast(error: NDArray[np.float64], prior_error: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3,) standard errors of the logarithm of the white point, where all of a scene may be of one color.
 
     Quantiles of a scene have a cast in common, which no number of them averages away: what they say of the white point is no more
     exact than ``SCENE.cast``. (3,) error: as if it were; prior_error: before any image.
     """
-    told = np.maximum(error**-2.0 - prior_error**-2.0, 1e-6)
-    return np.asarray((prior_error**-2.0 + 1 / (1 / told + SCENE.cast**2)) ** -0.5)
+    from_images = np.maximum(error**-2.0 - prior_error**-2.0, 1e-6)
+    return np.asarray((prior_error**-2.0 + 1 / (1 / from_images + SCENE.cast**2)) ** -0.5)
 
 
 def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:

@@ -78,10 +78,10 @@ def find_sightings(frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding
     """Where the frames see the same patches; wrong matches are few but not none. Each frame is asked for twice, one at a time."""
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
     points_m = np.concatenate([View.of(frame, geometry, None).patches_m(number) for frame in frames])
-    return look(points_m, (View.of(frame, geometry, encoding) for frame in frames))
+    return sightings_of(points_m, (View.of(frame, geometry, encoding) for frame in frames))
 
 
-def look(points_m: Vector, views: "Iterable[View]") -> Sightings:
+def sightings_of(points_m: Vector, views: "Iterable[View]") -> Sightings:
     """Which of the (P, 3) patches the views see, those that one view alone sees left out; frames are numbered as they come."""
     patches, numbers, ranges, lights, pixels = [], [], [], [], []
     for index, view in enumerate(views):

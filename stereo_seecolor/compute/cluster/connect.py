@@ -225,7 +225,7 @@ def _check_scheduler(client: Any, name: str) -> None:
 
 def _wait(client: Any, opened: Opened, name: str, notice: Callable[[str], None]) -> None:
     """For the first worker. Raises ClusterError with what the batch system says of the jobs, as soon as none of them can come."""
-    jobs, end_s, told = opened.jobs, time.monotonic() + opened.wait_s, False
+    jobs, end_s, noticed = opened.jobs, time.monotonic() + opened.wait_s, False
     while True:
         try:
             client.wait_for_workers(1, timeout=max(min(LOOK_S, end_s - time.monotonic()), 0.1))
@@ -234,10 +234,10 @@ def _wait(client: Any, opened: Opened, name: str, notice: Callable[[str], None])
             if jobs and (ended := jobs.ended()):
                 raise ClusterError(f"{name}: no worker came: {ended}") from error
             over = time.monotonic() >= end_s
-            if told and not over:
+            if noticed and not over:
                 continue
             why = jobs.text() if jobs else f"start some (dask worker {name})"
             if over:
                 raise ClusterError(f"{name}: no worker came within {opened.wait_s:.0f} s: {why}") from error
             notice(f"{name}: no worker yet; waiting for one for {opened.wait_s:.0f} s: {why}")
-            told = True
+            noticed = True

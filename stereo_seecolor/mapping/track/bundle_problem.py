@@ -191,8 +191,8 @@ def _shared(work: Callable[[int, int], Result], count: int, at_once: int = POINT
 
 def _prior_off(prior: Prior, T: Array) -> tuple[Array, Array]:
     """(6,) from a pose to what navigation says of it, turn and place, in standard errors; the pose's slope (6, 6)."""
-    told, R = prior.T_world_camera, T[:3, :3]
-    turn, slope = rotation_vector(told[:3, :3].T @ R), np.zeros((SIDE, SIDE))
+    given, R = prior.T_world_camera, T[:3, :3]
+    turn, slope = rotation_vector(given[:3, :3].T @ R), np.zeros((SIDE, SIDE))
     slope[:3, :3] = (np.eye(3) + 0.5 * cross(turn[None])[0]) / prior.attitude_std_rad
     slope[3:, 3:] = R / prior.position_std_m[:, None]
-    return np.concatenate([-turn / prior.attitude_std_rad, (told[:3, 3] - T[:3, 3]) / prior.position_std_m]), slope
+    return np.concatenate([-turn / prior.attitude_std_rad, (given[:3, 3] - T[:3, 3]) / prior.position_std_m]), slope

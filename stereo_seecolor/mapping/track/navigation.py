@@ -116,15 +116,15 @@ def examine(given: Placement, survey: Survey, edges: Sequence[Edge], trajectory:
     if float(np.median(Motions.of(turned if helps else T, posed).attitude_rad)) > MAX_TURN_RAD:
         advice = "the given poses contradict the pictures, however they are read: are they of this dive?"
         return replace(verdict, navigation=replace(navigation, fits=False, advice=advice))
-    told = [_turn_advice(turn, config)] if helps else []
+    advice_lines = [_turn_advice(turn, config)] if helps else []
     straight = turned if helps else T
     arm_m = lever_arm(Motions.of(straight, posed))
     if arm_m is not None:
         straight = straight @ pose(np.eye(3), -arm_m)
-        told.append(_lever_advice(arm_m))
-    told += deviations(straight, posed, survey.index)
+        advice_lines.append(_lever_advice(arm_m))
+    advice_lines += deviations(straight, posed, survey.index)
     used = replace(given, T_world_camera=straight)
-    return replace(verdict, navigation=replace(navigation, advice="; ".join(told)), placement=used)
+    return replace(verdict, navigation=replace(navigation, advice="; ".join(advice_lines)), placement=used)
 
 
 def priors(own: Placement, given: Placement, config: MappingConfig) -> list[Prior]:

@@ -14,7 +14,7 @@ from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track import odometry, pose_graph
 from stereo_seecolor.mapping.track.fixes import at_fixes
 from stereo_seecolor.mapping.track.marks import Marks
-from stereo_seecolor.mapping.track.marks_fit import MarkersFit, held
+from stereo_seecolor.mapping.track.marks_fit import MarkersFit, fitted_to_marks
 from stereo_seecolor.mapping.track.navigation import ALIKE, MAX_TURN_RAD, Navigation, Verdict, attitudes_alike, examine, priors
 from stereo_seecolor.mapping.track.placement import place
 from stereo_seecolor.mapping.track.readings import misfit
@@ -166,7 +166,9 @@ def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, con
         depth_std_m=float(depth),
         attitude_std_deg=float(np.degrees(known[0].attitude_std_rad)),
     )
-    fitted, markers = _held(track, _adjusted(track, odometry.fit(track, verdict.placement, known), config, known), config, known)
+    fitted, markers = _to_marks(
+        track, _adjusted(track, odometry.fit(track, verdict.placement, known), config, known), config, known
+    )
     return _Used(upright(fitted, index, trajectory.up), navigation, markers=markers)
 
 
@@ -177,7 +179,7 @@ def _own(track: odometry.Track, config: MappingConfig) -> Placement:
 
 def _upright(track: odometry.Track, own: Placement, config: MappingConfig) -> tuple[Placement, MarkersFit | None]:
     """A track by the pictures, held to markers; z up by the surveyed places of these, if there are any, else by the bottom."""
-    own, markers = _held(track, own, config)
+    own, markers = _to_marks(track, own, config)
     return own if markers and markers.control else upright(own, track.survey.index, "unknown"), markers
 
 
@@ -187,10 +189,10 @@ def _adjusted(
     return refined(track, placement, known) if config.bundle_adjustment and pose_graph.available() else placement
 
 
-def _held(
+def _to_marks(
     track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[pose_graph.Prior] = ()
 ) -> tuple[Placement, MarkersFit | None]:
     """Held to what is known of markers."""
     if not config.markers.known or not config.bundle_adjustment or not pose_graph.available():
         return placement, None
-    return held(track, placement, Marks.found(track.survey, config.markers), known)
+    return fitted_to_marks(track, placement, Marks.found(track.survey, config.markers), known)
