@@ -52,11 +52,11 @@ def with_color_trend(water: Water, trend: ColorTrend | None) -> Water:
     """
     if trend is None or water.x.any():
         return water
-    z, step = trend.range_m, np.array([0.99, 1.01])
-    backscatter, light = water.backscatter(np.array(z)), trend.light
-    direct = light - np.minimum(backscatter, MOST_BACKSCATTER * light)
-    near, far = direct * water.attenuation(z * step) / water.attenuation(np.array(z)) + water.backscatter(z * step) - backscatter
-    power = (far - near) / light / np.log(step[1] / step[0])
+    z, light, steps = trend.range_m, trend.light, np.array([0.99, 1.0, 1.01])
+    attenuation, backscatter = water.attenuation(z * steps), water.backscatter(z * steps)
+    direct = light - np.minimum(backscatter[1], MOST_BACKSCATTER * light)
+    near, _, far = direct * attenuation / attenuation[1] + backscatter
+    power = (far - near) / light / np.log(steps[2] / steps[0])
     off = (trend.power - (power - power.mean())) * light / direct
     variance = np.nan_to_num(water.standard_errors.get("y", np.full(3, np.nan)) * z, nan=np.inf) ** 2
     error = np.hypot(trend.error, SYSTEMATIC) * light / direct
