@@ -8,6 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.corrector import Corrector
+from stereo_seecolor.color.photometry import color_beside_water
 from stereo_seecolor.color.photometry.color_beside_water import beside_water
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.color.photometry.crossing import alike, pictures_crossed
@@ -30,24 +31,31 @@ def vignette(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
     return -0.3 * (x**2 + y**2) - 0.15 * x
 
 
+PATCHES = 300
+"""Of a window, each seen by four frames."""
+
+
+def spots_moving_down(rng: np.random.Generator) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Which patch and which of four frames each sighting is of, and its pixel, 25 farther down from frame to frame."""
+    patch, view = np.repeat(np.arange(PATCHES), 4), np.tile(np.arange(4), PATCHES)
+    start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (PATCHES, 2))
+    return patch, view, start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1)
+
+
 def windows(pattern: bool, gains: NDArray[np.float64], noise: float, fade: float = 0.0) -> list[SeenWindow]:
     """Spots of random color that move down the picture from frame to frame, one window a frame, four frames each."""
     rng = np.random.default_rng(1)
     found = []
     for first in range(FRAMES - 3):
-        patches, views = 300, 4
-        patch = np.repeat(np.arange(patches), views)
-        start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (patches, 2))
-        view = np.tile(np.arange(views), patches)
-        pixel = start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1)
+        patch, view, pixel = spots_moving_down(rng)
         range_m = rng.uniform(1.5, 2.5, patch.size)
-        log_light = np.log(rng.uniform(0.05, 0.3, (patches, 3)))[patch] + gains[first + view]
+        log_light = np.log(rng.uniform(0.05, 0.3, (PATCHES, 3)))[patch] + gains[first + view]
         log_light += (vignette(pixel) * pattern - fade * np.log(range_m / 2))[:, None] + noise * rng.standard_normal(
             (patch.size, 1)
         )
         log_light[rng.random(patch.size) < 0.05] += 1.0  # fish, and flashes of the sun
         seen = Sightings(patch, view, range_m, np.exp(log_light), pixel)
-        found.append(SeenWindow(np.arange(first, first + views), seen))
+        found.append(SeenWindow(np.arange(first, first + 4), seen))
     return found
 
 
@@ -136,14 +144,11 @@ def night_windows(gains: NDArray[np.float64]) -> list[SeenWindow]:
     """A camera that climbs from 1.6 to 2.6 m over spots of a rough bottom, which each four frames see."""
     rng, found = np.random.default_rng(6), []
     for first in range(FRAMES - 3):
-        patches, views = 300, 4
-        patch, view = np.repeat(np.arange(patches), views), np.tile(np.arange(views), patches)
-        start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (patches, 2))
-        pixel = start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1)
-        range_m = (1.6 + (first + view) / (FRAMES - 1)) * np.exp(rng.normal(0, 0.05, patches))[patch]
-        log_light = np.log(rng.uniform(0.05, 0.2, (patches, 3)))[patch] + gains[first + view]
+        patch, view, pixel = spots_moving_down(rng)
+        range_m = (1.6 + (first + view) / (FRAMES - 1)) * np.exp(rng.normal(0, 0.05, PATCHES))[patch]
+        log_light = np.log(rng.uniform(0.05, 0.2, (PATCHES, 3)))[patch] + gains[first + view]
         log_light += (lamplight(pixel, range_m) + rng.normal(0, 0.02, patch.size))[:, None]
-        found.append(SeenWindow(np.arange(first, first + views), Sightings(patch, view, range_m, np.exp(log_light), pixel)))
+        found.append(SeenWindow(np.arange(first, first + 4), Sightings(patch, view, range_m, np.exp(log_light), pixel)))
     return found
 
 
@@ -285,15 +290,12 @@ def bowl() -> list[SeenWindow]:
     """A bottom that is farther at the picture's borders, in a light that is redder there and bluer on one side."""
     rng, found = np.random.default_rng(8), []
     for first in range(FRAMES - 3):
-        patches, views = 300, 4
-        patch, view = np.repeat(np.arange(patches), views), np.tile(np.arange(views), patches)
-        start = rng.uniform(0, [SIZE[0] - 1, SIZE[1] - 80], (patches, 2))
-        pixel = start[patch] + np.stack([rng.uniform(-20, 20, patch.size), 25.0 * view], axis=1)
+        patch, view, pixel = spots_moving_down(rng)
         radius = radius2(pixel)
-        range_m = 2 * (1 + 0.15 * radius) * rng.uniform(0.9, 1.1, patches)[patch]
-        log_light = np.log(rng.uniform(0.02, 0.3, (patches, 1)) * [0.4, 1.0, 0.9])[patch]
+        range_m = 2 * (1 + 0.15 * radius) * rng.uniform(0.9, 1.1, PATCHES)[patch]
+        log_light = np.log(rng.uniform(0.02, 0.3, (PATCHES, 1)) * [0.4, 1.0, 0.9])[patch]
         log_light += np.stack([0.3 * radius, 0 * radius, 0.002 * pixel[:, 0]], axis=1) + rng.normal(0, 0.01, (patch.size, 3))
-        found.append(SeenWindow(np.arange(first, first + views), Sightings(patch, view, range_m, np.exp(log_light), pixel)))
+        found.append(SeenWindow(np.arange(first, first + 4), Sightings(patch, view, range_m, np.exp(log_light), pixel)))
     return found
 
 
@@ -320,3 +322,22 @@ def test_borders_have_the_color_of_the_middle_once_the_water_is_taken_out_too() 
     beside = beside_water(found, seen, names, SIZE)
     before, after = (abs(redder_at_borders(light.solved, seen)) for light in (found, beside))
     assert after < 0.5 * before, (before, after)
+
+
+def test_frames_that_no_window_shows_cost_nothing_beside_the_water() -> None:
+    seen, names = bowl(), [f"{i:05d}" for i in range(20_000)]  # a dive so long that a square matrix of its frames has 3 GB
+    short, long = (solve_light(seen, some, SIZE, ALL) for some in (names[:FRAMES], names))
+    assert short is not None
+    assert long is not None
+    lights = [beside_water(short, seen, names[:FRAMES], SIZE).solved, beside_water(long, seen, names, SIZE).solved]
+    np.testing.assert_array_equal(lights[0].coefficients, lights[1].coefficients)
+    assert (lights[0].coefficients != short.solved.coefficients).any()
+
+
+def test_a_water_that_hides_all_spots_leaves_the_light_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    seen, names = bowl(), [f"{i:02d}" for i in range(FRAMES)]
+    found = solve_light(seen, names, SIZE, ALL)
+    assert found is not None
+    milk = Water(np.ones(3), 10 * np.ones(3), *np.zeros((6, 3)))
+    monkeypatch.setattr(color_beside_water, "_water", lambda _: milk)
+    assert beside_water(found, seen, names, SIZE) is found

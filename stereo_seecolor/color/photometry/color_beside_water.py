@@ -19,15 +19,15 @@ from stereo_seecolor.color.photometry.light_model import Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
 from stereo_seecolor.color.photometry.light_solver import Use, Views, Window, solve
 from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
-from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, usable
+from stereo_seecolor.color.photometry.survey_light import LIMITS, SurveyLight, numbered, usable
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
 Array = NDArray[np.float64]
-LEFT = replace(COLOR, coefficient=0.02, ranged=0.005)
-"""What the first solution leaves of the pattern: a few percent. With 0.05 two of eight drawn dives gain less and one loses; with
-0.2 the evidence is for no dive."""
+LEFT = replace(COLOR, coefficient=0.02, ranged=0.005, trend=1e-5)
+"""What the first solution leaves of the pattern: a few percent, and no trend with range, which was taken with the water. With 0.05
+two of eight drawn dives gain less and one loses; with 0.2 the evidence is for no dive."""
 USES = Use(gains=True), Use(pattern=True, gains=True), Use(pattern=True, ranged=True, gains=True)
 """Frames keep gains of their own here, which are not used: else a slope along the track follows what the water is off by from one
 altitude to the next (drawn dives: 10 % of pattern in color instead of 4)."""
@@ -39,7 +39,8 @@ FULL = 65535
 def beside_water(
     found: SurveyLight, windows: Sequence[SeenWindow], names: Sequence[str], size: tuple[int, int], recorded: Array | None = None
 ) -> SurveyLight:
-    """The light with the color of its pattern solved beside the water; the same where it has none, or no change has more evidence.
+    """The light with the color of its pattern solved beside the water; the same where it has none, where no change has more
+    evidence, or where the water leaves no spot any light.
 
     windows, names, size, recorded: as of ``solve_light``, which found it.
     """
@@ -51,9 +52,12 @@ def beside_water(
     water, views = with_color_trend(_water(even), light.color_trend), Views(size, light.reference_m, light.seen_m)
     made = [_window(views, window, seen, water) for window, seen in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
+    if not made:
+        return found
+    made, measured = numbered(made)
     colors = [window.log_light - window.log_light.mean(axis=1, keepdims=True) for window in made]
-    prior = LightPrior.unknown(LEFT, alike(found.crossed)).without_trend()
-    left = min((solve(made, colors, use, len(names), prior) for use in USES), key=lambda solution: solution.misfit)
+    prior = LightPrior.unknown(LEFT, alike(found.crossed))
+    left = min((solve(made, colors, use, len(measured), prior) for use in USES), key=lambda solution: solution.misfit)
     return replace(found, solved=replace(light, coefficients=light.coefficients + left.coefficients))
 
 

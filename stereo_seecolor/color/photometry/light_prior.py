@@ -1,6 +1,6 @@
 """What is known of a survey's light before its sightings: Gaussians over pattern, trend with range, and gains of frames."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,9 +38,6 @@ LUMINANCE = Deviations(coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, system
 COLOR = Deviations(coefficient=0.2, ranged=0.05, trend=0.2, gain=0.03, systematic=0.0)
 """Lamps and lens change color less than brightness, and a frame's light hardly at all. With 0.5 for gains the frames of a real dive
 drifted from pink to green, at the same agreement between views."""
-
-NO_TREND = 1e-10
-"""Variance of a trend that is known to be none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,13 +85,6 @@ class LightPrior:
     def lens(cls, alike: float) -> "LightPrior":
         """The prior of the luminance of pictures in sunlight, whose strength and exposure change from frame to frame."""
         return cls(*lens_prior.lens_ensemble(LUMINANCE.trend), lens_prior.SETTINGS.gain, LUMINANCE.systematic, alike)
-
-    def without_trend(self) -> "LightPrior":
-        """The same where nothing changes with range alone: light from which the water was taken."""
-        known = np.diag([1.0] * TERMS + [0.0])
-        return replace(
-            self, mean=known @ self.mean, covariance=known @ self.covariance @ known + NO_TREND * (1 - known) * np.eye(TERMS + 1)
-        )
 
     def of(self, columns: NDArray[np.bool_], frames: int) -> Gaussian:
         """The prior of the terms that are used (``columns``), and of the gains of ``frames`` frames."""

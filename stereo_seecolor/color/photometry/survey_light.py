@@ -111,12 +111,9 @@ class SurveyLight:
         """(N, 3) logarithm of the light, but for gains, at (N, 2) pixels of a picture of ``size`` and (N,) ranges: the pattern, and
         how light falls off with range, water and lamps together.
         """
-        coefficients, trend = (self._chosen(part) for part in ("coefficients", "trend"))
-        seen = replace(self.solved, coefficients=coefficients)
-        return seen.log_pattern(pixel, range_m, size) + seen.log_range(range_m)[:, None] * trend
-
-    def _chosen(self, part: str) -> NDArray[np.float64]:
-        return np.asarray(getattr(self.luminance.solution, part) + getattr(self.color.solution, part))
+        luminance, color = self.luminance.solution, self.color.solution
+        seen = replace(self.solved, coefficients=luminance.coefficients + color.coefficients)
+        return seen.log_pattern(pixel, range_m, size) + seen.log_range(range_m)[:, None] * (luminance.trend + color.trend)
 
     def with_gains(self, gains: Mapping[str, NDArray[np.float64]], offsets: tuple[float, float]) -> "SurveyLight":
         """The same with other gains of frames, by name."""
@@ -159,7 +156,7 @@ def solve_light(
         return None
     crossed = pictures_crossed(windows, size)
     one = alike(crossed)
-    made, measured = _numbered(made)
+    made, measured = numbered(made)
     of_luminance = LightPrior.lens(one), LightPrior.lamps(views.reference_m, one)
     candidates = _candidates(allowed, LightPrior.unknown(LUMINANCE, one), of_luminance, [Use(pattern=True, ranged=allowed.ranged)])
     luminance = choose(made, [_mean(window) for window in made], candidates, len(measured))
@@ -196,7 +193,7 @@ def _exposed_alike(window: Window, recorded: NDArray[np.float64] | None) -> Wind
     return window if recorded is None else replace(window, log_light=window.log_light - recorded[window.frame][:, None])
 
 
-def _numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
+def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
     """The windows with only the frames that they hold numbered, and which of the dive's frames these are."""
     measured, numbers = np.unique(np.concatenate([window.frame for window in windows]), return_inverse=True)
     parts = np.split(numbers, np.cumsum([len(window.frame) for window in windows[:-1]]))
