@@ -154,8 +154,9 @@ class ColorConfig(StageConfig):
     )
     lights: Literal["auto", "none"] = Field(
         default="auto",
-        description="auto: what lamps and lens make uneven, over the picture and over range, is solved from spots that several "
-        "frames of run show, and divided out where that makes them agree better. none: nothing is divided out.",
+        description="auto: what lamps and lens make uneven, over the picture and over range, and sunlight and shadows that move, "
+        "is solved from spots that several frames of run show, and divided out where that makes them agree better. "
+        "none: nothing is divided out.",
     )
     clipped_fraction: float = Field(
         default=0.0005,

@@ -13,7 +13,7 @@ from stereo_seecolor.color.photometry.color_beside_water import beside_water
 from stereo_seecolor.color.photometry.color_trend import ColorTrend, with_color_trend
 from stereo_seecolor.color.photometry.crossing import alike, pictures_crossed
 from stereo_seecolor.color.photometry.even_light import even_light
-from stereo_seecolor.color.photometry.light_model import TERMS, Light, lit_by
+from stereo_seecolor.color.photometry.light_model import SHADING, TERMS, Light, lit_by, places, shading_terms
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
@@ -22,7 +22,7 @@ from stereo_seecolor.records import Water
 
 SIZE = (160, 128)
 FRAMES = 12
-ALL = Use(pattern=True, ranged=True, gains=True)
+ALL = Use(pattern=True, ranged=True, gains=True, shading=True)
 
 
 def vignette(pixel: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -213,7 +213,8 @@ def test_how_well_the_pattern_is_known_is_said() -> None:
 def some_light() -> Light:
     coefficients = 0.05 * np.random.default_rng(4).standard_normal((TERMS, 3))
     trend = ColorTrend(np.array([-0.5, 0.2, 0.3]), 0.1, 2.0, np.array([0.1, 0.2, 0.2]))
-    return Light(coefficients, 2.0, (1.2, 3.0), {"a": np.array([0.1, 0.0, -0.2])}, 1.5, trend)
+    shading = {"a": 0.03 * np.random.default_rng(6).standard_normal(3 * SHADING)}
+    return Light(coefficients, 2.0, (1.2, 3.0), {"a": np.array([0.1, 0.0, -0.2])}, 1.5, trend, shading)
 
 
 def test_light_survives_json() -> None:
@@ -221,6 +222,7 @@ def test_light_survives_json() -> None:
     again = Light.from_content(light.content())
     assert again.content() == light.content()
     assert again.fingerprint == light.fingerprint != Light.from_content({**light.content(), "fade": 1.0}).fingerprint
+    assert light.fingerprint != replace(light, shading={}).fingerprint
 
 
 @pytest.mark.parametrize(("dtype", "encoding"), [(np.uint8, "srgb"), (np.uint16, "linear"), (np.uint16, "srgb")])
@@ -236,7 +238,8 @@ def test_taking_light_out_is_the_inverse_of_its_model(dtype: type, encoding: str
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     pixel = np.stack([x.ravel(), y.ravel()], axis=1).astype(float)
     known_m = np.nan_to_num(range_m.ravel(), nan=light.reference_m).astype(float)
-    factor = np.exp(light.log_pattern(pixel, known_m, SIZE) + light.gains["a"]).reshape(image.shape)
+    shading = shading_terms(places(pixel, SIZE)) @ light.shading["a"].reshape(SHADING, 3)
+    factor = np.exp(light.log_pattern(pixel, known_m, SIZE) + light.gains["a"] + shading).reshape(image.shape)
     decoded = decoded_values(8 * image.dtype.itemsize, encoding)  # type: ignore[arg-type]
     expected = decoded[image] / factor
     inside = expected < 0.9

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.commands.evaluate import evaluate
-from stereo_seecolor.files.srgb import LUMINANCE
+from stereo_seecolor.files.srgb import LUMINANCE, encode_srgb
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.synthetic.dive import synthesize
 from stereo_seecolor.synthetic.render import Scene
@@ -62,6 +62,14 @@ class LitDive:
         """rms over the frames of the median logarithm of luminance over truth."""
         every = (self._over_truth(path.stem, corrected=True) for path in sorted((self.dive / "left").iterdir()))
         return float(np.std([np.median(off[known]) for off, known in every]))
+
+    def unevenness(self, corrected: bool) -> float:
+        """rms over all frames and 6 x 6 parts of each of the logarithm of luminance over truth, the median of all taken out."""
+        off = []
+        for path in sorted((self.dive / "left").iterdir()):
+            values, known = self._over_truth(path.stem, corrected)
+            off.append(_parts(values, known) + np.median(values[known]))
+        return float(np.sqrt(np.nanmean((np.array(off) - np.nanmedian(off)) ** 2)))
 
     def _over_truth(self, name: str, corrected: bool) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """(H, W) logarithm of luminance over truth, and where it counts."""
@@ -118,6 +126,22 @@ def lit(by_day: LitDive, tmp_path_factory: pytest.TempPathFactory) -> Callable[[
         return _run(root / "dive", root / "out")
 
     return make
+
+
+def test_waves_of_sunlight_that_move_over_the_reef_are_taken_out(by_day: LitDive, tmp_path: Path) -> None:
+    """Longer than a picture, and elsewhere in every frame, as swell and shadows of what floats above throw them."""
+    shutil.copytree(by_day.dive, tmp_path / "dive")
+    for side in ("left", "right"):
+        for frame, path in enumerate(sorted((tmp_path / "dive" / side).iterdir())):
+            light = _light(path)
+            y, x = np.mgrid[: light.shape[0], : light.shape[1]] / light.shape[1]
+            light *= np.exp(0.25 * np.sin(2 * np.pi * (0.55 * x + 0.38 * y + 0.37 * frame)))[..., None]
+            cv2.imwrite(str(path), np.round(255 * encode_srgb(np.minimum(light, 1.0)))[..., ::-1])
+    dive = _run(tmp_path / "dive", tmp_path / "out")
+    used = json.loads((dive.out / "water.json").read_bytes())["light"]["luminance"]["used"]
+    assert "shading" in used
+    assert "pattern" not in used
+    assert dive.unevenness(corrected=True) < 0.5 * dive.unevenness(corrected=False)
 
 
 def test_daylight_is_left_alone(by_day: LitDive) -> None:

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from calibration import RectifiedPair
 from stereo_seecolor.color.photometry.color_beside_water import beside_water
+from stereo_seecolor.color.photometry.frame_shading import Parts, solve_shading, without_shading
 from stereo_seecolor.color.photometry.gain_chain import DIFFERENCE, Differences, DifferenceTable, differences, solve_chain
-from stereo_seecolor.color.photometry.light_model import FrameGains
+from stereo_seecolor.color.photometry.light_model import SHADING, ByFrame
 from stereo_seecolor.color.photometry.light_solver import Use
 from stereo_seecolor.color.photometry.recorded_exposure import explain, log_exposures, offsets_about, solve_recorded, worth_a_look
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, solve_light
@@ -24,8 +25,8 @@ from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
-Differing = tuple[NDArray[np.int64], Differences, NDArray[np.void]]
-"""A window's frames, how they differ, and how they lie to each other."""
+Differing = tuple[NDArray[np.int64], tuple[Differences, Parts], NDArray[np.void]]
+"""A window's frames, how they and parts of them differ, and how they lie to each other."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,8 @@ class StretchSettings:
 
 
 STRETCH = StretchSettings()
+MOST_SHADED = 100_000
+"""Frames of a dive that is examined for shading: 100 MB of parts of pictures, and as much again to solve them."""
 MOST_STEPS = 20_000
 """Frames of a dive whose relative poses are kept for a first look at its map: 10 MB of memory; of a million it were half a GB."""
 
@@ -104,6 +107,7 @@ class LightSearch:
         The pattern of a long dive is solved from a part of it, and then all frames are examined for their gains.
         """
         names = Names(name for name, _ in self.frames)
+        allowed = allowed._replace(shading=allowed.shading and len(names) <= MOST_SHADED)
         chosen = looked_at(len(names))
         look_at = self._frame_look
         parts = self.compute.parts if len(chosen) < len(names) else 1  # a cut would part the loops of a short dive
@@ -124,31 +128,46 @@ class LightSearch:
         light = light and beside_water(light, windows, names, size, confirmed)
         if light and len(chosen) < len(names) and allowed.gains:
             every = self._looked(range(len(names)), _DifferenceLook(look_at, light), self.compute.parts)
-            light = self._followed(light, names, every, links, confirmed)
+            light = self._followed(light, names, every, links, confirmed, None)
         elif light and (allowed.gains or light.recorded):
             few = [(seen.frames, differences(seen, light, size), seen.steps) for seen in windows]
-            light = self._followed(light, names, few, links, confirmed)
+            nothing = np.zeros(3 * SHADING)
+            shading = np.array([light.solved.shading.get(name, nothing) for name in names]).reshape(-1, SHADING, 3)
+            light = self._followed(light, names, few, links, confirmed, shading)
         return Found(light, SomeNames(names, links.frames), links.all_steps)
 
     def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[PlacedWindow]) -> tuple[float, float] | None:
         """How frames differ without and with the (F,) records; None where no two frames show the same."""
         size = reduced(self.geometry).image_size
-        found = np.concatenate([np.zeros(0, DIFFERENCE), *(differences(window, light, size) for window in windows)])
+        found = np.concatenate([np.zeros(0, DIFFERENCE), *(differences(window, light, size)[0] for window in windows)])
         return offsets_about(found, recorded) if len(found) else None
 
     @staticmethod
     def _followed(
-        light: SurveyLight, names: Names, windows: Iterable[Differing], links: "_Links", recorded: Array | None
+        light: SurveyLight,
+        names: Names,
+        windows: Iterable[Differing],
+        links: "_Links",
+        recorded: Array | None,
+        shading: Array | None,
     ) -> SurveyLight:
-        """With the gains of all frames, which have these names; with none where they do not help."""
+        """With the gains of all frames, which have these names; with none where they do not help. shading: of all frames, where
+        it is known; else it follows from the windows.
+        """
         table = DifferenceTable()
         for frames, differing, steps in windows:
             links.add(frames, steps)
-            table.add(differing)
-        found, known, chosen = table.all, np.zeros(len(names)), (light.luminance.use.gains, light.color.use.gains)
+            table.add(*differing)
+        if shading is None:
+            shading = solve_shading(table.parts, len(names), (light.luminance.use.shading, light.color.use.shading))
+        found, known = without_shading(table.whole, table.parts, shading), np.zeros(len(names))
+        chosen = light.luminance.use.gains, light.color.use.gains
         solved = solve_chain(found, known, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
         measured = solved.measured & solved.gains.any()
-        return light.with_gains(FrameGains(names, np.where(measured[:, None], solved.gains, np.nan)), solved.offsets)
+        gains = ByFrame(names, np.where(measured[:, None], solved.gains, np.nan))
+        flat = shading.reshape(len(names), -1)
+        own = ByFrame(names, np.where(flat.any(axis=1, keepdims=True), flat, np.nan))
+        return light.of_frames(gains, own, solved.offsets)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int) -> Iterator[Shown]:
         """What each frame shows that frames before it show too, in order; nothing for a frame without such."""

@@ -172,14 +172,14 @@ class Dive:
     def _find_light(self, pairs: Sequence[Pair]) -> None:
         """What the dive's own overlapping frames say of its light: an earlier run's, or solved now."""
         color, geometry = self._config.color, self._geometry
-        allowed = Use(color.lights == "auto", color.lights == "auto", color.camera_exposure == "auto")
+        allowed = Use(color.lights == "auto", color.lights == "auto", color.camera_exposure == "auto", color.lights == "auto")
         if geometry is None or len(pairs) < 2 or not any(allowed):
             return
         kept = KeptLight.load(self._folder.root)
         if kept is None or self._options.verify or kept.key != self._fit_key(pairs):
             kept = self._solve_light(pairs, geometry, allowed)
         self._stages.light = Light.from_content(kept.light) if kept.light else None
-        self._light_found = {name: value for name, value in (kept.light or {}).items() if name != "log_gains"}
+        self._light_found = {name: value for name, value in (kept.light or {}).items() if name not in ("log_gains", "log_shading")}
         self._linked = kept.linked
         self.notes += (kept.note,) if kept.note else ()
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.photometry.color_trend import with_color_trend
 from stereo_seecolor.color.photometry.crossing import alike
-from stereo_seecolor.color.photometry.light_model import Light
+from stereo_seecolor.color.photometry.light_model import SHADING, Light, places, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LightPrior
 from stereo_seecolor.color.photometry.light_solver import Use, Views, Window, solve
 from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
@@ -48,7 +48,8 @@ def beside_water(
         return found
     light, log_gains = found.solved, np.zeros(len(names)) if recorded is None else recorded
     gains = log_gains[:, None] + np.array([light.gains.get(name, np.zeros(3)) for name in names])
-    even = [_even(window, light, gains, size) for window in windows]
+    shading = np.array([light.shading.get(name, np.zeros(3 * SHADING)) for name in names]).reshape(-1, SHADING, 3)
+    even = [_even(window, light, gains, shading, size) for window in windows]
     water, views = with_color_trend(_water(even), light.color_trend), Views(size, light.reference_m, light.seen_m)
     made = [_window(views, window, seen, water) for window, seen in zip(windows, even, strict=True)]
     made = [window for window in made if len(window.patch)]
@@ -61,11 +62,12 @@ def beside_water(
     return replace(found, solved=replace(light, coefficients=light.coefficients + left.coefficients))
 
 
-def _even(window: SeenWindow, light: Light, gains: Array, size: tuple[int, int]) -> Sightings:
+def _even(window: SeenWindow, light: Light, gains: Array, shading: Array, size: tuple[int, int]) -> Sightings:
     """What the window's frames saw, in the light that the water is fitted in."""
     seen = window.seen
     log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[window.frames][seen.frame]
-    return replace(seen, light=seen.light * np.exp(-log_light))
+    own = np.einsum("ns,nsc->nc", shading_terms(places(seen.pixel, size)), shading[window.frames][seen.frame])
+    return replace(seen, light=seen.light * np.exp(-log_light - own))
 
 
 def _water(windows: Sequence[Sightings]) -> Water:

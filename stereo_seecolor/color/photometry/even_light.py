@@ -29,7 +29,7 @@ class _Scale(NamedTuple):
 
 
 def even_light(image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding) -> Image:
-    """The image with the pattern and the frame's gain divided out, at its own depth.
+    """The image with the pattern and the frame's gain and shading divided out, at its own depth.
 
     range_m: (H, W), where unknown the pattern is that of the reference range.
     What is pushed beyond full scale clips, and what the camera had clipped stays clipped.
@@ -38,7 +38,16 @@ def even_light(image: Image, range_m: Map, light: FrameLight, encoding: InputEnc
     log_range = light.light.log_range(range_m).astype(np.float32)
     clipped = int(np.ceil(FULL_AT * np.iinfo(image.dtype).max))
     scale = _scale(8 * image.dtype.itemsize, encoding)
-    _even(np.ascontiguousarray(image), log_range, light.maps, light.log_gain.astype(np.float32), scale, clipped, out)
+    _even(
+        np.ascontiguousarray(image),
+        log_range,
+        light.maps,
+        light.log_gain.astype(np.float32),
+        light.log_shading,
+        scale,
+        clipped,
+        out,
+    )
     return out
 
 
@@ -54,7 +63,7 @@ def _scale(bit_depth: int, encoding: InputEncoding) -> _Scale:
 
 
 @compiled
-def _even(image: Any, log_range: Any, maps: Any, log_gain: Any, scale: Any, clipped: int, out: Any) -> None:
+def _even(image: Any, log_range: Any, maps: Any, log_gain: Any, log_shading: Any, scale: Any, clipped: int, out: Any) -> None:
     most, last = np.float32(MOST), scale.values.size - 1
     step = np.float32(last / -DARKEST)
     for row in range(image.shape[0]):
@@ -66,7 +75,7 @@ def _even(image: Any, log_range: Any, maps: Any, log_gain: Any, scale: Any, clip
                 for k in range(maps.shape[3] - 1, -1, -1):
                     pattern = pattern * z + maps[row, column, c, k]
                 pattern = min(max(pattern, -most), most)
-                light = scale.log_light[value] - pattern - log_gain[c]
+                light = scale.log_light[value] - pattern - log_gain[c] - log_shading[row, column, c]
                 at = np.int64((light - np.float32(DARKEST)) * step + np.float32(0.5))
                 shown = scale.values[min(max(at, 0), last)]
                 out[row, column, c] = max(shown, value) if value >= clipped else shown

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stereo_seecolor.color.photometry.banded import solve_banded
+from stereo_seecolor.color.photometry.frame_shading import PART, Parts, parts_of
+from stereo_seecolor.color.photometry.light_model import places
 from stereo_seecolor.color.photometry.light_prior import COLOR
 from stereo_seecolor.color.photometry.sightings import SeenWindow
 from stereo_seecolor.color.photometry.survey_light import SurveyLight, usable
@@ -42,8 +45,6 @@ class ChainSettings:
     """Offsets between frames (rms, logarithm) that are worth a gain for each frame,"""
     left: float = 0.8
     """if at most this fraction of them is left, on patches that took no part."""
-    dense_frames: int = 100
-    """Up to this number a dense solver is used (1 ms): loading scipy's solver for banded systems takes a fifth of a second."""
 
 
 SETTINGS = ChainSettings()
@@ -63,25 +64,31 @@ Differences = NDArray[np.void]
 
 
 class DifferenceTable:
-    """Differences as they come, in the memory that they need."""
+    """Differences as they come, in the memory that they need. whole: of frames. parts: of parts of their pictures."""
 
     def __init__(self) -> None:
-        self._content = bytearray()
+        self._whole, self._parts = bytearray(), bytearray()
 
-    def add(self, found: Differences) -> None:
+    def add(self, whole: Differences, parts: Parts) -> None:
         """Some more."""
-        self._content += found.tobytes()
+        self._whole += whole.tobytes()
+        self._parts += parts.tobytes()
 
     @property
-    def all(self) -> Differences:
+    def whole(self) -> Differences:
         """All that were added."""
-        return np.frombuffer(self._content, DIFFERENCE)
+        return np.frombuffer(self._whole, DIFFERENCE)
+
+    @property
+    def parts(self) -> Parts:
+        """All that were added."""
+        return np.frombuffer(self._parts, PART)
 
 
-def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> Differences:
+def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> tuple[Differences, Parts]:
     """Between the first frame of a window and each of the others, once the light's pattern and trend are taken out.
 
-    size: of the pictures that the sightings' pixels are of.
+    size: of the pictures that the sightings' pixels are of. Parts only where the light has shading.
     """
     good = usable(window.seen)
     seen = window.seen
@@ -89,7 +96,8 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
     left = np.log(seen.light[good]) - light.at(seen.pixel[good], seen.range_m[good], size)
     luminance = left.mean(axis=1, keepdims=True)
     values = np.concatenate([luminance, left - luminance], axis=1)
-    first, found = np.flatnonzero(frame == 0), []
+    at = places(seen.pixel[good], size)
+    first, found, parts = np.flatnonzero(frame == 0), [], [np.zeros(0, PART)]
     for other in range(1, len(window.frames)):
         there = np.flatnonzero(frame == other)
         common, a, b = np.intersect1d(patch[first], patch[there], assume_unique=True, return_indices=True)
@@ -98,8 +106,11 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
         if min(held.sum(), (~held).sum()) >= SETTINGS.least_patches:
             whole, fitted, judged = (np.median(difference[part], axis=0) for part in (held | ~held, ~held, held))
             spread = ROBUST_DEVIATION * np.median(np.abs(difference - whole), axis=0)
-            found.append((window.frames[0], window.frames[other], len(common), whole, fitted, judged, spread))
-    return np.array(found, DIFFERENCE)
+            pair = window.frames[0], window.frames[other]
+            found.append((*pair, len(common), whole, fitted, judged, spread))
+            if light.luminance.use.shading or light.color.use.shading:
+                parts.append(parts_of(pair, (at[first[a]], at[there[b]]), difference))
+    return np.array(found, DIFFERENCE), np.concatenate(parts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +202,7 @@ def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Arr
             np.add.at(band[back], j[there], -weight[there])
         np.add.at(slope, i, weight * value)
         np.add.at(slope, j, -weight * value)
-        gains = _solved(band, slope)
+        gains = solve_banded(band, slope)
         weight = value - gains[i]
         weight += gains[j]
         weight **= 2
@@ -200,16 +211,3 @@ def _chain(i: Indices, j: Indices, value: Array, variance: Array, deviation: Arr
         weight *= variance
         np.reciprocal(weight, out=weight)
     return np.asarray(gains - gains.mean(), np.float64)
-
-
-def _solved(band: Array, slope: Array) -> Array:
-    """(F,) of a positive definite system; (reach + 1, F) its diagonal and those below, which are overwritten."""
-    frames = len(slope)
-    if frames > SETTINGS.dense_frames:
-        from scipy.linalg import solveh_banded
-
-        return np.asarray(solveh_banded(band, slope, overwrite_ab=True, overwrite_b=True, lower=True))
-    lower = np.zeros((frames, frames))
-    for back, diagonal in enumerate(band):
-        lower[np.arange(back, frames), np.arange(frames - back)] = diagonal[: frames - back]
-    return np.asarray(np.linalg.solve(lower + np.tril(lower, -1).T, slope), np.float64)

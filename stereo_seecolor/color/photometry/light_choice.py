@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -78,6 +79,7 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
     """The candidate of most evidence among those that are as good as any on patches left out, and enough better than no correction.
 
     As good as any: within one standard error of the least spread (Breiman et al. 1984, "Classification and regression trees").
+    Shading needs more evidence than the same terms without it: its many numbers follow caustics a little in all dives.
     values: as ``solve``'s. candidates: the first is no correction.
     """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
@@ -87,14 +89,22 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
     def left(candidate: Candidate) -> Spread:
         return spread_left(judge, judged, solve(fit, fitted, candidate.use, frames, candidate.prior))
 
+    @cache
+    def whole(candidate: Candidate) -> Solution:
+        return solve(windows, values, candidate.use, frames, candidate.prior)
+
+    def evident(candidate: Candidate) -> bool:
+        without = candidate._replace(use=candidate.use._replace(shading=False))
+        return not candidate.use.shading or whole(candidate).misfit < whole(without).misfit
+
     nothing, *others = candidates
     before = left(nothing)
-    tried = [(candidate, left(candidate)) for candidate in others if judging >= SETTINGS.least_patches]
+    tried = [(candidate, left(candidate)) for candidate in others if judging >= SETTINGS.least_patches and evident(candidate)]
     worth = [(candidate, spread) for candidate, spread in tried if _worth(spread, before)]
     least = min((spread.between_views for _, spread in worth), default=0.0)
     most = least * (1 + SETTINGS.robust_error * np.sqrt(nothing.prior.alike / max(judging, 1)))
     good = [(candidate, spread) for candidate, spread in worth if spread.between_views <= most] or [(nothing, before)]
-    solved = [(solve(windows, values, one.use, frames, one.prior), one.use, spread) for one, spread in good]
+    solved = [(whole(one), one.use, spread) for one, spread in good]
     solution, use, after = min(solved, key=lambda found: found[0].misfit)
     error = pattern_error(solution, [other for other, *_ in solved]) if use.pattern else 0.0
     return Choice(use, solution, before, after, judging, error)

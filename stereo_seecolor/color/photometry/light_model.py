@@ -1,9 +1,10 @@
 """The light of a survey: what an image shows of one surface depends on where in the picture, at what range and in which frame.
 
-    log I_c(u, v, z, frame) = log of the scene's own + log pattern_c(u, v, z) + log gain_c(frame)
+    log I_c(u, v, z, frame) = log of the scene's own + log pattern_c(u, v, z) + log gain_c(frame) + log shading(u, v, frame)
 
 The pattern is the lens' vignette times the light of the rig's own lamps: smooth over the picture and over range, the same in all
-frames. Its logarithm is a polynomial, of mean 0 over the picture at every range: the trend with range is the water's.
+frames. Its logarithm is a polynomial, of mean 0 over the picture at every range: the trend with range is the water's. The shading
+is what moves over the reef, sunlight and shadows, as wide as a picture: a polynomial of each frame's own.
 """
 
 from array import array
@@ -45,20 +46,22 @@ POWERS = tuple((a, b) for total in range(1, SHAPE.degree + 1) for a in range(tot
 PATTERN = len(POWERS)
 """Terms of the pattern at the reference range; as many follow for each power of the range."""
 TERMS = PATTERN * (SHAPE.range_degree + 1)
+SHADING = 5
+"""Terms of the shading of a frame, the first of the pattern's: those of degree 1 and 2."""
 
 
 @dataclass(frozen=True, eq=False)
-class FrameGains(Mapping[str, Array]):
-    """Name of a frame -> (3,) logarithm of its gain. log_gains: (F, 3) of all ``names``, NaN for those that have none."""
+class ByFrame(Mapping[str, Array]):
+    """Name of a frame -> (K,) numbers of it. values: (F, K) of all ``names``, NaN for those that have none."""
 
     names: Names = field(default_factory=Names)
-    log_gains: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    numbers: Array = field(default_factory=lambda: np.zeros((0, 1)))
 
     def __getitem__(self, name: str) -> Array:
         number = self.names.number(name)
-        if number is None or np.isnan(self.log_gains[number, 0]):
+        if number is None or np.isnan(self.numbers[number, 0]):
             raise KeyError(name)
-        return np.asarray(self.log_gains[number])
+        return np.asarray(self.numbers[number])
 
     def __iter__(self) -> Iterator[str]:
         return iter(SomeNames(self.names, self._known))
@@ -67,29 +70,29 @@ class FrameGains(Mapping[str, Array]):
         return int(np.count_nonzero(self._known))
 
     def items(self) -> ItemsView[str, Array]:
-        """Names and gains, without a search for each name."""
-        return _GainItems(self)
+        """Names and numbers, without a search for each name."""
+        return _Items(self)
 
     @property
     def _known(self) -> NDArray[np.bool_]:
-        return ~np.isnan(self.log_gains[:, 0])
+        return ~np.isnan(self.numbers[:, 0])
 
     @classmethod
-    def of(cls, gains: Iterable[tuple[str, Sequence[float]]]) -> Self:
-        """The gains of these frames, one after the other."""
+    def of(cls, numbers: Iterable[tuple[str, Sequence[float]]], each: int) -> Self:
+        """The numbers of these frames, one after the other, so many ``each``."""
         names, values = Names(), array("d")
-        for name, gain in gains:
+        for name, several in numbers:
             names.add(name)
-            values.extend(gain)
-        return cls(names, np.frombuffer(values, np.float64).reshape(-1, 3))
+            values.extend(several)
+        return cls(names, np.frombuffer(values, np.float64).reshape(-1, each))
 
 
-class _GainItems(ItemsView[str, Array]):
-    _mapping: FrameGains
+class _Items(ItemsView[str, Array]):
+    _mapping: ByFrame
 
     def __iter__(self) -> Iterator[tuple[str, Array]]:
-        gains = self._mapping
-        return ((name, gain) for name, gain, known in zip(gains.names, gains.log_gains, gains._known, strict=True) if known)
+        of = self._mapping
+        return ((name, numbers) for name, numbers, known in zip(of.names, of.numbers, of._known, strict=True) if known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,18 +103,21 @@ class Light:
     part alone. seen_m: nearest and farthest range that it was measured at. gains: name of a frame -> (3,) logarithm of its gain.
     fade: power of the range by which the light of a surface falls off, water and lamps together; 0 where it was not measured.
     color_trend: how the color of a surface changes with range; None where it was not measured.
+    shading: name of a frame -> (3 SHADING,) coefficients of the logarithm of its shading, each for R, G, B.
     """
 
     coefficients: Array
     reference_m: float
     seen_m: tuple[float, float]
-    gains: Mapping[str, Array] = field(default_factory=FrameGains)
+    gains: Mapping[str, Array] = field(default_factory=ByFrame)
     fade: float = 0.0
     color_trend: ColorTrend | None = None
+    shading: Mapping[str, Array] = field(default_factory=ByFrame)
 
     def on(self, name: str, size: tuple[int, int]) -> "FrameLight":
         """The light in the frame ``name``, whose picture has ``size`` (width, height) pixels."""
-        return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size))
+        shading = shading_map(self.shading.get(name, np.zeros(3 * SHADING)), size)
+        return FrameLight(self, self.gains.get(name, np.zeros(3)), self.maps(size), shading)
 
     def log_pattern(self, pixel: Array, range_m: Array, size: tuple[int, int]) -> Array:
         """(N, 3) at (N, 2) pixels x, y of a picture of ``size`` (width, height), at (N,) ranges."""
@@ -148,8 +154,8 @@ class Light:
     @cached_property
     def fingerprint(self) -> str:
         """Hash of all of it."""
-        gains = content_key_of(pair for name, gain in self.gains.items() for pair in (name, gain))
-        return content_key(replace(self, gains={}).content(), gains)
+        gains, shading = (content_key_of(one for pair in of.items() for one in pair) for of in (self.gains, self.shading))
+        return content_key(replace(self, gains={}, shading={}).content(), gains, shading)
 
     def content(self) -> dict[str, Any]:
         """The light as the content of a JSON file."""
@@ -159,7 +165,8 @@ class Light:
             "fade": self.fade,
             **({} if self.color_trend is None else {"color_trend": self.color_trend.content()}),
             "log_pattern": self.coefficients.tolist(),
-            "log_gains": Streamed(lambda: ((name, gain.tolist()) for name, gain in self.gains.items())),
+            "log_gains": _streamed(self.gains),
+            **({"log_shading": _streamed(self.shading)} if self.shading else {}),
         }
 
     @classmethod
@@ -167,31 +174,63 @@ class Light:
         """The light from what ``content`` returned. Raises ValueError, KeyError or TypeError where it is something else."""
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
-        gains = FrameGains.of(content["log_gains"].items())
+        gains = ByFrame.of(content["log_gains"].items(), 3)
+        shading = ByFrame.of(content.get("log_shading", {}).items(), 3 * SHADING)
         trend = ColorTrend.from_content(content["color_trend"]) if "color_trend" in content else None
-        return cls(coefficients, float(content["reference_m"]), (near_m, far_m), gains, float(content["fade"]), trend)
+        return cls(coefficients, float(content["reference_m"]), (near_m, far_m), gains, float(content["fade"]), trend, shading)
+
+
+def _streamed(of: Mapping[str, Array]) -> Streamed:
+    return Streamed(lambda: ((name, numbers.tolist()) for name, numbers in of.items()))
 
 
 @dataclass(frozen=True, eq=False)
 class FrameLight:
-    """The light in one frame. log_gain: (3,), 0 where none was measured. maps: as ``Light.maps``, of the pixels at hand."""
+    """The light in one frame. log_gain: (3,), 0 where none was measured. maps: as ``Light.maps``, of the pixels at hand.
+    log_shading: (H, W, 3) of these pixels.
+    """
 
     light: Light
     log_gain: Array
     maps: NDArray[np.float32]
+    log_shading: NDArray[np.float32]
 
     def seen_through(self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]) -> "FrameLight":
         """This light in the pixels of another image, such as the unrectified one; ``warp`` takes (H, W) maps there."""
         powers = range(self.maps.shape[-1])
         maps = [np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1) for c in range(3)]
-        return replace(self, maps=np.stack(maps, axis=2))
+        shading = np.stack([warp(np.ascontiguousarray(self.log_shading[..., c])) for c in range(3)], axis=2)
+        return replace(self, maps=np.stack(maps, axis=2), log_shading=shading)
 
 
 def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Array:
     """(N, TERMS) of the polynomial, each of mean 0 over the picture."""
-    x, y = (_normalized(pixel[:, axis], size[axis]) for axis in (0, 1))
+    x, y = places(pixel, size).T
     flat = np.stack([x**a * y**b - _mean(a, b) for a, b in POWERS], axis=1)
     return np.concatenate([flat * log_range[:, None] ** k for k in range(SHAPE.range_degree + 1)], axis=1)
+
+
+def places(pixel: Array, size: tuple[int, int]) -> Array:
+    """(N, 2) pixels x, y as parts of a picture of ``size`` (width, height): -1 at its first edge, 1 at its last."""
+    return np.stack([_normalized(pixel[:, axis], size[axis]) for axis in (0, 1)], axis=1)
+
+
+def shading_terms(place: Array) -> Array:
+    """(N, SHADING) of a frame's shading at (N, 2) ``places``, each of mean 0 over the picture."""
+    return np.stack([place[:, 0] ** a * place[:, 1] ** b - _mean(a, b) for a, b in POWERS[:SHADING]], axis=1)
+
+
+def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float32]:
+    """(H, W, 3) logarithm of a frame's shading in a picture of ``size`` (width, height); coefficients: as of ``Light.shading``."""
+    width, height = size
+    if not coefficients.any():
+        return np.zeros((height, width, 3), np.float32)
+    x, y = _normalized(np.arange(width, dtype=np.float64), width), _normalized(np.arange(height, dtype=np.float64), height)
+    of_rows = [y[:, None] ** b * of_rgb for (_, b), of_rgb in zip(POWERS, coefficients.reshape(SHADING, 3), strict=False)]
+    mean = np.array([_mean(a, b) for a, b in POWERS[:SHADING]]) @ coefficients.reshape(SHADING, 3)
+    rows = np.stack([*of_rows, np.tile(-mean, (height, 1))])  # (SHADING + 1, H, 3)
+    columns = np.stack([*(x**a for a, _ in POWERS[:SHADING]), np.ones(width)])
+    return np.asarray(np.einsum("sx,syc->yxc", columns.astype(np.float32), rows.astype(np.float32), optimize=True))
 
 
 def _normalized(pixel: Array, size: int) -> Array:

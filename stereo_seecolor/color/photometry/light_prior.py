@@ -1,5 +1,6 @@
 """What is known of a survey's light before its sightings: Gaussians over pattern, trend with range, and gains of frames."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,7 +8,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry import lens_prior
 from stereo_seecolor.color.photometry.lamp_prior import lamp_ensemble
-from stereo_seecolor.color.photometry.light_model import PATTERN, TERMS
+from stereo_seecolor.color.photometry.light_model import PATTERN, POWERS, SHADING, TERMS
 
 Array = NDArray[np.float64]
 
@@ -27,17 +28,24 @@ class Deviations:
     """Standard deviation of the trend with range, for a range that is a fifth longer."""
     gain: float
     """Standard deviation of a frame's gain."""
+    shading: float
+    """Standard deviation of how a frame's shading changes from the middle of the picture to its edge."""
     systematic: float
     """By which the model itself is off (lamps are no polynomial): what sightings say against the priors is worth no more, however
     well they agree."""
 
 
-LUMINANCE = Deviations(coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, systematic=0.05)
+LUMINANCE = Deviations(coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, shading=0.2, systematic=0.05)
 """Corners at half the light and a fall-off as of lamps are common; strobes and exposures vary by a fifth of a stop. Without
 ``systematic`` gains took half of the lamps' fall-off, on a synthetic night dive whose views agree within 1 %."""
-COLOR = Deviations(coefficient=0.2, ranged=0.05, trend=0.2, gain=0.03, systematic=0.0)
+COLOR = Deviations(coefficient=0.2, ranged=0.05, trend=0.2, gain=0.03, shading=0.05, systematic=0.0)
 """Lamps and lens change color less than brightness, and a frame's light hardly at all. With 0.5 for gains the frames of a real dive
 drifted from pink to green, at the same agreement between views."""
+
+
+def shading_deviations(about: Deviations) -> tuple[float, ...]:
+    """(SHADING,) standard deviations of the coefficients of a frame's shading."""
+    return tuple(about.shading / (a + b) for a, b in POWERS[:SHADING])
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +69,14 @@ class Gaussian:
 class LightPrior:
     """mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations.
 
+    shading: (SHADING,) deviations of a frame's own coefficients.
     alike: number of correlated sightings that count as one measurement against the prior.
     """
 
     mean: Array
     covariance: Array
     gain: float
+    shading: Sequence[float]
     systematic: float
     alike: float
 
@@ -74,22 +84,29 @@ class LightPrior:
     def unknown(cls, about: Deviations, alike: float) -> "LightPrior":
         """The prior for light of unknown kind: independent coefficients of mean 0."""
         deviations = [about.coefficient] * PATTERN + [about.ranged] * (TERMS - PATTERN) + [about.trend]
-        return cls(np.zeros(TERMS + 1), np.diag(np.square(deviations)), about.gain, about.systematic, alike)
+        return cls(
+            np.zeros(TERMS + 1), np.diag(np.square(deviations)), about.gain, shading_deviations(about), about.systematic, alike
+        )
 
     @classmethod
     def lamps(cls, reference_m: float, alike: float) -> "LightPrior":
         """The prior of luminance under lamps on the rig, with or without daylight, in pictures taken from about ``reference_m``."""
-        return cls(*lamp_ensemble(reference_m), LUMINANCE.gain, LUMINANCE.systematic, alike)
+        return cls(*lamp_ensemble(reference_m), LUMINANCE.gain, shading_deviations(LUMINANCE), LUMINANCE.systematic, alike)
 
     @classmethod
     def lens(cls, alike: float) -> "LightPrior":
         """The prior of the luminance of pictures in sunlight, whose strength and exposure change from frame to frame."""
-        return cls(*lens_prior.lens_ensemble(LUMINANCE.trend), lens_prior.SETTINGS.gain, LUMINANCE.systematic, alike)
+        ensemble, gain = lens_prior.lens_ensemble(LUMINANCE.trend), lens_prior.SETTINGS.gain
+        return cls(*ensemble, gain, shading_deviations(LUMINANCE), LUMINANCE.systematic, alike)
 
-    def of(self, columns: NDArray[np.bool_], frames: int) -> Gaussian:
-        """The prior of the terms that are used (``columns``), and of the gains of ``frames`` frames."""
+    def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
+        """The prior of the terms that are used (``columns``), and of the gain and the shading of ``frames`` frames.
+
+        of_frame: unknowns of each: none, its gain, or its gain and its shading.
+        """
         number = int(columns.sum())
-        mean, precision = np.zeros(number + frames), np.eye(number + frames) / self.gain**2
+        own = np.tile([self.gain, *self.shading][:of_frame], frames)
+        mean, precision = np.zeros(number + own.size), np.diag(np.concatenate([np.ones(number), own**-2.0]))
         mean[:number] = self.mean[columns]
         precision[:number, :number] = np.linalg.inv(self.covariance[np.ix_(columns, columns)])
         return Gaussian(mean, precision)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.light_model import MEAN_SQUARES, PATTERN, SHAPE, TERMS, pattern_terms
+from stereo_seecolor.color.photometry.light_model import MEAN_SQUARES, PATTERN, SHADING, SHAPE, TERMS, pattern_terms
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.sightings import Sightings
 from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
@@ -40,17 +40,19 @@ SETTINGS = SolverSettings()
 
 
 class Use(NamedTuple):
-    """Terms in use. ranged: the pattern changes with range."""
+    """Terms in use. ranged: the pattern changes with range. shading: besides its gain, each frame has a pattern of its own."""
 
     pattern: bool = False
     ranged: bool = False
     gains: bool = False
+    shading: bool = False
 
     def __str__(self) -> str:
         names = {
             "pattern": "uneven light over the picture",
             "ranged": "its change with range",
             "gains": "different exposure of frames",
+            "shading": "shadows and sunlight that move",
         }
         return ", ".join(name for key, name in names.items() if getattr(self, key)) or "nothing"
 
@@ -81,6 +83,7 @@ class Window:
 @dataclass(frozen=True, eq=False)
 class Solution:
     """coefficients: (TERMS, Q) of the terms in use, else 0. trend: (1, Q), by log_range. gains: (F, Q) logarithms, of mean 0.
+    shading: (F, SHADING, Q) coefficients of each frame's own pattern.
 
     trend_error: standard error of each number of the trend.
     misfit: of the prior to the sightings, twice the negative logarithm of its evidence; to be compared between priors and terms.
@@ -90,6 +93,7 @@ class Solution:
     coefficients: Array
     trend: Array
     gains: Array
+    shading: Array
     trend_error: float
     misfit: float
     covariance: Array
@@ -119,8 +123,9 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     """``values``: of each window (N, Q), the logarithms that are to be explained. frames: number of frames in all."""
     columns = np.zeros(TERMS + 1, np.bool_)
     columns[:PATTERN], columns[PATTERN:TERMS], columns[TERMS:] = use.pattern, use.ranged, True
-    known = prior.of(columns, frames if use.gains else 0)
-    parts = [_Part.of(window, columns, use.gains, value) for window, value in zip(windows, values, strict=True)]
+    of_frame = (1 + SHADING if use.shading else 1) if use.gains else 0
+    known = prior.of(columns, frames, of_frame)
+    parts = [_Part.of(window, columns, of_frame, value) for window, value in zip(windows, values, strict=True)]
     weights = [np.ones(len(window.patch)) for window in windows]
     trust = SETTINGS.first_prior
     for _ in range(SETTINGS.rounds):
@@ -135,13 +140,15 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     number, outputs = int(columns.sum()), found.shape[1]
     coefficients = np.zeros((TERMS + 1, outputs))
     coefficients[columns] = found[:number]
-    gains = found[number:] - found[number:].mean(axis=0) if use.gains else np.zeros((frames, outputs))
+    own = np.zeros((frames, 1 + SHADING, outputs))
+    own[:, :of_frame] = found[number:].reshape(frames, of_frame, outputs)
+    gains = own[:, 0] - own[:, 0].mean(axis=0)
     apart = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike
     misfit = known.misfit(found, outputs * (squares / trust + apart * np.log(trust)), matrix / trust)
     inverse = np.linalg.inv(matrix / trust + known.precision)
     covariance = np.asarray(inverse[:PATTERN, :PATTERN], np.float64) if use.pattern else np.zeros((PATTERN, PATTERN))
     trend_error = float(np.sqrt(inverse[number - 1, number - 1]))
-    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, trend_error, misfit, covariance)
+    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, own[:, 1:], trend_error, misfit, covariance)
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
@@ -169,9 +176,9 @@ class _Part:
     first: NDArray[np.int64]
 
     @classmethod
-    def of(cls, window: Window, columns: NDArray[np.bool_], gains: bool, value: Array) -> "_Part":
-        """columns: in use."""
-        design, at = _design(window, columns, gains)
+    def of(cls, window: Window, columns: NDArray[np.bool_], of_frame: int, value: Array) -> "_Part":
+        """columns: in use. of_frame: unknowns of each frame."""
+        design, at = _design(window, columns, of_frame)
         first = np.flatnonzero(np.diff(window.patch, prepend=-1))
         return cls(np.concatenate([design, value], axis=1), at, window.patch, first)
 
@@ -208,18 +215,21 @@ def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int, outputs: 
 
 def explained(window: Window, solution: Solution, trend: bool = True) -> Array:
     """(N, Q) what a solution says of a window's sightings, up to their patches; without the trend, what would be taken out."""
-    part = window.terms @ solution.coefficients + solution.gains[window.frame]
+    shading = np.einsum("ns,nsq->nq", window.terms[:, :SHADING], solution.shading[window.frame])
+    part = np.asarray(window.terms @ solution.coefficients + solution.gains[window.frame] + shading)
     return part + window.trend @ solution.trend if trend else part
 
 
-def _design(window: Window, columns: NDArray[np.bool_], gains: bool) -> tuple[Array, NDArray[np.int64]]:
-    """The columns that a window's sightings touch, and which these are of all."""
+def _design(window: Window, columns: NDArray[np.bool_], of_frame: int) -> tuple[Array, NDArray[np.int64]]:
+    """The columns that a window's sightings touch, and which these are of all. of_frame: unknowns of each frame."""
     design = np.concatenate([window.terms, window.trend], axis=1)[:, columns].astype(np.float64)
-    number = np.arange(design.shape[1])
-    if not gains:
-        return design, number
+    number = design.shape[1]
     seen_by, index = np.unique(window.frame, return_inverse=True)
-    return np.concatenate([design, np.eye(len(seen_by))[index]], axis=1), np.concatenate([number, len(number) + seen_by])
+    own = np.zeros((len(design), len(seen_by), of_frame))
+    ones = np.ones((len(design), 1))
+    own[np.arange(len(design)), index] = np.concatenate([ones, window.terms[:, :SHADING]], axis=1)[:, :of_frame]
+    at = number + (seen_by[:, None] * of_frame + np.arange(of_frame)).ravel()
+    return np.concatenate([design, own.reshape(len(design), -1)], axis=1), np.concatenate([np.arange(number), at])
 
 
 def _robust_deviation(values: Array) -> float:

@@ -34,6 +34,9 @@ ANGLE = 0.8165
 """Radians of angle between two colors of a difference of 1 in the rms of their logarithms, near gray: sqrt(2/3)."""
 
 
+_ByName = Mapping[str, NDArray[np.float64]]
+
+
 @dataclass(frozen=True, eq=False)
 class SurveyLight:
     """solved: the light of the survey; terms that do not help are 0. luminance, color: what was chosen of each, and how much it
@@ -54,7 +57,7 @@ class SurveyLight:
     @property
     def light(self) -> Light | None:
         """None where no term of it helps."""
-        return self.solved if any(self.luminance.use) or any(self.color.use) or self.solved.gains else None
+        return self.solved if any(self.luminance.use) or any(self.color.use) or self.solved.gains or self.solved.shading else None
 
     @property
     def note(self) -> str:
@@ -115,9 +118,9 @@ class SurveyLight:
         seen = replace(self.solved, coefficients=luminance.coefficients + color.coefficients)
         return seen.log_pattern(pixel, range_m, size) + seen.log_range(range_m)[:, None] * (luminance.trend + color.trend)
 
-    def with_gains(self, gains: Mapping[str, NDArray[np.float64]], offsets: tuple[float, float]) -> "SurveyLight":
-        """The same with other gains of frames, by name."""
-        return replace(self, solved=replace(self.solved, gains=gains), offsets=offsets)
+    def of_frames(self, gains: _ByName, shading: _ByName, offsets: tuple[float, float]) -> "SurveyLight":
+        """The same with other gains and shading of frames, by name."""
+        return replace(self, solved=replace(self.solved, gains=gains, shading=shading), offsets=offsets)
 
     def content(self) -> dict[str, Any]:
         """As water.json holds it."""
@@ -161,15 +164,28 @@ def solve_light(
     candidates = _candidates(allowed, LightPrior.unknown(LUMINANCE, one), of_luminance, [Use(pattern=True, ranged=allowed.ranged)])
     luminance = choose(made, [_mean(window) for window in made], candidates, len(measured))
     colors = [window.log_light - _mean(window) for window in made]
-    unknown, of_color = LightPrior.unknown(COLOR, one), allowed._replace(pattern=allowed.pattern and crossed >= SETTINGS.color)
+    unknown, pattern = LightPrior.unknown(COLOR, one), allowed.pattern and crossed >= SETTINGS.color
+    of_color = allowed._replace(pattern=pattern, shading=luminance.use.shading)  # what shades dims, whatever its color
     candidates = _candidates(of_color, unknown, [unknown], [Use(pattern=True), Use(pattern=True, ranged=True)])
     color = choose(made, colors, candidates, len(measured))
-    gains = luminance.solution.gains + color.solution.gains
-    coefficients = luminance.solution.coefficients + color.solution.coefficients
-    fade = -float(luminance.solution.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0
-    by_name = {names[frame]: gain for frame, gain in zip(measured, gains, strict=True)} if gains.any() else {}
-    light = Light(coefficients, views.reference_m, views.seen_m, by_name, fade, _color_trend(color, made, views.reference_m))
+    light = _light(luminance, color, made, [names[frame] for frame in measured], views)
     return SurveyLight(light, luminance, color, crossed, recorded=recorded is not None)
+
+
+def _light(luminance: Choice, color: Choice, windows: Sequence[Window], names: Sequence[str], views: Views) -> Light:
+    """Both together. names: of the frames that the windows hold."""
+    coefficients, gains, shading = (
+        getattr(luminance.solution, part) + getattr(color.solution, part) for part in ("coefficients", "gains", "shading")
+    )
+    fade = -float(luminance.solution.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0
+    trend = _color_trend(color, windows, views.reference_m)
+    of_frames = _by_name(gains, names), fade, trend, _by_name(shading, names)
+    return Light(coefficients, views.reference_m, views.seen_m, *of_frames)
+
+
+def _by_name(numbers: NDArray[np.float64], names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    """Those of each of (F, ...) frames; of none where all are 0."""
+    return {name: own.ravel() for name, own in zip(names, numbers, strict=True)} if numbers.any() else {}
 
 
 def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
@@ -183,8 +199,15 @@ def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -
 
 def _candidates(allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior], patterns: Sequence[Use]) -> list[Candidate]:
     """Nothing, gains alone, and each pattern with each of its priors, without gains and with them, as far as allowed."""
-    of_patterns = [Candidate(use._replace(gains=gains), prior) for use in patterns for prior in priors for gains in (False, True)]
-    every = [Candidate(Use(), unknown), Candidate(Use(gains=True), unknown), *of_patterns]
+    own = [(False, False), (True, False), (True, True)]
+    of_patterns = [
+        Candidate(use._replace(gains=gains, shading=shading), prior)
+        for use in patterns
+        for prior in priors
+        for gains, shading in own
+    ]
+    alone = [Candidate(Use(gains=gains, shading=shading), unknown) for gains, shading in own]
+    every = [*alone, *of_patterns]
     return [one for one in every if all(may or not used for used, may in zip(one.use, allowed, strict=True))]
 
 

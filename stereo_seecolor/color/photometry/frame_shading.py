@@ -1,0 +1,146 @@
+"""The shading of every frame: shadows and sunlight that move over the reef, as a smooth pattern of each frame's own.
+
+    log I(frame, u, v) - log I(other, u', v') = S(frame; u, v) - S(other; u', v') + difference of their gains
+
+Waves, and whatever floats above, throw light and shadow as wide as a picture, which lie elsewhere on the reef in the next one.
+Where two frames show the same patches, medians over parts of the picture keep their difference; the shading of all frames follows
+from them in one banded system, as gains do (``gain_chain``). What stays in place on the reef no view tells from the reef's color.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.banded import solve_banded
+from stereo_seecolor.color.photometry.light_model import SHADING, shading_terms
+from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, Deviations, shading_deviations
+from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
+
+Array = NDArray[np.float64]
+OWN = 1 + SHADING
+"""Unknowns of a frame: its gain and its shading."""
+
+
+@dataclass(frozen=True)
+class ShadingSettings:
+    """How parts of pictures are compared and trusted."""
+
+    parts: int = 4
+    """Parts of a picture along each side."""
+    least: int = 4
+    """Patches in a part, for its median to count."""
+    half: float = 10.0
+    """Patches with which a part weighs half of what it can."""
+    gain: tuple[float, float] = (0.3, 0.03)
+    """Standard deviation of a frame's gain of luminance and of color, logarithm, as in the chain."""
+    outlier: float = 1.5
+    """Robust standard deviations beyond which a part weighs less than half (Cauchy)."""
+    floor: float = 0.005
+    """Least standard deviation of a part, logarithm."""
+    rounds: int = 5
+    """Of new weights."""
+    at_once: int = 50_000
+    """Parts whose equations are in memory at once."""
+
+
+SETTINGS = ShadingSettings()
+ACROSS = 127
+"""Steps of a place from the middle of a picture to its edge."""
+PART = np.dtype([("i", "<i4"), ("j", "<i4"), ("at_i", "i1", 2), ("at_j", "i1", 2), ("value", "<f2", 4), ("patches", "u1")])
+"""Part of frame i that frame j < i shows too: logarithm of i over j (luminance, color R, G, B), and where both see it. 21 bytes: a
+dive of 100,000 frames has five million of these.
+"""
+Parts = NDArray[np.void]
+"""(D,) of PART."""
+
+
+def parts_of(pair: tuple[int, int], at: tuple[Array, Array], values: Array) -> Parts:
+    """What frames ``pair`` differ by in each part of the first: medians of (N, 4) values at (N, 2) places in both, of -1 to 1."""
+    part = np.clip(((at[0] + 1) / 2 * SETTINGS.parts).astype(int), 0, SETTINGS.parts - 1) @ (1, SETTINGS.parts)
+    found = []
+    for number in np.unique(part):
+        inside = part == number
+        if inside.sum() >= SETTINGS.least:
+            steps = (np.rint(ACROSS * place[inside].mean(axis=0)) for place in at)
+            found.append((*pair, *steps, np.median(values[inside], axis=0), min(inside.sum(), 255)))
+    return np.array(found, PART)
+
+
+def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
+    """(frames, SHADING, 3) coefficients of each frame's shading, R, G, B; 0 where nothing is known. used: luminance, color."""
+    solved = np.zeros((frames, SHADING, 3))
+    if len(parts) and used[0]:
+        solved += _solved(parts, 0, frames, SETTINGS.gain[0], LUMINANCE)[..., None]
+    if len(parts) and used[1]:
+        solved += np.stack([_solved(parts, channel, frames, SETTINGS.gain[1], COLOR) for channel in (1, 2, 3)], axis=2)
+    return solved
+
+
+def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> NDArray[np.void]:
+    """The differences of whole frames (DIFFERENCE), less what the (F, SHADING, 3) shading says of them."""
+    if not len(parts):
+        return found
+    frames, left = len(shading), found.copy()
+    pairs, part = np.unique(parts["i"].astype(np.int64) * frames + parts["j"], return_inverse=True)
+    pair = found["i"].astype(np.int64) * frames + found["j"]
+    at = np.minimum(np.searchsorted(pairs, pair), len(pairs) - 1)
+    patches = parts["patches"].astype(np.float64)
+    luminance = shading.mean(axis=2, keepdims=True)
+    for output, own in enumerate(np.moveaxis(np.concatenate([luminance, shading - luminance], axis=2), 2, 0)):
+        said = _explained(parts, np.pad(own, ((0, 0), (1, 0))))
+        mean = np.bincount(part, patches * said) / np.bincount(part, patches)
+        for medians in ("whole", "fitted", "judged"):
+            left[medians][:, output] -= np.where(pairs[at] == pair, mean[at], 0.0)
+    return left
+
+
+def _solved(parts: Parts, output: int, frames: int, gain: float, about: Deviations) -> Array:
+    """(frames, SHADING) of luminance (output 0) or of a color."""
+    value, patches = (parts[name].astype(np.float64) for name in ("value", "patches"))
+    prior, own = np.array([gain, *shading_deviations(about)]) ** -2.0, np.zeros((frames, OWN))
+    least = patches / (patches + SETTINGS.half)
+    for _ in range(SETTINGS.rounds):
+        off = value[:, output] - _explained(parts, own)
+        scale = max(ROBUST_DEVIATION * float(np.median(np.abs(off))), SETTINGS.floor)
+        weight = least / (scale**2 + (off / SETTINGS.outlier) ** 2)
+        own = solve_banded(*_equations(parts, value[:, output], weight, prior, frames)).reshape(frames, OWN)
+    return own[:, 1:]
+
+
+def _explained(parts: Parts, own: Array) -> Array:
+    """(D,) what the frames' gains and shadings say of the parts."""
+    i, j = (np.einsum("dk,dk->d", _terms(parts[f"at_{end}"]), own[parts[end]]) for end in "ij")
+    return np.asarray(i - j)
+
+
+def _terms(at: NDArray[np.int8]) -> Array:
+    """(D, OWN) at (D, 2) steps."""
+    return np.concatenate([np.ones((len(at), 1)), shading_terms(at / ACROSS)], axis=1)
+
+
+def _equations(parts: Parts, value: Array, weight: Array, prior: Array, frames: int) -> tuple[Array, Array]:
+    """The normal equations of frames about 0: their diagonals and those below, and the right side. prior: (OWN,) precisions."""
+    reach = int((parts["i"] - parts["j"]).max())
+    blocks, slope = np.zeros((reach + 1, frames, OWN, OWN)), np.zeros((frames, OWN))
+    blocks[0] += np.diag(prior)
+    for start in range(0, len(parts), SETTINGS.at_once):
+        chunk = slice(start, start + SETTINGS.at_once)
+        i, j, w = parts["i"][chunk], parts["j"][chunk], weight[chunk, None]
+        of_i, of_j = (_terms(parts[end][chunk]) for end in ("at_i", "at_j"))
+        for frame, terms, sign in ((i, of_i, 1), (j, of_j, -1)):
+            np.add.at(blocks[0], frame, np.einsum("dp,dq->dpq", w * terms, terms))
+            np.add.at(slope, frame, sign * w * terms * value[chunk, None])
+        np.add.at(blocks, (i - j, j), -np.einsum("dp,dq->dpq", w * of_i, of_j))
+    return _band(blocks), slope.ravel()
+
+
+def _band(blocks: Array) -> Array:
+    """((reach + 1) OWN, F OWN) diagonals of the matrix with (reach + 1, F, OWN, OWN) ``blocks`` on its diagonal and below."""
+    reach, frames = blocks.shape[:2]
+    band = np.zeros((reach * OWN, frames * OWN), order="F")
+    for back in range(reach):
+        for p in range(OWN):
+            for q in range(OWN if back else p + 1):
+                band[back * OWN + p - q, q::OWN] = blocks[back, :, p, q]
+    return band
