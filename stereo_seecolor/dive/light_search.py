@@ -166,7 +166,7 @@ class LightSearch:
         measured = solved.measured & solved.gains.any()
         gains = ByFrame(names, np.where(measured[:, None], solved.gains, np.nan))
         flat = shading.reshape(len(names), -1)
-        own = ByFrame(names, np.where(flat.any(axis=1, keepdims=True), flat, np.nan))
+        own = ByFrame(names, np.where(flat.any(axis=1, keepdims=True), flat, np.nan)) if flat.any() else ByFrame()
         return light.of_frames(gains, own, solved.offsets)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int) -> Iterator[Shown]:

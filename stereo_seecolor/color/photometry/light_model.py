@@ -52,7 +52,7 @@ SHADING = 5
 
 @dataclass(frozen=True, eq=False)
 class ByFrame(Mapping[str, Array]):
-    """Name of a frame -> (K,) numbers of it. values: (F, K) of all ``names``, NaN for those that have none."""
+    """Name of a frame -> (K,) numbers of it. numbers: (F, K) of all ``names``, NaN for those that have none."""
 
     names: Names = field(default_factory=Names)
     numbers: Array = field(default_factory=lambda: np.zeros((0, 1)))
