@@ -54,8 +54,11 @@ def test_corrections_are_equal(depth, encoding, highlights, matrix):
         kernels.apply(flat, bits, by_range, shown),
         torch_apply.apply(flat, bits, by_range, shown, DEVICE),
     )
-    most = 1 if DEVICE.type == "cuda" or matrix is not None else 0  # CUDA and products of matrices may fuse a product and a sum
-    assert np.abs(on_cores.image.astype(int) - in_torch.image.astype(int)).max() <= most
+    # CUDA, products of matrices and some processors fuse a product and a sum: 1 of 7749 values of 16 bits is rounded otherwise
+    most = 1 if DEVICE.type == "cuda" or matrix is not None or depth == 16 else 0
+    off = np.abs(on_cores.image.astype(int) - in_torch.image.astype(int))
+    assert off.max() <= most
+    assert DEVICE.type == "cuda" or matrix is not None or (off > 0).mean() < 0.001
     assert np.array_equal(on_cores.unknown, in_torch.unknown)
     assert np.array_equal(on_cores.unrecoverable, in_torch.unrecoverable)
     assert clipped == pytest.approx(also, abs=1e-3 * most)
