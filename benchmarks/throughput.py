@@ -38,7 +38,7 @@ def make_dive(root: Path, pairs: int, size: tuple[int, int]) -> None:
 def plain_loop(dive: Path, out: Path) -> None:
     """What one would write in an afternoon: one pair after the other through the same stages, and everything written."""
     from calibration.formats import load_rig
-    from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.config.file import load_config
     from stereo_seecolor.files.atomic import write_atomic
     from stereo_seecolor.inputs.images import read_image
     from stereo_seecolor.pipeline import Pipeline
@@ -59,7 +59,7 @@ def plain_loop(dive: Path, out: Path) -> None:
 def whole_run(dive: Path, out: Path, workers: int) -> None:
     from stereo_seecolor.commands.run import run
     from stereo_seecolor.compute.allocator import keep_freed_memory
-    from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.config.file import load_config
     from stereo_seecolor.dive.run_options import RunOptions
 
     keep_freed_memory()  # as the command does

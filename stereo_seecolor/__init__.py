@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.rectify import rectify
     from stereo_seecolor.commands.run import range_maps, run
     from stereo_seecolor.config import RunConfig
-    from stereo_seecolor.config_file import load_config
+    from stereo_seecolor.config.file import load_config
     from stereo_seecolor.dive.run_options import RunOptions
     from stereo_seecolor.errors import SeeColorError
     from stereo_seecolor.matching.matcher import Matcher
@@ -39,7 +39,7 @@ _PLACES = {
     "Water": "records",
     "correct": "commands.correct",
     "fuse": "commands.fuse",
-    "load_config": "config_file",
+    "load_config": "config.file",
     "open_run": "run_folder.finished_run",
     "range_maps": "commands.run",
     "rectify": "commands.rectify",

@@ -9,8 +9,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.water import PerChannel as PerChannel
-from stereo_seecolor.water import Water as Water
+from stereo_seecolor.water.model import PerChannel as PerChannel
+from stereo_seecolor.water.model import Water as Water
 
 Image = NDArray[np.uint8] | NDArray[np.uint16]
 """(H, W, 3) RGB at the camera's own bit depth, 0..255 or 0..65535."""

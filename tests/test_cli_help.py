@@ -14,7 +14,7 @@ from conftest import Cli
 from stereo_seecolor.cli.app import COMMANDS, app
 from stereo_seecolor.cli.examples import EXAMPLES
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 
 NAMES = [name for commands in COMMANDS.values() for name in commands]
 GROUP = typer.main.get_command(app)

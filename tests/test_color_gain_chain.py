@@ -18,7 +18,7 @@ from stereo_seecolor.color.photometry.recorded_exposure import explain, log_expo
 from stereo_seecolor.color.photometry.survey_light import SurveyLight
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.threads import Threads
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive import light_search
 from stereo_seecolor.dive.light_search import LightSearch, SampleSettings
 from stereo_seecolor.dive.run_options import RunOptions

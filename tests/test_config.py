@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel
 
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.config_file import known_keys, load_config, load_settings
+from stereo_seecolor.config.file import known_keys, load_config, load_settings
 from stereo_seecolor.errors import ConfigError
 
 

@@ -12,7 +12,7 @@ from conftest import SampleRun
 from calibration.formats import load_rig, native
 from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.truth import FrameFiles, evaluate_truth
 

@@ -11,7 +11,7 @@ from stereo_seecolor.commands import campaign as module
 from stereo_seecolor.commands.campaign import CampaignFile, campaign
 from stereo_seecolor.commands.plan import plan
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 

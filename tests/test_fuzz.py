@@ -15,7 +15,7 @@ from video_writers import write_pair
 from calibration import CalibrationError, Camera, StereoRig
 from calibration.formats import load_rig, write_rig
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.exposure import ExposureTable

@@ -14,7 +14,7 @@ from PIL import Image, ImageCms
 
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.encode import ImageFormat, encode_image
 from stereo_seecolor.inputs.capture import read_capture

@@ -12,7 +12,7 @@ from mapping_scene import CONFIG, PAIR, ReefFrames, flat_frame, read_cloud, trac
 from track_scenes import with_noisy_disparities
 
 from stereo_seecolor.config import MappingConfig
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import ConfigError, MappingError
 from stereo_seecolor.mapping import limits
 from stereo_seecolor.mapping.component import Component

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from test_markers import EDGE_M, PLACES, RIG, bottom, cameras, frame
 
 from stereo_seecolor.commands.markers import Known, markers
-from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.config import MappingConfig, MarkersConfig
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Survey
@@ -20,7 +20,6 @@ from stereo_seecolor.mapping.track.known_points import KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.marks import Marks
 from stereo_seecolor.mapping.track.marks_fit import first_fit
 from stereo_seecolor.mapping.track.placing import Placed, place_survey
-from stereo_seecolor.mapping_config import MarkersConfig
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 OFF = 1.012

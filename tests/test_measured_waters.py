@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from stereo_seecolor.jerlov import KD_JERLOV, TABLE_NM
 from stereo_seecolor.synthetic.measured_waters import (
     WAVELENGTH_NM,
     Contents,
@@ -13,6 +12,7 @@ from stereo_seecolor.synthetic.measured_waters import (
     draw_contents,
     draw_water,
 )
+from stereo_seecolor.water.jerlov import KD_JERLOV, TABLE_NM
 
 RNG = np.random.default_rng(5)
 NOTHING = Contents(chlorophyll=0.0, dissolved=0.0)

@@ -13,7 +13,7 @@ from conftest import Cli, Dive
 from calibration import RectifiedPair
 from stereo_seecolor.commands.measure import measure, surface_of
 from stereo_seecolor.commands.run import range_maps, run
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.measuring.limits import LIMITS
 from stereo_seecolor.measuring.measures import along_surface, planar_area, profile, range_of, straight_length, surface_area

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 

@@ -22,7 +22,7 @@ from stereo_seecolor.commands.measure import measure
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.report.map_mesh import MeshSizes

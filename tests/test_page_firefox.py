@@ -11,7 +11,7 @@ from firefox import firefox
 
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 

@@ -17,7 +17,7 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.rectify import rectify
 from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
 from stereo_seecolor.files import atomic

@@ -10,7 +10,7 @@ from conftest import SampleRun
 from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.water import measure_water, measure_white
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 

@@ -11,7 +11,7 @@ from stereo_seecolor.cli.report import BareReport
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.doctor import Finding
-    from stereo_seecolor.config_file import Setting
+    from stereo_seecolor.config.file import Setting
 
 Show = Annotated[bool, opt.flag("--show", "The default of this command; accepted for scripts.")]
 
@@ -48,7 +48,7 @@ def _state(finding: "Finding") -> str:
 
 def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> None:
     """Print the merged settings as YAML, each with its origin: the default, the file, or --set."""
-    from stereo_seecolor.config_file import load_settings
+    from stereo_seecolor.config.file import load_settings
 
     merged = load_settings(settings.config, settings.settings or [])
     report.end({"settings": merged}, lines(*_section([(setting.key.split("."), setting) for setting in merged], 0)))

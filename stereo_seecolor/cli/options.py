@@ -103,7 +103,7 @@ class Settings:
 
     def load(self, refine: bool = False, run: Path | None = None) -> "RunConfig":
         """The configuration that they give. refine: with ``--refine``. run: a folder whose settings hold where no file is named."""
-        from stereo_seecolor.config_file import load_config
+        from stereo_seecolor.config.file import load_config
 
         file = self.config
         if run and not file:

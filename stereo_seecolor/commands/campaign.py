@@ -20,7 +20,7 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.site_water import SiteDive, fit_site
 from stereo_seecolor.commands.stereo_inputs import StereoInputs
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.reading import read_bytes

@@ -6,7 +6,7 @@ from pathlib import Path
 from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.commands.synthesize import synthesize
-from stereo_seecolor.config_file import load_config
+from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.evaluation.truth import TruthReport
 from stereo_seecolor.run_folder.frames_table import RunSummary

@@ -29,7 +29,7 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import MEASURED_WATER
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 from stereo_seecolor.run_folder.water_file import read_waters, waters_content
-from stereo_seecolor.water import read_water_document
+from stereo_seecolor.water.model import read_water_document
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from stereo_seecolor.config import RunConfig
-from stereo_seecolor.config_file import flat
+from stereo_seecolor.config.file import flat
 from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.texts import digits, duration, length, phrase
 

@@ -10,7 +10,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.run_folder.layout import WATER, fit_file
 from stereo_seecolor.run_folder.water_file import read_waters
-from stereo_seecolor.water import Water
+from stereo_seecolor.water.model import Water
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 from stereo_seecolor.compute.names import ByName
 from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.files.json_values import JsonText, Streamed
-from stereo_seecolor.water import Water, read_water_document, water_document
+from stereo_seecolor.water.model import Water, read_water_document, water_document
 
 
 def waters_content(waters: Mapping[str, Water], light: Mapping[str, Any] | None = None) -> JsonText:

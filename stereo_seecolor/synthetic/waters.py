@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.jerlov import KD_JERLOV, KD_REVISED, TABLE_NM, Spectrum, scattering_per_m
 from stereo_seecolor.records import PerChannel, Water
+from stereo_seecolor.water.jerlov import KD_JERLOV, KD_REVISED, TABLE_NM, Spectrum, scattering_per_m
 
 WaterName = Literal["blue-ocean", "coastal-green", "turbid"]
 

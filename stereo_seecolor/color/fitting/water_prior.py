@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.low_discrepancy import low_discrepancy
-from stereo_seecolor.jerlov import KD_JERLOV, TABLE_NM, scattering_per_m
+from stereo_seecolor.water.jerlov import KD_JERLOV, TABLE_NM, scattering_per_m
 
 Vector = NDArray[np.float64]
 

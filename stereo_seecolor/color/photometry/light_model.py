@@ -21,7 +21,7 @@ from stereo_seecolor.compute.names import Names, SomeNames
 from stereo_seecolor.files.json_values import Streamed
 from stereo_seecolor.files.keys import content_key, content_key_of
 from stereo_seecolor.records import Water
-from stereo_seecolor.water_limits import LIMITS
+from stereo_seecolor.water.limits import LIMITS
 
 Array = NDArray[np.float64]
 

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from stereo_seecolor.config import MarkersConfig
 from stereo_seecolor.mapping.recovered_frames import Frames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.known_points import Known, KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.sightings import Sightings
-from stereo_seecolor.mapping_config import MarkersConfig
 from stereo_seecolor.markers.control_points import FEWEST, read_bars, read_control_points, read_stds
 from stereo_seecolor.markers.detection import MarkerDetector
 from stereo_seecolor.markers.marker_map import SETTINGS as MARKER

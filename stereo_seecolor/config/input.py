@@ -4,7 +4,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from stereo_seecolor.stage_config import FilePath, StageConfig
+from stereo_seecolor.config.stage import FilePath, StageConfig
 
 
 class InputConfig(StageConfig):

@@ -1,71 +1,14 @@
-"""All settings: one small frozen model a stage, with the reason for each default in its description."""
+"""The settings of color: the method, what frames share, and how corrected images are shown."""
 
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal
 
-from pydantic import (
-    Field,
-    Strict,
-    ValidationError,
-    ValidatorFunctionWrapHandler,
-    field_validator,
-    model_validator,
-)
+from pydantic import Field, Strict, ValidationError, ValidatorFunctionWrapHandler, field_validator
 
-from stereo_seecolor.input_config import InputConfig
-from stereo_seecolor.mapping_config import MappingConfig, MountConfig
-from stereo_seecolor.stage_config import FilePath, StageConfig
-
-__all__ = [
-    "ColorConfig",
-    "InputConfig",
-    "MappingConfig",
-    "MatchingConfig",
-    "MountConfig",
-    "OutputConfig",
-    "PaperAdamConfig",
-    "PaperConfig",
-    "RobustConfig",
-    "RunConfig",
-]
+from stereo_seecolor.config.stage import StageConfig
 
 Light = Annotated[float, Field(ge=1e-4, le=1e4)]
 Rgb = Annotated[tuple[Light, Light, Light], Strict(False)]
 """Three positive numbers, also given as a list."""
-
-
-class MatchingConfig(StageConfig):
-    """Stereo matching: StereoFrame -> RangeMap."""
-
-    min_range_m: float = Field(0.3, gt=0, description="Nearest range looked for, meters; sets the largest disparity searched.")
-    max_range_m: float = Field(default=20.0, gt=0, description="Farthest range kept, meters; more than the nearest.")
-    min_confidence: float = Field(
-        default=0.8,
-        ge=0,
-        le=1,
-        description="Pixels whose disparity is right to within one pixel with a lower probability than this are left unknown.",
-    )
-    fill: bool = Field(default=False, description="Close the holes with what their neighbors suggest; such pixels are marked.")
-    engine: Literal["sgm", "opencv", "onnx"] = Field(
-        default="sgm",
-        description="sgm: semi-global matching of the census. opencv: OpenCV's StereoSGBM, for comparison. onnx: your own stereo "
-        "network, run by onnxruntime.",
-    )
-    model: FilePath | None = Field(
-        default=None, description="The network of engine onnx: an .onnx file (contract in docs/matching.md)."
-    )
-
-    @field_validator("engine", mode="before")
-    @classmethod
-    def _known_engine(cls, engine: Any) -> Any:
-        if engine == "sgbm":
-            raise ValueError("is now called 'sgm'; 'opencv' is OpenCV's StereoSGBM")
-        return engine
-
-    @model_validator(mode="after")
-    def _near_before_far(self) -> Self:
-        if self.max_range_m <= self.min_range_m:
-            raise ValueError(f"max_range_m ({self.max_range_m:g}) must be more than min_range_m ({self.min_range_m:g})")
-        return self
 
 
 class RobustConfig(StageConfig):
@@ -189,61 +132,3 @@ class ColorConfig(StageConfig):
         description="What is painted where no range was measured. interpolate: corrected with a range carried over from measured "
         "neighbors of the same color (mask 2; range/ stays as measured). black: black. raw: the pixel as the camera saw it.",
     )
-
-
-class OutputConfig(StageConfig):
-    """What is written, and how."""
-
-    image_format: Literal["png", "png16", "tiff32", "jpg"] = Field(
-        default="png", description="Corrected images: png keeps the input's bit depth; tiff32 is linear and unclipped."
-    )
-    geometry: Literal["rectified", "original"] = Field(
-        default="rectified",
-        description="original: corrected images, ranges and masks also in the left camera's own pixels, named and sized as its "
-        "images are, in OUT/original, for photogrammetry with a calibration of its own.",
-    )
-    preset: Literal["full", "lean"] = Field(
-        default="full",
-        description="lean: no clouds of single pairs, range maps deflated, their standard errors rounded to 0.2 %: "
-        "a quarter of the disk.",
-    )
-    compression: Literal["fast", "small"] = Field(
-        default="fast",
-        description="small: pictures 5 to 8 % smaller and range maps deflated, for 130 ms a pair of 1.3 megapixels; "
-        "no pixel differs.",
-    )
-    clouds: bool = Field(default=True, description="Write a colored cloud for each pair, but with preset lean.")
-    range_std: bool = Field(default=True, description="Write the standard error of each range beside the range maps.")
-
-    @property
-    def with_clouds(self) -> bool:
-        """Whether clouds are written."""
-        return self.clouds and self.preset == "full"
-
-    @property
-    def map_compression(self) -> Literal["fast", "small"] | None:
-        """How range maps are deflated; None as they are."""
-        return None if (self.preset, self.compression) == ("full", "fast") else self.compression
-
-
-class MeasuringConfig(StageConfig):
-    """What is known of the rig when lengths are measured."""
-
-    length_error: float | None = Field(
-        default=None,
-        ge=0,
-        lt=1,
-        description="Standard error of a length by the calibration, relative, as a bar of known length shows it. None: what the "
-        "calibration itself states, or else 0.005.",
-    )
-
-
-class RunConfig(StageConfig):
-    """The whole configuration of a run."""
-
-    input: InputConfig = InputConfig()
-    matching: MatchingConfig = MatchingConfig()
-    color: ColorConfig = ColorConfig()
-    mapping: MappingConfig = MappingConfig()
-    output: OutputConfig = OutputConfig()
-    measuring: MeasuringConfig = MeasuringConfig()

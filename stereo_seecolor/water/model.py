@@ -12,7 +12,7 @@ from stereo_seecolor.errors import ColorError, InputError
 from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.files.json_values import JsonText, plain
 from stereo_seecolor.files.reading import read_bytes
-from stereo_seecolor.water_limits import MATRICES, PARAMETERS, problem_of
+from stereo_seecolor.water.limits import MATRICES, PARAMETERS, problem_of
 
 FORMAT = "stereo-seecolor/water"
 VERSION = 1

@@ -4,7 +4,7 @@ from typing import Any, Literal, Self
 
 from pydantic import Field, FilePath, model_validator
 
-from stereo_seecolor.stage_config import StageConfig
+from stereo_seecolor.config.stage import StageConfig
 
 
 class MountConfig(StageConfig):

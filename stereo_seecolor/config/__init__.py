@@ -1,0 +1,35 @@
+"""All settings: one small frozen model a stage, with the reason for each default in its description."""
+
+from stereo_seecolor.config.color import ColorConfig, PaperAdamConfig, PaperConfig, RobustConfig
+from stereo_seecolor.config.input import InputConfig
+from stereo_seecolor.config.mapping import MappingConfig, MarkersConfig, MountConfig
+from stereo_seecolor.config.matching import MatchingConfig
+from stereo_seecolor.config.measuring import MeasuringConfig
+from stereo_seecolor.config.output import OutputConfig
+from stereo_seecolor.config.stage import StageConfig
+
+__all__ = [
+    "ColorConfig",
+    "InputConfig",
+    "MappingConfig",
+    "MarkersConfig",
+    "MatchingConfig",
+    "MeasuringConfig",
+    "MountConfig",
+    "OutputConfig",
+    "PaperAdamConfig",
+    "PaperConfig",
+    "RobustConfig",
+    "RunConfig",
+]
+
+
+class RunConfig(StageConfig):
+    """The whole configuration of a run."""
+
+    input: InputConfig = InputConfig()
+    matching: MatchingConfig = MatchingConfig()
+    color: ColorConfig = ColorConfig()
+    mapping: MappingConfig = MappingConfig()
+    output: OutputConfig = OutputConfig()
+    measuring: MeasuringConfig = MeasuringConfig()
