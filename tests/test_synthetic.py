@@ -251,8 +251,29 @@ def test_specifications_that_cannot_be(given: dict[str, object], said: str) -> N
         parse_spec(**(usual | given))  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
-def test_folder_that_cannot_be_written(tmp_path: Path) -> None:
-    (tmp_path / "dive").write_text("a file")
-    with pytest.raises(OutputError, match="another folder"):
+@pytest.mark.parametrize("own", ["dive", "dive/cam.yaml", "dive/left/reef_1790000000000.png"])
+def test_synthesize_refuses_a_folder_with_other_files(tmp_path: Path, own: str) -> None:
+    (tmp_path / own).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / own).write_text("mine")
+    with pytest.raises(OutputError, match="nothing was touched"):
         synthesize(SurveySpec(pairs=1, lines=1, image_size=(64, 64)), tmp_path / "dive")
+    assert (tmp_path / own).read_text() == "mine"
+
+
+@pytest.mark.slow
+def test_a_stopped_synthesis_continues(tmp_path: Path) -> None:
+    spec, dive = SurveySpec(pairs=2, lines=1, image_size=(64, 64)), tmp_path / "dive"
+
+    def stop(finished: int, pairs: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        synthesize(spec, dive, stop)
+    first, *others = sorted((dive / "left").iterdir())
+    assert not others
+    first.write_text("edited")
+    synthesize(spec, dive)
+    assert first.read_text() == "edited"
+    assert len(list((dive / "truth" / "visible").iterdir())) == 2
+    with pytest.raises(OutputError, match="is there already"):
+        synthesize(replace(spec, seed=8), dive)

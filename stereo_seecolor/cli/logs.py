@@ -10,13 +10,15 @@ from stereo_seecolor.errors import OutputError
 
 FORM = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 LIBRARIES = ("stereo_seecolor", "calibration")
+LOG_SUFFIXES = ("", ".log", ".txt")
+"""A file with another suffix that holds something may be a calibration or a track, which lines of a log would spoil."""
 
 
 @contextmanager
 def logging_to(log_file: Path | None, verbose: bool) -> Iterator[None]:
     """Append the log to a file; with verbose, write it to standard error too. Does nothing if neither is asked for.
 
-    Raises OutputError if the file cannot be opened, or is no text file.
+    Raises OutputError if the file cannot be opened, is no text file, or is there already under a name that no log has.
     """
     handlers: list[logging.Handler] = []
     if verbose:
@@ -43,8 +45,11 @@ def _file_handler(path: Path) -> logging.Handler:
     try:
         if path.is_file():
             with path.open("rb") as file:
-                if b"\0" in file.read(4096):
-                    raise OutputError(f"--log-file {path}: is not a text file: give another name for the log")
+                content = file.read(4096)
+            if b"\0" in content:
+                raise OutputError(f"--log-file {path}: is not a text file: give another name for the log")
+            if content and path.suffix.lower() not in LOG_SUFFIXES:
+                raise OutputError(f"--log-file {path}: is there already, and is not named as a log: give a name that ends in .log")
         path.parent.mkdir(parents=True, exist_ok=True)
         return logging.FileHandler(path, mode="a", encoding="utf-8", errors="backslashreplace")
     except OSError as error:

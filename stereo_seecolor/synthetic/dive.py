@@ -3,15 +3,17 @@
 import json
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.formats import native
-from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.files.new_folder import refuse_filled
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.records import Water
 from stereo_seecolor.synthetic.reef import CELL_M, Reef
@@ -19,7 +21,9 @@ from stereo_seecolor.synthetic.render import RenderedPair, Scene
 from stereo_seecolor.synthetic.survey import SurveySpec
 from stereo_seecolor.synthetic.waters import WATER_NAMES
 
-_FOLDERS = ("left", "right", "truth/range", "truth/color", "truth/visible")
+_FOLDERS = {"left": ".png", "right": ".png", "truth/color": ".png", "truth/range": ".tiff", "truth/visible": ".png"}
+_SPEC = Path("truth/water.json")
+"""Written first: it tells whether a folder holds the same survey."""
 _PNG = [cv2.IMWRITE_PNG_COMPRESSION, 9, cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_FILTERED]
 _FLOAT_TIFF = [cv2.IMWRITE_TIFF_COMPRESSION, 8, cv2.IMWRITE_TIFF_PREDICTOR, 3]  # deflate, floating point
 _RANGE_STEPS_PER_M = 4096
@@ -29,21 +33,20 @@ _RANGE_STEPS_PER_M = 4096
 def synthesize(spec: SurveySpec, out: Path, done: Callable[[int, int], None] = lambda finished, pairs: None) -> None:
     """Render the survey into ``out``; docs/synthetic.md lists the files. ``done(finished, pairs)`` is called after each pair.
 
-    Raises OutputError if the folder cannot be written.
+    Files that are there are kept, so a stopped survey continues. Raises OutputError if the folder cannot be written, or holds
+    anything but the same survey.
     """
+    _refuse_other(spec, out)
     scene = Scene.from_spec(spec)
-    try:
-        for folder in _FOLDERS:
-            (out / folder).mkdir(parents=True, exist_ok=True)
-        native.write(scene.rig, out / "cam.yaml")
-        write_tum(out / "trajectory.tum", replace(scene.trajectory, names=("",) * spec.pairs))
-        (out / "truth/water.json").write_text(json.dumps(_water_content(scene), indent=1) + "\n", encoding="utf-8")
-        _write_surface(out / "truth/surface.npz", scene.reef)
-        for index in range(spec.pairs):
+    water = json.dumps(_water_content(scene), indent=1) + "\n"
+    _keep_or_write(out / _SPEC, lambda path: path.write_text(water, encoding="utf-8"))
+    _keep_or_write(out / "cam.yaml", lambda path: native.write(scene.rig, path))
+    _keep_or_write(out / "trajectory.tum", lambda path: write_tum(path, replace(scene.trajectory, names=("",) * spec.pairs)))
+    _keep_or_write(out / "truth/surface.npz", lambda path: _write_surface(path, scene.reef))
+    for index, name in enumerate(scene.trajectory.names):
+        if not all(file.is_file() for file in _pair_files(out, name)):
             _write_pair(out, scene.render(index))
-            done(index + 1, spec.pairs)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {error.strerror or error}: give another folder") from error
+        done(index + 1, spec.pairs)
 
 
 def parse_spec(pairs: int, lines: int, size: str, water: str, seed: int) -> SurveySpec:
@@ -62,23 +65,34 @@ def parse_spec(pairs: int, lines: int, size: str, water: str, seed: int) -> Surv
     return SurveySpec(seed=seed, pairs=pairs, lines=lines, image_size=(int(width), int(height)), water=named)
 
 
+def _refuse_other(spec: SurveySpec, out: Path) -> None:
+    """Raises OutputError if ``out`` holds anything but files of this very survey: they may be somebody's dive."""
+    try:
+        same = json.loads((out / _SPEC).read_text(encoding="utf-8"))["survey"] == json.loads(json.dumps(asdict(spec)))
+    except (OSError, ValueError, LookupError, TypeError):
+        same = False
+    if not same:
+        refuse_filled(out)
+
+
+def _pair_files(out: Path, name: str) -> list[Path]:
+    return [out / folder / f"{name}{suffix}" for folder, suffix in _FOLDERS.items()]
+
+
 def _write_pair(out: Path, pair: RenderedPair) -> None:
-    name = pair.frame.name
-    _write_image(out / "left" / f"{name}.png", pair.frame.left)
-    _write_image(out / "right" / f"{name}.png", pair.frame.right)
-    _write_image(out / "truth/color" / f"{name}.png", pair.color_image)
-    _write(out / "truth/visible" / f"{name}.png", (pair.visible & ~pair.moving).astype(np.uint8) * 255, _PNG)
     range_m = np.round(pair.range_map.range_m * _RANGE_STEPS_PER_M) / np.float32(_RANGE_STEPS_PER_M)
-    _write(out / "truth/range" / f"{name}.tiff", range_m.astype(np.float32), _FLOAT_TIFF)
+    visible = (pair.visible & ~pair.moving).astype(np.uint8) * 255
+    images = [cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR) for rgb in (pair.frame.left, pair.frame.right, pair.color_image)]
+    for path, pixels in zip(_pair_files(out, pair.frame.name), [*images, range_m.astype(np.float32), visible], strict=True):
+        _, content = cv2.imencode(path.suffix, pixels, _FLOAT_TIFF if path.suffix == ".tiff" else _PNG)
+        _keep_or_write(path, partial(Path.write_bytes, data=content.tobytes()))
 
 
-def _write_image(path: Path, rgb: NDArray[Any]) -> None:
-    _write(path, cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR), _PNG)
-
-
-def _write(path: Path, pixels: NDArray[Any], parameters: list[int]) -> None:
-    _, content = cv2.imencode(path.suffix, pixels, parameters)
-    path.write_bytes(content.tobytes())
+def _keep_or_write(path: Path, write: Callable[[Path], object]) -> None:
+    """Write a file that is not there yet, as a whole or not at all."""
+    if not path.is_file():
+        with atomic_path(path) as temporary:
+            write(temporary)
 
 
 def _water_content(scene: Scene) -> dict[str, Any]:
