@@ -1,4 +1,4 @@
-"""One command over all pairs of a dive: it takes OUT, makes its passes, and writes the files that describe the run."""
+"""One command over all pairs of a dive: it makes its passes, and writes the files that describe the run."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -29,7 +29,10 @@ from stereo_seecolor.run_folder.reports import FinalRows, RunDescription, close_
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """One command over all pairs of a dive. description: what it was given. passes: what it does with the dive."""
+    """One command over all pairs of a dive.
+
+    source: reads and measures a pair. description: of the command, for run.json. passes: makes the passes over the dive.
+    """
 
     source: Source
     pairing: Pairing
@@ -37,7 +40,7 @@ class Job:
     passes: Callable[[Dive, RunFolder], None]
 
     def conduct(self, folder: RunFolder, options: RunOptions) -> RunSummary:
-        """All passes; Ctrl-C ends them early. run.json and frames.csv are written at the end, however it comes."""
+        """Make all passes; Ctrl-C ends them early. run.json and frames.csv are written at the end, also after an error."""
         page, meter = RunPage(options, folder, self.description), Meter(options.compute)
         dive = Dive(self.source, folder, page.listening(), self.description.last)
         start, complete = time.perf_counter(), False
@@ -64,7 +67,10 @@ class Job:
         return replace(summary, products=products(folder, current))
 
     def _described(self, folder: RunFolder, earlier: RunConfig | None) -> RunDescription:
-        """The description for run.json: after ``range`` alone, with the settings of corrected frames that are still current."""
+        """The description for run.json.
+
+        Where ``range`` alone was run and corrected frames of an earlier run are still current, it states that run's settings.
+        """
         if self.description.last == "range" and "corrected" in folder.dive.record.settings and earlier:
             return replace(self.description, config=earlier)
         return self.description
@@ -87,7 +93,7 @@ class Job:
 
 
 def earlier_config(folder: RunFolder) -> RunConfig | None:
-    """The settings of the run that OUT holds already, if it holds one."""
+    """The settings of the run that OUT already holds; None where it holds none."""
     try:
         return open_run(folder.root).config
     except InputError:
@@ -95,7 +101,7 @@ def earlier_config(folder: RunFolder) -> RunConfig | None:
 
 
 def claim(owner: Owner, options: RunOptions, inputs: Sequence[Path | None]) -> Claim:
-    """How a command takes OUT, with all that it reads protected."""
+    """The claim of a command on OUT, in which its inputs and its configuration file are protected from deletion."""
     given = (*inputs, options.config_file)
     return Claim(owner, options.overwrite, tuple(path for path in given if path is not None))
 
@@ -108,6 +114,6 @@ def describe(
     options: RunOptions,
     rectification: Rectification | None = None,
 ) -> RunDescription:
-    """What run.json says of a command. rectification: None where the command knows no cameras."""
+    """The description of a command for run.json. rectification: None where the command has no calibration."""
     names = Names(pairing.names)
     return RunDescription(inputs, config, names, last, rectification, command_line=options.command_line)

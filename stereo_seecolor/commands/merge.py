@@ -23,10 +23,10 @@ from stereo_seecolor.run_folder.water_file import waters_content
 
 
 def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *, fit_only: bool = False) -> RunSummary:
-    """The results of runs over parts of a dive as one run's, in ``out``; what is not corrected yet is corrected here.
+    """Merge the results of runs over parts of a dive into ``out``, as those of one run; correct frames that are not corrected yet.
 
-    Files get a second name in ``out`` where the file system can, and are copied elsewhere; the parts stay as they are. The water
-    is that of the parts, or fitted to all of them. fit_only: stop when water.json is there.
+    Files are hard links in ``out`` where the file system has them, else copies; the parts stay as they are. The water is that of
+    the parts, or fitted to all of them. fit_only: stop when water.json is written.
     Raises InputError where the parts do not belong together; SeeColorError, CalibrationError as ``run`` does.
     """
     options = options or RunOptions()
@@ -45,7 +45,7 @@ def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *
         else:
             color_with(dive, folder, pairing, known)
 
-    with RunFolder(out, claim(inputs.owner(KIND, opened.pairing), options, [*inputs.paths, *parts])) as folder:
+    with RunFolder(out, claim(inputs.owner(KIND, opened), options, [*inputs.paths, *parts])) as folder:
         for part in opened_parts:
             for frame in part.frames():
                 folder.frames.adopt(part.root, frame)
@@ -71,7 +71,7 @@ def _opened(parts: Sequence[Part]) -> Opened:
 
 
 def _pairs(parts: Sequence[Part]) -> list[Pair]:
-    """Every pair of the parts once. Raises InputError where two parts have different images of one name."""
+    """Every pair of the parts, once. Raises InputError where two parts have different images of one name."""
     pairs: dict[str, Pair] = {}
     seen: dict[str, tuple[Part, tuple[str, str]]] = {}
     for part in parts:

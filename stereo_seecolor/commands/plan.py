@@ -1,4 +1,4 @@
-"""``plan``: what a dive will cost, from ten of its pairs: core-hours, wall time, disk and memory."""
+"""``plan``: the cost of a dive, estimated from ten of its pairs: core-hours, wall time, disk and memory."""
 
 import tempfile
 import time
@@ -15,7 +15,7 @@ from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.atomic import files_below
-from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.frames_table import RunSummary
@@ -29,10 +29,11 @@ WORKERS = (1, 4, 16, 64)
 
 @dataclass(frozen=True)
 class Plan:
-    """What a dive will cost. measured: pairs that this rests on. stage_seconds: core-seconds a pair, by stage.
+    """The cost of a dive. pairs: of the dive. measured: pairs that the estimate is from.
 
-    fit_s: seconds for what is done once, on one core. disk_bytes: of all results. memory_bytes: of one process with one thread.
-    wall_hours: workers -> hours; each worker is one core.
+    core_seconds_per_pair: processor time. stage_seconds: stage -> processor time a pair. fit_s: processor time of the fits, which
+    are done once, on one core. disk_bytes: of all results. memory_bytes: of one process with one thread. wall_hours: workers, one
+    core each -> hours.
     """
 
     pairs: int
@@ -46,7 +47,7 @@ class Plan:
 
     @property
     def core_hours(self) -> float:
-        """Of all pairs, and of what is done once."""
+        """Processor time of all pairs and of the fits, hours."""
         return (self.pairs * self.core_seconds_per_pair + self.fit_s) / 3600
 
 
@@ -58,47 +59,86 @@ def plan(
     out: Path | None = None,
     workers: Sequence[int] = WORKERS,
 ) -> Plan:
-    """Measure ten pairs in a folder for temporary files, after one that compiles and is not counted.
+    """Run ten pairs in a temporary folder and extrapolate; a first pair, which compiles kernels, is run before and not counted.
 
-    out: where the plan is kept, so that the run into it says what it took against it; nothing else is written.
+    out: the output folder of the later run: the plan is kept there, so that the run reports its cost against it; None keeps none.
+    workers: numbers of workers to state the wall time for.
     Raises InputError where none of them goes through; SeeColorError, CalibrationError as ``run`` does.
     """
     inputs, config = StereoInputs(left, right, calib), config or RunConfig()
     opened = inputs.open(config)
-    pairs = spread(opened.pairing.pairs, MEASURED_PAIRS)
+    measured = _measured(inputs, opened, spread(opened.pairing.pairs, MEASURED_PAIRS))
+    pairs, per_pair = len(opened.pairing.pairs), sum(measured.pass_seconds.values())
+    found = Plan(
+        pairs=pairs,
+        measured=measured.pairs,
+        core_seconds_per_pair=per_pair,
+        stage_seconds=measured.stage_seconds,
+        fit_s=measured.fit_s,
+        disk_bytes=measured.written_bytes * pairs // measured.pairs,
+        memory_bytes=peak_bytes(),
+        wall_hours={count: (pairs * per_pair / count + measured.fit_s) / 3600 for count in workers},
+    )
+    if out:
+        kept = KeptPlan(
+            pairs=pairs,
+            settings=settings_key(opened.pipeline.config),
+            core_seconds_per_pair=per_pair,
+            fit_s=found.fit_s,
+            disk_bytes=found.disk_bytes,
+            memory_bytes=found.memory_bytes,
+            pass_seconds=measured.pass_seconds,
+        )
+        kept.save(out)
+    return found
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """What some pairs of a dive took. pass_seconds, stage_seconds: name -> processor time a pair."""
+
+    pairs: int
+    pass_seconds: dict[str, float]
+    stage_seconds: dict[str, float]
+    fit_s: float
+    written_bytes: int
+
+
+def _measured(inputs: StereoInputs, opened: Opened, pairs: Sequence[Pair]) -> _Measured:
+    """Run these pairs into a temporary folder. Raises InputError where none of them goes through."""
     with tempfile.TemporaryDirectory(prefix="stereo-seecolor-plan-") as folder:
-        warm = _measure(inputs, _only(opened, pairs[:1]), Path(folder) / "warm", PassClock())
+        warm = _run(inputs, _only(opened, pairs[:1]), Path(folder) / "warm", PassClock())
         start_s = time.process_time()
         clock = PassClock()
-        summary = _measure(inputs, _only(opened, pairs), Path(folder) / "measured", clock)
+        summary = _run(inputs, _only(opened, pairs), Path(folder) / "measured", clock)
         core_s, ok = time.process_time() - start_s, summary.count("ok")
         if not ok:
             first = next(row.error for row in (*summary.rows, *warm.rows) if row.error)
             raise InputError(f"none of {len(pairs)} pairs spread over the dive goes through; the first: {first}")
         written = sum(path.stat().st_size for path in files_below(Path(folder) / "measured"))
     passes = {name: seconds / ok for name, seconds in clock.seconds.items()}
-    number, per_pair = len(opened.pairing.pairs), sum(passes.values())
-    fit_s = max(core_s - ok * per_pair, 0.0)
-    seconds = summary.stage_seconds()  # by the clock, which runs on where the machine is busy with other things
-    working = per_pair - passes.get("light", 0.0)
-    stages = {stage: working * value / sum(seconds.values()) for stage, value in seconds.items()}
-    stages |= {"light": stages.get("light", 0.0) + passes.get("light", 0.0)}
-    hours = {count: (number * per_pair / count + fit_s) / 3600 for count in workers}
-    found = Plan(number, ok, per_pair, stages, fit_s, written * number // ok, peak_bytes(), hours)
-    if out:
-        kept = KeptPlan(number, settings_key(opened.pipeline.config), per_pair, fit_s, found.disk_bytes, found.memory_bytes, passes)
-        kept.save(out)
-    return found
+    per_pair = sum(passes.values())
+    return _Measured(ok, passes, _stage_seconds(summary, passes), max(core_s - ok * per_pair, 0.0), written)
 
 
-def _only(opened: Opened, pairs: Sequence[object]) -> Opened:
+def _stage_seconds(summary: RunSummary, passes: dict[str, float]) -> dict[str, float]:
+    """The passes' processor time a pair, divided among the stages in proportion to their elapsed time in the summary."""
+    elapsed = summary.stage_seconds()  # also counts time in which the processor worked for other programs
+    light_s = passes.get("light", 0.0)
+    working = sum(passes.values()) - light_s
+    stages = {stage: working * value / sum(elapsed.values()) for stage, value in elapsed.items()}
+    return stages | {"light": stages.get("light", 0.0) + light_s}
+
+
+def _only(opened: Opened, pairs: Sequence[Pair]) -> Opened:
     return replace(opened, pairing=Pairing(tuple(pair for pair in opened.pairing.pairs if pair in pairs), ()))
 
 
 class PassClock:
-    """Core-seconds that the passes take. The search for the dive's light lies in and after the first, on the thread of the client.
+    """A listener that measures the processor time of each pass. seconds: pass -> processor time of all pairs, seconds.
 
-    seconds: of all pairs, by pass.
+    The search for the dive's light has no pass of its own in a short dive: its time is that of this thread after the first pass
+    began, and is taken off that pass.
     """
 
     def __init__(self) -> None:
@@ -107,21 +147,22 @@ class PassClock:
         self._began_s, self._light_began_s = 0.0, 0.0
 
     def begin(self, stage: str, total: int) -> None:
-        """A pass begins."""
-        if stage == "waters":  # the second of a dive whose light was looked for
+        """Note when a pass begins."""
+        if stage == "waters":  # comes after a search for the dive's light
             self.seconds["light"] = time.thread_time() - self._light_began_s
             self.seconds["ranges"] -= min(self.seconds["light"], self.seconds["ranges"] / 2)
         self._stage, self._began_s, self._light_began_s = stage, time.process_time(), time.thread_time()
 
     def advance(self, row: FrameRow) -> None:
-        """A pair is through."""
+        """Note when a pair is done."""
         if self._stage in USUAL.seconds:
             self.seconds[self._stage] = time.process_time() - self._began_s
 
 
-def _measure(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> RunSummary:
+def _run(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> RunSummary:
+    """Run the opened pairs into ``out``, one after the other."""
     options = RunOptions(workers=1, listener=clock)
     command = StereoCommand(inputs, opened.pipeline.config, options, "corrected")
-    with RunFolder(out, claim(inputs.owner(KIND, opened.pairing), options, inputs.paths)) as folder:
+    with RunFolder(out, claim(inputs.owner(KIND, opened), options, inputs.paths)) as folder:
         passes = stereo_job(opened, command, lambda dive, held, pairing: color(dive, held, pairing, None))
         return passes.conduct(folder, options)

@@ -1,4 +1,4 @@
-"""A run against its plan."""
+"""The measured cost of a run, compared with the plan that lies in OUT."""
 
 import time
 from dataclasses import replace
@@ -12,7 +12,7 @@ from stereo_seecolor.run_folder.kept_plan import Compared, Cost, KeptPlan, used_
 
 
 class Meter:
-    """What a run takes, from its beginning: processor time of this process and of its workers, time, memory, disk."""
+    """Measures a run from its beginning: processor time of this process and of its workers, elapsed time, memory, disk."""
 
     def __init__(self, compute: Compute) -> None:
         self._compute = compute
@@ -22,7 +22,10 @@ class Meter:
         return core_seconds() + self._compute.usage.core_seconds
 
     def compared(self, summary: RunSummary, root: Path, pairs: int, config: RunConfig) -> RunSummary:
-        """The summary with what was planned and what it took; as it is where no plan lies in OUT, or a part was done before."""
+        """The summary with the planned and the measured cost.
+
+        Unchanged where OUT holds no plan for this dive, the run was stopped, or an earlier run had done a part.
+        """
         plan = KeptPlan.load(root, pairs, config)
         if plan is None or summary.kept or summary.stopped:
             return summary

@@ -23,15 +23,15 @@ from stereo_seecolor.run_folder.products import rectified_files
 def rectify(
     left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
-    """Rectified pairs as PNG in ``rectified_left`` and ``rectified_right``; ``rectified.yaml``, the calibration they have now.
+    """Write rectified pairs as PNG into ``rectified_left`` and ``rectified_right``, and their calibration, ``rectified.yaml``.
 
     Raises SeeColorError or CalibrationError for what concerns the whole dive; a bad pair is named in the summary's rows.
     """
     config, options = config or RunConfig(), options or RunOptions()
     inputs = StereoInputs(left, right, calib)
-    opened = None if inputs.is_video else inputs.open(config)
-    with RunFolder(out, claim(inputs.owner("rectify", opened.pairing if opened else None), options, inputs.paths)) as folder:
-        opened = (opened or inputs.open_videos(folder, config)).for_dive(folder, options)
+    before = inputs.open_first(config)
+    with RunFolder(out, claim(inputs.owner("rectify", before), options, inputs.paths)) as folder:
+        opened = (before or inputs.open_in(folder, config)).for_dive(folder, options)
         pairing, pipeline = opened.pairing, opened.pipeline
         description = describe(inputs.names, pipeline.config, pairing, "rectified", options, pipeline.rectification)
 

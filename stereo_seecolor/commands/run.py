@@ -25,10 +25,10 @@ from stereo_seecolor.run_folder.layout import RIG, WATER, Stage, state
 from stereo_seecolor.run_folder.water_file import read_known_waters, read_waters, waters_content
 
 KIND = "stereo"
-"""What a folder of this command's results is called in its manifest."""
+"""The kind of output folder that these commands write, in its manifest."""
 
 Passes = Callable[[Dive, RunFolder, Pairing], None]
-"""What a command does with the pairs of a dive."""
+"""The passes that a command makes over the pairs of a dive, with results in its output folder."""
 
 
 def run(
@@ -53,27 +53,29 @@ def run(
 def run_inputs(
     inputs: StereoInputs | BagInputs, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
-    """As ``run``, also of a ROS bag, which needs no ROS: .bag, .db3, .mcap, or a folder with the files of a split one.
+    """``run`` for two sides (images or videos) or for a ROS bag: .bag, .db3, .mcap, or the folder of a split one; without ROS.
 
     Raises as ``run``, and DeviceError if a library for bags or videos is missing.
     """
     config, options = config or RunConfig(), options or RunOptions()
-    if options.water or options.shard.whole:
-        return StereoCommand(inputs, config, options, "corrected").into(out, _coloring(options))
-    return StereoCommand(inputs, config, options, "range").into(out, lambda dive, _, pairing: dive.count(pairing.pairs))
+    if options.shard.whole or options.water:
+        command = StereoCommand(inputs, config, options, last="corrected")
+        return command.into(out, partial(color, water=options.water, shard=options.shard))
+    command = StereoCommand(inputs, config, options, last="range")
+    return command.into(out, lambda dive, _, pairing: dive.count(pairing.pairs))
 
 
 def range_maps(
     left: Path, right: Path, calib: str | Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
-    """Range maps alone, in ``out``; arguments and errors as in ``run``."""
-    command = StereoCommand(StereoInputs(left, right, calib), config or RunConfig(), options or RunOptions(), "range")
+    """Write range maps, without colors, into ``out``; arguments and errors as in ``run``."""
+    command = StereoCommand(StereoInputs(left, right, calib), config or RunConfig(), options or RunOptions(), last="range")
     return command.into(out, lambda dive, _, pairing: dive.measure(pairing.pairs))
 
 
 @dataclass(frozen=True, eq=False)
 class StereoCommand:
-    """A command over stereo pairs. last: the stage after which a pair is done."""
+    """A command over stereo pairs. last: the last stage that it does with each pair."""
 
     inputs: StereoInputs | BagInputs
     config: RunConfig
@@ -81,19 +83,16 @@ class StereoCommand:
     last: Stage
 
     def into(self, out: Path, passes: Passes) -> RunSummary:
-        """Do ``passes`` into ``out``. Folders are examined before OUT is touched; of videos OUT keeps which frames are pairs."""
+        """Open the inputs, take ``out``, make ``passes`` over the pairs, and write the reports.
+
+        Images and bags are opened before OUT is touched. Videos are opened after, since OUT keeps which of their frames are pairs.
+        """
         load_beside(self.config, self.options)
         inputs, shard = self.inputs, self.options.shard
-        kind = KIND if shard.whole else f"{KIND}, shard {shard}"
-        if isinstance(inputs, StereoInputs) and inputs.is_video:
-            opened, owner = None, inputs.owner(kind, None)
-        else:
-            opened = inputs.open(self.config)
-            owner = inputs.owner(kind, opened.pairing)
+        before = inputs.open_first(self.config)
+        owner = inputs.owner(KIND if shard.whole else f"{KIND}, shard {shard}", before)
         with RunFolder(out, claim(owner, self.options, [*inputs.paths, self.options.water])) as folder:
-            if isinstance(inputs, StereoInputs) and opened is None:
-                opened = inputs.open_videos(folder, self.config)
-            assert opened
+            opened = before or inputs.open_in(folder, self.config)
             options = self.options.within_memory(PAIR_BYTES_A_PIXEL * opened.pipeline.pixels)
             with options.compute.sharing(state(folder.root), inputs.paths):
                 opened = self._with_room(opened.for_dive(folder, options).part(shard), folder)
@@ -101,7 +100,7 @@ class StereoCommand:
                 return stereo_job(opened, self, passes).conduct(folder, options)
 
     def _with_room(self, opened: Opened, folder: RunFolder) -> Opened:
-        """The same; says how much of the disk the pairs take that OUT does not hold yet, and notes where that may be too much."""
+        """Report the disk space that pairs new to OUT need. Returns the inputs, with a note where the disk may be too small."""
         known = set(folder.manifest.names())
         new = sum(name not in known for name in opened.pairing.names)
         room = Room.checked(folder.root, new, need_bytes(self.config.output, opened.pipeline.pixels, self.last == "corrected"))
@@ -111,7 +110,7 @@ class StereoCommand:
 
 
 def stereo_job(opened: Opened, command: StereoCommand, passes: Passes) -> Job:
-    """The passes of a command over the pairs that were opened, and its rig.yaml."""
+    """The job of a command over the pairs that were opened; it writes rig.yaml before its passes."""
     pairing, pipeline = opened.pairing, opened.pipeline
     names, options = command.inputs.names, command.options
     description = describe(names, pipeline.config, pairing, command.last, options, pipeline.rectification)
@@ -123,14 +122,11 @@ def stereo_job(opened: Opened, command: StereoCommand, passes: Passes) -> Job:
     return Job(pipeline, pairing, description, with_rig_file)
 
 
-def _coloring(options: RunOptions) -> Passes:
-    return partial(color, water=options.water, shard=options.shard)
-
-
 def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, shard: Shard = WHOLE) -> None:
-    """Both passes of a dive, and water.json; only the second pass where ``water`` is a file of waters.
+    """Make both passes over a dive and write water.json; with a file of waters, ``water``, the second pass alone.
 
-    The file was fitted to all shards of a dive where this is one: a pair without a water there had failed.
+    shard: the part of the dive that the pairs are. The file's waters were then fitted to all parts, and a pair that has none there
+    failed in its first pass.
     """
     if water and not shard.whole:
         color_with(dive, folder, pairing, read_known_waters(water, list(pairing.names)))
@@ -142,7 +138,10 @@ def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, s
 
 
 def color_with(dive: Dive, folder: RunFolder, pairing: Pairing, waters: Mapping[str, Water]) -> None:
-    """The second pass with these waters, and water.json; a pair without one is tried again, to say what is wrong with it."""
+    """Write water.json with these waters, by frame name, and make the second pass.
+
+    A pair without a water is measured again, so that its row says why it failed.
+    """
     folder.dive.write(WATER, waters_content(waters))
     dive.count([pair for pair in pairing.pairs if pair.name not in waters])
     dive.correct(pairing.pairs, waters)

@@ -30,12 +30,12 @@ STORAGE_PAIRS = 6
 """Pairs that are examined for how images store their pixels: one dark frame must not decide."""
 
 SAMPLE_BYTES = 1 << 20
-"""Bytes of a video's begin that tell it from others."""
+"""Bytes at the beginning of a video that tell it from others."""
 
 
 @dataclass(frozen=True, eq=False)
 class StereoInputs:
-    """What a command over stereo pairs is given. left, right: folders of images, patterns, videos. calib: as for load_rig."""
+    """The two sides and the calibration of a dive. left, right: folders of images, patterns, or videos. calib: as for load_rig."""
 
     left: Path
     right: Path
@@ -56,22 +56,32 @@ class StereoInputs:
         """True for two videos, or one that shows both sides."""
         return is_video(self.left) and is_video(self.right)
 
-    def owner(self, kind: str, pairing: Pairing | None) -> Owner:
-        """Whose results these inputs give: recognized by their paths, or by the content of the first file."""
+    def owner(self, kind: str, opened: "Opened | None") -> Owner:
+        """The owner of an output folder with results of these inputs: recognized by their paths, or by the first file's content.
+
+        opened: None for videos.
+        """
         paths = {"left": str(self.left.resolve()), "right": str(self.right.resolve())}
-        return Owner(kind, paths, sample(pairing.pairs[0].left if pairing else self.left))
+        return Owner(kind, paths, sample(opened.pairing.pairs[0].left if opened else self.left))
+
+    def open_first(self, config: RunConfig) -> "Opened | None":
+        """``open`` for images, before the output folder is touched; None for videos, which ``open_in`` opens."""
+        return None if self.is_video else self.open(config)
 
     def open(self, config: RunConfig) -> "Opened":
-        """The pairs of two folders, and the pipeline for their rig. Raises InputError, CalibrationError.
+        """The pairs of two folders of images, and the pipeline for their rig. Raises InputError, CalibrationError.
 
-        What looks wrong with the rig, though it can be used, is added to the pairing's notes.
+        Doubts about a rig that can be used are added to the pairing's notes.
         """
         pairing = pair_sides(self.left, self.right, config.input)
         config, notes = settle_storage(config, pairing.pairs)
         return self._opened(pairing.with_notes(notes), config)
 
-    def open_videos(self, folder: RunFolder, config: RunConfig) -> "Opened":
-        """The same of videos; which of their frames are pairs is kept in OUT. Raises as ``open``, and DeviceError."""
+    def open_in(self, folder: RunFolder, config: RunConfig) -> "Opened":
+        """The pairs of two videos, and the pipeline for their rig; OUT keeps which frames are pairs.
+
+        Raises as ``open``, and DeviceError if the library for videos is missing.
+        """
         pairing = video_pairing(Videos(self.left, self.right, config.input.right_half_first), self.calib, folder, config.input)
         notes = encoding_notes(config.color, stored_facts(config.input, pairing.pairs[:1]))
         return self._opened(pairing.with_notes(notes), config)
@@ -85,8 +95,9 @@ class StereoInputs:
 
 
 def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
-    """The same with ``input.bayer`` and ``input.significant_bits`` as the pairs' images have them, and what to say of it, and of
-    how their light is encoded.
+    """Settle ``input.bayer`` and ``input.significant_bits`` where they are auto, from images spread over the dive.
+
+    Returns the settings, and notes on what was found and on how the images encode light.
     """
     facts = stored_facts(config.input, spread(pairs, STORAGE_PAIRS))
     images = as_stored(config.input, facts)
@@ -95,25 +106,28 @@ def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig,
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """What a command over stereo pairs works on."""
+    """The pairs that a command works on, and the pipeline of their rig."""
 
     pairing: Pairing
     pipeline: Pipeline
 
     def for_dive(self, folder: RunFolder, options: RunOptions) -> "Opened":
-        """The same with the rig compared with the first pairs of a dive, and refined where the settings ask for it."""
+        """Check the rig on the first pairs of a dive, and refine it where the settings ask for it.
+
+        Returns the inputs with notes on both, and with the pipeline of the refined rig.
+        """
         pairing, pipeline = self.pairing, self.pipeline
         images = pipeline.config.input
         if images.refine:
             rig, note = DiveRefinement(folder, pairing, images, options).of(pipeline.rig)
             pairing = pairing.with_notes((note,))
             pipeline = pipeline if rig is pipeline.rig else Pipeline(rig, pipeline.config)
-        if not folder.manifest.names():  # a rerun has been told
+        if not folder.manifest.names():  # an earlier run into this folder has given these notes
             pairing = pairing.with_notes(first_notes(pipeline, pairing.pairs))
         return Opened(pairing, pipeline)
 
     def part(self, shard: Shard) -> "Opened":
-        """A shard's pairs alone. Files without a partner are named by the first shard."""
+        """The inputs of one shard: its pairs, and, for the first shard, the files without a partner."""
         if shard.whole:
             return self
         pairs = tuple(shard.part(self.pairing.pairs))
@@ -123,7 +137,7 @@ class Opened:
 
 
 def _refuse_equal_names(pairing: Pairing) -> None:
-    """Products in the camera's own pixels are called as its images are, so that these must differ in name."""
+    """Raise InputError where two left images have one name: files in OUT/original are named after them."""
     seen: dict[str, Path] = {}
     for pair in pairing.pairs:
         other = seen.setdefault(pair.left.stem.casefold(), pair.left)
@@ -134,7 +148,10 @@ def _refuse_equal_names(pairing: Pairing) -> None:
 
 
 def sample(path: Path) -> str:
-    """Hash by which a dive is recognized that was moved: of its first image, or of its video's begin. Raises InputError."""
+    """Hash of a dive's first image, or of the beginning of its video, by which a dive is recognized in another folder.
+
+    Raises InputError where the file cannot be read.
+    """
     if not is_video(path):
         return content_key(read_bytes(path))
     try:

@@ -1,4 +1,4 @@
-"""Whether a dive's images hold blue where red should be: the water that is fitted to them shows it."""
+"""Detects images with red and blue exchanged, by the water that was fitted to them."""
 
 from collections.abc import Mapping
 
@@ -7,13 +7,13 @@ import numpy as np
 from stereo_seecolor.records import Water
 
 REDDER = 1.1
-"""Red over green of the veil. Three real dives, by day and by strobe: at most 0.92; with red and blue exchanged: 1.3 to 3.9."""
+"""Red over green of the backscatter. Of three real dives, by day and by strobe: at most 0.92; exchanged: 1.3 to 3.9."""
 
 
 def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
-    """Say so where the veiling light is reddest and red is attenuated least; nothing where either is not so.
+    """A note where backscatter is reddest and red is attenuated least; none otherwise.
 
-    So it is in brown water too, of peat or mud. Exchanged channels of green water look like another green water, and are not found.
+    Brown water, of peat or mud, has this order, too. In green water exchanged channels look like another green water: no note.
     """
     different = list({id(water): water for water in waters.values()}.values())
     if not different:

@@ -1,4 +1,4 @@
-"""Numbers of a frame for frames.csv."""
+"""Numbers of a frame for frames.csv, by column."""
 
 from collections.abc import Mapping
 
@@ -7,13 +7,13 @@ import numpy as np
 from stereo_seecolor.records import Capture, Correction, RangeMap
 
 MEDIAN_STEP_PX = 4
-"""The median range is that of every fourth pixel of every fourth row: of all it takes ten times as long, and is no truer."""
+"""The median range is taken over every fourth pixel of every fourth row: over all it takes ten times as long and is as accurate."""
 
 
 def range_facts(range_map: RangeMap) -> dict[str, float]:
-    """coverage: fraction of the frame with a measured range. median_range_m: of those pixels. vertical_px: of the rectified rows.
+    """Numbers of a range map; unknown ones are left out.
 
-    What is unknown is absent.
+    coverage: fraction of pixels with a measured range. median_range_m: of those pixels. vertical_px: as in RangeMap.
     """
     measured_m = range_map.measured_m
     facts = {"coverage": float(np.isfinite(measured_m).mean())}
@@ -24,7 +24,7 @@ def range_facts(range_map: RangeMap) -> dict[str, float]:
 
 
 def color_facts(correction: Correction) -> dict[str, float]:
-    """exposure: the gain to display. clipped_fraction, unrecoverable_fraction: of the frame."""
+    """Numbers of a correction. exposure: gain to display. clipped_fraction, unrecoverable_fraction: of the frame's pixels."""
     return {
         "exposure": correction.exposure,
         "clipped_fraction": correction.clipped_fraction,
@@ -33,7 +33,7 @@ def color_facts(correction: Correction) -> dict[str, float]:
 
 
 def capture_facts(capture: Capture) -> dict[str, float]:
-    """What the camera recorded of its exposure: seconds, gain as a factor (1 = ISO 100), f-number."""
+    """The exposure that the camera recorded: seconds, gain as a factor (1 = ISO 100), f-number; what is unknown is left out."""
     facts = {
         "camera_exposure_s": capture.exposure_s,
         "camera_gain": capture.gain,
@@ -43,5 +43,5 @@ def capture_facts(capture: Capture) -> dict[str, float]:
 
 
 def recorded_capture(facts: Mapping[str, float]) -> Capture:
-    """What ``capture_facts`` wrote down."""
+    """The exposure that ``capture_facts`` took from a Capture."""
     return Capture(facts.get("camera_exposure_s"), facts.get("camera_gain"), facts.get("camera_aperture"))

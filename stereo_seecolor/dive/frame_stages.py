@@ -1,4 +1,4 @@
-"""The stages of one frame of a dive, each done once: kept from an earlier run, or done now and written to OUT."""
+"""The stages of one frame of a dive. Each is done once: an earlier run's result is kept, or it is done now and written to OUT."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -31,8 +31,10 @@ FITTING = tuple(ROOT / "stereo_seecolor" / name for name in ("dive/light_search.
 
 @dataclass(frozen=True, eq=False)
 class _Corrected:
-    """A frame just corrected. before: its rectified image as the camera saw it. measured: its range map. ranges: that map with
-    ranges carried over where none was measured, as the color was corrected with it.
+    """A frame that was just corrected.
+
+    before: its rectified image, uncorrected. measured: its range map. ranges: the range map that it was corrected with, in which
+    ranges are carried over to pixels without a measured one.
     """
 
     before: Image
@@ -42,9 +44,10 @@ class _Corrected:
 
 
 class FrameStages:
-    """The stages of a frame; every method may be called from many threads. light: the dive's, where a term of it is used.
+    """The stages of a frame; every method may be called from many threads.
 
-    page: makes what the page shows of frames, as they are corrected; None where the run writes no page.
+    light: that of the dive, divided out of each frame; None where none is used.
+    page: makes the page's files of a frame when it is corrected; None where the run writes no page.
     """
 
     def __init__(self, source: Source, folder: RunFolder, verify: bool = False) -> None:
@@ -69,14 +72,14 @@ class FrameStages:
         return self.light.fingerprint if self.light else ""
 
     def fit_key(self, ranges: str | None) -> str | None:
-        """Hash of all that the light and the waters of a dive are fitted to, and of the code that fits them.
+        """Hash of the inputs of the fits of light and water, and of the code that fits them; None where ranges are not known.
 
-        ranges: hash of the ranges of its pairs; None where they are not known.
+        ranges: hash of the ranges of the dive's pairs.
         """
         return ranges and content_key(self.color_settings, ranges, [sources_digest(file) for file in FITTING])
 
     def ranges_key(self, pairs: Sequence[Pair]) -> str | None:
-        """Hash of the ranges of these pairs as an earlier run found them; None unless they are known of all of them."""
+        """Hash of the ranges of these pairs in OUT; None unless OUT has them all."""
         try:
             return content_key_of(self._range_keys(pairs))
         except InputError:
@@ -95,7 +98,7 @@ class FrameStages:
             yield pair.name, ranged.key
 
     def _known(self, pair: Pair) -> tuple[Ranged, bool]:
-        """What OUT knows of a pair as its files are now, and whether its range is known. Raises InputError for one that is gone."""
+        """OUT's record of a pair with its present files, and whether OUT has its range. Raises InputError for a missing file."""
         inputs = self._folder.frames.inputs(pair.name, self._source.inputs(pair), self._verify)
         key = self.range_key({side: file.sha256 for side, file in inputs.items()})
         known = self._folder.frames.finished("range", pair.name, key) is not None
@@ -103,7 +106,7 @@ class FrameStages:
         return Ranged(pair, record, key, kept=known and "range" not in self._folder.frames.written.stages(pair.name)), known
 
     def ranged(self, pair: Pair, clock: Clock) -> Ranged:
-        """The pair's range: an earlier run's, or measured and written now."""
+        """The pair's range: an earlier run's, or measured and written now. Raises as ``measure`` of the source."""
         with clock("read"):
             ranged, known = self._known(pair)
         if known:
@@ -115,26 +118,26 @@ class FrameStages:
         return self._measured(ranged, clock)
 
     def range_row(self, pair: Pair, clock: Clock) -> FrameRow:
-        """As ``ranged``, and its row alone."""
+        """Measure the pair's range unless it is known; returns its row."""
         return self.ranged(pair, clock).row
 
     def counted(self, pair: Pair, clock: Clock) -> tuple[FrameRow, tuple[Ranged, MomentTable]]:
-        """The pair's range, without its pixels, and its table."""
+        """The pair's row, and its range (without pixels) and moment table."""
         ranged = self.ranged(pair, clock)
         if ranged.pixels:
             self._keep(ranged, *ranged.pixels)
         return ranged.row, (replace(ranged, pixels=None), self.table(ranged, clock))
 
     def prepared(self, pair: Pair, clock: Clock) -> tuple[FrameRow, Pair]:
-        """As ``counted``, for a pass that needs no table yet: it is made while the pixels are at hand."""
+        """The pair's row, and the pair. Its moment table is made, too, while its pixels are in memory, for a later pass."""
         return self.counted(pair, clock)[0], pair
 
     def _keep(self, ranged: Ranged, image: Image, range_map: RangeMap) -> None:
-        """Keep a frame's pixels for the passes to come."""
+        """Keep a frame's pixels for later passes."""
         self._kept.keep(ranged.pair.name, ranged.key, FramePixels(image, range_map.range_m, ~range_map.filled))
 
     def end(self) -> None:
-        """Forget the pixels of all frames."""
+        """Delete the kept pixels of all frames."""
         self._kept.clear()
 
     def _measured(self, ranged: Ranged, clock: Clock) -> Ranged:
@@ -160,7 +163,7 @@ class FrameStages:
             return even_light(image, range_m, light, self._source.config.color.input_encoding)
 
     def _read_again(self, ranged: Ranged, clock: Clock) -> tuple[Image, RangeMap]:
-        """A pair that was measured before; measured again where its files have been damaged since."""
+        """The left image and range map of a pair that was measured before; measured again where its files were damaged since."""
         kept, warnings = self._kept.find(ranged.pair.name, ranged.key), ranged.record.stages["range"].warnings
         if kept and kept.range_m is not None and kept.measured is not None:
             return kept.image, RangeMap.of_ranges(kept.range_m, kept.measured, warnings)
@@ -179,7 +182,7 @@ class FrameStages:
         return image, range_map
 
     def table(self, ranged: Ranged, clock: Clock) -> MomentTable:
-        """The frame's colors counted over range: an earlier run's table, or counted now and kept."""
+        """The frame's moment table, its colors counted over range: an earlier run's, or counted now and kept."""
         path = self._folder.root / table_file(ranged.pair.name, ranged.record.shelf)
         key = content_key(ranged.key, self._light_key, self._source.config.color.input_encoding)
         with clock("read"):
@@ -195,16 +198,16 @@ class FrameStages:
         return table
 
     def read(self, ranged: Ranged) -> tuple[Image, Map]:
-        """A frame's image and measured ranges again, for what needs every pixel once more."""
+        """A frame's rectified image without the dive's light, and its measured ranges, for fits that need every pixel."""
         image, range_map = self.pixels(ranged, Clock())
         return self._evened(ranged.pair.name, image, range_map.measured_m, Clock()), range_map.measured_m
 
     def read_pair(self, pair: Pair) -> tuple[Image, Map]:
-        """As ``read``, of a frame whose range this run has measured."""
+        """``read`` for a pair whose range this run has measured."""
         return self.read(self.ranged(pair, Clock()))
 
     def corrected(self, ranged: Ranged, water: Water, clock: Clock) -> FrameRow:
-        """The frame in its true colors: an earlier run's, or corrected and written now. Returns its row."""
+        """Correct the frame's colors and write it, unless an earlier run has with the same inputs. Returns its row."""
         name, settings, water_hash = ranged.pair.name, self.color_settings, water_key(water)
         key = content_key(ranged.key, settings, water_hash)
         stage = self._folder.frames.finished("corrected", name, key)
@@ -243,7 +246,7 @@ class FrameStages:
             return self._folder.frames.save(record, "corrected", files)
 
     def _show(self, page: PageMaker, record: FrameRecord, frame: _Corrected) -> None:
-        """Write what the page shows of a frame that was just corrected."""
+        """Write the page's files of a frame that was just corrected."""
         correction = frame.correction
         written = record.stages["range"].outputs.keys() & {"confidence", "range_std"}
         products = {product: self._folder.frames.read(record, product) for product in written}
@@ -253,13 +256,13 @@ class FrameStages:
         self._folder.frames.save(record.with_stage("page", stage), "page", page.files(record.name, frame.before, products))
 
     def _gain(self, name: str) -> dict[str, float]:
-        """light_gain: how much brighter than usual the frame was lit or exposed, where that was measured."""
+        """light_gain, for frames.csv: the factor by which the frame is brighter than usual; empty where it was not measured."""
         if self.light is None or name not in self.light.gains:
             return {}
         return {"light_gain": float(np.exp(self.light.gains[name].mean()))}
 
     def _original_files(self, pair: Pair, frame: _Corrected, exif: bytes, clock: Clock) -> Files:
-        """The frame in the camera's own pixels: its raw image is corrected, as the rectified one turned back would be blurred."""
+        """The frame in the camera's own pixels. The raw image itself is corrected: the rectified one, warped back, is blurred."""
         shown, rectified = frame.correction, frame.measured
         water = replace(shown.water, exposure=shown.exposure, highlights=shown.highlights)
         source, view = self._source, self._source.original
@@ -279,3 +282,11 @@ class FrameStages:
 def water_key(water: Water) -> str:
     """Hash of a water's content."""
     return content_key(water.content())
+
+
+def water_keys(waters: Mapping[str, Water]) -> dict[str, str]:
+    """Hash of the water of each frame, by name; under "*" where all frames have the same."""
+    keys = {id(water): water_key(water) for water in {id(water): water for water in waters.values()}.values()}
+    if len(set(keys.values())) == 1:
+        return {"*": next(iter(keys.values()))}
+    return {name: keys[id(water)] for name, water in waters.items()}

@@ -25,9 +25,9 @@ Work = Callable[[Pair, Clock], tuple[FrameRow, Result]]
 
 @dataclass(frozen=True)
 class Outcome(Generic[Result]):
-    """The outcome of a pair. result: None where it failed, and failure then says why.
+    """The outcome of a pair. result: None where it failed; failure: the error then, else None.
 
-    written: the stages whose files were written for it now. aside: files of somebody else that were moved out of their way.
+    written: the stages whose files were written now. aside: files of the user that were moved to OUT/set_aside to make room.
     """
 
     row: FrameRow
@@ -39,13 +39,13 @@ class Outcome(Generic[Result]):
 
 @dataclass(frozen=True, eq=False)
 class FrameWork(Generic[Result]):
-    """``work`` on a pair; what is wrong with the pair becomes its row."""
+    """``work`` on a pair; an error that concerns this pair alone goes into its row."""
 
     work: Work[Result]
     folder: RunFolder
 
     def __call__(self, pair: Pair) -> Outcome[Result]:
-        """Raises what concerns every pair: OutputError for a full disk, DeviceError for an absent device."""
+        """Do the work. Raises errors that concern every pair: OutputError (a full disk), DeviceError, ClusterError."""
         clock, result, failure = Clock(), None, None
         try:
             row, result = self.work(pair, clock)
@@ -60,9 +60,9 @@ class FrameWork(Generic[Result]):
 
 @dataclass(frozen=True, eq=False)
 class GroupCount:
-    """Neighboring pairs counted, and their tables added up: the outcome of each, and the sum of those that did not fail.
+    """Counts the colors of neighboring pairs over range, and adds up their moment tables.
 
-    known: the rows of these pairs are known from an earlier pass, so that their times and errors alone are sent back.
+    known: an earlier pass has made the rows of these pairs, so that only times and errors are sent back.
     """
 
     work: FrameWork[tuple[Ranged, MomentTable]]
@@ -70,7 +70,7 @@ class GroupCount:
     known: bool = False
 
     def __call__(self, pairs: Sequence[Pair]) -> tuple[list[Outcome[bool]], CountedFrames]:
-        """Raises as the work on one pair."""
+        """The outcome of each pair, and the sum over those that did not fail. Raises as the work on one pair."""
         outcomes: list[Outcome[bool]] = []
 
         def tables() -> Iterator[tuple[str, MomentTable]]:
@@ -86,7 +86,7 @@ class GroupCount:
 
 @dataclass(frozen=True, eq=False)
 class CorrectFrame:
-    """The second pass on a pair. usual: the water of all frames but ``others``, so that one water travels, not one a frame."""
+    """The second pass on a pair. usual: the water of all frames but ``others``: a worker is sent one water, not one a frame."""
 
     stages: FrameStages
     usual: Water
@@ -94,15 +94,15 @@ class CorrectFrame:
 
     @classmethod
     def of(cls, stages: FrameStages, waters: Mapping[str, Water]) -> "CorrectFrame":
-        """For frames by name, of which there must be one."""
+        """The second pass with these waters, by frame name; at least one."""
         usual = next(iter(waters.values()))
         return cls(stages, usual, ByName((name, water) for name, water in waters.items() if water is not usual))
 
     def __call__(self, pair: Pair, clock: Clock) -> FrameRow:
-        """The frame without its water, written; its row."""
+        """Correct and write the frame; returns its row."""
         return self.stages.corrected(self.stages.ranged(pair, clock), self.others.get(pair.name, self.usual), clock)
 
 
 def rows_alone(work: Callable[[Pair, Clock], FrameRow]) -> Work[bool]:
-    """Work of which nothing but the rows is wanted."""
+    """``work`` as a pass takes it, with True as its result."""
     return lambda pair, clock: (work(pair, clock), True)

@@ -1,4 +1,4 @@
-"""The pairs of a dive as its passes take them: some of them, with their names, or in groups; each made when it is asked for."""
+"""Lazy sequences over the pairs of a dive: some of them, with their names, or in groups; each item is made when asked for."""
 
 from array import array
 from collections.abc import Callable, Sequence
@@ -12,7 +12,7 @@ GROUP = 32
 
 
 def chosen(pairs: Sequence[Pair], wanted: Callable[[Pair], bool]) -> Sequence[Pair]:
-    """Those that are wanted, in their order."""
+    """The pairs that are ``wanted``, in their order."""
     return Chosen(pairs, array("q", (number for number, pair in enumerate(pairs) if wanted(pair))))
 
 
@@ -33,7 +33,7 @@ class Named(Lazy[tuple[str, Pair]]):
 
 @dataclass(frozen=True)
 class Groups(Lazy[Sequence[Pair]]):
-    """Neighbors together, whoever works on them: so the sums of a dive are always added in the same order."""
+    """Groups of neighboring pairs, the same for any number of workers, so that sums are always added in the same order."""
 
     pairs: Sequence[Pair]
 

@@ -1,8 +1,8 @@
 """All pairs of a dive, in two passes.
 
-The first pass measures: each pair is read, rectified and matched, and its colors are counted over range. From the counts follows
-the water: one for the dive, or one a frame; from frames that show the same spots, the light (lamps, lens, exposure). The second
-pass takes both out of each frame and writes it. Whatever an earlier run finished with the same inputs and settings is kept.
+The first pass reads, rectifies and matches each pair, and counts its colors over range. The water is fitted to the counts: one for
+the dive, or one a frame. The light (lamps, lens, exposure) is solved from spots that several frames show. The second pass removes
+both from each frame and writes it. Results of an earlier run with the same inputs and settings are kept.
 """
 
 from collections import deque
@@ -20,7 +20,7 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.compute.threads import Clock
 from stereo_seecolor.dive.channel_order import channel_order_notes
 from stereo_seecolor.dive.frame_facts import recorded_capture
-from stereo_seecolor.dive.frame_stages import FrameStages, water_key
+from stereo_seecolor.dive.frame_stages import FrameStages, water_keys
 from stereo_seecolor.dive.frame_work import CorrectFrame, FrameWork, GroupCount, Outcome, Result, Work, rows_alone
 from stereo_seecolor.dive.pairs import Groups, Named, chosen
 from stereo_seecolor.dive.repeated_images import RepeatedImages
@@ -41,22 +41,22 @@ from stereo_seecolor.run_folder.water_file import waters_content
 
 NO_OVERLAP = "light: no two frames were found to show the same spots, so that lamps, lens and exposure stay in the images"
 LONG_DIVE = 10_000
-"""Pairs of a dive beyond which their tables are added up in groups before they are fitted."""
+"""Pairs of a dive beyond which their moment tables are added up in groups, by the workers, before the fit."""
 
 
 class Dive:
-    """All pairs of a dive through both passes; a bad pair is named in its row, and the rest go on.
+    """Takes all pairs of a dive through the passes. The error of a bad pair goes into its row, and the others go on.
 
-    table: the outcome of each pair so far. notes: what concerns the dive as a whole.
+    table: the outcome of each pair so far. notes: remarks on the dive as a whole, for the summary.
     """
 
     def __init__(self, source: Source, folder: RunFolder, options: RunOptions, last: Stage = "corrected") -> None:
-        """last: the stage that the passes end with, so that no later one is expected."""
+        """last: the last stage that the passes do, so that progress expects no later one."""
         self.table = FrameTable()
         self.notes: tuple[str, ...] = ()
         self._light_found: dict[str, Any] | None = None  # for water.json
-        self._ranged = False  # True once ranges were measured for the light, so that the next pass is not called by them
-        self._light_known = not options.shard.whole  # a shard must not be corrected with a light of its own
+        self._ranged = False  # True once a pass for the light has measured ranges: the pass of the fit is then called "waters"
+        self._light_known = not options.shard.whole  # all shards must have the same light, so that none is solved from one
         self._linked: Collection[str] = ()  # names of frames that show what the frame before them shows
         self._config, self._corrector, self._geometry = source.config, source.corrector, source.geometry
         self._folder, self._options, self._last = folder, options, last
@@ -72,15 +72,15 @@ class Dive:
         return {**(self._light_found or {}), **light.content()} if light else None
 
     def measure(self, pairs: Sequence[Pair]) -> None:
-        """The range maps alone; corrected frames of an earlier run stay current where they were made from the same range maps."""
+        """Make range maps alone. Corrected frames of an earlier run stay current if the settings of range maps are the same."""
         self._begin_ranges()
         self._expect(pairs, "ranges")
         self.each("ranges", pairs, self._stages.range_row)
 
     def count(self, pairs: Sequence[Pair], take: Callable[[str, MomentTable, ReadPixels], None] = lambda *_: None) -> None:
-        """The first pass alone: range maps and tables, for a water that is fitted to all shards of a dive, or to several dives.
+        """Make the first pass alone: range maps and moment tables, for a water fitted to all shards of a dive or to several dives.
 
-        take: is given each frame's name, table, and what reads its pixels.
+        take: called with each frame's name, its moment table, and a function that reads its pixels.
         """
         self._begin_ranges()
         self._expect(pairs, "ranges")
@@ -88,7 +88,7 @@ class Dive:
             take(row.name, table, partial(self._stages.read, ranged))
 
     def waters(self, pairs: Sequence[Pair]) -> Mapping[str, Water]:
-        """Each frame's water, by name: an earlier run's where it was fitted to the same, or fitted in a first pass."""
+        """Each frame's water, by name: an earlier run's if it was fitted to the same inputs, else fitted in a first pass."""
         self._begin_color(pairs)
         kept = KeptFit.load(self._folder.root)
         if kept and not self._options.verify and kept.key == self._fit_key(pairs):
@@ -106,7 +106,10 @@ class Dive:
         return waters
 
     def _fit(self, pairs: Sequence[Pair]) -> tuple[Mapping[str, Water], tuple[str, ...]]:
-        """The first pass: range maps, and from all colors over range each frame's water, by name; and what the fit has to say."""
+        """Make the first pass, and fit the water to the colors over range of all frames.
+
+        Returns each frame's water, by name, and the notes of the fit.
+        """
         fitter = self._corrector.survey_fitter(self._stages.light, self._linked)
         stage = "waters" if self._ranged else "ranges"
         if not self._ranged:
@@ -122,7 +125,7 @@ class Dive:
         return fitter.waters(), fitter.notes()
 
     def _sums(self, stage: str, pairs: Sequence[Pair]) -> Iterator[CountedFrames]:
-        """The tables of neighbors, added up where they are counted: a long dive's are too many for one process to add."""
+        """Moment tables of groups of neighboring frames, added up by the workers: a long dive has too many for one process."""
         self._begin_pass(stage, len(pairs))
         count = GroupCount(FrameWork(self._stages.counted, self._folder), self._config.color, known=self._ranged)
         for outcomes, counted in self._options.compute.each(count, Groups(pairs)):
@@ -131,28 +134,24 @@ class Dive:
             yield counted
 
     def correct(self, pairs: Sequence[Pair], waters: Mapping[str, Water]) -> None:
-        """The second pass: each frame that has a water without it, and its cloud."""
+        """Make the second pass: correct each frame that has a water, and write it with its cloud."""
         self._begin_color(pairs)
-        different = {id(water): water for water in waters.values()}
-        keys = {number: water_key(water) for number, water in different.items()}
-        shared = set(keys.values())
-        each = {"*": shared.pop()} if len(shared) == 1 else {name: keys[id(water)] for name, water in waters.items()}
-        self._folder.dive.set_waters(each)
+        self._folder.dive.set_waters(water_keys(waters))
         if waters:
             self._expect(pairs, "colors")
             self.each("colors", chosen(pairs, lambda pair: pair.name in waters), CorrectFrame.of(self._stages, waters))
 
     def each(self, stage: str, pairs: Sequence[Pair], work: Callable[[Pair, Clock], FrameRow]) -> None:
-        """A pass of which nothing but the rows is wanted."""
+        """Make a pass of ``work``, of which only the rows are kept."""
         for _ in self._pass(stage, pairs, rows_alone(work)):
             pass
 
     def show(self, page: PageMaker | None) -> None:
-        """Make what the page shows of frames as they are corrected."""
+        """Set what makes the page's files of frames, as they are corrected; None: they are not made."""
         self._stages.page = page
 
     def end(self) -> None:
-        """Free what was kept for later passes."""
+        """Delete the pixels that were kept for later passes."""
         self._stages.end()
 
     def _begin_ranges(self) -> None:
@@ -166,11 +165,11 @@ class Dive:
         self._folder.dive.begin({"range": self._stages.range_settings, "corrected": self._stages.color_settings})
 
     def leave_light(self) -> None:
-        """Look for no light: for a dive whose shards are corrected each without the others."""
+        """Solve no light: for a dive whose shards are corrected each without the others."""
         self._light_known = True
 
     def _find_light(self, pairs: Sequence[Pair]) -> None:
-        """What the dive's own overlapping frames say of its light: an earlier run's, or solved now."""
+        """Set the light of the dive: an earlier run's if it was solved from the same inputs, else solved now."""
         color, geometry = self._config.color, self._geometry
         allowed = Use(color.lights == "auto", color.lights == "auto", color.camera_exposure == "auto", color.lights == "auto")
         if geometry is None or len(pairs) < 2 or not any(allowed):
@@ -212,13 +211,19 @@ class Dive:
         return kept
 
     def _fit_key(self, pairs: Sequence[Pair]) -> str | None:
-        """Hash of what light and waters are fitted to, by the first pass or, before it, by OUT; None where a pair has no range."""
+        """Hash of the inputs of the fits of light and water; None where a pair has no range.
+
+        The ranges are those of the first pass, or, before it, those that OUT holds.
+        """
         if self._ranges is None:
             return self._stages.fit_key(self._stages.ranges_key(pairs))
         return None if self.table.failed else self._stages.fit_key(self._ranges.value)
 
     def _measured(self, pairs: Sequence[Pair], captures: list[Capture], marks: list[int]) -> Generator[Pair, None, None]:
-        """The first pass for the light: each pair once its range is known. captures: is given what the camera recorded."""
+        """Make the first pass for the light; yields each pair when its range is known.
+
+        captures: receives what the camera recorded of each frame. marks: receives each frame's mark for KeptSteps.
+        """
         different: dict[Capture, Capture] = {}  # a dive has few, and many frames
         for row, pair in self._pass("ranges", pairs, self._stages.prepared):
             capture = recorded_capture(row.facts)
@@ -227,11 +232,11 @@ class Dive:
             yield pair
 
     def _not_failed(self, pairs: Sequence[Pair]) -> Sequence[Pair]:
-        """Those that no pass so far has failed at."""
+        """The pairs that have not failed in an earlier pass."""
         return chosen(pairs, lambda pair: pair.name not in self.table.failed) if self.table.failed else pairs
 
     def _pass(self, stage: str, pairs: Sequence[Pair], work: Work[Result]) -> Iterator[tuple[FrameRow, Result]]:
-        """``work`` on all pairs, in their order; what is wrong with one pair becomes its row, and ends no pass."""
+        """Do ``work`` on all pairs; yields row and result of those that did not fail, in order."""
         self._begin_pass(stage, len(pairs))
         for outcome in self._options.compute.each(FrameWork(work, self._folder), pairs):
             self._note(stage, outcome)
@@ -239,7 +244,7 @@ class Dive:
                 yield outcome.row, outcome.result
 
     def _expect(self, pairs: Sequence[Pair], *passes: str) -> None:
-        """These passes over the pairs are to come."""
+        """Tell the progress file which passes over the pairs are to come, and how long they take."""
         plan = KeptPlan.load(self._folder.root, len(pairs), self._config)
         known = Expected(plan.pass_seconds, planned=True) if plan else USUAL
         self._progress.expect(known.of(*(one for one in passes if one != "colors" or self._last == "corrected")))
@@ -249,7 +254,7 @@ class Dive:
         self._progress.begin(stage, pairs)
 
     def _examined(self, name: str) -> None:
-        """The light of one more frame was looked at."""
+        """Count one more frame as examined for the light."""
         known = self.table.row(name) or FrameRow(name)
         self._advance(replace(known, kept=False, warnings=(), seconds={}))
 
@@ -258,7 +263,7 @@ class Dive:
         self._options.listener.advance(row)
 
     def _note(self, stage: str, outcome: Outcome[Any]) -> None:
-        """The outcome of a pair. Raises what was wrong with it where the run is to stop at the first bad pair."""
+        """Note the outcome of a pair. Raises its error where the run is to stop at the first bad pair."""
         row = outcome.row
         self._folder.frames.note(row.name, outcome.written, outcome.aside)
         if self.table.row(row.name) is None and (again := self._repeated.warning(row)):

@@ -1,4 +1,4 @@
-"""Images that come with range maps instead of a second camera, for the stages of a dive."""
+"""Images that come with range maps, instead of a second camera, as a source of a dive."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from stereo_seecolor.version import __version__
 
 
 class RangedImages:
-    """Images with a range for each pixel; measures and reads as a Pipeline does."""
+    """A Source of images and their range maps, which are read instead of measured."""
 
     makes_ranges = False
     geometry: RectifiedPair | None = None
@@ -33,7 +33,7 @@ class RangedImages:
         self.settings = content_key(__version__, self.reader.settings)
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The files of a pair, by what they are."""
+        """The files of a pair: its image and its range map."""
         return {"image": pair.left, "range": pair.right}
 
     def raw(self, pair: Pair, clock: Clock) -> Image:

@@ -1,4 +1,4 @@
-"""Images that come twice in a row: a camera stalled, or files were copied."""
+"""Images that a dive holds twice in a row, because a camera stalled or files were copied."""
 
 from collections.abc import Mapping
 
@@ -15,7 +15,7 @@ class RepeatedImages:
         self._before: Mapping[str, str] = {}
 
     def warning(self, row: FrameRow) -> str:
-        """What repeats in this pair; empty where nothing does."""
+        """A warning if images of this pair are those of the pair before; else ""."""
         again = [side for side in ("left", "right") if side in row.hashes and row.hashes[side] == self._before.get(side)]
         self._before = row.hashes or self._before
         if not again:

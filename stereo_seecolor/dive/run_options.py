@@ -1,4 +1,4 @@
-"""How a command goes about its work."""
+"""How a command does its work: workers, folders, listeners."""
 
 import logging
 from collections.abc import Callable
@@ -18,16 +18,16 @@ PageTime = Literal["none", "end", "live"]
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a command goes about it; what it makes of its inputs is in the configuration.
+    """How a command does its work. What changes its results is in the configuration, but for ``shard`` and ``water``.
 
-    workers: pairs under way at once. overwrite: begin again in a used folder. strict: stop at the first bad pair.
-    verify: read and hash every input again, also those whose size and time are those of an earlier run.
-    config_file: where the settings came from, so that it is never deleted. command_line: for run.json.
-    listener: hears how far the job is; by default the log does. notice: is given what a person should know before
-    the work begins, a line each; by default to the log. shard: which part of the dive's pairs is done.
-    cluster: where the work runs instead of on this machine's threads.
-    water: the water.json of an earlier dive, used instead of a fit.
-    page: when OUT/index.html is written: never, at the end, or while the run works as well.
+    workers: pairs worked on at once. overwrite: start over in a used folder. strict: stop at the first bad pair.
+    verify: read and hash every input again, even those with the size and time that an earlier run noted.
+    config_file: the file of the settings, protected from deletion. command_line: for run.json.
+    listener: told of progress; by default the log. notice: called with each line that a user should read before the work begins;
+    by default it goes to the log. shard: the part of the dive's pairs to work on.
+    cluster: runs the work in place of this machine's threads.
+    water: a water.json whose waters are used in place of a fit.
+    page: when OUT/index.html is written: never, at the end, or also while the run works.
     """
 
     workers: int = 2
@@ -44,7 +44,10 @@ class RunOptions:
     notice: Callable[[str], None] = log.info
 
     def within_memory(self, pair_bytes: float) -> "RunOptions":
-        """With no more pairs under way at once than fit into the free memory; says so. A cluster's workers look after their own."""
+        """The options with at most as many workers as free memory allows, with a notice if that is fewer.
+
+        pair_bytes: memory that a pair takes. Workers of a cluster are not limited: they have memory of their own.
+        """
         fitting = self.workers if self.cluster else at_once(self.workers, pair_bytes)
         if fitting == self.workers:
             return self

@@ -1,4 +1,4 @@
-"""What a frame's stages work with: what measures a pair, what makes its page, and a pair whose range is known."""
+"""The interfaces of a frame's stages: Source measures a pair, PageMaker makes its page; and Ranged, a pair with a known range."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -20,7 +20,12 @@ from stereo_seecolor.run_folder.products import Files
 
 
 class Source(Protocol):
-    """What measures a pair: a Pipeline, or RangedImages. makes_ranges: whether its range maps are written to OUT."""
+    """Reads and measures a pair: a Pipeline, or RangedImages.
+
+    geometry: of the rectified images, None without calibration. makes_ranges: whether its range maps are written to OUT.
+    seen: where rectified images show something, None = everywhere. original: the view of the unrectified left camera, None where
+    nothing is written in it. settings: hash of all that a range map depends on besides its files.
+    """
 
     config: RunConfig
     corrector: Corrector
@@ -32,7 +37,7 @@ class Source(Protocol):
     settings: str
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The pair's files."""
+        """The pair's files, by side."""
 
     def raw(self, pair: Pair, clock: Clock) -> Image:
         """The left image as the camera gave it."""
@@ -41,28 +46,28 @@ class Source(Protocol):
         """The (rectified) left image."""
 
     def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """That image and its range map."""
+        """The (rectified) left image and its range map."""
 
 
 class PageMaker(Protocol):
-    """Makes what the page shows of the frames of these names."""
+    """Makes the page's files of some frames."""
 
     @property
     def names(self) -> frozenset[str]:
-        """Of the frames to make."""
+        """Names of the frames whose files are made."""
 
     def stage(self, corrected_key: str) -> StageRecord:
-        """The record of a frame's page."""
+        """The record of a frame's files on the page. corrected_key: key of the corrected frame that they are made from."""
 
     def files(self, name: str, before: Image, products: Mapping[str, NDArray[Any]]) -> Files:
-        """The page's files of a frame, from its rectified image and its products as they are stored."""
+        """The page's files of a frame. before: its rectified image, uncorrected. products: product -> array, as it is stored."""
 
 
 @dataclass(frozen=True, eq=False)
 class Ranged:
-    """A pair whose range is known. record: what OUT knows of it. key: hash of all that its range depends on.
+    """A pair whose range is known. record: OUT's record of it. key: hash of all that its range depends on.
 
-    pixels: its image and range map where this run measured them just now. kept: an earlier run had.
+    pixels: its left image and range map, where they were measured just now. kept: True where an earlier run had measured them.
     """
 
     pair: Pair
@@ -73,7 +78,7 @@ class Ranged:
 
     @property
     def row(self) -> FrameRow:
-        """What is known of the frame so far."""
+        """The frame's row after the range stage."""
         stage = self.record.stages["range"]
         hashes = {side: file.sha256 for side, file in self.record.inputs.items()}
         return FrameRow(self.pair.name, kept=self.kept, warnings=stage.warnings, hashes=hashes, facts=dict(stage.facts))
