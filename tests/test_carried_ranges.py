@@ -157,6 +157,18 @@ def test_open_water_is_hardly_more_colored_than_the_measured_reef(water: tuple[f
     assert held.max() / held.min() < (reef.max(axis=1) / reef.min(axis=1)).max()
 
 
+@pytest.mark.parametrize("water", [(0.5, 0.35, 0.5), (0.3, 0.2, 0.4), (0.4, 0.3, 0.32)])
+def test_open_water_is_not_violet_or_pink(water: tuple[float, float, float]) -> None:
+    """Even where some of the measured reef is, and the rest brown."""
+    colors = np.array([0.45, 0.4, 0.35]) * RNG.uniform(0.9, 1.1, (160, 160, 1))
+    colors[80:, :40] = (0.4, 0.2, 0.45)  # a quarter is violet
+    carried = np.zeros((160, 160), bool)
+    carried[:80] = True
+    colors[:80] = water
+    red, green, blue = within_measured(np.round(colors * 255).astype(np.uint8), carried, ~carried)[0, 0].astype(int)
+    assert green >= min(red, blue) - 1  # of 255
+
+
 def test_white_at_a_carried_range_stays_at_full_scale() -> None:
     """Where all that is measured is redder than white, red cannot be raised any more."""
     image = np.round(np.array([0.5, 0.45, 0.4]) * RNG.uniform(0.9, 1.1, (96, 128, 1)) * 255).astype(np.uint8)
