@@ -13,7 +13,8 @@ from stereo_seecolor.cli.report import LoggedReport
 
 if TYPE_CHECKING:
     from stereo_seecolor.commands.bag_info import BagFacts
-    from stereo_seecolor.commands.inspect import CalibrationFacts, Inspection
+    from stereo_seecolor.commands.inspect import Inspection
+    from stereo_seecolor.commands.inspect_calibration import CalibrationFacts
     from stereo_seecolor.commands.inspect_dive import Measured
     from stereo_seecolor.commands.inspect_poses import FoundPoses
     from stereo_seecolor.inputs.image_facts import ImageFacts

@@ -1,4 +1,4 @@
-"""``bag-info``: what a bag holds, and what ``run`` would take from it."""
+"""``bag-info``: the topics of a bag, and the pairs that ``run`` would take from it."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +22,9 @@ class TopicFacts:
 
 @dataclass(frozen=True)
 class BagFacts:
-    """What a bag holds. seconds: from first to last message. left, right: the topics that run takes; "" where it cannot tell.
+    """The contents of a bag. seconds: from first to last message. left, right: topics that ``run`` takes, "" where none were found.
 
-    baseline_m: of the rig that its camera_info give, None where they give none. notes: what should be known of it.
+    baseline_m: of the rig by its camera_info, None where they give none. notes: remarks and problems, a line each.
     """
 
     bag: Path
@@ -40,7 +40,7 @@ class BagFacts:
 
 
 def bag_info(path: Path, topics: str = "", config: InputConfig | None = None) -> BagFacts:
-    """Look through a bag; nothing is written. topics: ``left=NAME,right=NAME``, "" to find them.
+    """Examine a bag; nothing is written. topics: ``left=NAME,right=NAME``, "" to find them.
 
     Raises InputError if it is no bag, or holds nothing that can be read; DeviceError if a library is missing.
     """
@@ -65,14 +65,14 @@ def _baseline_m(dive: BagDive) -> tuple[float | None, tuple[str, ...]]:
 def _facts(bag: Bag, dive: BagDive | None, baseline_m: float | None, notes: tuple[str, ...]) -> BagFacts:
     first_ns, last_ns = min(topic.first_ns for topic in bag.topics), max(topic.last_ns for topic in bag.topics)
     return BagFacts(
-        bag.path,
-        len(bag.files),
-        (last_ns - first_ns) / 1e9,
-        tuple(TopicFacts(topic.name, topic.msgtype, topic.count, topic.rate_hz) for topic in bag.topics),
-        dive.sides.left.name if dive else "",
-        dive.sides.right.name if dive else "",
-        len(dive.pairing.pairs) if dive else 0,
-        len(dive.pairing.unpaired) if dive else 0,
-        baseline_m,
-        notes,
+        bag=bag.path,
+        files=len(bag.files),
+        seconds=(last_ns - first_ns) / 1e9,
+        topics=tuple(TopicFacts(topic.name, topic.msgtype, topic.count, topic.rate_hz) for topic in bag.topics),
+        left=dive.sides.left.name if dive else "",
+        right=dive.sides.right.name if dive else "",
+        pairs=len(dive.pairing.pairs) if dive else 0,
+        unpaired=len(dive.pairing.unpaired) if dive else 0,
+        baseline_m=baseline_m,
+        notes=notes,
     )

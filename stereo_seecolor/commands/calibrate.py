@@ -22,12 +22,12 @@ from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.records import FrameRow
 
 MOST_FRAMES = 60
-"""Of videos, spread over them: neighbors show the target alike."""
+"""Most frames taken of videos, spread over them: neighboring frames show the target in nearly the same place."""
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
-    """A calibration and its files. coverage: a picture of where in the images the corners were found."""
+    """A calibration and its files. coverage: a picture of the places in the images where corners were found."""
 
     report: CalibrationReport
     calibration: Path

@@ -1,4 +1,4 @@
-"""``campaign``: many dives, one after the other; what is wrong with one does not end the others."""
+"""``campaign``: many dives, one after the other; an error in one does not end the others."""
 
 import json
 import logging
@@ -24,6 +24,7 @@ from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, SeeColorError
 from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.run_folder.frames_table import RunSummary
 
 WATERS = "waters"
 
@@ -31,9 +32,9 @@ log = logging.getLogger(__name__)
 
 
 class DiveEntry(BaseModel):
-    """A dive of a campaign, in the words of ``run``. Paths start from the campaign's file. poses, fuse: a map is made, too.
+    """A dive of a campaign; fields are named as the options of ``run``. Paths are relative to the campaign's file.
 
-    site: dives of one site share one water.
+    poses, fuse: with either a map is made. site: dives of one site share one water.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -56,7 +57,7 @@ class DiveEntry(BaseModel):
 
 
 class CampaignFile(BaseModel):
-    """A campaign. out: each dive gets a folder of its name in it. config, settings: of all dives; a dive's own settings win."""
+    """The file of a campaign. out: holds a folder for each dive. config, settings: of all dives; a dive's own settings win."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -67,7 +68,7 @@ class CampaignFile(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> "CampaignFile":
-        """Raises InputError."""
+        """Read a YAML file. Raises InputError where it cannot be read or is no campaign."""
         try:
             campaign = cls.model_validate(yaml.safe_load(read_bytes(path)))
         except (yaml.YAMLError, UnicodeDecodeError) as error:
@@ -85,7 +86,7 @@ class CampaignFile(BaseModel):
 
 @dataclass(frozen=True)
 class CampaignResult:
-    """Every dive, in the file's order. table: the same as CSV."""
+    """The outcome of every dive, in the file's order. table: the CSV file with the same."""
 
     dives: tuple[DiveState, ...]
     table: Path
@@ -101,70 +102,94 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
 
     Raises InputError for a file that cannot be used, OutputError where the table cannot be written.
     """
-    content, options = CampaignFile.read(file), options or RunOptions()
-    root = file.parent / content.out
-    earlier = load_states(root)
-    begun = {dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun") for dive in content.dives}
+    plan = _Campaign(CampaignFile.read(file), file.parent)
+    options = options or RunOptions()
+    earlier = load_states(plan.root)
+    begun = {dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun") for dive in plan.dives}
     states = {**begun, **earlier}
-    save_states(root, states)
-    for state in _states(file, content, options, earlier if only_failed else {}):
+    save_states(plan.root, states)
+    for state in _states(plan, options, earlier if only_failed else {}):
         states[state.name] = state
-        save_states(root, states)
+        save_states(plan.root, states)
     found = tuple(states[name] for name in begun)
     if all(state.state != "stopped" for state in found):
-        write_records(root, {state.name: Path(state.out) for state in found if state.ok})
-    return CampaignResult(found, root / TABLE)
+        write_records(plan.root, {state.name: Path(state.out) for state in found if state.ok})
+    return CampaignResult(found, plan.root / TABLE)
 
 
-def _states(file: Path, content: CampaignFile, options: RunOptions, known: Mapping[str, DiveState]) -> Iterator[DiveState]:
-    """Of each dive when it is through, until one is stopped. known: their outcomes; those that are done are skipped."""
-    waters = _SiteWaters(file, content, options, keep=bool(known))
-    for dive in content.dives:
+@dataclass(frozen=True)
+class _Campaign:
+    """A campaign's file with its paths and settings resolved. folder: of the file, from which its paths start."""
+
+    content: CampaignFile
+    folder: Path
+
+    @property
+    def root(self) -> Path:
+        return self.folder / self.content.out
+
+    @property
+    def dives(self) -> tuple[DiveEntry, ...]:
+        return self.content.dives
+
+    def out(self, dive: DiveEntry) -> Path:
+        return self.root / dive.name
+
+    def inputs(self, dive: DiveEntry) -> StereoInputs:
+        calib = ",".join(str(self.folder / part) for part in dive.calib.split(","))
+        return StereoInputs(self.folder / dive.left, self.folder / dive.right, calib)
+
+    def config(self, dive: DiveEntry) -> RunConfig:
+        """The settings of a dive. Raises ConfigError."""
+        shared, settings = self.content.config, {**self.content.settings, **dive.settings}
+        return load_config(self.folder / shared if shared else None, [f"{key}={_text(settings[key])}" for key in settings])
+
+    def site_water(self, dive: DiveEntry) -> Path:
+        """The file for the water of a dive's site, as this dive's exposure shows it."""
+        return self.root / WATERS / f"{dive.name}.json"
+
+
+def _states(plan: _Campaign, options: RunOptions, known: Mapping[str, DiveState]) -> Iterator[DiveState]:
+    """The outcome of each dive when it has ended, until one is stopped. known: earlier outcomes; dives done then are skipped."""
+    waters = _SiteWaters(plan, options, keep=bool(known))
+    for dive in plan.dives:
         if dive.name in known and known[dive.name].state == "done":
             yield known[dive.name]
             continue
         if waters.fit_for(dive):
-            yield DiveState(dive.name, "stopped", out=str(_out(file, content, dive)), error=f"while site {dive.site} was measured")
+            yield DiveState(dive.name, "stopped", out=str(plan.out(dive)), error=f"while site {dive.site} was measured")
             return
-        state = _dive(file, content, waters.given(dive), options)
+        state = _process(plan, dive, waters.of(dive), options)
         yield state
         if state.state == "stopped":
             return
 
 
 class _SiteWaters:
-    """The waters of the sites, each fitted before the first of its dives. keep: those that are there stay as they are."""
+    """Fits the water of each site before the first of its dives. keep: waters that are there already are kept."""
 
-    def __init__(self, file: Path, content: CampaignFile, options: RunOptions, keep: bool) -> None:
-        self._file, self._content, self._options, self._keep = file, content, options, keep
+    def __init__(self, plan: _Campaign, options: RunOptions, keep: bool) -> None:
+        self._plan, self._options, self._keep = plan, options, keep
         self._fitted: set[str] = set()
 
-    def _water(self, dive: DiveEntry) -> Path:
-        return self._content.out / WATERS / f"{dive.name}.json"
-
-    def _dives(self, site: str) -> list[DiveEntry]:
-        return [dive for dive in self._content.dives if dive.site == site]
-
-    def _stays(self, site: str) -> bool:
-        return self._keep and all((self._file.parent / self._water(dive)).exists() for dive in self._dives(site))
-
-    def given(self, dive: DiveEntry) -> DiveEntry:
-        """The dive with the file of its site's water, where that could be fitted: else its run says why not."""
-        there = dive.site and (self._file.parent / self._water(dive)).exists()
-        return dive.model_copy(update={"water": self._water(dive)}) if there else dive
+    def of(self, dive: DiveEntry) -> Path | None:
+        """The file of the water that a dive is given: its own, or its site's if that could be fitted; else None."""
+        site_water = self._plan.site_water(dive)
+        if dive.site and site_water.exists():
+            return site_water
+        return self._plan.folder / dive.water if dive.water else None
 
     def fit_for(self, dive: DiveEntry) -> bool:
         """Fit the water of the dive's site, unless that was done. True if it was stopped."""
-        if not dive.site or dive.site in self._fitted or self._stays(dive.site):
+        if not dive.site or dive.site in self._fitted:
+            return False
+        plan, site = self._plan, [one for one in self._plan.dives if one.site == dive.site]
+        if self._keep and all(plan.site_water(one).exists() for one in site):
             return False
         self._fitted.add(dive.site)
-        root, folder = self._file.parent / self._content.out, self._file.parent
-
-        def site_dive(one: DiveEntry) -> SiteDive:
-            return SiteDive(_inputs(folder, one), root / one.name, _config(folder, self._content, one), folder / self._water(one))
-
         try:
-            return fit_site([site_dive(one) for one in self._dives(dive.site)], self._options)
+            dives = [SiteDive(plan.inputs(one), plan.out(one), plan.config(one), plan.site_water(one)) for one in site]
+            return fit_site(dives, self._options)
         except KeyboardInterrupt:  # between two passes
             return True
         except (SeeColorError, CalibrationError) as error:
@@ -172,24 +197,20 @@ class _SiteWaters:
             return False
 
 
-def _out(file: Path, content: CampaignFile, dive: DiveEntry) -> Path:
-    return file.parent / content.out / dive.name
-
-
-def _inputs(folder: Path, dive: DiveEntry) -> StereoInputs:
-    calib = ",".join(str(folder / part) for part in dive.calib.split(","))
-    return StereoInputs(folder / dive.left, folder / dive.right, calib)
-
-
-def _dive(file: Path, content: CampaignFile, dive: DiveEntry, options: RunOptions) -> DiveState:
-    start_s, out = time.monotonic(), _out(file, content, dive)
+def _process(plan: _Campaign, dive: DiveEntry, water: Path | None, options: RunOptions) -> DiveState:
+    """Run a dive, and make its map where one is asked for; returns the outcome, also of one that failed."""
+    start_s, out = time.monotonic(), plan.out(dive)
     log.info("%s: begins", dive.name)
-    state = DiveState(dive.name, "failed", out=str(out))
+    state, mapped = DiveState(dive.name, "failed", out=str(out)), bool(dive.fuse or dive.poses)
     try:
-        config = _config(file.parent, content, dive)
-        state = _run(file.parent, dive, config, options, state)
-        if (dive.fuse or dive.poses) and state.state != "stopped":
-            _map(file.parent, dive, config, options, out)
+        config = plan.config(dive)
+        page = "none" if mapped else options.page  # the page is written when the map is there
+        inputs = plan.inputs(dive)
+        summary = run(inputs.left, inputs.right, inputs.calib, out, config, replace(options, water=water, page=page))
+        state = replace(state, state=_outcome(summary), ok=summary.count("ok"), failed=summary.count("failed"))
+        if mapped and not summary.stopped:
+            fuse(out, plan.folder / dive.poses if dive.poses else None, config, options.listener, options.cluster)
+            report(out, options.listener, brief=True)
     except KeyboardInterrupt:  # between two passes, or in the map
         state = replace(state, state="stopped")
     except (SeeColorError, CalibrationError) as error:
@@ -202,23 +223,10 @@ def _dive(file: Path, content: CampaignFile, dive: DiveEntry, options: RunOption
     return replace(state, seconds=round(time.monotonic() - start_s, 3))
 
 
-def _run(folder: Path, dive: DiveEntry, config: RunConfig, options: RunOptions, state: DiveState) -> DiveState:
-    water = folder / dive.water if dive.water else None
-    inputs, out = _inputs(folder, dive), Path(state.out)
-    options = replace(options, water=water, page="none" if dive.fuse or dive.poses else options.page)  # the map is on it
-    summary = run(inputs.left, inputs.right, inputs.calib, out, config, options)
-    done: State = "stopped" if summary.stopped else "done" if summary.all_done else "some pairs failed"
-    return replace(state, state=done, ok=summary.count("ok"), failed=summary.count("failed"))
-
-
-def _map(folder: Path, dive: DiveEntry, config: RunConfig, options: RunOptions, out: Path) -> None:
-    fuse(out, folder / dive.poses if dive.poses else None, config, options.listener, options.cluster)
-    report(out, options.listener, brief=True)
-
-
-def _config(folder: Path, content: CampaignFile, dive: DiveEntry) -> RunConfig:
-    settings = {**content.settings, **dive.settings}
-    return load_config(folder / content.config if content.config else None, [f"{key}={_text(settings[key])}" for key in settings])
+def _outcome(summary: RunSummary) -> State:
+    if summary.stopped:
+        return "stopped"
+    return "done" if summary.all_done else "some pairs failed"
 
 
 def _text(value: Any) -> str:

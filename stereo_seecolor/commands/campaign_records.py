@@ -1,4 +1,4 @@
-"""The records of a campaign's results, for archives and catalogs: iFDO of the images of each dive with a map, STAC of all dives."""
+"""Metadata of a campaign for archives and catalogs: iFDO of the images of each dive with a map, STAC of all dives."""
 
 import json
 import logging

@@ -1,4 +1,4 @@
-"""The outcome of the dives of a campaign: campaign.csv for people, campaign.json for the next run."""
+"""The outcome of the dives of a campaign: campaign.csv for users, campaign.json for the next run of the campaign."""
 
 import csv
 import io
@@ -16,7 +16,7 @@ State = Literal["not begun", "done", "some pairs failed", "failed", "stopped"]
 
 @dataclass(frozen=True)
 class DiveState:
-    """The outcome of a dive. ok, failed: pairs. error: why it failed as a whole, or its map."""
+    """The outcome of a dive. ok, failed: numbers of pairs. error: why the dive as a whole, or its map, failed."""
 
     name: str
     state: State
@@ -28,7 +28,7 @@ class DiveState:
 
 
 def load_states(root: Path) -> dict[str, DiveState]:
-    """The outcome of the dives so far; none where nothing was kept, or it is damaged."""
+    """The outcome of each dive, by name, from campaign.json; empty where it is missing or damaged."""
     try:
         return {name: DiveState(**state) for name, state in json.loads((root / STATES).read_bytes()).items()}
     except (OSError, ValueError, TypeError, AttributeError):

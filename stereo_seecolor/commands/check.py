@@ -1,4 +1,4 @@
-"""Test a calibration against image pairs of a dive."""
+"""``check``: test a calibration on image pairs of a dive."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -28,9 +28,9 @@ PORT_RANGES = (0.5, 0.75, 1.5, 2.0, 3.0)
 
 @dataclass(frozen=True)
 class RigFacts:
-    """A rig in the numbers that a person can compare with what they know of it.
+    """Numbers of a rig that a user can compare with the known camera.
 
-    focal_px, field_deg: of the rectified images, across. disparity_at_1_m_px: of a point at 1 m along the axis.
+    focal_px: of the rectified images. field_deg: their horizontal field of view. disparity_at_1_m_px: of a point at depth 1 m.
     port: "flat", "dome" or "none". working_range_m: range at which a flat port's model is exact, else None.
     port_error: (range in meters, relative range error that a flat port leaves there).
     """
@@ -49,10 +49,10 @@ class RigFacts:
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """A calibration against a dive.
+    """A calibration tested on a dive.
 
-    suspicions: what looks wrong in the calibration itself. refined: what has moved since, and refined_file, where the refined rig
-    was written; None unless asked for.
+    rows: vertical disparity of rectified pairs. suspicions: doubts about the calibration itself. refined: what has moved since the
+    calibration; refined_file: the refined rig; both None unless asked for.
     """
 
     rig: RigFacts
@@ -75,10 +75,10 @@ def check(
     refine: Path | None = None,
     images: InputConfig | None = None,
 ) -> CheckResult:
-    """Test a calibration against ``most_pairs`` pairs spread evenly over a dive.
+    """Test a calibration on ``most_pairs`` pairs spread evenly over a dive.
 
-    images: how the files are paired and read. refine: a new file for the rig, in the native format, with what has moved since its
-    calibration estimated from the pairs.
+    images: how the files are paired and read. refine: a new file for the refined rig, in the native format: what has moved since
+    the calibration is estimated from the pairs.
     Raises CalibrationError, InputError, OutputError.
     """
     images = images or InputConfig()
@@ -99,7 +99,10 @@ def check(
 
 
 def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> RowCheck:
-    """How rows agree, and the mistake that explains why they do not. Raises CalibrationError if too few points tell."""
+    """Vertical disparity of the matches, with the likely mistake where it is large.
+
+    raw: matches of unrectified pairs. images: a few of these pairs. Raises CalibrationError where there are too few matches.
+    """
     try:
         rows = judge_matches(rig, rectified_matches(rig, raw))
     except CalibrationError:
@@ -111,7 +114,7 @@ def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> Row
 
 
 def rig_facts(rig: StereoRig) -> RigFacts:
-    """What to state of a rig."""
+    """The numbers of a rig."""
     pair = Rectification.from_rig(rig).pair
     width = rig.left.image_size[0]
     return RigFacts(

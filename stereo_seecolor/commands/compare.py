@@ -21,7 +21,7 @@ SECOND_TRACK = "second_track.tum"
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """What changed, the files that say so, and, where it was asked for, the second's track in one graph with the first's."""
+    """The change of a site. files: written to the folder. joint: the second track, solved in one graph with the first, if asked."""
 
     change: SiteChange
     files: tuple[Path, ...]
@@ -29,10 +29,10 @@ class Comparison:
 
 
 def compare(first: Path, second: Path, folder: Path | None = None, joint: bool = False) -> Comparison:
-    """Register the map in ``second`` to that in ``first``, and find what rose, sank or changed its color.
+    """Register the map in ``second`` to that in ``first``, and find where the bottom rose, sank or changed its color.
 
     folder: new or empty, for page, rasters, table and picture; None writes none. Both runs are left as they are.
-    joint: also find the second's track in one graph with the first's, for fusing it again; needs a folder.
+    joint: also solve the second's track in one graph with the first's, to fuse it again with; needs a folder.
     Raises InputError for a run without a map; ComparingError, with the evidence, if the maps cannot be compared; OutputError;
     DeviceError if GTSAM is missing for ``joint``.
     """
@@ -55,7 +55,7 @@ def compare(first: Path, second: Path, folder: Path | None = None, joint: bool =
 
 
 def _names(first: Path, second: Path) -> tuple[str, str]:
-    """With their folders' names where both are called the same."""
+    """The names of the two runs on the page, with their parent folders' where both are the same."""
     if first.name != second.name:
         return first.name, second.name
     return f"{first.parent.name}/{first.name}", f"{second.parent.name}/{second.name}"

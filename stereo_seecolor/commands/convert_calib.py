@@ -10,10 +10,7 @@ from stereo_seecolor.files.new_folder import refuse_existing
 
 @dataclass(frozen=True)
 class ConvertedCalibration:
-    """What was written, and the rig's baseline in meters, by which a wrong unit is seen.
-
-    notes: what had to be guessed, a line each.
-    """
+    """A calibration that was written. baseline_m: of the rig; it shows a wrong unit. notes: a line on each guess."""
 
     source: str
     out: str

@@ -18,9 +18,9 @@ from stereo_seecolor.run_folder.frames_table import RunSummary
 def correct(
     images: Path, ranges: Path, out: Path, config: RunConfig | None = None, options: RunOptions | None = None
 ) -> RunSummary:
-    """Images and their range maps (float32 TIFF in meters or 16-bit PNG in millimeters) in, corrected images out.
+    """Correct images that have range maps (float32 TIFF in meters or 16-bit PNG in millimeters), into ``out``.
 
-    The images may be unrelated: ``color.lock: auto`` is ``frame`` here.
+    The images may be unrelated, so that ``color.lock: auto`` means ``frame`` here.
     Raises SeeColorError for what concerns the whole folder; a bad image is named in the summary's rows.
     """
     config, options = _unrelated(config or RunConfig()), options or RunOptions()
@@ -33,7 +33,7 @@ def correct(
 
 
 def _unrelated(config: RunConfig) -> RunConfig:
-    """The settings for pictures that may be unrelated: each has a water of its own, unless one is asked for."""
+    """The settings with a water for each image, unless ``color.lock`` says otherwise."""
     if config.color.lock != "auto":
         return config
     return config.model_copy(update={"color": config.color.model_copy(update={"lock": "frame"})})

@@ -1,4 +1,4 @@
-"""A small dive rendered, run, and compared with its truth."""
+"""``demo``: a small dive is rendered, run, and compared with its truth."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +17,7 @@ DEMO_PAIRS = 4
 
 @dataclass(frozen=True)
 class DemoResult:
-    """The run over the rendered dive, in ``out``, and its errors; None if the run was interrupted."""
+    """The run over the rendered dive, in ``out``. truth: its errors, None if the run was interrupted."""
 
     out: Path
     summary: RunSummary

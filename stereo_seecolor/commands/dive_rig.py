@@ -1,4 +1,4 @@
-"""The rig of a dive: read for its images, and refined with pairs spread over it."""
+"""The rig of a dive: its calibration file read for the images of the dive, and refined with pairs of the dive."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -41,9 +41,10 @@ def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
 
 
 def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
-    """The rig, for images as large as the first that can be read (some calibration files do not say).
+    """The rig of a calibration file. Where the file states no image size, it is that of the first image that can be read.
 
-    Raises InputError; CalibrationError, also where the first images are all of another size than the calibration's.
+    A file that can be read in several ways is not settled: the rig keeps its alternatives.
+    Raises InputError; CalibrationError, also where the first images all have another size than the calibration's.
     """
     lefts = _left_images(pairs, images)
     image = next(lefts)
@@ -56,7 +57,10 @@ def load_unsettled(calib: str | Path, pairs: Sequence[Pair], images: InputConfig
 
 
 def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
-    """Raise InputError where one side's folder was given twice: its images were cut in two, and are as calibrated as a whole."""
+    """Raise InputError where one side's folder was given twice.
+
+    Its images were then taken for side-by-side pairs and cut in two, while a whole one has the calibrated size.
+    """
     width, height = half
     if is_half(pair.left) and rig.left.image_size in ((2 * width, height), (width, 2 * height)):
         folder = pair.left.parents[2]
@@ -66,7 +70,7 @@ def _refuse_one_side(pair: Pair, half: tuple[int, int], rig: StereoRig) -> None:
 
 
 def behind_port(rig: StereoRig, images: InputConfig) -> StereoRig:
-    """The rig, calibrated in air, behind the flat port of the settings; as it is where they name none. Raises CalibrationError."""
+    """The rig, calibrated in air, behind the flat port of the settings; unchanged where they have none. Raises CalibrationError."""
     if images.flat_port is None:
         return rig
     if rig.port is not None:
@@ -95,8 +99,9 @@ def _size(image: Image) -> tuple[int, int]:
 
 
 def load_rig_for(calib: str | Path, pairs: Sequence[Pair], images: InputConfig) -> StereoRig:
-    """As load_unsettled; where the file can be read in several ways, the first pairs decide, or pairs spread over the dive where
-    these show too little (a descent, black frames).
+    """``load_unsettled``, and the reading of a file that can be read in several ways settled on pairs of the dive.
+
+    The first pairs decide, or pairs spread over the dive where the first show too little (a descent, black frames).
     """
     rig = load_unsettled(calib, pairs, images)
     try:

@@ -1,4 +1,4 @@
-"""What this machine has for the job, what it lacks, what is lost without, and the command that installs it."""
+"""``doctor``: the libraries and hardware of this machine; for what is missing, its consequence and the command to install it."""
 
 import importlib
 import importlib.metadata
@@ -67,9 +67,9 @@ EXTRAS = (
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing examined.
+    """One part of the installation.
 
-    ok: it is there and can be used. detail: version, or what is wrong. needed: nothing runs without it.
+    ok: it is there and works. detail: version, or the error. needed: True if nothing runs without it.
     without: what cannot be done without it. fix: the command that installs it, "" if there is none.
     """
 
@@ -83,7 +83,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class DoctorReport:
-    """All that was examined."""
+    """All parts that were examined."""
 
     findings: tuple[Finding, ...]
 

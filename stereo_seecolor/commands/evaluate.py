@@ -1,4 +1,4 @@
-"""Compare a finished run with the known truth of the dive it was made from, or its frames with each other."""
+"""``evaluate``: compare a finished run with the known truth of its dive, or its frames with each other."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -20,10 +20,10 @@ GEOMETRY_TOLERANCE = 1e-6
 
 
 def evaluate(out: Path, truth: Path) -> TruthReport:
-    """Errors of the run in ``out`` against ``truth``, beside which the dive's left/ and cam.yaml lie (docs/synthetic.md).
+    """Errors of the run in ``out`` against the folder ``truth``; left/ and cam.yaml of the dive lie beside it (docs/synthetic.md).
 
-    Raises InputError if there is nothing to compare, or ``out`` was made from another dive or another calibration: dives number
-    their images alike, so names do not tell.
+    Raises InputError if there is nothing to compare, or ``out`` was made from another dive or calibration, which names of images
+    do not show.
     """
     run = open_run(out)
     if run.geometry is not None:
@@ -35,10 +35,10 @@ def evaluate(out: Path, truth: Path) -> TruthReport:
 
 
 def evaluate_spread(out: Path, others: Sequence[Path] = ()) -> SpreadReport:
-    """How much the same spots of the reef differ between the frames of the run in ``out``; needs no truth, but the dive's images.
+    """How much the colors of the same spots of the reef differ between the frames of the run in ``out``; needs the dive's images.
 
-    others: folders of the rectified images as other tools corrected them, by the frames' names.
-    Raises InputError where no two frames show the same, the images are gone, or another tool's are missing.
+    others: folders of the rectified images as other tools corrected them, named as the frames.
+    Raises InputError where no two frames show the same spots, or images of the dive or of another tool are missing.
     """
     run = open_run(out)
     results = OtherResults.of(others)
@@ -48,7 +48,7 @@ def evaluate_spread(out: Path, others: Sequence[Path] = ()) -> SpreadReport:
 
 
 class _Compared(Lazy[ComparedFrame]):
-    """The frames of a run before and after correction, read when asked for."""
+    """The frames of a run before and after correction, each read when asked for."""
 
     def __init__(self, run: FinishedRun, others: OtherResults) -> None:
         self._raw, self._frames, self._others = RawImages(run), SurveyFrames(run), others
@@ -65,7 +65,7 @@ class _Compared(Lazy[ComparedFrame]):
 
 
 def _refuse_missing(others: OtherResults, names: Sequence[str]) -> None:
-    """Before the first frame is read: a long dive would be compared in vain."""
+    """Raise InputError where another tool's image is missing, before a long comparison begins."""
     others.refuse_other_names(names)
     for method, missing in others.missing(names).items():
         raise InputError(f"{method}: holds no image called {missing[0]}: give a folder with the rectified image of every frame")

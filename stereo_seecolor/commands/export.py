@@ -1,4 +1,4 @@
-"""``export``: a fused run in the form that another program opens, in a folder of its own."""
+"""``export``: write a fused run in the format of another program, into a new folder."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +12,7 @@ from stereo_seecolor.files.new_folder import new_folder
 
 @dataclass(frozen=True)
 class ExportResult:
-    """What was written. folder: where. files, bytes: how much. frames: of the map that it holds. note: its quality, for
-    the formats that measure it."""
+    """The exported files: their number and size. frames: number of the map's frames. note: quality, for formats that measure it."""
 
     format: str
     folder: Path
@@ -24,7 +23,7 @@ class ExportResult:
 
 
 def export(out: Path, format: str, folder: Path) -> ExportResult:
-    """Write the run in ``out`` in a format of EXPORT_FORMATS into ``folder``, which must be new or empty; all of it or nothing.
+    """Write the run in ``out`` in a format of EXPORT_FORMATS into ``folder``, which must be new or empty; complete or not at all.
 
     Raises InputError for an unknown format, or a run without a map; OutputError if the folder holds anything, or cannot be
     written; DeviceError if a library is missing.

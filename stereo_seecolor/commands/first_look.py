@@ -1,4 +1,4 @@
-"""What the first pairs of a dive say before a run: whether they fit the calibration, and which ranges are not looked for."""
+"""Checks on the first pairs of a dive before a run: whether they fit the calibration, and whether limits of range cut them off."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -15,15 +15,14 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
 
 LOOKED_AT = 4
-"""Pairs over the dive of which the first that shows enough is looked at before a run: a descent may last a quarter of a dive."""
+"""Pairs, spread over the dive, of which the first with enough matches is checked: a descent may last a quarter of a dive."""
 
 
 def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """What the first pair that shows enough says before a run: of rows that disagree by over half a pixel, and of ranges not looked
-    for.
+    """Notes on rows that disagree by over half a pixel, and on features outside the limits of range, from the first usable pair.
 
-    A quick look is enough for most dives. A full one takes longer than matching the pair; two pairs more are looked at only where
-    rows disagree. Raises InputError where no pair can be matched, for a mistake that is named.
+    A quick check is enough for most dives. A full one, with two more pairs, takes longer than matching a pair and is made only
+    where rows disagree. Raises InputError where no pair can be matched and the likely mistake is known.
     """
     looked_at = spread(pairs, LOOKED_AT)
     with suppress(CalibrationError):  # of pairs that are not as large as calibrated: the run names them
@@ -39,7 +38,7 @@ def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
 
 
 def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair], chosen: Sequence[Pair]) -> tuple[str, ...]:
-    """pairs: of the whole dive. chosen: which of them to look at, as many as it takes."""
+    """The full check of rows. pairs: of the whole dive. chosen: pairs to check, the first of them alone if its rows agree."""
     rig, images = pipeline.rig, pipeline.config.input
     check: RowCheck | None = None
     with suppress(CalibrationError):  # too few points to tell

@@ -1,4 +1,4 @@
-"""Machine code for ``run``: compiled before a first run on a machine, by several processes, while a line says so; else loaded."""
+"""Machine code for ``run``: compiled before the first run on a machine, by several processes; in later runs loaded."""
 
 from functools import cache, partial
 from importlib import import_module
@@ -26,11 +26,11 @@ WORKS = (
     "stereo_seecolor.commands.first_run:fit_noise",
     "stereo_seecolor.commands.first_run:correct_noise",
 )
-"""Assigned to the cores in turn: the first and third take as long as the second and fourth."""
+"""Functions that compile the kernels by calling them. Assigned to cores in turn: 1 and 3 take as long as 2 and 4."""
 
 
 def load_beside(config: RunConfig, options: RunOptions) -> None:
-    """Begin to load what a run of these settings needs, while the caller opens its inputs; nothing in a first run."""
+    """Begin to load machine code and modules for a run, in a thread, while the caller opens its inputs; not before a first run."""
     if _runs_here(config, options) and not is_first_run():
         Alongside().put(partial(_load, options.page != "none"))
 
@@ -45,12 +45,12 @@ def _load(page: bool) -> None:
 
 
 def _runs_here(config: RunConfig, options: RunOptions) -> bool:
-    """Workers of a cluster compile and load for themselves."""
+    """Whether this process works on pairs; workers of a cluster compile and load themselves."""
     return config.matching.engine == "sgm" and isinstance(options.compute, Threads) and cores() > 1
 
 
 def compile_for(config: RunConfig, options: RunOptions) -> None:
-    """Compile for a run of these settings, unless that was done."""
+    """Compile for a run with these settings, unless this machine has the machine code."""
     if not _runs_here(config, options) or not is_first_run():
         return
     options.listener.begin(STAGE, len(WORKS))
@@ -60,7 +60,7 @@ def compile_for(config: RunConfig, options: RunOptions) -> None:
 
 
 def fit_noise() -> None:
-    """Decoding, counting, fitting, how bright a frame becomes, the cloud, and the page's ranges."""
+    """Compile the kernels of decoding, counting, fitting, exposure, the cloud, and the page's ranges."""
     from stereo_seecolor.report.range_code import CodedRanges
 
     image, range_m = _noise()
@@ -74,7 +74,7 @@ def fit_noise() -> None:
 
 
 def correct_noise() -> None:
-    """Correcting, and placing frames for the dive's light."""
+    """Compile the kernels that correct a frame and that place frames for the dive's light."""
     from stereo_seecolor.mapping.track.image_space import Observed
     from stereo_seecolor.mapping.track.relative_pose import fit_pose
 
@@ -86,7 +86,7 @@ def correct_noise() -> None:
 
 
 def _noise() -> tuple[np.ndarray, np.ndarray]:
-    """Darker and bluer with range."""
+    """A random image (96, 128, 3) uint8 that gets darker and bluer with range, and its ranges (96, 128) float32, meters."""
     range_m = np.linspace(0.5, 4, 96 * 128, dtype=np.float32).reshape(96, 128)
     seen = np.exp(-range_m[..., None] * np.array([0.6, 0.2, 0.1])) * np.random.default_rng(0).uniform(60, 220, (96, 128, 3))
     return (seen + 20 * (1 - np.exp(-range_m[..., None]))).astype(np.uint8), range_m

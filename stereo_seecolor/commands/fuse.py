@@ -1,4 +1,4 @@
-"""``fuse``: a finished run's frames into one map of the dive."""
+"""``fuse``: fuse the frames of a finished run into one map."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def check_fusion(poses: Path | None, config: RunConfig) -> None:
-    """Look at all that fusion needs before the first frame: the libraries and the trajectory.
+    """Check libraries and trajectory before the first frame is measured.
 
     Raises DeviceError if a library cannot be loaded, with the command that fixes it; InputError for a bad trajectory.
     """
@@ -74,7 +74,7 @@ def fuse(
 
 
 def _steps(frames: SurveyFrames, out: Path) -> NDArray[np.void] | None:
-    """How neighboring frames lie to each other, as far as the run found out."""
+    """(S,) STEP: relative poses of neighboring frames that the run found; None where it kept none."""
     kept = KeptSteps.load(out)
     if kept is None:
         return None
@@ -83,7 +83,7 @@ def _steps(frames: SurveyFrames, out: Path) -> NDArray[np.void] | None:
 
 @contextmanager
 def _building(folder: RunFolder) -> Iterator[Path]:
-    """As ``building_map``; the first look at the map goes when the map is there, or will not be."""
+    """``building_map``, after which the first look at the map is removed, also after an error."""
     try:
         with building_map(folder, folder.dive.digest("corrected")) as building:
             yield building
@@ -97,7 +97,7 @@ def _show(folder: RunFolder, progress: Callable[[str, int, int], None], picture:
 
 
 def _stages_of(listener: Listener) -> Callable[[str, int, int], None]:
-    """A listener to passes over pairs, listening to the stages of a map."""
+    """A function that reports the stages of a map (stage, done, total) to a listener."""
     current = ""
 
     def progress(what: str, done: int, total: int) -> None:

@@ -1,28 +1,21 @@
-"""Look at what came off the boat, say what it is, and which ``run`` command fits it. Nothing is written."""
+"""``inspect``: identify the files of a dive, name problems, and give the ``run`` command that fits. Nothing is written."""
 
 import shlex
 from collections.abc import Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from calibration import CalibrationError, Rectification, StereoRig
-from calibration.checks import RowCheck, suspicions, vertical_disparity
-from calibration.formats.kitti import for_channels
-from calibration.mistakes import Mistake, likely_mistake, may_be_mistaken
+from calibration import CalibrationError
 from calibration.port import FLAT_PORT
-from calibration.quick_look import quick_look
-from calibration.readings import settle_reading
 from calibration.resizing import wrong_size
-from stereo_seecolor.commands.check import RigFacts, rig_facts
-from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, spread
-from stereo_seecolor.commands.inspect_dive import Measured, Misfit, alike, measure, misfits
+from stereo_seecolor.commands.dive_rig import spread
+from stereo_seecolor.commands.inspect_calibration import NOTHING_TESTED, CalibrationFacts, Tested, tested_calibration
+from stereo_seecolor.commands.inspect_dive import Measured, Misfit, alike
 from stereo_seecolor.commands.inspect_images import problems_of_images
 from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
-from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
 from stereo_seecolor.commands.stereo_inputs import settle_storage
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import InputError
@@ -35,7 +28,6 @@ from stereo_seecolor.inputs.sides import Sides, find_sides
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.inputs.video_streams import gray
-from stereo_seecolor.records import Image, is_monochrome
 
 SAMPLE_PAIRS = 6
 """Pairs, spread over the dive, that are examined."""
@@ -45,29 +37,15 @@ FLOAT_BITS = 32
 
 
 @dataclass(frozen=True)
-class CalibrationFacts:
-    """A calibration that was found, tested on the dive. vertical: the right camera is above or below the left one.
-
-    rows: vertical disparity on sample pairs, None where too few points were found in both images.
-    """
-
-    path: Path
-    format: str
-    rig: RigFacts
-    vertical: bool
-    rows: RowCheck | None
-    suspicions: tuple[str, ...]
-
-
-@dataclass(frozen=True)
 class Inspection:
-    """What came off the boat.
+    """The files of a dive, and what sample pairs of it show.
 
-    files: image files of both sides, or frames of the videos. pairs, unpaired: of images (0 for videos, which run pairs).
-    interval_s: median time between pairs, None where names hold none. exposure_recorded: EXIF holds exposure or gain.
+    sides: folders or videos of both sides. left, right: facts of the first images, None for videos. pairs, unpaired: numbers of
+    pairs and of images without a partner; 0 for videos, which ``run`` pairs.
+    interval_s: median time between pairs, None where names hold no time. exposure_recorded: EXIF holds exposure or gain.
     calibrations: all that were found; calibration: the one that was tested. poses: all trajectories.
-    misfits: sample pairs that do not show one scene.
-    problems: what stands in the way, or should be examined first. run_command: the line that runs it.
+    misfits: sample pairs that do not show one scene. problems: lines on what prevents a run or should be examined before.
+    run_command: the command line that fits.
     """
 
     sides: Sides
@@ -87,9 +65,9 @@ class Inspection:
 
 
 def inspect(places: Sequence[Path]) -> Inspection:
-    """Look at folders and files: images or videos of both sides, and a calibration, anywhere in them.
+    """Examine files and folders, with all folders below them, for images or videos of both sides, calibrations and trajectories.
 
-    Raises InputError for a place that is missing, where no two sides are found, or none of their images can be read.
+    Raises InputError for a place that does not exist, where no two sides are found, or where none of their images can be read.
     """
     for place in places:
         if not place.exists():
@@ -110,7 +88,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     tested = NOTHING_TESTED
     if found:
         _refuse_wrong_sizes(found[0], left, right)
-        tested = _tested(found[0], pairing, sample, config)
+        tested = tested_calibration(found[0], pairing, sample, config)
     problems = (
         *problems_of_images(sides, pairing, _doubtful(sides, tested)),
         *notes,
@@ -137,36 +115,8 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     )
 
 
-@dataclass(frozen=True)
-class Tested:
-    """A calibration compared with sample pairs. fitting: at least one of them shows one scene. limits: ranges to be set.
-
-    mistake: explains why pairs do not fit the calibration.
-    """
-
-    facts: CalibrationFacts | None = None
-    misfits: tuple[Misfit, ...] = ()
-    measured: Measured | None = None
-    fitting: bool = True
-    limits: tuple[RangeLimits, ...] = ()
-    mistake: Mistake | None = None
-
-    @property
-    def rows(self) -> RowCheck | None:
-        """Vertical disparity on sample pairs, None where too few points were found in both images."""
-        return self.facts.rows if self.facts else None
-
-    @property
-    def exchanged(self) -> bool:
-        """True if left and right are to be exchanged."""
-        return self.mistake.exchanged if self.mistake else bool(self.rows and self.rows.swapped)
-
-
-NOTHING_TESTED = Tested()
-
-
 def _refuse_range_maps(sides: Sides, left: ImageFacts, right: ImageFacts) -> None:
-    """Images with a range map each are no stereo pairs, and another command is for them."""
+    """Raise InputError where one side or both hold floating-point images, which are range maps or cannot be read."""
     maps, images = (sides.left, sides.right) if left.bits == FLOAT_BITS else (sides.right, sides.left)
     if left.bits == right.bits == FLOAT_BITS:
         raise InputError(
@@ -185,14 +135,14 @@ def _refuse_wrong_sizes(found: FoundCalibration, left: ImageFacts, right: ImageF
 
 
 def _doubtful(sides: Sides, tested: Tested) -> bool:
-    """Whether the sides may be none: no name says so, and their sample pairs have too little in common."""
+    """Whether the two folders may not be two sides: no name says so, and their sample pairs have too few points in common."""
     return sides.guessed and tested.facts is not None and tested.rows is None and tested.mistake is None
 
 
 def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested = NOTHING_TESTED) -> str:
-    """The ``run`` command for what was found, quoted for a shell; LEFT, RIGHT, CALIBRATION stand for what was not found.
+    """The ``run`` command for the files found, quoted for a shell; LEFT, RIGHT, CALIBRATION stand for missing ones.
 
-    Exchanges sides that are swapped, refines a rig of which a camera has moved, sets limits of range.
+    It exchanges sides that are swapped, refines a rig of which a camera has moved, and sets limits of range.
     """
     calib, rows = str(found[0].path) if found else "CALIBRATION", tested.rows
     first, second = (sides.right, sides.left) if tested.exchanged else (sides.left, sides.right)
@@ -209,52 +159,26 @@ def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested
     return shlex.join(words)
 
 
-def _settled_rig(rig: StereoRig, sample: Sequence[Pair], config: RunConfig) -> StereoRig:
-    images = _images(sample, config)
-    rig = for_channels(rig, is_monochrome(images[0][0]))
-    with suppress(CalibrationError):  # too few points to tell: said of the rows
-        return settle_reading(rig, images)
-    return rig
-
-
-def _tested(found: FoundCalibration, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> Tested:
-    rig = _settled_rig(found.rig, sample[:DECIDING_PAIRS], config)
-    wrong = misfits(rig, pairing, sample, config)
-    fitting = [pair for pair in sample if pair.name not in {misfit.pair for misfit in wrong}]
-    rows: RowCheck | None = None
-    images = _images(fitting, config)
-    with suppress(CalibrationError):
-        rows = vertical_disparity(rig, images)
-    mistake = likely_mistake(rig, images[:DECIDING_PAIRS]) if rows is None or may_be_mistaken(rows) else None
-    rows = replace(rows, mistake=mistake.line) if rows and mistake else rows
-    limits = _range_limits(rig, images, config)
-    config = config.model_copy(
-        update={"matching": config.matching.model_copy(update={limit.key: limit.fits_m for limit in limits})}
-    )
-    x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
-    facts = CalibrationFacts(found.path, found.format, rig_facts(rig), bool(abs(y_m) > abs(x_m)), rows, suspicions(rig))
-    useless = not fitting or mistake is not None or (rows is not None and rows.swapped)
-    measured = None if useless else measure(rig, fitting, len(pairing.pairs), config)
-    return Tested(facts, wrong, measured, bool(fitting), () if useless else limits, mistake)
-
-
-def _range_limits(rig: StereoRig, images: list[tuple[Image, Image]], config: RunConfig) -> tuple[RangeLimits, ...]:
-    rectification = Rectification.from_rig(rig)
-    ranges_m = [quick_look(rectification, both).range_m for both in images]
-    return range_limits(np.concatenate([np.zeros(0), *ranges_m]), config.matching)
-
-
-def _images(sample: Sequence[Pair], config: RunConfig) -> list[tuple[Image, Image]]:
-    frames = map(FrameReader(config.input).read, sample)
-    return [(frame.left, frame.right) for frame in frames]
-
-
 def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     size = _video_size(sides)
     found = find_calibration(places, size)
-    paths, command = tuple(one.path for one in found), command_line(sides, found)
-    problems = (*_missing_calibration(places, found, size), *_problems_of_calibration(found, NOTHING_TESTED))
-    return Inspection(sides, None, None, 0, 0, None, False, paths, None, find_poses(places, (), paths), None, (), problems, command)
+    paths = tuple(one.path for one in found)
+    return Inspection(
+        sides=sides,
+        left=None,
+        right=None,
+        pairs=0,
+        unpaired=0,
+        interval_s=None,
+        exposure_recorded=False,
+        calibrations=paths,
+        calibration=None,
+        poses=find_poses(places, (), paths),
+        measured=None,
+        misfits=(),
+        problems=(*_missing_calibration(places, found, size), *_problems_of_calibration(found, NOTHING_TESTED)),
+        run_command=command_line(sides, found),
+    )
 
 
 def _video_size(sides: Sides) -> tuple[int, int]:
@@ -274,7 +198,7 @@ def _exposure_recorded(pair: Pair, config: RunConfig) -> bool:
 
 
 def _missing_calibration(places: Sequence[Path], found: Sequence[FoundCalibration], size: tuple[int, int]) -> tuple[str, ...]:
-    """What to do where none was found: mend those that were refused, or make one."""
+    """Where no calibration was found: why files that look like one were refused, or how to make one."""
     if found:
         return ()
     refused = refused_calibrations(places, size)

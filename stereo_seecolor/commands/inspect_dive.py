@@ -1,4 +1,4 @@
-"""What sample pairs of a dive tell of the whole: whether they are pairs, how far the bottom is, light, disk space and time."""
+"""Sample pairs of a dive, measured: whether they show one scene, distance of the bottom, light, disk space and time of a run."""
 
 import time
 from collections import Counter
@@ -28,12 +28,12 @@ PASSES_THAT_READ = 2
 """A run reads every pair once to measure and once to correct."""
 
 PAGE_BYTES, PAGE_FRAMES, PAGE_FRACTION = 1_100_000, 30, 0.1
-"""The page's scripts; the frames it makes pictures of, and their size as a fraction of a frame's files (the sample dive's)."""
+"""Size of the page's scripts; frames it has pictures of; their size as a fraction of a frame's files (of the sample dive)."""
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """A pair whose images do not show one scene; fits: the pair whose right image its left one fits, None if none near."""
+    """A pair whose images do not show one scene. fits: the pair nearby whose right image fits this left one, None if none does."""
 
     pair: str
     fits: str | None
@@ -41,10 +41,10 @@ class Misfit:
 
 @dataclass(frozen=True)
 class Measured:
-    """From sample pairs. coverage: fraction of pixels with a range. ground_resolution_m: a pixel's size at the median range.
+    """Measures of sample pairs. coverage: fraction of pixels with a range. ground_resolution_m: a pixel's size at the median range.
 
-    center_to_corner: mean brightness of the middle over that of the corners (linear light). strobes: it is as with lamps.
-    disk_bytes, seconds: of the whole dive, with the default settings on this machine.
+    center_to_corner: mean brightness of the middle over that of the corners (linear light). strobes: center_to_corner is that of
+    lamps. disk_bytes, seconds: estimated for a run of the whole dive with the default settings on this machine.
     """
 
     coverage: float
@@ -57,7 +57,10 @@ class Measured:
 
 
 def alike(sample: Sequence[Pair], config: RunConfig) -> tuple[Sequence[Pair], tuple[str, ...]]:
-    """The sample pairs whose images can be read and have the sizes of most, and a line for each other one; all where none is so."""
+    """The sample pairs whose images can be read and have the most frequent sizes, and a line on each other one.
+
+    All of them, without lines, where none can be read.
+    """
     reader, notes = FrameReader(config.input), []
     sizes: dict[Pair, tuple[tuple[int, ...], ...]] = {}
     for pair in sample:
@@ -83,9 +86,10 @@ def _unlike(size: tuple[int, ...], other: tuple[int, ...]) -> str:
 
 
 def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: RunConfig) -> tuple[Misfit, ...]:
-    """The sample pairs whose two images do not show one scene; none if that is all and no neighbor fits: then the rig is wrong.
+    """The sample pairs whose two images do not show one scene.
 
-    Pairs without texture (open water, even sand) say nothing of it and are left out.
+    Empty where no pair shows one and no neighbor fits: then the rig is wrong. Pairs without texture (open water, even sand) are
+    left out.
     """
     rectification, reader = Rectification.from_rig(rig), FrameReader(config.input)
     found, fitting = [], 0
@@ -124,7 +128,7 @@ def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfi
 
 
 def _processed(pipeline: Pipeline, reader: FrameReader, pair: Pair) -> tuple[FrameResult, float] | None:
-    """A pair through all stages, and the seconds that a run spends on it; None if it fails."""
+    """The result of a pair through all stages, and the seconds that a run spends on it; None if it fails."""
     start = time.perf_counter()
     frame = reader.read(pair)
     read_s = time.perf_counter() - start

@@ -1,4 +1,4 @@
-"""What ``inspect`` has to say of how files became pairs."""
+"""Problems of how files became pairs, as ``inspect`` names them."""
 
 import shlex
 
@@ -8,9 +8,9 @@ from stereo_seecolor.inputs.sides import Sides
 
 
 def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[str, ...]:
-    """One line for each problem: notes of the pairing, sides that no name shows, files without a partner, folders left out.
+    """One line for each problem: notes of the pairing, sides that no name tells, files without a partner, folders left out.
 
-    doubtful: the sample pairs do not show either which side is left.
+    doubtful: sample pairs do not tell either which side is left.
     """
     problems = list(pairing.notes)
     if doubtful:
@@ -32,7 +32,7 @@ def problems_of_images(sides: Sides, pairing: Pairing, doubtful: bool) -> tuple[
 
 
 def _together(sides: Sides) -> str:
-    """How to run folders of the same names as one dive."""
+    """The options that run folders of the same names as one dive; "" where none do."""
     if not (patterns := sides.together):
         return ""
     return "; all of them as one dive: " + shlex.join(["--left", str(patterns[0]), "--right", str(patterns[1])])

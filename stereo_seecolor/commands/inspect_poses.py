@@ -21,7 +21,7 @@ LARGEST_BYTES = 100_000_000
 
 @dataclass(frozen=True)
 class FoundPoses:
-    """A trajectory. poses: finite ones. pairs: of the dive, that one of them is for; by: "name", "time" or "order"."""
+    """A trajectory. poses: number of finite ones. pairs: number of pairs that have one of them; by: "name", "time" or "order"."""
 
     path: Path
     format: str
@@ -31,7 +31,7 @@ class FoundPoses:
 
 
 def find_poses(places: Sequence[Path], pairs: Sequence[Pair], others: Collection[Path]) -> tuple[FoundPoses, ...]:
-    """All trajectories in the places, in the order of their paths. others: files that are known to be something else."""
+    """All trajectories in the places, ordered by path. others: files that are known to be something else."""
     found = []
     for path in sorted(candidates(places, EXTENSIONS, LARGEST_BYTES) - set(others)):
         with suppress(InputError):

@@ -19,7 +19,7 @@ LARGEST_BYTES = 20_000_000
 
 @dataclass(frozen=True, eq=False)
 class FoundCalibration:
-    """A file, or a folder with the files of a rig."""
+    """A rig and where it was read: a file, or a folder with the files of a rig."""
 
     path: Path
     format: str
@@ -27,7 +27,7 @@ class FoundCalibration:
 
 
 def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[FoundCalibration, ...]:
-    """All calibrations in the places, for images of ``size`` (width, height): those of that size first, then in natural order."""
+    """All calibrations in the places. Those for images of ``size`` (width, height) come first, each group in natural order."""
     paths = _all_candidates(places)
     found = [one for path in paths if (one := _try_load(path, size))]
     folders = sorted({path.parent for path in paths} - {one.path.parent for one in found})
@@ -39,7 +39,7 @@ def find_calibration(places: Sequence[Path], size: tuple[int, int]) -> tuple[Fou
 
 
 def refused_calibrations(places: Sequence[Path], size: tuple[int, int]) -> tuple[str, ...]:
-    """Why files that are calibrations by their content cannot be used, a line each."""
+    """A line for each file that is a calibration by its content but cannot be used, with the reason."""
     refused = []
     for path in _all_candidates(places):
         with suppress(CalibrationError):
@@ -56,7 +56,7 @@ def _all_candidates(places: Sequence[Path]) -> list[Path]:
 
 
 def candidates(places: Sequence[Path], extensions: Collection[str], largest_bytes: int) -> set[Path]:
-    """The places that are files, and in those that are folders, up to DEEPEST folders deep, the files of these extensions."""
+    """Files that may be of a kind: places that are files, and files of these extensions up to DEEPEST folders below the others."""
     return {path for place in places for path in _in_place(place, extensions, largest_bytes)}
 
 

@@ -1,4 +1,4 @@
-"""``measure --lengths``: lengths in frames as a table like EventMeasure's (SeaGIS), for the scripts that read those."""
+"""``measure --lengths``: lengths in frames as a table like EventMeasure's (SeaGIS), for scripts that read such tables."""
 
 from pathlib import Path
 
@@ -15,17 +15,16 @@ NUMBERS = (
     *("Length (mm)", "Precision (mm)", "RMS (mm)", "Range (mm)", "Direction (deg)", "Horz. Dir. (deg)", "Vert. Dir. (deg)"),
     *("Mid X (mm)", "Mid Y (mm)", "Mid Z (mm)"),
 )
-"""Empty where they are not known. Precision is one standard error. Range: from the rectified left camera to the middle.
-
-Direction: of the middle from the optical axis, and its parts, to the right and down. Mid: x right, y down, z forward. RMS stays
-empty: range maps have no residual of two rays.
+"""Columns of numbers, empty where unknown. Precision is one standard error. Range: from the rectified left camera to the middle of
+the length. Direction: angle of the middle from the optical axis, and its components to the right and down. Mid: x right, y down,
+z forward. RMS is always empty: range maps have no residual of two rays.
 """
 
 
 def length_table(out: Path, points: Path) -> str:
     """Tab-separated text with a row for each length in a frame; points, areas and lengths on the map are left out.
 
-    Labels of three words are family, genus and species, of two genus and species, others go into the comment.
+    A label of three words is family, genus and species, one of two words genus and species; any other is a comment.
     Raises InputError as ``measure``.
     """
     run, rows = open_run(out), ["\t".join((*ABOUT, *NUMBERS))]

@@ -1,4 +1,4 @@
-"""``live``: pairs are corrected as they arrive."""
+"""``live``: correct pairs as they arrive."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -24,9 +24,11 @@ from stereo_seecolor.pipeline import Pipeline
 
 @dataclass(frozen=True)
 class LiveResult:
-    """What happened. dropped: left images passed over for newer ones. reduced: what was done less of the last pair, "" nothing.
+    """Numbers of a live session. done, failed: pairs. dropped: left images skipped for newer ones. reduced: what was left out of
+    the last pair to save time, "" for nothing.
 
-    Seconds from arrival to the corrected image (latency), and until all products of the pair are out; None before the first pair.
+    latency: seconds from arrival of a pair to its corrected image. products: until all its products are written. Both None before
+    the first pair.
     """
 
     done: int
@@ -42,12 +44,12 @@ class LiveResult:
 
 @dataclass(frozen=True)
 class LiveOptions:
-    """What is made of the pairs, and how much a pair may cost.
+    """The outputs of a live session, and its limits.
 
-    out: a new or empty folder that products of every ``every``th pair are kept in, None for none. record: a new MCAP file of all
-    pairs. publish: the namespace that ROS 2 topics of all pairs are published in, "" for none. port, host: of the page, None for
-    none; 0 is any port. budget_s: what a pair may take; more is matched at half the size. cpus: processors that are used, None for
-    all. pairs: end after this number, None to go on until Ctrl-C. announce: called with the page's address.
+    out: a new or empty folder for the products of every ``every``th pair, None for none. record: a new MCAP file of all pairs.
+    publish: the namespace for ROS 2 topics of all pairs, "" for none. port, host: of the page; port None for no page, 0 for any
+    free port. budget_s: seconds that a pair may take; slower pairs are matched at half the size. cpus: number of processors to
+    use, None for all. pairs: end after this number, None to go on until Ctrl-C. announce: called with the page's address.
     """
 
     out: Path | None = None
@@ -64,10 +66,10 @@ class LiveOptions:
 
 @dataclass(frozen=True)
 class LiveInputs:
-    """Two sides, or a bag that is played at its own rate; calib: as for load_rig, "" for the bag's own camera_info.
+    """The source of pairs: two sides, or a bag that is played at its own rate. calib: as for load_rig, "" for its camera_info.
 
-    left, right: folders that fill; or capture devices and network addresses (``0``, ``rtsp://...``), the same twice where a camera
-    shows both sides; or ROS 2 topics (``ros2:/stereo/left/image_raw``).
+    left, right: folders that receive images; or capture devices and network addresses (``0``, ``rtsp://...``), the same twice for
+    a camera that shows both sides; or ROS 2 topics (``ros2:/stereo/left/image_raw``).
     """
 
     left: str | Path = ""
@@ -77,7 +79,7 @@ class LiveInputs:
     calib: str | Path = ""
 
     def open(self, config: RunConfig, stack: ExitStack) -> tuple[Source, Pipeline]:
-        """What runs until ``stack`` ends. Raises CalibrationError for the rig; InputError, DeviceError for what cannot be read."""
+        """Open the source, until ``stack`` closes, and the pipeline. Raises CalibrationError, InputError, DeviceError."""
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)
             return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
@@ -86,9 +88,9 @@ class LiveInputs:
 
 
 def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptions | None = None) -> LiveResult:
-    """Correct the newest pair that has arrived, again and again, with the water of the last frames.
+    """Correct the newest pair that has arrived, repeatedly, with the water of the last frames.
 
-    A pair that fails is counted; a source that is not there is waited for.
+    A pair that fails is counted. A source that is not available yet is waited for.
     Raises CalibrationError for the rig; OutputError if ``out`` or ``record`` is there already or cannot be written, or the port is
     taken; InputError and DeviceError for a bag, and for cameras and topics that cannot be read here.
     """
@@ -113,7 +115,7 @@ def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptio
 
 
 def _made(pipeline: Pipeline, options: LiveOptions, counts: LiveCounts, stack: ExitStack) -> list[Callable[[LiveFrame], None]]:
-    """What is made of each pair, in the order in which it is waited for."""
+    """Functions that make the outputs of a pair, in the order in which they are called."""
     made: list[Callable[[LiveFrame], None]] = []
     assert pipeline.geometry is not None
     if options.out is not None:

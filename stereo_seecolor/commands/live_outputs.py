@@ -1,4 +1,4 @@
-"""What ``live`` makes of corrected pairs: files in a folder, a recording, and topics of ROS 2."""
+"""The outputs of ``live``: files in a folder, a recording, and ROS 2 topics."""
 
 from collections.abc import Callable
 from itertools import count
@@ -18,11 +18,11 @@ from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.run_folder.products import correction_files, range_files
 
 FIRST = ("range", "clouds")
-"""Products that are waited for; the others are written after them."""
+"""Products that are written before the others."""
 
 
 class KeptFiles:
-    """The products of every ``every``th pair in ``folder``. Raises OutputError if it holds anything."""
+    """Writes the products of every ``every``th pair into ``folder``. Raises OutputError if the folder is not empty."""
 
     def __init__(self, folder: Path, every: int, pipeline: Pipeline) -> None:
         if folder.exists() and any(folder.iterdir()):
@@ -46,7 +46,10 @@ class KeptFiles:
 
 
 def published(namespace: str, geometry: RectifiedPair) -> Callable[[LiveFrame], None]:
-    """Sends all pairs as ROS 2 topics, named as those of a recording, in ``namespace`` instead of /stereo. Raises DeviceError."""
+    """A function that publishes a pair as ROS 2 topics, named as those of a recording, with ``namespace`` instead of /stereo.
+
+    Raises DeviceError where ROS 2 topics cannot be published here.
+    """
     node, numbers, prefix = Node(), count(), "/" + namespace.strip("/")
 
     def send(frame: LiveFrame) -> None:
@@ -58,13 +61,13 @@ def published(namespace: str, geometry: RectifiedPair) -> Callable[[LiveFrame], 
 
 
 def recorder(file: McapRecording) -> Callable[[LiveFrame], None]:
-    """Adds all pairs to a recording; corrected images as JPEG. Raises OutputError when called."""
+    """A function that adds a pair to a recording, its corrected image as JPEG; it raises OutputError."""
     numbers = count()
     return lambda frame: file.add(recorded_live(frame, next(numbers)))
 
 
 def recorded_live(frame: LiveFrame, number: int) -> RecordedPair:
-    """A pair as it is recorded and published. number: of the pair, for a stamp where it has no time."""
+    """A pair for a recording or topics. number: of the pair; its stamp is made from it where the pair has no time."""
     color = eight_bit(frame.result.correction.image)
     stamp_ns = stamp_of(frame.pair.name, frame.pair.timestamp_s, number)
     return RecordedPair(stamp_ns, (bytes(encode_image(color, "jpg")), ".jpg"), color, frame.result.range_map.measured_m)

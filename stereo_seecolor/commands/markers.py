@@ -23,7 +23,7 @@ from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
 @dataclass(frozen=True)
 class Known:
-    """What is known of the markers. edge_m: of the black border of each. bars, points: CSV files; see docs/markers.md."""
+    """Known lengths and places of markers. edge_m: edge of the black border of each. bars, points: CSV files (docs/markers.md)."""
 
     edge_m: float | None = None
     family: str = "36h11"
@@ -33,7 +33,11 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class FoundMarkers:
-    """markers: those seen in two frames or more. size: of all edges, bars: by their ends, control: of the surveyed places."""
+    """Markers found in a map. frames: number of frames of the map. markers: those seen in two frames or more.
+
+    size: known against measured edge, of all markers. bars: the same of each scale bar, by its ends. control: fit to the surveyed
+    places. None where nothing is known.
+    """
 
     frames: int
     markers: tuple[PlacedMarker, ...]

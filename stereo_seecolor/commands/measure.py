@@ -33,14 +33,16 @@ LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
 COLUMNS = ("measure", "frame", "kind", "label")
 FRAME_COLUMNS, MAP_COLUMNS = ("x_px", "y_px"), ("x_m", "y_m")
 CLICK_CELLS = 0.25
-"""How well a spot of the map was hit where the table does not say: half a pixel of the mosaic, whose cells are half as large."""
+"""Standard error of a click on the map where the table has none, in terrain cells: half a pixel of the mosaic, which is half a
+cell."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """What to measure: places (x, y) in pixels of the rectified left image of a frame; spots on the map where frame is "".
+    """One thing to measure, from a table of places.
 
-    spots: (x_m, y_m, z_m, click_m) in the map's world, NaN for a height or a standard error of the click that is not given.
+    measure: its name in the table. frame: "" for the map. places: (x, y) in pixels of the frame's rectified left image.
+    spots: (x_m, y_m, z_m, click_m) on the map: position and standard error of the click; height and click NaN where not given.
     """
 
     measure: str
@@ -53,11 +55,11 @@ class Wanted:
 
 @dataclass(frozen=True)
 class Measurement:
-    """What was measured; None where the surface is not known at one of the places.
+    """A measurement with standard errors; None where the surface is not known at one of the places.
 
-    value, std: range, straight length or planar area, with its standard error, meters or square meters. surface, surface_std: the
-    length or area along the surface, None for a point, and where the map does not show it from above. x_m, y_m, z_m: of a point,
-    rectified left camera; of the map, where frame is "", and there the value of a point is its height.
+    value, std: straight length, planar area, or of a point its range (on the map its height); meters or square meters.
+    surface, surface_std: length or area along the surface; None for a point, and where the map does not show it from above.
+    x_m, y_m, z_m: of a point, in the axes of the rectified left camera; on the map, in the map's.
     """
 
     measure: str
@@ -123,7 +125,7 @@ def ground_of(run: FinishedRun) -> Ground:
 
 
 def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measurement:
-    """Measure one thing on the map. calibration: standard error of a length by it, relative."""
+    """Measure one thing on the map. calibration: relative standard error of a length by the calibration."""
     found = [
         ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m)
         for x_m, y_m, z_m, click_m in wanted.spots
@@ -149,7 +151,7 @@ def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> Measured | 
 
 
 def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measurement:
-    """Measure one thing on a surface. calibration: standard error of a length by it, relative."""
+    """Measure one thing in a frame. calibration: relative standard error of a length by the calibration."""
     found = [surface.pick(x_px, y_px) for x_px, y_px in wanted.places]
     picks = [pick for pick in found if pick is not None]
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
@@ -168,7 +170,7 @@ def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measuremen
 
 
 def read_wanted(path: Path) -> list[Wanted]:
-    """The table of places. Raises InputError, naming the line, if it cannot be used."""
+    """Read a table of places, a CSV; rows with the same measure are one. Raises InputError, naming the line, if it is bad."""
     names = csv_table.header(path)
     places = FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
     found: dict[str, Wanted] = {}

@@ -1,4 +1,4 @@
-"""``metrics``: what ecologists publish of a fused run, with standard errors."""
+"""``metrics``: reef structure of a fused run as ecologists publish it, with standard errors."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +16,7 @@ from stereo_seecolor.site.terrain_errors import terrain_errors
 
 
 def metrics(out: Path, polygons: Path | None = None, folder: Path | None = None) -> SiteMetrics:
-    """Structure at several scales of the map in ``out``, and what each outline of ``polygons`` holds.
+    """Measure structure at several scales of the map in ``out``, and size and structure of each outline of ``polygons``.
 
     polygons: GeoJSON, or a project of TagLab. folder: new or empty, for the tables; None writes none.
     Raises InputError for a run without a map, or a polygon file that cannot be used; OutputError.

@@ -18,7 +18,9 @@ def check_mcap(file: Path, overwrite: bool) -> None:
 
 
 def write_mcap(out: Path, file: Path) -> int:
-    """Record the frames of the run in ``out``, those of its map with their poses; how many. The file appears when it is complete.
+    """Record the frames of the run in ``out``, with poses for those in its map. Returns their number.
+
+    The file appears when it is complete.
 
     Raises InputError if the run holds no frame or knows no camera, OutputError if the file cannot be written, DeviceError if a
     library is missing.

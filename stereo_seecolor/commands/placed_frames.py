@@ -1,4 +1,4 @@
-"""What a map tells of the frames it was made from: how far their given poses are off, and where on Earth they were taken."""
+"""Writes what a map shows of its frames into their files: residuals of given poses, and positions on Earth."""
 
 import numpy as np
 from PIL import ExifTags, Image
@@ -14,9 +14,9 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.reports import renew_frames_table
 
 PICTURES = ("corrected", "original/corrected")
-"""Products that hold the place where they were taken."""
+"""Products with an EXIF position."""
 SECOND = 100_000
-"""Parts of a second of latitude: 0.3 mm."""
+"""Steps of an EXIF position in a second of arc: 0.3 mm of latitude each."""
 BELOW_SEA_LEVEL = b"\x01"
 
 
@@ -39,7 +39,7 @@ def describe_frames(folder: RunFolder) -> None:
 
 
 def located(content: bytes, gps: dict[int, object]) -> bytes:
-    """A picture's file with these GPS tags instead of its own."""
+    """The content of an image file with these GPS tags in place of its own."""
     exif, block = Image.Exif(), exif_block(content)
     if block:
         exif.load(EXIF_PREFIX + block)

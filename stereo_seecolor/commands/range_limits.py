@@ -1,4 +1,4 @@
-"""Whether the settings look for ranges where a dive has its points: reefs lie within 20 m, streets and cliffs do not."""
+"""Checks the limits of range in the settings on features of a dive: reefs lie within 20 m, streets and cliffs do not."""
 
 from dataclasses import dataclass
 
@@ -12,9 +12,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RangeConstants:
-    """lost: fraction of the features outside the limits from which on it is said; of reefs, 0 to 0.01 are mismatches.
+    """Constants of the check.
 
-    ends: percentiles of the ranges that are taken for the nearest and the farthest point, without mismatches. margin: beyond them.
+    lost: fraction of features outside a limit above which the limit is reported; on reefs 0 to 0.01 are, by mismatches.
+    ends: percentiles of range taken for the nearest and the farthest point, which leave out mismatches.
+    margin: factor between these and the proposed limits.
     """
 
     lost: float = 0.05
@@ -27,9 +29,9 @@ CONSTANTS = RangeConstants()
 
 @dataclass(frozen=True)
 class RangeLimits:
-    """A limit of matching that points of a dive lie outside of. key: its name there. now_m: its value; fits_m: one that takes them.
+    """A limit of range that cuts off features of a dive. key: its setting in ``matching``. now_m: its value. fits_m: one that fits.
 
-    lost: fraction of the points that lie outside.
+    lost: fraction of the features outside it.
     """
 
     key: str
@@ -39,19 +41,19 @@ class RangeLimits:
 
     @property
     def option(self) -> str:
-        """As --set takes it."""
+        """The proposed setting, as --set takes it."""
         return f"matching.{self.key}={self.fits_m:g}"
 
     @property
     def note(self) -> str:
-        """What is lost, and what to do."""
+        """A line on what is lost, and what to do."""
         side = "beyond" if self.fits_m > self.now_m else "nearer than"
         limit = f"matching.{self.key} ({self.now_m:g} m)"
         return f"{self.lost:.0%} of the features lie {side} {limit} and get no range: --set {self.option}"
 
 
 def range_limits(range_m: Array, config: MatchingConfig) -> tuple[RangeLimits, ...]:
-    """The limits that too many features, at range_m (n,) along the ray, lie outside of. Empty for none, and without features."""
+    """The limits that too many features lie outside of. range_m: (n,) ranges of features, meters."""
     if range_m.size == 0:
         return ()
     near_m, far_m = np.percentile(range_m, CONSTANTS.ends)
@@ -68,6 +70,6 @@ def range_limits(range_m: Array, config: MatchingConfig) -> tuple[RangeLimits, .
 
 
 def _rounded(value_m: float, towards: np.ufunc) -> float:
-    """To one digit."""
+    """A length rounded to one digit, down or up: ``towards`` is np.floor or np.ceil."""
     unit_m = 10 ** np.floor(np.log10(value_m))
     return float(f"{towards(value_m / unit_m) * unit_m:.1g}")

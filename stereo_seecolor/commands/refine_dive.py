@@ -1,4 +1,4 @@
-"""The rig that a run uses where it refines its calibration: an earlier run's, or refined now and kept in OUT."""
+"""The refined rig of a run: an earlier run's, or refined now and kept in OUT."""
 
 from dataclasses import dataclass
 
@@ -26,10 +26,10 @@ class DiveRefinement:
     options: RunOptions
 
     def of(self, rig: StereoRig) -> tuple[StereoRig, str]:
-        """The rig refined, or as it is where that does not make it better; and what to say of it.
+        """The refined rig, or the rig itself where refining does not make it better; and a note.
 
-        An earlier run's rig is used again while the calibration and the pairs that it rests on are the same, also where the dive
-        has grown since: all frames of a folder have one rig. Raises OutputError, and CalibrationError for a wrong rig.
+        An earlier run's rig is used as long as the calibration and the pairs that it was refined with are unchanged, even if the
+        dive has more pairs now: all frames of a folder have one rig. Raises OutputError, and CalibrationError for a wrong rig.
         """
         key = content_key(__version__, native.to_bytes(rig), self.images.model_dump())
         earlier = KeptRefinement.load(self.folder.root)
@@ -54,13 +54,13 @@ class DiveRefinement:
         return refined, f"calibration: refined, as rig.yaml records: {found.summary}"
 
     def _holds(self, kept: KeptRefinement) -> bool:
-        """True if all pairs that it rests on are as they were, and a refinement now would not rest on more."""
+        """True if the pairs it was refined with are unchanged, and are as many as a refinement now would use."""
         pairs = {pair.name: pair for pair in self.pairing.pairs}
         enough = len(kept.pairs) >= len(spread(self.pairing.pairs, REFINING_PAIRS))
         return enough and all(name in pairs and self._hashes(pairs[name]) == hashes for name, hashes in kept.pairs.items())
 
     def _hashes(self, pair: Pair) -> dict[str, str]:
-        """SHA-256 of a pair's files; none for one that cannot be read, which the run names."""
+        """SHA-256 of a pair's files, by side; empty for a pair that cannot be read, which the run names."""
         try:
             files = self.folder.frames.inputs(pair.name, {"left": pair.left, "right": pair.right}, self.options.verify)
         except InputError:

@@ -1,4 +1,4 @@
-"""``report``: the page of a finished run, OUT/index.html, to look at in a browser."""
+"""``report``: write the page of a finished run, OUT/index.html."""
 
 from pathlib import Path
 
@@ -13,12 +13,13 @@ from stereo_seecolor.run_folder.folder import RunFolder
 
 
 def report(out: Path, listener: Listener | None = None, *, brief: bool = False, charts: bool = False) -> PageSummary:
-    """Write ``out``/index.html, which works without a network and without the program, and what it shows, ``out``/page.
+    """Write ``out``/index.html and its files, ``out``/page. The page needs neither a network nor the program.
 
-    brief: the quick page that run and fuse write: of a dive of many frames only some are shown in full.
-    charts: look for color charts in all frames, which takes seconds a frame, and compare the views of the same spots; later pages
-    of the same frames show what was found, too. Only what changed since an earlier page is made. Raises InputError if ``out`` holds
-    no run, or what the page is made of is damaged; OutputError if it cannot be written, or another run writes into it now.
+    Only what changed since an earlier page is made. brief: the quick page of run and fuse, on which only some frames of a long dive
+    are shown in full. charts: search all frames for color charts, which takes seconds a frame, and compare the views of the same
+    spots; later pages of the same frames show these results, too.
+    Raises InputError if ``out`` holds no run, or files of it are damaged; OutputError if the page cannot be written, or another run
+    writes into ``out`` now.
     """
     open_run(out)  # refuses another folder before anything is written into it
     listener = listener or Silence()

@@ -1,4 +1,4 @@
-"""The page of a run, written by the run itself: while it works where that is asked for, and at its end."""
+"""The page that a run writes at its end, and, if asked for, while it works."""
 
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class RunPage:
-    """OUT/index.html of a run into ``folder``. options: say when it is written. run: what it is given."""
+    """Writes OUT/index.html of a run into ``folder``. options: say when. run: the command's description."""
 
     options: RunOptions
     folder: RunFolder
     run: RunDescription
 
     def listening(self) -> RunOptions:
-        """The options of the run, with one more listener where its page is to be written while it works."""
+        """The options of the run, with a listener that writes the page while the run works, if asked for."""
         if self.options.page != "live":
             return self.options
         from stereo_seecolor.report.live_page import LivePage  # loads the templates
@@ -34,7 +34,7 @@ class RunPage:
         return replace(self.options, listener=Both(self.options.listener, live))
 
     def early_frames(self) -> "EarlyFrames | None":
-        """Makes what the page shows of some frames while the run has their pixels; None where the run writes no page."""
+        """What makes the page's files of some frames while the run has their pixels; None where the run writes no page."""
         if self.options.page == "none" or self.run.last != "corrected" or self.run.rectification is None:
             return None
         if not self.options.shard.whole:
@@ -44,20 +44,20 @@ class RunPage:
         return EarlyFrames(frozenset(spread(self.run.names)), self.run.rectification.pair)
 
     def keep(self) -> None:
-        """Leave the live page where it is until the last one takes its place: a browser that finds none does not look again."""
+        """Keep the live page until the final one replaces it: a browser that finds no page stops reloading."""
         dive = self.folder.dive.record
         if self.options.page == "live" and INDEX in dive.files:
             self.folder.dive.update(replace(dive, made_from={**dive.made_from, INDEX: self.folder.dive.digest("corrected")}))
 
     def drop(self) -> None:
-        """Where a run ends by an error, no page says that it is still in progress."""
+        """Remove the live page of a run that ends by an error: it would say that the run is still in progress."""
         if self.options.page == "live":
             self.folder.dive.remove(INDEX)
 
     def end(self, stopped: bool) -> None:
-        """Write the page of a run that has ended, without all that takes time; of a stopped one only in the place of a live page.
+        """Write the brief page of a run that has ended. A stopped run gets one only where a live page is to be replaced.
 
-        Raises OutputError; InputError if what the page is made of is gone.
+        Raises OutputError; InputError if files that the page is made from are missing.
         """
         page, listener = self.options.page, self.options.listener
         if page == "none" or self.run.last != "corrected" or (stopped and page != "live"):

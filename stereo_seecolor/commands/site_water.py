@@ -24,7 +24,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, eq=False)
 class SiteDive:
-    """A dive of a site. out: its output folder, where ranges and counts go. water: the file for its water."""
+    """A dive of a site. out: its output folder, which gets ranges and moment tables. water: the file for its water."""
 
     inputs: StereoInputs
     out: Path
@@ -33,10 +33,10 @@ class SiteDive:
 
 
 def fit_site(dives: Sequence[SiteDive], options: RunOptions) -> bool:
-    """Measure all pairs of all dives, and write each dive's water: one, as each frame's exposure shows it. True if it was stopped.
+    """Measure all pairs of all dives, fit one water to them, and write it for each dive, scaled to each frame's exposure.
 
-    The fit is by the first dive's color settings. A dive that cannot be measured is named in the log, and takes no part.
-    Raises ColorError where no frame of the site has a known range, OutputError.
+    The fit uses the first dive's color settings. A dive that cannot be measured is named in the log and left out.
+    Returns True if it was stopped. Raises ColorError where no frame of the site has a known range, OutputError.
     """
     fitter = Corrector(dives[0].config.color.model_copy(update={"lock": "survey"})).survey_fitter()
     names: dict[Path, list[str]] = {}
@@ -62,7 +62,7 @@ def _adding(fitter: Fitter, dive: SiteDive) -> Passes:
 
 
 def _write(fitter: Fitter, names: dict[Path, list[str]]) -> None:
-    """A frame that failed gets some frame's water: it is not asked for, unless its images are put right."""
+    """Write each dive's file. A frame that failed gets the water of another: it is used only if its images are repaired."""
     waters = fitter.waters()
     usual = next(iter(waters.values()))
     for file, frames in names.items():
@@ -70,5 +70,5 @@ def _write(fitter: Fitter, names: dict[Path, list[str]]) -> None:
 
 
 def _key(file: Path, name: str) -> str:
-    """Dives may have frames of one name."""
+    """A frame's name in the fit: dives may have frames of the same name."""
     return f"{file.stem}/{name}"

@@ -1,4 +1,4 @@
-"""``status``: how far a run is, or its outcome, from OUT alone: it may run on another machine."""
+"""``status``: progress or outcome of a run, read from OUT alone, since the run may be on another machine."""
 
 import time
 from collections.abc import Sequence
@@ -22,11 +22,11 @@ Basis = Literal["", "the plan", "the usual shares of passes"]
 
 @dataclass(frozen=True)
 class RunStatus:
-    """A run of some pairs. state: killed is a run that ended without a word; no run: the folder holds none.
+    """Progress or outcome of a run. state: "killed": it ended without writing its outcome; "no run": the folder holds none.
 
-    stage: the pass that it is in, "" before the first and after the end. done, failed, left: pairs of that pass, or of the run
-    after the end. failures: reason, how often, first frame, the most frequent first. writer: who writes into OUT now.
-    remaining_s: seconds until the pass ends at the rate so far; None where that is not known. to_come: passes after it.
+    stage: the current pass, "" before the first and after the end. done, failed, left: pairs of that pass; after the end, of the
+    run. failures: reason, number, first frame; the most frequent first. writer: the process that writes into OUT now, "" for none.
+    remaining_s: seconds until the pass ends at the rate so far; None where unknown. to_come: passes after it.
     run_remaining_s: seconds until all passes end, from the passes' expected times scaled by the rate so far, without fits, page and
     map; None where unknown. rests_on: the source of the expected times.
     """
@@ -46,7 +46,7 @@ class RunStatus:
 
 
 def statuses(outs: Sequence[Path]) -> list[RunStatus]:
-    """How far the runs in these folders are; of the folder of a campaign, its dives. Raises InputError where none holds a run."""
+    """The status of the runs in these folders, or of the dives of a campaign's. Raises InputError where none holds a run."""
     folders = [folder for out in outs for folder in ([out / name for name in load_states(out)] or [out])]
     found = [_known_status(folder) for folder in folders]
     return found if any(one.state != "no run" for one in found) else [status(folder) for folder in folders]
@@ -60,7 +60,7 @@ def _known_status(out: Path) -> RunStatus:
 
 
 def status(out: Path) -> RunStatus:
-    """How far the run in ``out`` is. Raises InputError if it holds none."""
+    """The status of the run in ``out``. Raises InputError if it holds none."""
     now, progress = writer(out), Progress.load(out)
     if now:
         return _pass_status(out, "running", progress, now) if progress else RunStatus(out, "running", "", 0, 0, 0, writer=now)
@@ -89,5 +89,5 @@ def _pass_status(out: Path, state: State, progress: Progress, now: str) -> RunSt
 
 
 def _until(ends_s: float | None) -> float | None:
-    """Seconds from now."""
+    """Seconds from now to a time in seconds since 1970, at least 0; None for None."""
     return None if ends_s is None else max(ends_s - time.time(), 0.0)

@@ -11,7 +11,7 @@ from stereo_seecolor.inputs.video_sync import synchronize
 
 @dataclass(frozen=True)
 class EvidenceFacts:
-    """What one kind of evidence says: offset and its standard error, seconds."""
+    """The offset by one kind of evidence, and its standard error, seconds."""
 
     kind: str
     offset_s: float
@@ -20,10 +20,11 @@ class EvidenceFacts:
 
 @dataclass(frozen=True)
 class SyncResult:
-    """An event at t on the left clock is at t + offset_s + drift (t - center_s) on the right one.
+    """How the clocks of two videos run: time t of the left one is t + offset_s + drift (t - center_s) of the right one.
 
-    std_s, drift_std: standard errors. pairs: frames that have a partner; rest_s: root mean square of how far apart they are.
-    left_out: pairs that the picture's motion spoils. false_disparity: what it moves in a pair's rest, median, image widths.
+    std_s, drift_std: standard errors of offset_s and drift. pairs: number of frame pairs; rest_s: root mean square of the times
+    between their two frames. left_out: pairs not used since the image moves too fast. false_disparity: motion of the image in the
+    time between the frames of a pair, median, in image widths.
     """
 
     left: Path
@@ -42,14 +43,25 @@ class SyncResult:
 
 
 def sync(left: Path, right: Path, calib: str = "") -> SyncResult:
-    """Compare sound, a flash, motion, and with a calibration the rows of two videos; nothing is written.
+    """Find the offset of two videos from sound, a flash and motion, and with a calibration from rows; nothing is written.
 
     Raises InputError where evidence for the offset is missing or disagrees, or the picture moves too fast; CalibrationError for
     the rig; DeviceError if PyAV is missing.
     """
     found = synchronize(left, right, load_rig(calib) if calib else None)
-    lag, rest_s = found.lag, float((found.rest_s**2).mean() ** 0.5)
-    evidence = tuple(EvidenceFacts(item.kind, item.lag.offset_s, item.lag.std_s) for item in found.evidence)
-    clocks = (lag.offset_s, lag.std_s, lag.drift, lag.drift_std, lag.center_s)
-    frames = (len(found.pairs), found.left_out, rest_s, float(np.median(found.false_disparity)))
-    return SyncResult(left, right, *clocks, *frames, evidence, found.text)
+    lag = found.lag
+    return SyncResult(
+        left=left,
+        right=right,
+        offset_s=lag.offset_s,
+        std_s=lag.std_s,
+        drift=lag.drift,
+        drift_std=lag.drift_std,
+        center_s=lag.center_s,
+        pairs=len(found.pairs),
+        left_out=found.left_out,
+        rest_s=float((found.rest_s**2).mean() ** 0.5),
+        false_disparity=float(np.median(found.false_disparity)),
+        evidence=tuple(EvidenceFacts(item.kind, item.lag.offset_s, item.lag.std_s) for item in found.evidence),
+        text=found.text,
+    )

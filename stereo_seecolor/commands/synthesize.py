@@ -1,4 +1,4 @@
-"""Render a dive over a reef with known truth."""
+"""``synthesize``: render a dive over a reef with known truth."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +11,7 @@ from stereo_seecolor.synthetic.survey import SurveySpec
 
 @dataclass(frozen=True)
 class SynthesizedDive:
-    """A dive on disk, in left/, right/, cam.yaml, trajectory.tum and truth/, and what it was made from."""
+    """A rendered dive in ``out``: left/, right/, cam.yaml, trajectory.tum and truth/. spec: what it was rendered from."""
 
     out: Path
     spec: SurveySpec

@@ -1,6 +1,6 @@
-"""Which frames of the videos of a dive are pairs: an earlier run's choice, or made now and kept in OUT.
+"""The frames of two videos that are pairs: an earlier run's choice, or chosen now and kept in OUT.
 
-To make it, both videos are decoded as a whole.
+To choose them, both videos are decoded completely.
 """
 
 import json
@@ -36,7 +36,7 @@ def video_pairing(videos: Videos, calib: str | Path, folder: RunFolder, images: 
 
 
 def _kept(file: Path, key: str) -> FrameChoice | None:
-    """What an earlier run decided; None where it had other videos or settings, or there is none."""
+    """The choice of an earlier run; None where it had other videos or settings, or there is none."""
     try:
         content = json.loads(file.read_bytes())
         if content.pop("key") == key:

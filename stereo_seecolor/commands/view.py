@@ -1,4 +1,4 @@
-"""Open the page of a run in a browser; or its map in a window: rerun's viewer where it is installed, else Open3D's."""
+"""``view``: open the page of a run in a browser, or its map in a window, of rerun where it is installed, else of Open3D."""
 
 import importlib.util
 import os
@@ -16,7 +16,7 @@ from stereo_seecolor.run_folder.layout import INDEX
 
 @dataclass(frozen=True)
 class ViewResult:
-    """What was shown, and by which viewer: "browser", "rerun" or "open3d". mesh: the map in a window, None for the page."""
+    """The viewer that was opened: "browser", "rerun" or "open3d". mesh: the map that it shows, None for the page."""
 
     mesh: Path | None
     viewer: str
@@ -45,7 +45,7 @@ def view_map(out: Path) -> ViewResult:
     mesh = next((path for path in (out / "map" / "mesh.ply", out / "mesh.ply") if path.is_file()), None)
     if mesh is None:
         raise InputError(f"{out}: holds no map (map/mesh.ply): make it with stereo-seecolor fuse {out}")
-    if not _has_screen():  # Open3D would draw into memory for ever, and rerun's viewer would die
+    if not _has_screen():  # without one, Open3D does not return and rerun's viewer crashes
         raise _no_screen(mesh)
     program = _rerun_program()
     if program is None:

@@ -1,4 +1,4 @@
-"""Measure the water of a finished run for another run with ``--water``: from places that several frames see, or from charts."""
+"""``water``: measure the water of a finished run, for another run with ``--water``: from overlapping frames, or from charts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -34,9 +34,10 @@ from stereo_seecolor.water.model import read_water_document
 
 @dataclass(frozen=True)
 class ChartReading:
-    """A chart or white card in a frame. residual_deg: angle between its white and that of all of them, once the water is out.
+    """A chart or white card in a frame.
 
-    ciede2000_before, ciede2000: median of a chart's patches without and with the color matrix; NaN for a card.
+    range_m: of the target. residual_deg: angle between its white, with the water removed, and the mean white of all targets.
+    ciede2000_before, ciede2000: median error of a chart's patches without and with the color matrix; NaN for a card.
     """
 
     frame: str
@@ -49,11 +50,11 @@ class ChartReading:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredWater:
-    """The water, and the file that ``--water`` of another run takes.
+    """A measured water, and the file that ``--water`` of another run takes.
 
-    charts: that its white point stems from, if any. trend: what their whites say of the water, where they are at several ranges.
-    matrix: the camera's colors, or no_matrix, why charts did not give it. left_out: "frame: target" of what looks like a white card
-    and was not used, since there are charts, or since its color is unlikely.
+    charts: targets that its white point is from, if any. trend: of their whites over range, where they lie at several ranges.
+    matrix: the camera's color matrix; None with the reason in no_matrix where charts gave none. left_out: "frame: target" of
+    possible white cards that were not used, since there are charts or since their color is unlikely.
     """
 
     path: Path
@@ -66,10 +67,10 @@ class MeasuredWater:
 
 
 def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> MeasuredWater:
-    """Write OUT/water_measured.json: attenuation and backscatter from places seen at two ranges, the white point as fitted before.
+    """Write OUT/water_measured.json: attenuation and backscatter from spots seen at two ranges, the white point of the run's water.
 
     out: a run with color.lock=survey. poses: a trajectory of the left camera in any known format.
-    Raises InputError, MappingError, ColorError where the run, the poses or the overlap cannot carry it.
+    Raises InputError, MappingError, ColorError where the run, the poses or the overlap do not suffice.
     """
     run = open_run(out)
     config = config or run.config
@@ -98,15 +99,12 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
     run = open_run(out)
     names = tuple(frame.name for frame in run.frames)
     scene, given = _one_water(run, list(names)), read_targets(targets) if targets else None
-    looking = _Looking(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
-    seen = [white for part in Threads(cores()).each(looking, range(len(names))) for white in part]
+    search = _TargetSearch(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
+    seen = [white for part in Threads(cores()).each(search, range(len(names))) for white in part]
     kept = seen if targets else believed(seen, scene)
     left_out = tuple(f"{one.frame}: {one.target}" for one in seen if one not in kept)
     if not kept:
-        where = f"{targets}: none of its targets" if targets else f"{out}: no color chart or white card"
-        unlikely = f" ({', '.join(left_out)}: of a color that white hardly has here)" if left_out else ""
-        shown = f"shows grays of known range that are neither clipped nor dark{unlikely}"
-        raise InputError(f"{where} {shown}: give corners with --targets")
+        raise _nothing_seen(out, targets, left_out)
     white = survey_white(kept)
     water = white.set_in(scene)
     charts = white.patches_in(water)
@@ -115,9 +113,22 @@ def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
         water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
     with RunFolder.existing(out, (targets,) if targets else ()) as folder:
         folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
-    readings = tuple(_reading(*of, water) for of in zip(white.seen, white.residuals_deg, charts, strict=True))
-    fitted, reason = (matrix, "") if isinstance(matrix, CameraMatrix) else (None, matrix)
-    return MeasuredWater(out / MEASURED_WATER, water, readings, white.trend(), fitted, reason, left_out)
+    return MeasuredWater(
+        path=out / MEASURED_WATER,
+        water=water,
+        charts=tuple(_reading(*of, water) for of in zip(white.seen, white.residuals_deg, charts, strict=True)),
+        trend=white.trend(),
+        matrix=matrix if isinstance(matrix, CameraMatrix) else None,
+        no_matrix="" if isinstance(matrix, CameraMatrix) else matrix,
+        left_out=left_out,
+    )
+
+
+def _nothing_seen(out: Path, targets: Path | None, left_out: tuple[str, ...]) -> InputError:
+    where = f"{targets}: none of its targets" if targets else f"{out}: no color chart or white card"
+    unlikely = f" ({', '.join(left_out)}: of a color that white hardly has here)" if left_out else ""
+    shown = f"shows grays of known range that are neither clipped nor dark{unlikely}"
+    return InputError(f"{where} {shown}: give corners with --targets")
 
 
 def _reading(seen: SeenWhite, residual_deg: float, chart: SeenPatches | None, water: Water) -> ChartReading:
@@ -126,8 +137,8 @@ def _reading(seen: SeenWhite, residual_deg: float, chart: SeenPatches | None, wa
 
 
 @dataclass(frozen=True, eq=False)
-class _Looking:
-    """The charts and cards of a frame. targets: by frame, where they are given."""
+class _TargetSearch:
+    """Finds the charts and white cards of a frame. targets: given ones, by frame; None where frames are searched for charts."""
 
     names: tuple[str, ...]
     frames: SurveyFrames
@@ -151,7 +162,7 @@ class _Looking:
 
 
 def _one_water(run: FinishedRun, names: list[str]) -> Water:
-    """The water that all frames share. Raises InputError where each has its own."""
+    """The water that all frames share. Raises InputError where they have different ones."""
     waters = read_waters(run.water_file, names)
     if len({tuple(water.white) for water in waters.values()}) > 1:
         raise InputError(f"{run.water_file}: holds a water for each frame: run again with --set color.lock=survey")
@@ -159,13 +170,13 @@ def _one_water(run: FinishedRun, names: list[str]) -> Water:
 
 
 def _light_of(run: FinishedRun) -> Light | None:
-    """What was taken out of the run's images before its water was fitted."""
+    """The light that was divided out of the run's images before its water was fitted; None where none was."""
     content = read_water_document(run.water_file).get("light")
     return Light.from_content(content) if content else None
 
 
 class _KeyFrames(Lazy[KeyFrame]):
-    """The placed frames of a run, as the camera saw them and rectified, read when asked for."""
+    """The placed frames of a run, uncorrected and rectified, each read when asked for."""
 
     def __init__(self, run: FinishedRun, frames: SurveyFrames, poses: NDArray[np.float64]) -> None:
         self._raw, self._frames, self._poses = RawImages(run), frames, poses
@@ -175,7 +186,7 @@ class _KeyFrames(Lazy[KeyFrame]):
         return len(self._placed)
 
     def item(self, number: int) -> KeyFrame:
-        """A frame, raw and rectified."""
+        """Read one frame."""
         placed = int(self._placed[number])
         frame = self._frames[placed]
         return KeyFrame(self._raw.rectified(frame.name), frame.range_m, self._poses[placed])
