@@ -21,8 +21,8 @@ def encode_png(pixels: NDArray[np.generic], compression: Compression = "fast", c
     return _file(pixels, deflated(_averaged(pixels).data, compression), chunks or {})
 
 
-def encode_codes(codes: NDArray[np.uint8], compression: Compression = "fast") -> bytes:
-    """(H, W) of few different values: their rows repeat themselves as they are, and filters would only disturb that."""
+def encode_codes(codes: NDArray[np.uint8], compression: Compression) -> bytes:
+    """Encode an image (H, W) of few different values without a row filter: such rows deflate better as they are."""
     rows = np.zeros((codes.shape[0], codes.shape[1] + 1), np.uint8)  # the first byte of a row: UNFILTERED
     rows[:, 1:] = codes
     return _file(codes, deflated(rows.data, compression), {})

@@ -40,8 +40,8 @@ def encode_tiff(image: NDArray[np.generic], exif: bytes = b"") -> bytes:
     return b"".join([tags.tobytes().removeprefix(EXIF_PREFIX), np.ascontiguousarray(pixels).data.cast("B")])
 
 
-def encode_deflated(values: NDArray[np.float32], compression: Compression = "fast") -> bytes:
-    """(H, W) of float32 to a file's content, deflated: half the size of a range map as it is."""
+def encode_deflated(values: NDArray[np.float32], compression: Compression) -> bytes:
+    """Encode a map (H, W) of float32 as a deflated TIFF: half the size of an uncompressed range map."""
     content = deflated(_differences(values).data, compression)
     tags = Image.Exif()
     tags.endian = "<"

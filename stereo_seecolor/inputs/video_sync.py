@@ -81,7 +81,7 @@ class VideoSync:
         return text
 
 
-def synchronize(left: Path, right: Path, rig: StereoRig | None = None) -> VideoSync:
+def synchronize(left: Path, right: Path, rig: StereoRig | None) -> VideoSync:
     """Find offset and drift. rig: if known, rows of some pairs tell them most precisely.
 
     Raises NoEvidence where nothing tells them; InputError where the evidence disagrees, or the picture moves too fast for the time

@@ -5,7 +5,6 @@ Their plane: R^2 = dh(L0)^2 / (2 L0^2) + 1 with L0 the finest edge. Means of ran
 R package habtools (method hvar). Nothing is leveled: a slope counts as height, as it does there.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,12 +40,11 @@ class Rdh:
     height_range_m: float
 
 
-def rdh(height_m: NDArray[np.floating], cell_m: float, edges_m: Sequence[float] | None = None) -> Rdh:
-    """Of a square of terrain (H, W), NaN where unknown. edges_m: the scales; by default the square's edge halved four times."""
+def rdh(height_m: NDArray[np.floating], cell_m: float) -> Rdh:
+    """Measure a square of terrain (H, W), NaN where unknown, at the scales of its edge halved up to four times."""
     heights = np.asarray(height_m, np.float64)
     edge_m = min(heights.shape) * cell_m
-    wanted = edges_m or [edge_m / 2**k for k in range(SETTINGS.halvings + 1)]
-    parts = sorted({max(1, round(edge_m / edge)) for edge in wanted if edge >= SETTINGS.finest_cells * cell_m})
+    parts = [2**k for k in range(SETTINGS.halvings + 1) if edge_m / 2**k >= SETTINGS.finest_cells * cell_m]
     edges = edge_m / np.array(parts, np.float64)
     ranges = np.array([mean_height_range(heights, part) for part in parts])
     finest = ranges[-1] / edges[-1] if parts else np.nan

@@ -89,7 +89,7 @@ def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit
     return replace(fit, after=after, control=_control(marks, T) if PLACES in after else None)
 
 
-def fitted_to_marks(track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior] = ()) -> tuple[Placement, MarkersFit]:
+def fitted_to_marks(track: Track, placement: Placement, marks: Marks, priors: Sequence[Prior]) -> tuple[Placement, MarkersFit]:
     """A placement, refined before, brought to what is known of markers in its main component, and the outcome of each.
 
     priors: further constraints of the placement; without them it is moved to the surveyed places as a whole first.

@@ -76,7 +76,7 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
     return replace(placed, placement=placed.placement.with_warnings(*warnings))
 
 
-def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | None, known: Placement | None = None) -> None:
+def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | None, known: Placement | None) -> None:
     """Show the frames where they are known to be, where their poses say, or where each one's picture lies beside the last.
 
     Raises MappingError if no frame has a pose.

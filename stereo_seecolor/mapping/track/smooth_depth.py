@@ -47,7 +47,7 @@ class SmoothDepth:
         return inverse.astype(np.float64), self.std[rows, columns].astype(np.float64), usable
 
 
-def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int = 1) -> SmoothDepth:
+def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> SmoothDepth:
     """A plane fitted to the inverse depths of each window, which are linear in the pixels of a plane; ranges are not.
 
     every: that many pixels along each axis are skipped but for one: neighbors have errors in common and tell little more.
