@@ -1,4 +1,4 @@
-"""One connected part of a survey, in coordinates of its own that single precision can hold."""
+"""A connected component of a survey, in local coordinates that single precision can hold."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +17,7 @@ ORIGIN_STEP_M = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Component:
-    """A survey's frames that are connected.
+    """Frames of a survey that are connected.
 
     frames: their numbers. T_local_camera: (N, 4, 4) of all of the survey's frames, valid for these. offset_m: (3,) of the local
     coordinates in the world: zero unless the world's are too large for float32 (UTM). label: added to the messages of
@@ -32,7 +32,7 @@ class Component:
 
     @classmethod
     def of(cls, survey: Survey, placement: Placement, number: int) -> "Component":
-        """Component ``number`` of a placement."""
+        """Select component ``number`` of a placement."""
         frames = placement.frames_of(number)
         T = placement.T_world_camera.copy()
         positions = T[frames, :3, 3]
@@ -44,10 +44,10 @@ class Component:
         return cls(survey, frames, T, offset_m, f", component {number + 1} of {count}" if count > 1 else "")
 
     def points_m(self, frame: int) -> NDArray[np.float64]:
-        """(n, 3) coarse points of a frame, local."""
+        """The coarse points of a frame in local coordinates: (n, 3)."""
         return transformed(self.T_local_camera[frame], self.survey.index.points_m[frame])
 
     @cached_property
     def reach_m(self) -> float:
-        """The largest coordinate of anything seen, local."""
+        """The largest local coordinate of any point seen, meters."""
         return max((float(np.abs(points).max()) for i in self.frames if len(points := self.points_m(int(i)))), default=0.0)

@@ -1,4 +1,4 @@
-"""One pass over a survey's frames: what they are called, when they were taken, and roughly what they see."""
+"""Index of a survey's frames, made in one pass over them: names, times, and coarse points."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ Progress = Callable[[str, int, int], None]
 
 
 def silent(what: str, done: int, total: int) -> None:
-    """Progress for those who do not watch."""
+    """Ignore progress."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class FrameIndex:
         )
 
     def scaled(self, scale: float) -> "FrameIndex":
-        """Of the same frames, their ranges scaled by this factor."""
+        """Scale the ranges of all frames by a factor."""
         points = tuple((scale * own).astype(np.float32) for own in self.points_m)
         return replace(self, points_m=points, checksums=self.checksums ^ crc32(np.float64(scale).tobytes()))
 

@@ -1,4 +1,4 @@
-"""Folders of work that a map which was stopped goes on from."""
+"""Scratch folders that a map which was stopped continues from."""
 
 import shutil
 from pathlib import Path
@@ -8,7 +8,7 @@ KEY_LENGTH = 16
 
 
 def kept_folder(folder: Path, key: str) -> Path:
-    """The folder in ``folder`` for what is made from inputs of that hash; those of other inputs are deleted.
+    """Name the folder in ``folder`` for work made from inputs of this hash, and delete those of other inputs.
 
     So a worker that was slow to hear of a new run writes into a folder that nobody reads.
     """

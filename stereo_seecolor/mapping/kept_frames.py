@@ -17,7 +17,7 @@ from stereo_seecolor.records import SurveyFrame
 
 @dataclass(frozen=True)
 class KeepingSettings:
-    """How much of the disk may be used."""
+    """The disk space that kept frames may take."""
 
     most_bytes: float = 16e9  # 900 frames of 1.3 megapixels
     free_fraction: float = 0.25  # of what is free: the map itself is to be written
@@ -27,7 +27,7 @@ SETTINGS = KeepingSettings()
 
 
 class KeptFrames(Lazy[SurveyFrame | Unplaced]):
-    """A survey's frames; those first read are written to ``folder`` as they are, until the allowance is used up.
+    """A survey's frames; each is written to ``folder`` as raw arrays when it is first read, until the allowance is used up.
 
     folder: new for each map, on a disk that all workers see; whoever makes the map deletes it. A frame that cannot be written is
     decoded each time.
@@ -43,7 +43,7 @@ class KeptFrames(Lazy[SurveyFrame | Unplaced]):
         return len(self._frames)
 
     def item(self, number: int) -> SurveyFrame | Unplaced:
-        """A frame, or that it is lost."""
+        """Read a frame; Unplaced if it is lost."""
         path = self._folder / f"{number}.raw"
         kept = _read(path)
         if kept is not None:

@@ -1,4 +1,4 @@
-"""What the settings would cost, before it is spent: absurd ones are refused with the number and what to set instead."""
+"""Limits on what a map may cost: settings that would exceed them are refused, with the numbers and what to set instead."""
 
 import os
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from stereo_seecolor.mapping.surface.tiles import Tiling
 
 @dataclass(frozen=True)
 class Limits:
-    """What is too much."""
+    """The largest map that is begun."""
 
     pixels_a_voxel: float = 1 / 8  # edge of a voxel in pixels on the bottom: finer ones hold nothing that the images show
     voxels_a_range: float = 4.0  # truncation: a voxel larger than a quarter of the range reaches into the cameras
@@ -33,14 +33,9 @@ LIMITS = Limits()
 
 def check_voxel(frames: Frames, geometry: RectifiedPair, voxel_m: float) -> None:
     """Raise MappingError for voxels that fit neither the images' resolution nor the scene; the first frame with ranges decides."""
-    for number in range(len(frames)):
-        frame = frames[number]
-        range_m = np.zeros(0) if isinstance(frame, Unplaced) else frame.range_m[np.isfinite(frame.range_m)]
-        if range_m.size:
-            break
-    else:
+    typical_m = _first_median_range_m(frames)
+    if typical_m is None:
         return
-    typical_m = float(np.median(range_m))
     finest_m = LIMITS.pixels_a_voxel * typical_m / geometry.focal_px
     if voxel_m < finest_m:
         raise MappingError(
@@ -54,6 +49,17 @@ def check_voxel(frames: Frames, geometry: RectifiedPair, voxel_m: float) -> None
         )
 
 
+def _first_median_range_m(frames: Frames) -> float | None:
+    """The median range of the first frame that has any; None where none has."""
+    for number in range(len(frames)):
+        frame = frames[number]
+        if not isinstance(frame, Unplaced):
+            range_m = frame.range_m[np.isfinite(frame.range_m)]
+            if range_m.size:
+                return float(np.median(range_m))
+    return None
+
+
 def check_extent(component: Component, voxel_m: float) -> None:
     """Raise MappingError for a survey too long for its voxels."""
     if component.reach_m > LIMITS.float32_reach * voxel_m:
@@ -65,7 +71,16 @@ def check_extent(component: Component, voxel_m: float) -> None:
 
 def check_tiling(tiling: Tiling, config: MappingConfig) -> None:
     """Raise MappingError where memory or disk would not hold the tiles, the rasters or the squares of the metrics."""
-    block_m, cell_m, available = BLOCK * tiling.voxel_m, config.terrain_cell_m, LIMITS.memory_fraction * memory_bytes()
+    available_bytes = LIMITS.memory_fraction * memory_bytes()
+    _check_tiles(tiling, config.terrain_cell_m, available_bytes)
+    _check_cells(tiling, "dem_m", config.terrain_cell_m)
+    _check_cells(tiling, "mosaic_m", config.mosaic_cell_m)
+    _check_squares(config.square_m, config.terrain_cell_m, available_bytes)
+
+
+def _check_tiles(tiling: Tiling, cell_m: float, available: float) -> None:
+    """Raise MappingError where the largest tile, with its part of the terrain, does not fit into ``available`` bytes of memory."""
+    block_m = BLOCK * tiling.voxel_m
     needed = LIMITS.block_bytes * max((len(tile.blocks) for tile in tiling.tiles), default=0)
     needed += LIMITS.tile_cell_bytes * min(tiling.tile_m / cell_m, block_m / cell_m * np.sqrt(tiling.columns) * 4) ** 2
     if needed > available:
@@ -75,19 +90,25 @@ def check_tiling(tiling: Tiling, config: MappingConfig) -> None:
             f"{needed / 1e9:.3g} GB of memory, a map may take {available / 1e9:.3g}: set mapping.tile_m to {fit_m:.2g}, or larger "
             "mapping.voxel_m and mapping.dem_m"
         )
-    for name, size_m in (("dem_m", cell_m), ("mosaic_m", config.mosaic_cell_m)):
-        cells = tiling.columns * (block_m / size_m) ** 2
-        if cells > LIMITS.cells:
-            raise MappingError(
-                f"mapping.{name}={size_m:g}: the map would have {cells:.2g} cells, at most {LIMITS.cells:.0e} are made: set it to "
-                f"at least {size_m * np.sqrt(cells / LIMITS.cells):.2g}"
-            )
-    square = (config.square_m / cell_m) ** 2 * LIMITS.square_cell_bytes
-    if square > available:
+
+
+def _check_cells(tiling: Tiling, setting: str, cell_m: float) -> None:
+    """Raise MappingError where a raster of cells of ``cell_m``, set by mapping.``setting``, would have too many of them."""
+    cells = tiling.columns * (BLOCK * tiling.voxel_m / cell_m) ** 2
+    if cells > LIMITS.cells:
         raise MappingError(
-            f"mapping.metrics_m={config.square_m:g}: a square of terrain cells of {cell_m:g} m needs about {square / 1e9:.3g} GB "
-            f"of memory, a map may take {available / 1e9:.3g}: set it to at most "
-            f"{config.square_m * np.sqrt(available / square):.2g}"
+            f"mapping.{setting}={cell_m:g}: the map would have {cells:.2g} cells, at most {LIMITS.cells:.0e} are made: set it to "
+            f"at least {cell_m * np.sqrt(cells / LIMITS.cells):.2g}"
+        )
+
+
+def _check_squares(square_m: float, cell_m: float, available: float) -> None:
+    """Raise MappingError where a square of the metrics does not fit into ``available`` bytes of memory."""
+    needed = (square_m / cell_m) ** 2 * LIMITS.square_cell_bytes
+    if needed > available:
+        raise MappingError(
+            f"mapping.metrics_m={square_m:g}: a square of terrain cells of {cell_m:g} m needs about {needed / 1e9:.3g} GB "
+            f"of memory, a map may take {available / 1e9:.3g}: set it to at most {square_m * np.sqrt(available / needed):.2g}"
         )
 
 

@@ -1,4 +1,4 @@
-"""What a map says of itself: its track, its frames' poses with their errors, and its coordinates."""
+"""Records beside a map: its track, its frames' poses with their errors, and its coordinates."""
 
 import csv
 import json
@@ -17,7 +17,7 @@ from stereo_seecolor.records import Trajectory
 
 
 def write_track(path: Path, component: Component) -> Path:
-    """The component's poses in the world."""
+    """Write the component's poses in the world as a TUM trajectory. Raises OutputError."""
     index, chosen = component.survey.index, component.frames
     T = component.T_local_camera[chosen].copy()
     T[:, :3, 3] += component.offset_m
@@ -27,7 +27,9 @@ def write_track(path: Path, component: Component) -> Path:
 
 
 def write_poses(path: Path, component: Component, placed: Placed) -> Path:
-    """Each frame's position, how far the pose that was given for it is from what the pictures show, and standard errors."""
+    """Write poses.csv: each frame's position, the residual of the pose that was given for it, and standard errors. Raises
+    OutputError.
+    """
     index, placement = component.survey.index, placed.placement
     unknown = np.full(len(index.names), np.nan)
     columns = {
@@ -48,7 +50,7 @@ def write_poses(path: Path, component: Component, placed: Placed) -> Path:
 
 
 def write_description(path: Path, place: Georeference, config: MappingConfig, range_scale: float) -> Path:
-    """Where the map's local coordinates lie, how large its voxels and cells are, how many times as long ranges were taken."""
+    """Write map.json: the place of the map's local coordinates, the sizes of its voxels and cells, the factor on all ranges."""
     content = {
         "format": "stereo-seecolor/map",
         "offset_m": place.offset_m.tolist(),
@@ -65,7 +67,7 @@ def write_description(path: Path, place: Georeference, config: MappingConfig, ra
 
 
 def comment(place: Georeference) -> str:
-    """For the headers of the PLY files."""
+    """The comment for the headers of the map's PLY files: units, axes, coordinate system, offset."""
     lines = ["stereo-seecolor, meters: x east, y north, z up", f"crs {crs_name(place.origin)}"]
     if place.offset_m.any():
         lines.append("offset " + " ".join(f"{value:.3f}" for value in place.offset_m) + ": add it to get world coordinates")

@@ -1,4 +1,4 @@
-"""A survey's frames, of which some may turn out to be gone: each is named, and the map is made of the rest."""
+"""A survey's frames, some of which may turn out to be lost: each of those is named, and the map is made of the rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Frames = Sequence[SurveyFrame | Unplaced]
 
 
 class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
-    """Frames whose ranges are scaled by this factor: of a rig whose scale is known better than by its calibration."""
+    """Frames with their ranges scaled by a factor: of a rig whose scale is known better than by its calibration."""
 
     def __init__(self, frames: Frames, scale: float) -> None:
         self._frames, self._scale = frames, scale
@@ -29,13 +29,13 @@ class ScaledFrames(Lazy[SurveyFrame | Unplaced]):
         return len(self._frames)
 
     def item(self, number: int) -> SurveyFrame | Unplaced:
-        """A frame, or that it is lost."""
+        """Read a frame; Unplaced if it is lost."""
         frame = self._frames[number]
         return frame if isinstance(frame, Unplaced) else frame.scaled(self._scale)
 
 
 class RecoveredFrames(Lazy[SurveyFrame | Unplaced]):
-    """Frames as they are read; one whose files are gone or damaged is Unplaced from then on. lost: those, by number."""
+    """Frames as they are read; one whose files are missing or damaged is Unplaced from then on. lost: those, by number."""
 
     def __init__(self, frames: Sequence[SurveyFrame]) -> None:
         self._frames = frames
@@ -45,7 +45,7 @@ class RecoveredFrames(Lazy[SurveyFrame | Unplaced]):
         return len(self._frames)
 
     def item(self, number: int) -> SurveyFrame | Unplaced:
-        """A frame, or that it is lost."""
+        """Read a frame; Unplaced if it is lost."""
         if number not in self.lost:
             try:
                 return self._frames[number]

@@ -1,4 +1,4 @@
-"""What all stages of a map share, and where its frames are placed."""
+"""The survey that all stages of a map share, and the placement of its frames."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,7 +31,7 @@ class Survey:
     look: "Callable[[Placement], None] | None" = None
 
     def scaled(self, scale: float) -> "Survey":
-        """The survey of a rig whose ranges are scaled by this factor."""
+        """Scale all ranges by a factor."""
         return replace(self, frames=ScaledFrames(self.frames, scale), index=self.index.scaled(scale))
 
 
@@ -61,9 +61,9 @@ class Placement:
         return np.flatnonzero(self.components == component)
 
     def chosen(self, frames: Sequence[int]) -> "Placement":
-        """The poses of these frames alone."""
+        """Select the poses of these frames."""
         return Placement(self.T_world_camera[list(frames)], self.components[list(frames)])
 
     def with_warnings(self, *warnings: str) -> "Placement":
-        """The same, with more to be said."""
+        """Add warnings."""
         return replace(self, warnings=(*self.warnings, *warnings))

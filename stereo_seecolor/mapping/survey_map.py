@@ -1,4 +1,7 @@
-"""START HERE: a survey's finished frames into the map of a reef."""
+"""START HERE: ``build_map`` makes the map of a reef from a survey's finished frames.
+
+It places the frames, fuses their ranges tile by tile into a surface, and writes the cloud, mesh, terrain, mosaic and metrics.
+"""
 
 import shutil
 import time
@@ -45,19 +48,19 @@ from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import SurveyFrame, Trajectory
 
 FIRST_FRAMES = 100
-"""So many, spread over a dive, show where it went and what is there: some three seconds' reading. Without poses they are its first
-ones, which overlap: some ten seconds."""
+"""Frames of the first picture of a map. With poses they are spread over the dive, which takes some three seconds to read; without,
+they are its first ones, which overlap, and take some ten seconds."""
 WITHOUT_GEO = "no GeoTIFF of mosaic, terrain and metrics, and no LAZ: pip install 'stereo-seecolor[geo]' (rasterio, pyproj, laspy)"
 
 
 @dataclass(frozen=True, eq=False)
 class MapSummary:
-    """The outcome of a survey.
+    """The outcome of a map.
 
-    frames, placed: how many there were, and how many found their place. components: frames in each, the main one first.
-    unplaced: the others, each with the reason, and those whose files were lost on the way. files: all that was written.
-    points: of the main cloud. navigation: given poses against the pictures, None where there were none. markers: how the map fits
-    them, None where mapping.markers says nothing.
+    frames, placed: number of frames, and of those that were placed. components: frames in each connected component, the largest
+    first. unplaced: the other frames, each with the reason, and those whose files were lost meanwhile. files: all that was written.
+    points: number of points of the main cloud. seconds: time that the map took. navigation: given poses compared with the images,
+    None where none were given. markers: how the map fits the markers, None without mapping.markers.
     """
 
     frames: int
@@ -72,18 +75,17 @@ class MapSummary:
     markers: MarkersFit | None = None
 
     def moved(self, old: Path, new: Path) -> "MapSummary":
-        """The summary of a map that was built in one folder and moved to another."""
+        """The summary of the same map once it was moved from the folder ``old`` to ``new``."""
         return replace(self, files=tuple(new / path.relative_to(old) for path in self.files))
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Where finished work is kept, so that a map that was stopped goes on from it, what receives the progress, and where the
-    work runs.
+    """Where a map is made: the folder of unfinished work, the receivers of progress and pictures, and the machine.
 
-    scratch: a folder that outlives the map's, whose features and tiles are used if they were made from the same; None: in the
-    map's folder. It is deleted when the map is done. look: is given a picture of the map, a PNG, as soon as the frames' places
-    are roughly known. steps: (S,) STEP between the frames, known from before; for that picture alone.
+    scratch: a folder of features and tiles, from which a stopped map continues if they were made from the same inputs; None
+    for one in the map's folder. It is deleted when the map is done. look: called with a picture of the map, a PNG, as soon as the
+    frames' poses are roughly known. steps: (S,) STEP, relative poses known from an earlier run, used for that picture alone.
     """
 
     scratch: Path | None = None
@@ -94,10 +96,10 @@ class Workspace:
 
 
 def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
-    """Look at all that a map needs before the first frame; what else is missing (GTSAM, rasterio) is done without, and said.
+    """Check what a map in UTM needs before the first frame is read; without GTSAM or rasterio other maps are made, with a warning.
 
-    Raises DeviceError, with the command that installs it, where a library is missing; MappingError for a map in UTM of a survey
-    whose place on Earth is not known.
+    Raises DeviceError, with the command that installs it, where a library is missing; MappingError where the survey's place on
+    Earth is not known.
     """
     if config.crs != "utm":
         return
@@ -119,9 +121,9 @@ def build_map(
 ) -> MapSummary:
     """Place the frames, fuse them and write all map products into ``out_dir``, which is empty or does not exist.
 
-    frames: read lazily, several times, one at a time; one that raises FrameError is named and left out.
-    trajectory: poses from a file; None: own stereo odometry.
-    Component 0, the one with most frames, is written to out_dir itself, others to out_dir/piece_<n>.
+    frames: read when needed, several times, one at a time; one that raises FrameError is named in the summary and left out.
+    trajectory: poses from a file; None for stereo odometry on the frames themselves.
+    Component 0, the one with most frames, is written to out_dir itself, the others to out_dir/piece_<n>.
 
     Raises DeviceError before the first frame, see ``check``; MappingError if nothing can be read or placed, or if the settings
     would take more memory or disk than there is; OutputError if the disk is full: finished tiles are kept.
@@ -146,14 +148,15 @@ def build_map(
 def _shown(
     kept: Frames, geometry: RectifiedPair, config: MappingConfig, trajectory: Trajectory | None, workspace: Workspace, scratch: Path
 ) -> Survey:
-    """The survey of all frames; a few, and then all, are shown where they are known to be."""
-    posed = trajectory is not None and not trajectory.fixes
-    known = None if posed or workspace.steps is None else placed_by(workspace.steps, len(kept))
+    """The survey of all frames. Pictures of a few frames, then of all, are shown as soon as their poses are roughly known."""
+    has_poses = trajectory is not None and not trajectory.fixes
+    known = None if has_poses or workspace.steps is None else placed_by(workspace.steps, len(kept))
     if workspace.look and len(kept) > 2 * FIRST_FRAMES:
-        some = range(0, len(kept), -(-len(kept) // FIRST_FRAMES)) if posed or known else range(FIRST_FRAMES)
-        with suppress(MappingError):  # none of these frames may be readable or have a pose: there is nothing to show yet
-            first = _survey(Chosen(kept, some), geometry, config, workspace, scratch)
-            show_first(first, config, trajectory, known and known.chosen(some))
+        spread = range(0, len(kept), -(-len(kept) // FIRST_FRAMES))
+        chosen = spread if has_poses or known else range(FIRST_FRAMES)
+        with suppress(MappingError):  # perhaps none of these frames can be read, or has a pose: there is nothing to show yet
+            first = _survey(Chosen(kept, chosen), geometry, config, workspace, scratch)
+            show_first(first, config, trajectory, known.chosen(chosen) if known else None)
     survey = _survey(kept, geometry, config, workspace, scratch)
     if known:
         show_first(survey, config, trajectory, known)
@@ -173,7 +176,7 @@ def _show(index: FrameIndex, look: Callable[[bytes], None], placement: Placement
 
 
 def _in_crs(placed: Placed, config: MappingConfig) -> Placed:
-    """In the coordinates that are asked for, as far as the place on Earth turned out to be known."""
+    """The placement in the coordinates of mapping.crs, as far as the place on Earth is known."""
     if config.crs == "local":
         return replace(placed, origin=None)
     if config.crs == "auto" or placed.origin is None:
@@ -185,14 +188,14 @@ def _in_crs(placed: Placed, config: MappingConfig) -> Placed:
 def _summary(
     survey: Survey, placed: Placed, lost: Mapping[int, Unplaced], built: Sequence[tuple[list[Path], int]], seconds: float
 ) -> MapSummary:
-    """lost: frames that could not be read, by number. built: files of each component's map, and the points of its cloud."""
+    """Summarize a map. lost: frames that could not be read, by number. built: files and number of points of each component."""
     placement = placed.placement
-    lost_on_the_way = [frame for i, frame in lost.items() if placement.components[i] >= 0]
+    lost_later = [frame for i, frame in lost.items() if placement.components[i] >= 0]  # after they were placed
     return MapSummary(
         frames=len(survey.index.names),
-        placed=sum(placement.sizes) - len(lost_on_the_way),
+        placed=sum(placement.sizes) - len(lost_later),
         components=placement.sizes,
-        unplaced=(*placement.unplaced, *lost_on_the_way),
+        unplaced=(*placement.unplaced, *lost_later),
         files=tuple(path for files, _ in built for path in files),
         points=next((points for _, points in built if points), 0),
         seconds=seconds,
@@ -203,7 +206,10 @@ def _summary(
 
 
 def _index(frames: Frames, geometry: RectifiedPair, voxel_m: float, workspace: Workspace) -> FrameIndex:
-    """With points half a block apart, so that no block is missed; voxels are made for those that weigh anything in one view."""
+    """Index the frames, with points half a block apart, so that no block is missed.
+
+    Voxels are made for points whose weight in a single view is enough for a surface.
+    """
     sampling = Sampling(spacing_m=BLOCK * voxel_m / 2, max_std_m=voxel_m / float(np.sqrt(MIN_WEIGHT)))
     index = FrameIndex.build(frames, geometry, sampling, workspace.progress, workspace.compute)
     if len(index.lost) == len(frames):
@@ -213,7 +219,7 @@ def _index(frames: Frames, geometry: RectifiedPair, voxel_m: float, workspace: W
 
 @dataclass(frozen=True, eq=False)
 class _Builder:
-    """Makes the maps of a survey's components. scratch: where work is kept until the last map is done. lost: frames, by number."""
+    """Builds the maps of a survey's components. scratch: folder of unfinished work. lost: frames that cannot be read, by number."""
 
     survey: Survey
     placed: Placed
@@ -222,12 +228,13 @@ class _Builder:
     lost: dict[int, Unplaced]
 
     def build_all(self, out_dir: Path) -> list[tuple[list[Path], int]]:
-        """The map of each component; its files, and the points of its cloud."""
-        numbers = range(len(self.placed.placement.sizes))
-        return [self.build(number, out_dir / f"piece_{number}" if number else out_dir) for number in numbers]
+        """Write the map of each component; return its files, and the number of points of its cloud."""
+        count = len(self.placed.placement.sizes)
+        folders = [out_dir] + [out_dir / f"piece_{number}" for number in range(1, count)]
+        return [self.build(number, folders[number]) for number in range(count)]
 
     def build(self, number: int, folder: Path) -> tuple[list[Path], int]:
-        """Write the map of a component; its files, and the points of its cloud."""
+        """Write the map of a component; return its files, and the number of points of its cloud."""
         component = Component.of(self.survey, self.placed.placement, number)
         check_extent(component, self.config.voxel_edge_m)
         tiling = cut(component, self.config.voxel_edge_m, self.config.tile_edge_m)
@@ -251,7 +258,7 @@ class _Builder:
         return files, points
 
     def _fuse(self, component: Component, tiling: Tiling, store: TileStore) -> None:
-        """All tiles that are not finished."""
+        """Fuse all tiles that are not finished."""
         left = [tile for tile in tiling.tiles if not store.has(tile)]
         fusion = TileFusion(store, replace(tiling, tiles=()), self.survey.frames, self.survey.geometry)
         placed = (PlacedTile(tile, component.T_local_camera[list(tile.frames)]) for tile in left)

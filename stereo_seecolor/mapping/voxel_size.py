@@ -1,4 +1,4 @@
-"""How large the voxels of a map are where the settings leave it open."""
+"""The voxel size of a map where the settings leave it open."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from stereo_seecolor.records import SurveyFrame
 
 @dataclass(frozen=True)
 class VoxelSettings:
-    """How fine is sensible."""
+    """How the voxel size is chosen."""
 
     pixels: float = 5.0  # edge, in pixels on the bottom: a range is matched over some five, finer voxels hold only noise
     frames: int = 9  # examined, spread over the dive: their median range decides
@@ -24,7 +24,7 @@ SETTINGS = VoxelSettings()
 
 
 def with_voxel(config: MappingConfig, frames: Frames, geometry: RectifiedPair) -> MappingConfig:
-    """The settings with ``voxel_m`` set: five pixels at the median range, a round number; as they are where it is set."""
+    """Set ``voxel_m`` where it is not set: five pixels at the median range, rounded to 1, 2 or 5 times a power of ten."""
     if config.voxel_m:
         return config
     step = max(1, -(-len(frames) // SETTINGS.frames))
@@ -44,7 +44,7 @@ def _typical_range_m(frame: SurveyFrame | Unplaced) -> float:
 
 
 def rounded(size: float) -> float:
-    """The nearest of 1, 2, 5 times a power of ten."""
+    """Round to the nearest of 1, 2, 5 times a power of ten."""
     decade = int(np.floor(np.log10(size)))
     nearest = min(SETTINGS.steps, key=lambda step: abs(float(np.log(step * 10.0**decade / size))))
     return float(f"{nearest:g}e{decade}")

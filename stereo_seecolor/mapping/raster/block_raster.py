@@ -1,4 +1,4 @@
-"""A raster on disk of which only the blocks that hold something exist: a track across a bay is long, not large."""
+"""A raster on disk of which only the blocks that hold something exist: the bounding box of a long track is mostly empty."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,7 +16,7 @@ BLOCK_PX = 512
 
 
 class BlockRaster:
-    """(bands, H, W) in blocks of 512 cells a side, each a file of ``folder``; what was never written is ``fill``."""
+    """A raster (bands, H, W) in blocks of 512 x 512 cells, each a file of ``folder``; cells never written are ``fill``."""
 
     def __init__(self, folder: Path, grid: Grid, bands: int, dtype: type[np.generic], fill: float) -> None:
         self.grid, self.bands, self.dtype, self.fill = grid, bands, dtype, fill
@@ -24,7 +24,7 @@ class BlockRaster:
         self._blocks: set[tuple[int, int]] = set()
 
     def read(self, rows: slice, columns: slice) -> NDArray[Any]:
-        """A window (bands, h, w); it may reach beyond the raster."""
+        """Read a window (bands, h, w), which may reach beyond the raster."""
         result = np.full((self.bands, rows.stop - rows.start, columns.stop - columns.start), self.fill, self.dtype)
         for block, here, there in self._overlaps(rows, columns):
             if block in self._blocks:
@@ -45,7 +45,7 @@ class BlockRaster:
             self._blocks.add(block)
 
     def windows(self) -> Iterator[tuple[slice, slice]]:
-        """The windows of all blocks that exist, cut to the raster, row by row."""
+        """Iterate over the windows of all blocks that exist, clipped to the raster, row by row."""
         for row, column in sorted(self._blocks):
             yield (
                 slice(row * BLOCK_PX, min((row + 1) * BLOCK_PX, self.grid.shape[0])),

@@ -1,4 +1,4 @@
-"""A first look at a map that is being made: every frame's coarse points from above, where the frames are first thought to be."""
+"""A first picture of a map that is being made: the coarse points of every frame from above, at the first estimate of its pose."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -27,7 +27,9 @@ SETTINGS = LookSettings()
 
 
 def first_look(index: FrameIndex, placement: Placement) -> NDArray[np.uint8] | None:
-    """(H, W, 4) RGBA, north up, of the largest component: mean colors of the points over each cell; None where there are none."""
+    """Draw the largest component from above, north up: (H, W, 4) RGBA, the mean color of the points over each cell; None without
+    points.
+    """
     frames = [int(i) for i in placement.frames_of(0) if len(index.points_m[i])]
     if not frames:
         return None

@@ -1,4 +1,4 @@
-"""Where the map lies on Earth, in the words of geographic programs; needs the ``geo`` extra."""
+"""Georeferenced files of a map, and its coordinate reference system; needs the ``geo`` extra."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,14 +22,16 @@ SPARSE_FROM_PIXELS = 2**30
 
 @dataclass(frozen=True, eq=False)
 class Georeference:
-    """Where a map's local coordinates lie: offset_m (3,) in the world, and the world's origin on Earth, where it is known."""
+    """The place of a map's local coordinates: their offset in the world, offset_m (3,), and the world's origin on Earth, None if
+    unknown.
+    """
 
     offset_m: NDArray[np.float64]
     origin: GeoOrigin | None
 
 
 def crs_name(origin: GeoOrigin | None) -> str:
-    """The map's coordinates in words."""
+    """Describe the map's coordinate reference system in words."""
     if origin is None:
         return "local meters, no place on Earth"
     if origin.utm_epsg:
@@ -38,7 +40,7 @@ def crs_name(origin: GeoOrigin | None) -> str:
 
 
 def available() -> bool:
-    """True if rasterio, pyproj and laspy can be imported."""
+    """Tell whether rasterio, pyproj and laspy can be imported."""
     try:
         import laspy  # noqa: F401
         import pyproj  # noqa: F401
@@ -49,7 +51,7 @@ def available() -> bool:
 
 
 def crs_wkt(origin: GeoOrigin) -> str:
-    """The map's UTM zone, or transverse Mercator around the map's origin at scale 1: its own meters, north up.
+    """Give the WKT of the map's UTM zone, or of transverse Mercator around the map's origin at scale 1: its own meters, north up.
 
     The latter is the convention of ACFR's stereo_pose_est.data. UTM shrinks lengths by up to 0.04 % and turns north by up to 3
     degrees.
@@ -63,13 +65,14 @@ def crs_wkt(origin: GeoOrigin) -> str:
 
 
 def utm_of(origin: GeoOrigin) -> GeoOrigin:
-    """The same place in the coordinates of its UTM zone."""
+    """Give the same origin with the EPSG number of its UTM zone."""
     zone = int((origin.longitude_deg + 180) % 360 // 6) + 1
     return replace(origin, utm_epsg=(NORTH if origin.latitude_deg >= 0 else SOUTH) + zone)
 
 
 def in_utm(T_world_camera: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np.float64]:
-    """Poses (N, 4, 4) in meters around the origin as poses in its UTM zone, each turned by the meridians' convergence there.
+    """Transform poses (N, 4, 4) in meters around the origin into its UTM zone, each turned by the meridian convergence at its
+    place.
 
     What a frame saw keeps its true size: between frames UTM is up to 0.04 % shorter, a millimeter over two meters.
     """
@@ -87,7 +90,8 @@ def in_utm(T_world_camera: NDArray[np.float64], origin: GeoOrigin) -> NDArray[np
 
 
 def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descriptions: tuple[str, ...] = ()) -> Path:
-    """Write float32 with NaN as nodata, or uint8 RGBA with alpha; tiled, compressed, with overviews; the path.
+    """Write a raster as a tiled, compressed GeoTIFF with overviews: float32 with NaN as nodata, or uint8 RGBA with alpha; return
+    the path.
 
     Coordinates are the world's; without an origin on Earth they are its meters, and no CRS is given.
     """
@@ -122,7 +126,7 @@ def write_geotiff(path: Path, raster: BlockRaster, place: Georeference, descript
 
 
 def write_laz(path: Path, cloud: Path, place: Georeference) -> Path:
-    """The cloud as LAZ in the system of the GeoTIFFs, millimeters, its offset near the map; the path.
+    """Write the cloud as LAZ in the coordinate system of the GeoTIFFs, in millimeters with an offset near the map; return the path.
 
     cloud: the PLY file, read in pieces.
     """

@@ -1,4 +1,4 @@
-"""Where the cells of a raster map lie."""
+"""The grid of a raster map: where its cells lie."""
 
 from dataclasses import dataclass
 
@@ -20,7 +20,7 @@ class Grid:
 
     @classmethod
     def around(cls, low_m: NDArray[np.floating], high_m: NDArray[np.floating], cell_m: float) -> "Grid":
-        """The cells that cover a box, centered on all multiples of cell_m: repeated surveys share their cells.
+        """Cover a box with cells that are centered on multiples of cell_m, so that repeated surveys share their cells.
 
         Voxels lie on multiples of their size too: over each of their columns the surface is measured, between them interpolated.
         """
@@ -29,26 +29,26 @@ class Grid:
         return cls(float(west * cell_m), float(north * cell_m), cell_m, (round(north - south), round(east - west)))
 
     def pixels(self, points_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(N, 2) column and row of points (N, 2 or more); the center of the first cell is (0, 0)."""
+        """Convert points (N, 2 or more) to column and row (N, 2); the center of the first cell is (0, 0)."""
         points = np.asarray(points_m, np.float64)
         return np.stack([self.columns(points[:, 0]), self.rows(points[:, 1])], axis=-1)
 
     def columns(self, x_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Column of each x."""
+        """Convert x to columns."""
         return np.asarray((x_m - self.west_m) / self.cell_m - 0.5, np.float64)
 
     def rows(self, y_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Row of each y."""
+        """Convert y to rows."""
         return np.asarray((self.north_m - y_m) / self.cell_m - 0.5, np.float64)
 
     def axes(self, rows: slice, columns: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """x (w,) and y (h,) of the cells' centers in a window."""
+        """The x (w,) and y (h,) of the cells' centers in a window."""
         x_m = self.west_m + (np.arange(columns.start, columns.stop) + 0.5) * self.cell_m
         y_m = self.north_m - (np.arange(rows.start, rows.stop) + 0.5) * self.cell_m
         return x_m, y_m
 
     def centers(self, rows: slice, columns: slice) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """x and y (h, w) of the cells' centers in a window."""
+        """The x and y of the cells' centers in a window, (h, w) each."""
         x_m, y_m = self.axes(rows, columns)
         grid_x, grid_y = np.meshgrid(x_m, y_m)
         return grid_x, grid_y

@@ -1,4 +1,7 @@
-"""The orthomosaic: detail of each cell from its best view, seams where neighboring views agree, color from the mean of all."""
+"""The orthomosaic: each cell's detail comes from its best view, its coarse color from the mean of all views that see it.
+
+Seams between views are placed where neighboring views agree.
+"""
 
 from collections import OrderedDict
 from dataclasses import dataclass
@@ -14,6 +17,7 @@ from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.raster.block_raster import BLOCK_PX, BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
+from stereo_seecolor.mapping.raster.mosaic_blend import blend
 from stereo_seecolor.mapping.raster.mosaic_kernels import agree, see
 from stereo_seecolor.mapping.recovered_frames import Frames, Unplaced
 
@@ -26,20 +30,12 @@ class MosaicSettings:
     """How views are chosen."""
 
     views_a_meter: int = 12  # frames that a block is painted from, for each meter of its edge: more never win
-    repaints: int = 3  # so often views are chosen again for what the first ones do not see,
-    unpainted: float = 0.01  # where that is more than this fraction of the cells
+    repaints: int = 3  # rounds of painting: each chooses views for what those before it did not see,
+    unpainted: float = 0.01  # as long as that is more than this fraction of the cells
     windows_at_once: int = 2  # one is blended while the cells of the other are looked up on all cores
     cached_frames: int = 16  # read frames that are kept, 8 bytes a pixel: neighboring blocks share them
-    smooth_px: int = 21  # costs are averaged over it, cells: seams run in straight stretches (Rhemann et al. 2011)
-    feather_px: float = 2.0  # standard deviation of the blend across a seam, cells
-    feather_reach: float = 5.0  # standard deviations beyond which nothing is blended: OpenCV's kernels end at four
     disagreement: float = 4.0  # cost of a color a tenth of full scale off the median of all views, in tangents of the angle
     outlier: float = 25.5  # of 255: a color so far off the median of all views, a tenth of full scale, weighs half in their mean
-    band_px: float = (
-        6.0  # standard deviation, cells: what is coarser is colored by the mean of all views, what is finer by the best
-    )
-    coarser: int = 2  # cells to one in which that is worked out
-    most_change: float = 2.0  # factor, up and down: views that differ by more do not show the same
     closed: float = 0.5  # fraction of a cell of the terrain and its eight neighbors that must be known for it to be painted
     hidden_m: float = 0.05  # a view whose range is off by more than this,
     hidden_fraction: float = 0.02  # and this fraction of it, shows something else: it stands before the cell, or moved
@@ -51,9 +47,9 @@ SETTINGS = MosaicSettings()
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) their centers. z_m: (h, w) heights, NaN where unknown.
+    """A window of the mosaic. edge_m: of a cell. x_m: (w,), y_m: (h,) centers. z_m: (h, w) heights, NaN where unknown.
 
-    other_m: (h, w) of cells at a step of the terrain: the height beyond it; NaN elsewhere.
+    other_m: (h, w) the height beyond the step for a cell at a step of the terrain, NaN for all others.
     """
 
     edge_m: float
@@ -64,7 +60,10 @@ class Cells:
 
 
 def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder: Path) -> BlockRaster:
-    """RGBA (4, H, W) on ``grid``, alpha 0 where no view reaches."""
+    """Paint the mosaic of a component on ``grid``: RGBA (4, H, W) uint8, alpha 0 where no view sees the ground.
+
+    folder: where its blocks are written. Raises OutputError if the disk is full.
+    """
     survey = component.survey
     mosaic = BlockRaster(folder, grid, 4, np.uint8, 0)
     boxes = {int(i): _box(component.points_m(int(i))) for i in component.frames if len(survey.index.points_m[i])}
@@ -82,7 +81,7 @@ def render_mosaic(component: Component, terrain: BlockRaster, grid: Grid, folder
 
 
 def _painted(cells: Cells, boxes: dict[int, tuple[Array, Array]], component: Component, cache: "_Cache") -> NDArray[np.uint8]:
-    """(4, h, w): by the views nearest to the block's middle, then what those do not see by the views nearest to it."""
+    """Paint a window, (4, h, w): by the views nearest to its middle, then what those do not see by the views nearest to that."""
     known = np.isfinite(cells.z_m)
     painted, left = np.zeros((4, *known.shape), np.uint8), known
     for _ in range(SETTINGS.repaints):
@@ -98,7 +97,7 @@ def _painted(cells: Cells, boxes: dict[int, tuple[Array, Array]], component: Com
 
 @dataclass(frozen=True, eq=False)
 class _Sight:
-    """What a mosaic needs of a frame, as SurveyFrame has it."""
+    """The parts of a SurveyFrame that a mosaic is painted from."""
 
     color: NDArray[np.uint8]
     range_m: Float
@@ -106,7 +105,7 @@ class _Sight:
 
 
 class _Cache:
-    """The frames read last; several threads may ask."""
+    """The frames that were read last; safe for several threads."""
 
     def __init__(self, frames: Frames) -> None:
         self._frames = frames
@@ -114,7 +113,7 @@ class _Cache:
         self._reading = Lock()
 
     def read(self, wanted: list[int]) -> list[_Sight | None]:
-        """These frames, None for one that is lost; those not held on all cores; the ones asked for last are held on to."""
+        """Read these frames, on all cores, and keep the latest in memory; None for one that is lost."""
         with self._reading:
             missing = [i for i in wanted if i not in self._held]
             self._held.update(zip(missing, core_pool().map(self._sight, missing), strict=True))
@@ -171,8 +170,10 @@ def _cells(terrain: BlockRaster, grid: Grid, rows: slice, columns: slice) -> Cel
 
 
 def _on_one_side(terrain_m: Float, u: Float, v: Float) -> Float:
-    """(n,) heights at columns u and rows v of the terrain, bilinear; between cells on both sides of a step, in those of the side
-    that weighs more. So the step's edge crosses the terrain's cells, and does not run along their borders.
+    """Interpolate heights, (n,), at columns u and rows v of the terrain, bilinearly, from cells on one side of a step only.
+
+    Between cells on both sides of a step, those of the side that weighs more are taken. So the step's edge crosses the terrain's
+    cells, and does not run along their borders.
     """
     column, row = u.astype(int), v.astype(int)
     corners = np.stack([terrain_m[row + j, column + i] for j in (0, 1) for i in (0, 1)])
@@ -187,15 +188,15 @@ def _on_one_side(terrain_m: Float, u: Float, v: Float) -> Float:
 
 
 def _closed(heights_m: Float) -> Float:
-    """With unknown cells that most neighbors of are known at their mean height: a view paints them where it measured that range."""
-    known, around = np.isfinite(heights_m), (3, 3)
-    share = cv2.blur(known.astype(np.float32), around)
-    mean = cv2.blur(np.nan_to_num(heights_m), around) / np.maximum(share, np.float32(1e-6))
-    return np.asarray(np.where(known | (share < SETTINGS.closed), heights_m, mean), np.float32)
+    """Fill unknown cells of which most neighbors are known, at their mean height: a view that measured that range paints them."""
+    known, window = np.isfinite(heights_m), (3, 3)
+    fraction = cv2.blur(known.astype(np.float32), window)
+    mean = cv2.blur(np.nan_to_num(heights_m), window) / np.maximum(fraction, np.float32(1e-6))
+    return np.asarray(np.where(known | (fraction < SETTINGS.closed), heights_m, mean), np.float32)
 
 
 def _around_each(heights_m: Float) -> tuple[Float, Float]:
-    """The lowest and the highest of each cell and its neighbors; infinite where none is known."""
+    """The lowest and the highest height of each cell and its eight neighbors; infinite where none is known."""
     known, around = np.isfinite(heights_m), np.ones((3, 3), np.uint8)
     lowest = cv2.erode(np.where(known, heights_m, np.inf).astype(np.float32), around)
     return lowest, cv2.dilate(np.where(known, heights_m, -np.inf).astype(np.float32), around)
@@ -218,82 +219,34 @@ def _paint(cells: Cells, views: list[tuple[_Sight, Array]], geometry: RectifiedP
     from the median of all views: fish, shadows and badly placed frames lose there, and seams move to where views agree.
     """
     shape = len(views), *cells.z_m.shape
-    found = np.zeros((*shape, 3), np.uint8), np.empty(shape, np.float32), np.zeros(shape, np.float32)
-    seeing = list(core_pool().map(lambda k: _look(cells, views[k], geometry, found, k), range(len(views))))
-    if not any(seeing):
+    colors, costs, weights = np.zeros((*shape, 3), np.uint8), np.empty(shape, np.float32), np.zeros(shape, np.float32)
+
+    def project(k: int) -> bool:
+        return _project(cells, views[k], geometry, colors[k], costs[k], weights[k])
+
+    sees_any = list(core_pool().map(project, range(len(views))))
+    if not any(sees_any):
         return np.zeros((4, *cells.z_m.shape), np.uint8)
-    colors, costs, weights = found if all(seeing) else (part[seeing] for part in found)
+    if not all(sees_any):
+        colors, costs, weights = colors[sees_any], costs[sees_any], weights[sees_any]
     mean = np.zeros((*cells.z_m.shape, 3), np.float32)
     cost_a_level = SETTINGS.disagreement / 3 / 25.5
-    in_parts(lambda a, b: agree(colors, costs, weights, cost_a_level, SETTINGS.outlier, mean, a, b), len(mean))
-    return _blend(colors, costs, mean)
+    in_parts(lambda first, last: agree(colors, costs, weights, cost_a_level, SETTINGS.outlier, mean, first, last), len(mean))
+    return blend(colors, costs, mean)
 
 
-_Views = tuple[NDArray[np.uint8], Float, Float]
-"""Colors (views, h, w, 3), costs (views, h, w) and weights (views, h, w) that frames have for cells."""
+def _project(
+    cells: Cells, view: tuple[_Sight, Array], geometry: RectifiedPair, color: NDArray[np.uint8], cost: Float, weight: Float
+) -> bool:
+    """Write a frame's color (h, w, 3), cost and weight (h, w) of the cells, the cost infinite where the frame does not see a cell.
 
-
-def _look(cells: Cells, view: tuple[_Sight, Array], geometry: RectifiedPair, found: _Views, number: int) -> bool:
-    """Write what a frame has for the cells, its cost infinite where it does not see one; False where it sees none."""
+    False where it sees none.
+    """
     sight, T_local_camera = view
     camera = np.array([geometry.focal_px, geometry.cx_left_px, geometry.cy_px])
     limits = np.array([SETTINGS.hidden_m, SETTINGS.hidden_fraction, SETTINGS.doubtful_cost, cells.edge_m])
-    T, center_m = inverse(T_local_camera), np.ascontiguousarray(T_local_camera[:3, 3])
-    frame = sight.color, sight.range_m, sight.doubtful
-    color, cost, weight = (part[number] for part in found)
-    return see(cells.x_m, cells.y_m, cells.z_m, cells.other_m, T, center_m, camera, *frame, limits, color, cost, weight) > 0
-
-
-def _blend(colors: NDArray[np.uint8], costs: Float, mean: Float) -> NDArray[np.uint8]:
-    """(4, h, w): the view of least smoothed cost in the color of the mean, softened across seams; alpha 0 where none sees it."""
-    seen = np.isfinite(costs)
-    visible, best = seen.any(axis=0), _cheapest(costs, seen)
-    total, blend = np.zeros(best.shape, np.float32), np.zeros((*best.shape, 3), np.float32)
-    for k in range(len(colors)):
-        mine = best == k
-        window = _around(mine)
-        if window is None:
-            continue
-        weight = cv2.GaussianBlur(mine[window].astype(np.float32), (0, 0), SETTINGS.feather_px) * seen[k][window]
-        total[window] += weight
-        blend[window] += weight[..., None] * _as_the_mean(colors[k], seen[k], mean, window)
-    result = np.zeros((4, *best.shape), np.uint8)
-    result[:3] = np.clip(np.rint(blend / np.maximum(total, 1e-6)[..., None]), 0, 255).astype(np.uint8).transpose(2, 0, 1)
-    result[3] = np.where(visible, 255, 0)
-    result[:3, ~visible] = 0
-    return result
-
-
-def _as_the_mean(color: NDArray[np.uint8], seen: NDArray[np.bool_], mean: Float, window: tuple[slice, slice]) -> Float:
-    """A view's colors in a window, multiplied by what makes its coarse band that of the mean over the cells that it sees."""
-    reach = int(np.ceil(2 * SETTINGS.band_px))
-    wide = tuple(slice(max(part.start - reach, 0), part.stop + reach) for part in window)
-    own, common = color[wide].astype(np.float32), mean[wide] * seen[wide][..., None]
-    height, width = seen[wide].shape
-    small = max(width // SETTINGS.coarser, 1), max(height // SETTINGS.coarser, 1)
-    bands = [cv2.resize(part, small, interpolation=cv2.INTER_AREA) for part in (own * seen[wide][..., None], common)]
-    low, wanted = (cv2.GaussianBlur(band, (0, 0), SETTINGS.band_px / SETTINGS.coarser) for band in bands)
-    factor = np.clip((wanted + 1e-3) / (low + 1e-3), 1 / SETTINGS.most_change, SETTINGS.most_change)
-    inner = tuple(slice(part.start - around.start, part.stop - around.start) for part, around in zip(window, wide, strict=True))
-    return np.asarray(own[inner] * cv2.resize(factor, (width, height), interpolation=cv2.INTER_LINEAR)[inner], np.float32)
-
-
-def _cheapest(costs: Float, seen: NDArray[np.bool_]) -> NDArray[np.int16]:
-    """(h, w) the view whose cost, averaged over its neighborhood, is least; -1 where none sees the cell."""
-    size, least = (SETTINGS.smooth_px,) * 2, np.full(costs.shape[1:], np.inf, np.float32)
-    best = np.full(costs.shape[1:], -1, np.int16)
-    for k in range(len(costs)):
-        fraction = cv2.blur(seen[k].astype(np.float32), size)
-        mean = cv2.blur(np.where(seen[k], costs[k], np.float32(0)), size) / np.maximum(fraction, 1e-6)
-        better = seen[k] & (mean < least)
-        least[better], best[better] = mean[better], k
-    return best
-
-
-def _around(chosen: NDArray[np.bool_]) -> tuple[slice, slice] | None:
-    """The window of the chosen cells and of all that their blend reaches; None for none."""
-    rows, columns = np.flatnonzero(chosen.any(axis=1)), np.flatnonzero(chosen.any(axis=0))
-    if not len(rows):
-        return None
-    reach = int(np.ceil(SETTINGS.feather_reach * SETTINGS.feather_px))
-    return slice(max(rows[0] - reach, 0), rows[-1] + 1 + reach), slice(max(columns[0] - reach, 0), columns[-1] + 1 + reach)
+    count = see(
+        cells.x_m, cells.y_m, cells.z_m, cells.other_m, inverse(T_local_camera), np.ascontiguousarray(T_local_camera[:3, 3]),
+        camera, sight.color, sight.range_m, sight.doubtful, limits, color, cost, weight,
+    )  # fmt: skip
+    return count > 0

@@ -1,4 +1,4 @@
-"""How large the cells of an orthomosaic are where the settings leave it open."""
+"""The cell size of an orthomosaic where the settings leave it open."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ SETTINGS = MosaicCellSettings()
 
 
 def with_mosaic_cell(config: MappingConfig, component: Component, tiling: Tiling) -> MappingConfig:
-    """The settings with ``mosaic_m`` set: a pixel at the images' median depth, or coarser where the area is large.
+    """Set ``mosaic_m`` where it is not set: a pixel at the images' median depth, or coarser where the area is large.
 
     Half a voxel is fine enough for a large area; cells finer than the images' pixels hold nothing.
     """

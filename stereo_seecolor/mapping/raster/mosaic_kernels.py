@@ -1,4 +1,4 @@
-"""What a frame has for the cells of a mosaic, and how far its colors are from the other frames'."""
+"""Compiled loops of the orthomosaic: a frame's colors of its cells, and how far they are from the other frames' colors."""
 
 from typing import Any
 
@@ -30,7 +30,8 @@ def see(
     cost: Any,  # (h, w) float32, written: infinite where the frame does not see the cell
     weight: Any,  # (h, w) float32, written where it does: of its color in the mean of all views
 ) -> int:
-    """Colors of the cells by one frame, bilinear, and what each costs and weighs; how many it sees.
+    """Write the colors of the cells as one frame sees them, bilinear, with the cost and the weight of each; return how many it
+    sees.
 
     A cell is hidden where the range measured at its pixel is another: something stands before it, or it moved. At a step of the
     terrain, whose cells are larger, it may lie at the other height. Pixels without a range may be painted black, and must not
@@ -94,7 +95,8 @@ def _blended(rgb: Any, range_m: Any, u: float, v: float, color: Any, y: int, x: 
 
 @compiled
 def agree(color: Any, cost: Any, weight: Any, cost_a_level: float, outlier_levels: float, mean: Any, first: int, last: int) -> None:
-    """Write the mean color (h, w, 3) float32 of all views that see a cell; add to their cost what they are off their median.
+    """Write the mean color (h, w, 3) float32 of all views that see a cell, and add to each view's cost its distance from their
+    median.
 
     first, last: the rows from the one to before the other.
     color: (views, h, w, 3) uint8. cost: (views, h, w), infinite where a view does not see the cell. weight: as cost, of the mean;

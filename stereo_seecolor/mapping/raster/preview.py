@@ -1,4 +1,4 @@
-"""The map as a picture, drawn in software: no screen, no graphics card."""
+"""A picture of the map, drawn in software: no screen and no graphics card is needed."""
 
 from collections.abc import Callable, Iterable
 
@@ -16,7 +16,9 @@ BACKGROUND = 255  # white
 
 
 def render_preview(surfaces: Callable[[], Iterable[Surface]]) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB of the map from a slant, parallel projection, lightly shaded. surfaces: gives the tiles again on each call."""
+    """Draw the map from a slant, in parallel projection, lightly shaded: (H, W, 3) RGB. surfaces: gives the tiles again on each
+    call.
+    """
     R = _view()
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for surface in surfaces():

@@ -1,4 +1,4 @@
-"""What is made of a fused surface: terrain, mosaic, metrics, preview, and their files."""
+"""Products of a fused surface and their files: terrain, mosaic, metrics, preview."""
 
 import csv
 from collections.abc import Callable, Iterable, Iterator
@@ -33,7 +33,7 @@ Surfaces = Callable[[], Iterable[Surface]]
 
 @dataclass(frozen=True, eq=False)
 class Rasters:
-    """Heights (1, H, W), colors (4, H, W) and metrics (M, H, W) of a map, on grids of their own."""
+    """The rasters of a map, each on its own grid: heights (1, H, W), colors (4, H, W), metrics (M, H, W)."""
 
     terrain: BlockRaster
     mosaic: BlockRaster
@@ -41,7 +41,7 @@ class Rasters:
 
     @classmethod
     def render(cls, component: Component, surfaces: Surfaces, config: MappingConfig, scratch: Path) -> "Rasters | None":
-        """None where there is no surface."""
+        """Render all rasters of a component; None where there is no surface."""
         low, high = _extent(surfaces())
         if not np.isfinite(low).all():
             return None
@@ -52,12 +52,12 @@ class Rasters:
 
 
 def write_preview(folder: Path, surfaces: Surfaces) -> Path:
-    """preview.png, the map from a slant."""
+    """Write preview.png, the map from a slant."""
     return _write_image(folder / "preview.png", render_preview(surfaces))
 
 
 def write_rasters(folder: Path, rasters: Rasters, place: Georeference) -> Iterator[Path]:
-    """The mosaic small and the metrics as a table; GeoTIFFs, and the cloud as LAZ, where the geo extra is there."""
+    """Write the mosaic, reduced, and the metrics as a table; with the geo extra also GeoTIFFs, and the cloud as LAZ."""
     works: list[Callable[[], Path]] = [
         lambda: _write_image(folder / "orthomosaic_preview.png", _reduced(rasters.mosaic)),
         partial(_write_csv, folder / "reef_metrics.csv", rasters.squares, place),
@@ -95,7 +95,7 @@ def _reduced(mosaic: BlockRaster) -> NDArray[np.uint8]:
 
 
 def encoded(image: NDArray[np.uint8]) -> bytes:
-    """RGB or RGBA (H, W, 3 or 4) as a PNG."""
+    """Encode an RGB or RGBA image (H, W, 3 or 4) as a PNG."""
     code = cv2.COLOR_RGBA2BGRA if image.shape[2] == 4 else cv2.COLOR_RGB2BGR
     return cv2.imencode(".png", cv2.cvtColor(image, code))[1].tobytes()
 

@@ -1,4 +1,4 @@
-"""Triangles into a grid, the highest one winning: terrain from above, and previews from any side, without a screen."""
+"""Rasterization of triangles, the highest one winning: terrain from above, and previews from any side, without a screen."""
 
 from typing import Any
 

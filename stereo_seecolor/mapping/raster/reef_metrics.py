@@ -1,4 +1,4 @@
-"""The structural numbers that reef people compute, on a terrain model, a square at a time and for the whole site.
+"""Metrics of a reef's structure as ecologists compute them, on a terrain model, for each square and for the whole site.
 
 surface_rugosity: area of the surface over its planar area, 8 triangles a cell (Jenness 2004, Wildlife Society Bulletin 32).
 linear_rugosity: length of the profile over the straight line, mean of all east-west and north-south profiles of a square
@@ -21,14 +21,16 @@ from stereo_seecolor.mapping.raster.block_raster import BlockRaster
 from stereo_seecolor.mapping.raster.grid import Grid
 
 MIN_COVERAGE = 0.5
+"""Fraction of a square's cells that must be known."""
 _SCALES = (1, 2, 4, 8, 16)
+"""Cell sizes of the fractal dimension, in cells of the terrain."""
 
 Heights = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ReefMetrics:
-    """One square's numbers, or a site's; NaN where too little was seen. coverage: fraction of the cells that were seen."""
+    """Metrics of one square, or of a site; NaN where too little was seen. coverage: fraction of the cells that were seen."""
 
     coverage: float
     surface_rugosity: float
@@ -41,11 +43,11 @@ class ReefMetrics:
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """In the order of ``values``."""
+        """The names of the metrics, in the order of ``values``."""
         return tuple(field.name for field in fields(cls))
 
     def values(self) -> tuple[float, ...]:
-        """All numbers."""
+        """All metrics, in the order of the fields."""
         return tuple(astuple(self))
 
 
@@ -70,7 +72,10 @@ def measure(height_m: NDArray[np.floating], cell_m: float) -> ReefMetrics:
 
 
 def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> BlockRaster:
-    """(metrics, rows, columns) of all squares of a terrain model that were seen, counted from its north-west corner."""
+    """Measure all squares of a terrain model, of edge ``square_m``, that were seen: (metrics, rows, columns) float32.
+
+    Squares are counted from the terrain's north-west corner. folder: where the blocks of the result are written.
+    """
     cell_m = terrain.grid.cell_m
     size = max(3, round(square_m / cell_m))
     shape = -(-terrain.grid.shape[0] // size), -(-terrain.grid.shape[1] // size)
@@ -89,7 +94,7 @@ def measure_squares(terrain: BlockRaster, square_m: float, folder: Path) -> Bloc
 
 
 def site_of(squares: NDArray[np.floating]) -> NDArray[np.float64]:
-    """(metrics,) of a site from those of its squares (metrics, N): means weighted by what was seen, aspects as directions."""
+    """Average the metrics of a site's squares (metrics, N), weighted by coverage, aspects as directions: (metrics,)."""
     values = np.asarray(squares, np.float64)
     known = np.isfinite(values[1])
     if not known.any():
@@ -113,7 +118,10 @@ def _plane(heights: Heights, known: NDArray[np.bool_], cell_m: float) -> tuple[f
 
 
 def surface_rugosity(heights: Heights, cell_m: float) -> float:
-    """Two triangles between each four neighbors, both ways to halve the square averaged; only where all four are known."""
+    """Area of the surface over its planar area; NaN where no four neighboring cells are known.
+
+    Between each four neighbors lie two triangles; both ways to halve the square are averaged.
+    """
     a, b, c, d = heights[:-1, :-1], heights[:-1, 1:], heights[1:, :-1], heights[1:, 1:]
     area = np.zeros(a.shape)
     for right, down in ((b - a, c - a), (d - c, d - b), (b - a, d - b), (d - c, c - a)):
@@ -128,10 +136,9 @@ def _linear_rugosity(heights: Heights, cell_m: float) -> float:
 
 def vector_ruggedness(heights: Heights, cell_m: float) -> float:
     """1 - length of the mean unit normal (Sappington et al. 2007); NaN where no cell has all its neighbors."""
-    padded = heights
-    west, east = padded[:, :-2], padded[:, 2:]
+    west, east = heights[:, :-2], heights[:, 2:]
     rise_x = ((east - west)[:-2] + 2 * (east - west)[1:-1] + (east - west)[2:]) / (8 * cell_m)
-    north, south = padded[:-2], padded[2:]
+    north, south = heights[:-2], heights[2:]
     rise_y = ((north - south)[:, :-2] + 2 * (north - south)[:, 1:-1] + (north - south)[:, 2:]) / (8 * cell_m)
     normals = np.stack([-rise_x, -rise_y, np.ones_like(rise_x)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)

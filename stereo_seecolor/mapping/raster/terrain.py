@@ -1,4 +1,4 @@
-"""The terrain model: the highest of the fused surface over each cell."""
+"""The terrain model: the height of the highest fused surface over each cell."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +12,7 @@ from stereo_seecolor.mapping.surface.surface import Surface
 
 
 def render_terrain(surfaces: Iterable[Surface], grid: Grid, folder: Path) -> BlockRaster:
-    """Heights (1, H, W) float32 meters, NaN where nothing was seen."""
+    """Render the heights of the surfaces: (1, H, W) float32 meters, NaN where nothing was seen."""
     terrain = BlockRaster(folder, grid, 1, np.float32, np.nan)
     for surface in surfaces:
         if not len(surface.triangles):

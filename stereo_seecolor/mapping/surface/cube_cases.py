@@ -1,4 +1,4 @@
-"""Which triangles a cube of eight voxels holds, for each way in which its corners lie inside and outside of the surface.
+"""Table of marching cubes: the triangles of a cube of eight voxels, for each way in which its corners lie inside and outside.
 
 Marching cubes (Lorensen and Cline 1987). The table is worked out, not listed: on each face of the cube, every run of corners inside
 is cut off by a segment of its own, so that two cubes agree on the face between them and the surface has no holes; the segments
@@ -70,7 +70,7 @@ def _fan(loop: list[int]) -> list[list[int]]:
 
 @cache
 def cube_cases() -> tuple[NDArray[np.int8], NDArray[np.int8]]:
-    """How many triangles each case has (256,), and the edges that their corners lie on (256, MOST_TRIANGLES, 3)."""
+    """Compute the number of triangles of each case (256,), and the edges that their corners lie on (256, MOST_TRIANGLES, 3)."""
     counts, edges = np.zeros(256, np.int8), np.zeros((256, MOST_TRIANGLES, 3), np.int8)
     for case in range(256):
         triangles = [triangle for loop in _loops(case) for triangle in _fan(loop)]

@@ -1,4 +1,4 @@
-"""The surface in a tile's voxels, on all cores."""
+"""Extraction of the surface from a tile's voxels by marching cubes, on all cores."""
 
 from dataclasses import dataclass
 
@@ -18,33 +18,38 @@ from stereo_seecolor.mapping.surface.surface import Surface
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT, Volume
 
 PART_BLOCKS = 64
-"""That a core works on at once: some milliseconds."""
+"""Blocks that a core works on at once: some milliseconds."""
 
 
 def extract(volume: Volume, own: NDArray[np.int64]) -> Surface:
-    """The triangles where the signed distance is zero and all eight voxels around have weight, in the cubes of some blocks.
+    """Extract the surface: where the signed distance is zero and all eight voxels around have weight.
 
-    own: the numbers of the blocks. The cubes of a block reach to the first voxels of the next: each belongs to one block, and
-    tiles that share no own block share no triangle, and the points on the plane between them to the bit. Points and triangles come
-    in the order of the blocks, whatever the number of cores.
+    own: (b,) numbers of the blocks whose cubes are searched. The cubes of a block reach to the first voxels of the next block: each
+    belongs to one block. So tiles that share no own block share no triangle, and their points on the plane between them are equal
+    to the bit. Points and triangles come in the order of the blocks, whatever the number of cores.
     """
     blocks = len(volume.blocks)
     around = np.empty((blocks, 27), np.int32)
-    in_parts(lambda a, b: neighbors(volume.blocks, around, a, b), blocks, PART_BLOCKS)
+    in_parts(lambda first, last: neighbors(volume.blocks, around, first, last), blocks, PART_BLOCKS)
     cubes = _Cubes.of(volume, own, around)
-    points, starts = np.zeros(blocks, np.int64), np.zeros(blocks, np.int64)
-    in_parts(lambda a, b: count_points(cubes.numbers, points, a, b), blocks, PART_BLOCKS)
-    starts[1:] = np.cumsum(points)[:-1]
-    placed = np.empty((points.sum(), 3), np.float32), np.empty((points.sum(), 3), np.float32), np.empty((points.sum(), 3), np.uint8)
-    voxels = volume.tsdf, volume.weight, volume.color, volume.color_weight
-    where = volume.blocks, around, voxels, MIN_WEIGHT, volume.voxel_m, cubes.numbers, starts, placed
-    in_parts(lambda a, b: place_points(*where, a, b), blocks, PART_BLOCKS)
-    return Surface(*placed, cubes.triangles(own, around))
+    counts = np.zeros(blocks, np.int64)
+    in_parts(lambda first, last: count_points(cubes.numbers, counts, first, last), blocks, PART_BLOCKS)
+    starts, points = _starts(counts), int(counts.sum())
+    positions, normals = np.empty((points, 3), np.float32), np.empty((points, 3), np.float32)
+    colors = np.empty((points, 3), np.uint8)
+
+    def place_part(first: int, last: int) -> None:
+        voxels = volume.tsdf, volume.weight, volume.color, volume.color_weight
+        placed = positions, normals, colors
+        place_points(volume.blocks, around, voxels, MIN_WEIGHT, volume.voxel_m, cubes.numbers, starts, placed, first, last)
+
+    in_parts(place_part, blocks, PART_BLOCKS)  # it numbers the points, which the triangles refer to
+    return Surface(positions, normals, colors, cubes.triangles(own, around))
 
 
 @dataclass(frozen=True, eq=False)
 class _Cubes:
-    """cases, numbers: as in extraction_kernels.py. counts: (B,) how many triangles each block has."""
+    """The cubes of a tile. cases, numbers: as in extraction_kernels.py. counts: (B,) int64, triangles of each block."""
 
     cases: NDArray[np.uint8]
     numbers: NDArray[np.int32]
@@ -52,26 +57,33 @@ class _Cubes:
 
     @classmethod
     def of(cls, volume: Volume, own: NDArray[np.int64], around: NDArray[np.int32]) -> "_Cubes":
-        """The edges that have a point are marked by 0."""
-        cubes = cls(
-            np.empty(volume.tsdf.shape, np.uint8),
-            np.full((*volume.tsdf.shape, 3), -1, np.int32),
-            np.zeros(len(volume.blocks), np.int64),
-        )
-        found = cubes.cases, cubes.numbers, cubes.counts
-        voxels = volume.tsdf, volume.weight, MIN_WEIGHT
-        in_parts(lambda a, b: find_cases(own, around, *voxels, _tables(), found, a, b), len(own), PART_BLOCKS)
-        return cubes
+        """Find the case of each cube; ``numbers`` is 0 on each edge that has a point, -1 on the others."""
+        cases = np.empty(volume.tsdf.shape, np.uint8)
+        numbers = np.full((*volume.tsdf.shape, 3), -1, np.int32)
+        counts = np.zeros(len(volume.blocks), np.int64)
+        tables, found = (*cube_cases(), EDGES), (cases, numbers, counts)
+
+        def find_part(first: int, last: int) -> None:
+            find_cases(own, around, volume.tsdf, volume.weight, MIN_WEIGHT, tables, found, first, last)
+
+        in_parts(find_part, len(own), PART_BLOCKS)
+        return cls(cases, numbers, counts)
 
     def triangles(self, own: NDArray[np.int64], around: NDArray[np.int32]) -> NDArray[np.int32]:
-        """(T, 3), once the points are numbered."""
-        starts = np.zeros(len(self.counts), np.int64)
-        starts[1:] = np.cumsum(self.counts)[:-1]
-        found = self.cases, self.numbers
+        """(T, 3) the points of each triangle; to be called once ``numbers`` holds the numbers of the points."""
+        starts = _starts(self.counts)
+        tables, found = (*cube_cases(), EDGES), (self.cases, self.numbers)
         indices = np.empty((self.counts.sum(), 3), np.int32)
-        in_parts(lambda a, b: list_triangles(own, around, _tables(), found, starts, indices, a, b), len(own), PART_BLOCKS)
+
+        def list_part(first: int, last: int) -> None:
+            list_triangles(own, around, tables, found, starts, indices, first, last)
+
+        in_parts(list_part, len(own), PART_BLOCKS)
         return indices
 
 
-def _tables() -> tuple[NDArray[np.int8], NDArray[np.int8], NDArray[np.int64]]:
-    return *cube_cases(), EDGES
+def _starts(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """(B,) the number of each block's first item, where the blocks hold so many each."""
+    starts = np.zeros(len(counts), np.int64)
+    starts[1:] = np.cumsum(counts)[:-1]
+    return starts

@@ -19,7 +19,7 @@ WIDE = BLOCK + 3
 
 @compiled
 def neighbors(keys: Any, around: Any, first: int, last: int) -> None:
-    """Write ``around`` of the blocks from first to before last."""
+    """Write ``around`` of the blocks from first to last - 1."""
     sorted_keys = packed(keys[:, 0].astype(np.int64), keys[:, 1].astype(np.int64), keys[:, 2].astype(np.int64))
     for b in range(first, last):
         for n in range(27):
@@ -50,7 +50,7 @@ def _gather(b: Any, around: Any, tsdf: Any, weight: Any, least: Any, low: int, w
 
 @compiled
 def find_cases(own: Any, around: Any, tsdf: Any, weight: Any, least: float, tables: Any, found: Any, first: int, last: int) -> None:
-    """The cases of all cubes of the blocks own[first:last], the edges that have points, and how many triangles each block has.
+    """Write the cases of all cubes of the blocks own[first:last], mark the edges that have points, and count the triangles.
 
     least: weight that a voxel must exceed. tables: counts (256,), edges (256, 5, 3) of ``cube_cases`` and the EDGES (12, 4).
     found: cases, numbers and triangles (B,), changed in place; numbers become 0 where there is a point. Other parts may write
@@ -87,7 +87,7 @@ def _case(wide: Any, k: Any, j: Any, i: Any) -> Any:
 
 @compiled
 def count_points(numbers: Any, counts: Any, first: int, last: int) -> None:
-    """How many points the blocks from first to before last have, into counts (B,)."""
+    """Add the number of points of the blocks from first to last - 1 to counts (B,)."""
     for b in range(first, last):
         for number in numbers[b].flat:
             counts[b] += number >= 0
@@ -97,7 +97,7 @@ def count_points(numbers: Any, counts: Any, first: int, last: int) -> None:
 def place_points(
     keys: Any, around: Any, volume: Any, least: float, voxel_m: float, numbers: Any, starts: Any, points: Any, first: int, last: int
 ) -> None:
-    """Number the points of the blocks from first to before last, and write their positions, normals and colors.
+    """Number the points of the blocks from first to last - 1, and write their positions, normals and colors.
 
     volume: tsdf, weight, color (B, 8, 8, 8, 3) and color_weight. starts: (B,) the number of each block's first point. points:
     positions (V, 3) float32, meters; unit normals (V, 3) float32, towards free space; colors (V, 3) uint8.
@@ -160,7 +160,7 @@ def _mix(a: Any, b: Any, share: Any, color: Any) -> None:
 
 @compiled
 def list_triangles(own: Any, around: Any, tables: Any, found: Any, starts: Any, indices: Any, first: int, last: int) -> None:
-    """The triangles of the blocks own[first:last] into indices (T, 3) int32. starts: (B,) of the first one of each block."""
+    """Write the triangles of the blocks own[first:last] to indices (T, 3) int32. starts: (B,) the first one of each block."""
     counts, edges, ends = tables
     cases, numbers = found
     for b in own[first:last]:

@@ -1,4 +1,4 @@
-"""A tile's frames into a surface: weighted measurements fill the voxels, whose zero crossings are its points."""
+"""Fusion of a tile: its frames' weighted measurements fill the voxels, and the surface is where their signed distance is zero."""
 
 from collections.abc import Iterable
 
@@ -21,18 +21,29 @@ PlacedFrame = tuple[SurveyFrame, NDArray[np.float64]]
 
 
 def fuse_tile(tile: Tile, tiling: Tiling, frames: Iterable[PlacedFrame], geometry: RectifiedPair) -> Surface:
-    """Integrate frames into the tile and extract the triangles that belong to it alone; an empty tile is empty."""
+    """Integrate the frames into the tile's voxels, and extract the triangles that belong to this tile and not to its rim.
+
+    The surface has no points where no frame measured anything.
+    """
     volume, measured = Volume.empty(tile.blocks, tiling.voxel_m), MeasuredPixels.room(geometry)
     for frame, T_world_camera in frames:
         _integrate(volume, measured, frame, inverse(T_world_camera))
-    return extract(volume, np.flatnonzero((tile.blocks[:, :2] // tiling.tile_blocks == tile.column).all(axis=1)))
+    is_own = (tile.blocks[:, :2] // tiling.tile_blocks == tile.column).all(axis=1)
+    return extract(volume, np.flatnonzero(is_own))
 
 
 def _integrate(volume: Volume, measured: MeasuredPixels, frame: SurveyFrame, T_camera_world: NDArray[np.float64]) -> None:
-    where = measured.camera, T_camera_world, volume.voxel_m
-    measured.look(frame, cells_of(volume.blocks, measured.deepest_m.shape, *where), volume.voxel_m)
-    truncation_m = TRUNCATION_VOXELS * volume.voxel_m
-    chosen = in_sight(volume.blocks, measured.deepest_m, *where, truncation_m)
-    voxels = volume.blocks, volume.tsdf, volume.weight, volume.color, volume.color_weight
-    seen = frame.color, frame.color_is_doubtful, measured.depth_m, measured.weight, measured.stretch
-    in_parts(lambda a, b: integrate(*voxels, *seen, *where, truncation_m, chosen, a, b), len(chosen), PART_BLOCKS)
+    camera, voxel_m = measured.camera, volume.voxel_m
+    truncation_m = TRUNCATION_VOXELS * voxel_m
+    cells = cells_of(volume.blocks, measured.deepest_m.shape, camera, T_camera_world, voxel_m)
+    measured.weigh(frame, cells, voxel_m)
+    chosen = in_sight(volume.blocks, measured.deepest_m, camera, T_camera_world, voxel_m, truncation_m)
+
+    def integrate_part(first: int, last: int) -> None:
+        integrate(
+            volume.blocks, volume.tsdf, volume.weight, volume.color, volume.color_weight,
+            frame.color, frame.color_is_doubtful, measured.depth_m, measured.weight, measured.stretch,
+            camera, T_camera_world, voxel_m, truncation_m, chosen, first, last,
+        )  # fmt: skip
+
+    in_parts(integrate_part, len(chosen), PART_BLOCKS)

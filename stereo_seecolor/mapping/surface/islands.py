@@ -1,6 +1,5 @@
-"""Connected surfaces across tiles; a small one that touches nothing else is a fish, or a mismatch."""
+"""Removal of small connected surfaces that touch nothing else: they are fish, or mismatches."""
 
-from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -15,29 +14,30 @@ from stereo_seecolor.mapping.surface.tile_store import TileStore
 from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
 MIN_ISLAND_M2 = 0.05
-"""Less than a sheet of paper that touches nothing else: not the bottom."""
+"""Area, m^2, below which a surface that touches nothing else is not taken for the bottom: a sheet of paper."""
 BORDER_VOXELS = 0.5
 """Two tiles share points on the plane between them alone, which passes through corners of voxels; float32 moves them by less."""
 
 
 def near_border(points_m: NDArray[np.float32], tiling: Tiling) -> NDArray[np.bool_]:
-    """(V,) True for points that a neighboring tile may hold as well."""
+    """Mark the points that a neighboring tile may hold as well: (V,) bool of points (V, 3)."""
     tiles = points_m[:, :2] / tiling.tile_m
     return np.asarray((np.abs(tiles - np.rint(tiles)) * tiling.tile_m < BORDER_VOXELS * tiling.voxel_m).any(axis=1))
 
 
 def drop(store: TileStore, tiling: Tiling) -> None:
-    """Take the islands out of the tiles of a store."""
+    """Remove the islands from the tiles of a store. Raises OutputError if a tile cannot be written."""
     on_cores = Threads(cores())
     parts = on_cores.each(lambda tile: _Parts.of(store.load(tile), tiling), tiling.tiles)
 
-    def leave(found: tuple[Tile, NDArray[np.bool_]]) -> None:
+    def remove(found: tuple[Tile, NDArray[np.bool_]]) -> None:
         tile, kept = found
         if not kept.all():
             surface = store.load(tile)
             store.save(tile, surface.only(kept[surface.parts]))
 
-    deque(on_cores.each(leave, zip(tiling.tiles, _kept(parts), strict=True)), maxlen=0)
+    for _ in on_cores.each(remove, zip(tiling.tiles, _kept(parts), strict=True)):
+        pass
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,21 +57,23 @@ class _Parts:
 
 
 def _kept(tiles: Iterable[_Parts]) -> list[NDArray[np.bool_]]:
-    """For each tile, which of its connected parts are, with what they continue into, large enough to keep."""
+    """For each tile, which of its connected parts are large enough to keep, with their continuation in other tiles."""
     areas: list[NDArray[np.float64]] = []
     joined: list[tuple[int, int]] = []
-    border: dict[bytes, int] = {}
-    first = 0
+    part_at_border: dict[bytes, int] = {}
+    count = 0  # of parts so far; each tile's are numbered on from there
     for tile in tiles:
-        joined += [(first + part, border.setdefault(point, first + part)) for point, part in tile.border]
+        for point, part in tile.border:
+            number = count + part
+            joined.append((number, part_at_border.setdefault(point, number)))
         areas.append(tile.areas_m2)
-        first += len(tile.areas_m2)
-    if not first:
+        count += len(tile.areas_m2)
+    if not count:
         return [np.zeros(0, np.bool_) for _ in areas]
     ends = np.array(joined, np.int64).reshape(-1, 2)
-    graph = coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), (first, first))
-    whole = connected_components(graph, directed=False)[1]
-    kept = np.bincount(whole, np.concatenate(areas))[whole] >= MIN_ISLAND_M2
+    graph = coo_array((np.ones(len(ends), np.int8), (ends[:, 0], ends[:, 1])), (count, count))
+    surface_of_part = connected_components(graph, directed=False)[1]
+    kept = np.bincount(surface_of_part, np.concatenate(areas))[surface_of_part] >= MIN_ISLAND_M2
     if not kept.any():  # a map of scraps is better than none
         kept[:] = True
     return list(np.split(kept, np.cumsum([len(a) for a in areas])[:-1]))

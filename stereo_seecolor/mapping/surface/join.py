@@ -17,7 +17,8 @@ CHUNK_BYTES = 1 << 22
 
 
 def write_map(surfaces: Iterable[Surface], tiling: Tiling, folder: Path, comment: str) -> tuple[Path, Path, int]:
-    """Write all tiles as folder/cloud.ply and folder/mesh.ply, one tile in memory at a time; both paths, and the points in each.
+    """Write all tiles as folder/cloud.ply and folder/mesh.ply, one tile in memory at a time; return both paths, and the number of
+    points.
 
     comment: put into both headers. Raises OutputError.
     """

@@ -36,8 +36,8 @@ def weigh(
     first: int,
     last: int,
 ) -> None:
-    """Depths and weights of a frame's pixels in the columns of cells from left to before right, and the rows from first to before
-    last.
+    """Compute depths and weights of a frame's pixels, in the columns of cells from left to right - 1 and the rows from first to
+    last - 1.
 
     Weight = confidence (voxel / standard error)^2. The error of stereo grows with the square of the range; without regard to
     that, one near fish would outweigh all that see through it.
@@ -68,7 +68,7 @@ def cells_of(
     T: Any,  # (4, 4) float64, camera from world
     voxel_m: float,
 ) -> Any:
-    """The cells that any of the blocks covers in the image: rows from the first to before the second, columns likewise."""
+    """Find the window of cells that the blocks cover in the image: top, bottom, left, right; bottom and right are excluded."""
     top, bottom, left, right = shape[0], 0, shape[1], 0
     for b in range(len(keys)):
         window = _window(keys[b], shape, camera, T, voxel_m)
@@ -87,7 +87,7 @@ def in_sight(
     voxel_m: float,
     truncation_m: float,
 ) -> Any:
-    """The numbers of the blocks of which something may be in front of a measurement, or not deeper behind it than the truncation.
+    """Find the blocks of which a part may lie in front of a measurement, or no deeper behind it than the truncation: their numbers.
 
     Of each block its enclosing sphere is compared with the deepest measurement in the window of the image that it covers.
     """
@@ -212,5 +212,5 @@ def _in_camera(T: Any, x: float, y: float, z: float) -> Any:
 
 @compiled
 def packed(x: Any, y: Any, z: Any) -> Any:
-    """Coordinates of blocks, int64, as one number each."""
+    """Pack the int64 coordinates of a block into one number, which sorts as (x, y, z) does."""
     return ((x + OFFSET) << (2 * BITS)) | ((y + OFFSET) << BITS) | (z + OFFSET)

@@ -9,7 +9,7 @@ from stereo_seecolor.compute.compiled import compiled
 
 @compiled
 def connected_parts(triangles: Any, points: int) -> Any:
-    """(V,) int64 which connected part of the surface each of so many points belongs to, numbered from 0 as they come.
+    """Number the connected parts of a mesh from 0, as they come: (V,) int64, the part of each of so many points.
 
     triangles: (T, 3) int32. Union-find with path halving; the lowest point of a part stands for it.
     """
@@ -40,7 +40,7 @@ def _root(root: Any, i: Any) -> Any:
 
 @compiled
 def triangle_areas(points_m: Any, triangles: Any) -> Any:
-    """(T,) float64 of each triangle. points_m: (V, 3) float32. triangles: (T, 3) int32."""
+    """Compute the area of each triangle: (T,) float64. points_m: (V, 3) float32. triangles: (T, 3) int32."""
     areas = np.empty(len(triangles))
     for t in range(len(triangles)):
         a, b, c = points_m[triangles[t, 0]], points_m[triangles[t, 1]], points_m[triangles[t, 2]]

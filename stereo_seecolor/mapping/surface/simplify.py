@@ -11,7 +11,7 @@ from stereo_seecolor.mapping.surface.surface import only_used
 
 @dataclass(frozen=True, eq=False)
 class Simplified:
-    """kept: (V,) numbers of the original's vertices that are left. triangles: (F, 3) int32, into ``kept``.
+    """A simplified mesh. kept: (V,) numbers of the original's vertices that are left. triangles: (F, 3) int32, into ``kept``.
 
     largest_m, rms_m: distance of the original's vertices to the new surface.
     """
@@ -25,9 +25,11 @@ class Simplified:
 def simplify(
     position_m: NDArray[np.floating], triangles: NDArray[np.integer], bound_m: float, longest_m: float = np.inf
 ) -> Simplified:
-    """Take out as many vertices as leave each vertex of the original within ``bound_m`` of the new surface, and each vertex of its
-    boundary within it of the new boundary. position_m: (V, 3). triangles: (F, 3), a surface of any topology.
-    longest_m: no new edge is longer."""
+    """Remove vertices of a mesh, as many as the bound allows.
+
+    position_m: (V, 3). triangles: (F, 3), a surface of any topology. bound_m: largest distance of the original's vertices to the
+    new surface, and of those of its boundary to the new boundary. longest_m: no new edge is longer.
+    """
     position = np.ascontiguousarray(position_m, np.float64)
     position = position - (position.mean(axis=0) if len(position) else 0)  # quadrics lose digits far from the origin
     left = np.array(triangles, np.int32, order="C")
@@ -35,19 +37,16 @@ def simplify(
     distance2 = collapse_edges(position, left, boundary_edges(left), head, link, bound_m, longest_m)
     left = left[left[:, 0] >= 0]
     kept, indices = only_used(left, len(position))
-    used = np.zeros(len(position), np.bool_)
-    used[np.asarray(triangles).ravel()] = True
-    of_surface = distance2[used]
-    return Simplified(
-        kept,
-        indices,
-        float(np.sqrt(of_surface.max(initial=0))),
-        float(np.sqrt(of_surface.mean())) if len(of_surface) else 0.0,
-    )
+    in_original = np.zeros(len(position), np.bool_)
+    in_original[np.asarray(triangles).ravel()] = True
+    distance2 = distance2[in_original]
+    largest_m = float(np.sqrt(distance2.max(initial=0)))
+    rms_m = float(np.sqrt(distance2.mean())) if len(distance2) else 0.0
+    return Simplified(kept, indices, largest_m, rms_m)
 
 
 def boundary_edges(triangles: NDArray[np.integer]) -> NDArray[np.bool_]:
-    """(F, 3): edges, k from corner k to k + 1, that not exactly two triangles share."""
+    """Mark the edges that not exactly two triangles share: (F, 3) bool of triangles (F, 3); edge k runs from corner k to k + 1."""
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64), axis=1)
     _, inverse, count = np.unique(ends[:, 0] << 32 | ends[:, 1], return_inverse=True, return_counts=True)
     return np.asarray(count[inverse] != 2).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Edges of a mesh collapsed, cheapest first, as long as no vertex of the original is further from the result than a bound.
+"""Mesh simplification by edge collapse, cheapest edge first, with a bound on the distance of the original's vertices to the result.
 
 Each vertex that is taken out stays with the nearest triangle of the result, and a collapse that would leave one of them too far
 is refused (Klein, Liebich and Strasser, Mesh Reduction with Error Control, 1996). The order is by quadrics (Garland and Heckbert
@@ -166,7 +166,9 @@ def _heap_of(position, triangle, edge_boundary, quadric, stamp, on_boundary):  #
 
 @compiled
 def collapse_edges(position, triangle, edge_boundary, head, link, bound_m, longest_m):  # type: ignore[no-untyped-def]
-    """Take out what the bound allows, in place; squared distances (V,) of the vertices to the result, zero for those that stay."""
+    """Collapse edges in place, as many as the bound allows; (V,) squared distances of the vertices to the result, 0 for those that
+    stay.
+    """
     bound2, longest2 = bound_m * bound_m, longest_m * longest_m
     original = triangle.copy(), head.copy(), link.copy()
     quadric = quadrics(position, triangle, edge_boundary)

@@ -1,4 +1,4 @@
-"""How far behind what a pixel measured its surface is looked for: farther where it is seen at a grazing angle."""
+"""The slant of measured surfaces: where one is seen at a grazing angle, the truncation along the ray is longer."""
 
 from typing import Any
 
@@ -26,7 +26,8 @@ def stretches(
     first: int,
     last: int,
 ) -> None:
-    """For the columns from left to before right, and the rows from first to before last.
+    """Write by how much the truncation grows along each pixel's ray, in the columns from left to right - 1 and the rows from first
+    to last - 1.
 
     The inverse depth of a plane is linear in pixels, so that its slopes and its value give the normal. Without branches, for
     vector instructions.

@@ -1,4 +1,4 @@
-"""The triangles around a vertex, compiled: which they are, and whether the vertex can be moved onto a neighbor.
+"""The triangles around a vertex (its star), compiled: which they are, and whether the vertex can be moved onto a neighbor.
 
 Arrays as in simplify_kernels.py.
 """
@@ -14,20 +14,22 @@ LEAST_HEIGHT = 0.02
 
 @compiled
 def has(triangle, f, v):  # type: ignore[no-untyped-def]
-    """Whether a vertex is a corner of a triangle."""
+    """Tell whether vertex v is a corner of triangle f."""
     return triangle[f, 0] == v or triangle[f, 1] == v or triangle[f, 2] == v
 
 
 @compiled
 def moved_corners(triangle, f, u, v):  # type: ignore[no-untyped-def]
-    """The corners of a triangle once u has gone to v."""
+    """Give the corners of triangle f once u has been moved onto v."""
     a, b, c = triangle[f, 0], triangle[f, 1], triangle[f, 2]
     return v if a == u else a, v if b == u else b, v if c == u else c
 
 
 @compiled
 def star_of(u, head, link, triangle, star):  # type: ignore[no-untyped-def]
-    """The triangles at a vertex into ``star``; how many, -1 for more than fit. Corners of those that are gone leave the list."""
+    """Write the triangles at vertex u to ``star``; return how many, or -1 for more than fit. Corners of triangles that are gone
+    leave the list.
+    """
     count, corner, before = 0, head[u], -1
     while corner >= 0:
         f = corner // 3
@@ -48,7 +50,7 @@ def star_of(u, head, link, triangle, star):  # type: ignore[no-untyped-def]
 
 @compiled
 def stays_surface(u, v, star, count, star_v, count_v, triangle):  # type: ignore[no-untyped-def]
-    """Whether the collapse of an edge leaves a surface: its ends share no neighbors but those across it."""
+    """Tell whether the collapse of the edge u, v leaves a surface: its ends share no neighbors but those across it."""
     shared, across = 0, 0
     for i in range(count):
         f = star[i]
@@ -94,7 +96,7 @@ def _across(u, star, count, triangle):  # type: ignore[no-untyped-def]
 
 @compiled
 def other_end(u, v, star, count, triangle):  # type: ignore[no-untyped-def]
-    """The other neighbor of u along the boundary, -1 for a u inside, -2 where v is none: the boundary goes along itself only."""
+    """Find the other neighbor of u along the boundary: -1 where u lies inside, -2 where v is no neighbor along the boundary."""
     w0, w1 = _across(u, star, count, triangle)
     if w0 == -1:
         return -1
@@ -105,7 +107,7 @@ def other_end(u, v, star, count, triangle):  # type: ignore[no-untyped-def]
 
 @compiled
 def turns(u, v, star, count, position, triangle, longest2, room):  # type: ignore[no-untyped-def]
-    """Whether a triangle would fold over, shrink to a line, or get an edge of more than longest2, squared. room: (2+, 3)."""
+    """Tell whether a triangle would fold over, shrink to a line, or get an edge longer than the root of longest2. room: (2+, 3)."""
     n0, n1 = room[0], room[1]
     for i in range(count):
         f = star[i]

@@ -19,31 +19,33 @@ class Surface:
 
     @classmethod
     def empty(cls) -> "Surface":
-        """No points."""
+        """Make a mesh without points."""
         none = np.zeros((0, 3), np.float32)
         return cls(none, none, np.zeros((0, 3), np.uint8), np.zeros((0, 3), np.int32))
 
     @property
     def parts(self) -> NDArray[np.int64]:
-        """(V,) which connected part of the surface each point belongs to, numbered from 0."""
+        """The connected part of the surface that each point belongs to: (V,) int64, numbered from 0."""
         parts: NDArray[np.int64] = connected_parts(self.triangles, len(self.points_m))
         return parts
 
     @property
     def areas_m2(self) -> NDArray[np.float64]:
-        """(T,) of each triangle."""
+        """The area of each triangle: (T,) float64."""
         areas: NDArray[np.float64] = triangle_areas(self.points_m, self.triangles)
         return areas
 
     def only(self, kept: NDArray[np.bool_]) -> "Surface":
-        """The points that are kept (V,), and the triangles whose first point is."""
+        """Select the points that are kept (V,), and the triangles whose first point is; all points of a triangle must be kept, or
+        none.
+        """
         numbers = np.cumsum(kept) - 1
         triangles = self.triangles[kept[self.triangles[:, 0]]]
         return Surface(self.points_m[kept], self.normals[kept], self.colors[kept], numbers[triangles].astype(np.int32))
 
 
 def only_used(indices: NDArray[np.integer], points: int) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """The numbers of those of so many points that triangles (T, 3) use, and the triangles by their places among these."""
+    """Find the points that triangles (T, 3) use, of ``points`` in all: their numbers, and the triangles by positions in these."""
     used = np.zeros(points, np.bool_)
     used[indices] = True
     places = np.cumsum(used, dtype=np.int64) - 1

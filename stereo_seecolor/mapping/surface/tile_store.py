@@ -1,4 +1,4 @@
-"""Finished tiles on disk: so that memory is bounded, and a run that was stopped goes on where it was."""
+"""Finished tiles on disk: memory stays bounded, and a map that was stopped goes on where it was."""
 
 import hashlib
 from collections.abc import Iterator
@@ -15,14 +15,14 @@ from stereo_seecolor.mapping.surface.tiles import Tile, Tiling
 
 
 class TileStore:
-    """A folder with one file a tile, all made from the same poses, frames and settings."""
+    """A folder with one file for each tile; all were made from the same poses, frames and settings."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     @classmethod
     def of(cls, folder: Path, tiling: Tiling, component: Component) -> "TileStore":
-        """In ``folder``; tiles there that were made from anything else are deleted."""
+        """Open the store in ``folder``; tiles there that were made from other poses, frames or settings are deleted."""
         return cls(kept_folder(folder, _key(tiling, component)))
 
     def has(self, tile: Tile) -> bool:
@@ -30,17 +30,17 @@ class TileStore:
         return self._path(tile).is_file()
 
     def save(self, tile: Tile, surface: Surface) -> None:
-        """Raises OutputError if it cannot be written."""
+        """Write a tile. Raises OutputError if it cannot be written."""
         with atomic_path(self._path(tile)) as path, path.open("wb") as file:
             np.savez(file, points=surface.points_m, normals=surface.normals, colors=surface.colors, triangles=surface.triangles)
 
     def load(self, tile: Tile) -> Surface:
-        """A tile that was saved."""
+        """Read a tile that was saved."""
         content = load_arrays(self._path(tile))
         return Surface(content["points"], content["normals"], content["colors"], content["triangles"])
 
     def surfaces(self, tiling: Tiling) -> Iterator[Surface]:
-        """All tiles, one in memory at a time."""
+        """Read all tiles, one in memory at a time."""
         return (self.load(tile) for tile in tiling.tiles)
 
     def _path(self, tile: Tile) -> Path:

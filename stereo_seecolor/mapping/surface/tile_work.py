@@ -35,7 +35,7 @@ class TileFusion:
     geometry: RectifiedPair
 
     def __call__(self, placed: PlacedTile) -> dict[int, Unplaced]:
-        """Raises OutputError."""
+        """Fuse the tile and save it. Raises OutputError."""
         lost: dict[int, Unplaced] = {}
         self.store.save(placed.tile, fuse_tile(placed.tile, self.tiling, self._read(placed, lost), self.geometry))
         return lost

@@ -10,9 +10,9 @@ from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.surface.kernels import BITS, BLOCK, OFFSET, packed
 
 TRUNCATION_VOXELS = 4
-"""Signed distances are kept so far from the surface: two standard errors of a range that counts at all."""
+"""Truncation distance of the signed distances, voxels: two standard errors of a range that counts at all."""
 FRAMES_AT_ONCE = 64
-"""Blocks of so many frames are gathered before doubles are dropped, for memory's sake."""
+"""Frames whose blocks are collected before duplicates are dropped: it bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,13 +29,13 @@ class Tile:
 
     @property
     def name(self) -> str:
-        """For files."""
+        """The tile's name in file names, such as ``+0-1``."""
         return f"{self.column[0]:+d}{self.column[1]:+d}"
 
 
 @dataclass(frozen=True, eq=False)
 class Tiling:
-    """All tiles of a map, row by row, back and forth, so that neighbors share the frames just read.
+    """The tiles of a map, row by row, back and forth, so that neighbors share the frames just read.
 
     tile_blocks: blocks along a tile's edge. columns: how many columns of blocks hold anything.
     """
@@ -52,38 +52,53 @@ class Tiling:
 
 
 def cut(component: Component, voxel_m: float, tile_m: float) -> Tiling:
-    """Find the blocks that the frames' surfaces pass through, and deal them out to tiles."""
+    """Find the blocks of voxels that the frames' surfaces pass through, and distribute them to square tiles of edge ``tile_m``."""
     block_m, reach_m = BLOCK * voxel_m, TRUNCATION_VOXELS * voxel_m
     tile_blocks = int(np.clip(round(tile_m / block_m), 1, OFFSET))
-    found: NDArray[np.int64] = np.zeros(0, np.int64)
-    boxes: Boxes = {}
-    pending: list[NDArray[np.int64]] = []
-    for i in component.frames:
-        points = component.points_m(int(i))
-        if not len(points):
-            continue
-        around = np.concatenate([points, component.T_local_camera[i, None, :3, 3]])
-        boxes[int(i)] = np.floor((around.min(axis=0) - reach_m) / block_m), np.floor((around.max(axis=0) + reach_m) / block_m)
-        certain = component.survey.index.certain
-        pending.append(_blocks_near(points[certain[i]] if certain else points, reach_m, block_m))
-        if len(pending) == FRAMES_AT_ONCE:
-            found, pending = np.unique(np.concatenate([found, *pending])), []
+    boxes = _boxes(component, reach_m, block_m)
     if not boxes:
         return Tiling((), voxel_m, tile_blocks, 0)
-    blocks = _unpack(np.unique(np.concatenate([found, *pending])))
+    blocks = _unpack(_occupied_blocks(component, list(boxes), reach_m, block_m))
     columns = len(np.unique(packed(blocks[:, 0].astype(np.int64), blocks[:, 1].astype(np.int64), 0)))
     return Tiling(tuple(_deal(blocks, boxes, tile_blocks)), voxel_m, tile_blocks, columns)
 
 
 Boxes = dict[int, tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""The lowest and the highest block that each frame can touch."""
+"""The lowest and the highest block (x, y, z) that each frame can touch, by the frame's number."""
+
+
+def _boxes(component: Component, reach_m: float, block_m: float) -> Boxes:
+    """The box of each frame that has points; it holds the camera, since rays carve the space before the surface."""
+    boxes: Boxes = {}
+    for i in component.frames.tolist():
+        points = component.points_m(i)
+        if len(points):
+            points = np.concatenate([points, component.T_local_camera[i, None, :3, 3]])
+            lowest = np.floor((points.min(axis=0) - reach_m) / block_m)
+            highest = np.floor((points.max(axis=0) + reach_m) / block_m)
+            boxes[i] = lowest, highest
+    return boxes
+
+
+def _occupied_blocks(component: Component, frames: list[int], reach_m: float, block_m: float) -> NDArray[np.int64]:
+    """Packed coordinates, sorted, of all blocks within reach of the frames' points that are certain enough."""
+    certain = component.survey.index.certain
+    found: NDArray[np.int64] = np.zeros(0, np.int64)
+    for start in range(0, len(frames), FRAMES_AT_ONCE):
+        parts = [found]
+        for i in frames[start : start + FRAMES_AT_ONCE]:
+            points = component.points_m(i)
+            parts.append(_blocks_near(points[certain[i]] if certain else points, reach_m, block_m))
+        found = np.unique(np.concatenate(parts))
+    return found
 
 
 def _blocks_near(points: NDArray[np.float64], reach_m: float, block_m: float) -> NDArray[np.int64]:
-    """Packed coordinates of all blocks within reach of the points."""
-    low, high = (np.floor((points + sign * reach_m) / block_m).astype(np.int64) for sign in (-1, 1))
+    """Packed coordinates of all blocks within reach of the points (n, 3), at most two along each axis."""
+    low = np.floor((points - reach_m) / block_m).astype(np.int64)
+    high = np.floor((points + reach_m) / block_m).astype(np.int64)
     lowest = packed(*low.T)
-    x, y, z = (high - low).T << np.array([[2 * BITS], [BITS], [0]])
+    x, y, z = (high - low).T << np.array([[2 * BITS], [BITS], [0]])  # 0 or 1 step along an axis, as a difference of packed numbers
     return np.unique(np.concatenate([lowest + i * x + j * y + k * z for i, j, k in np.ndindex(2, 2, 2)]))
 
 
@@ -93,6 +108,7 @@ def _unpack(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
 
 
 def _deal(blocks: NDArray[np.int32], boxes: Boxes, tile_blocks: int) -> Iterator[Tile]:
+    """The tiles that hold any of the blocks (B, 3), row by row, back and forth."""
     columns = np.unique(blocks[:, :2] // tile_blocks, axis=0)
     rows = columns[:, 1]
     order = np.lexsort((np.where(rows % 2 == 0, columns[:, 0], -columns[:, 0]), rows))

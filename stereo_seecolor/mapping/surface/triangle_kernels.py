@@ -1,4 +1,4 @@
-"""Distances, normals and quadrics of triangles, compiled: what the collapse of edges is decided by."""
+"""Distances, normals and quadrics of triangles, compiled, for mesh simplification."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ BOUNDARY_WEIGHT = 10.0
 
 @compiled
 def point_triangle_distance2(p, a, b, c):  # type: ignore[no-untyped-def]
-    """Squared distance of a point to a triangle (Ericson, Real-Time Collision Detection, 5.1.5)."""
+    """Compute the squared distance of a point to a triangle (Ericson, Real-Time Collision Detection, 5.1.5)."""
     abx, aby, abz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     acx, acy, acz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     apx, apy, apz = p[0] - a[0], p[1] - a[1], p[2] - a[2]
@@ -42,7 +42,7 @@ def point_triangle_distance2(p, a, b, c):  # type: ignore[no-untyped-def]
 
 @compiled
 def segment_distance2(p, a, b):  # type: ignore[no-untyped-def]
-    """Squared distance of a point to a line from a to b."""
+    """Compute the squared distance of a point to the segment from a to b."""
     along2, t = 0.0, 0.0
     for k in range(3):
         along2 += (b[k] - a[k]) ** 2
@@ -56,7 +56,7 @@ def segment_distance2(p, a, b):  # type: ignore[no-untyped-def]
 
 @compiled
 def cross(a, b, c, out):  # type: ignore[no-untyped-def]
-    """Normal of a triangle into ``out``, as long as twice its area; that length."""
+    """Write the normal of a triangle, as long as twice its area, to ``out``; return that length."""
     ux, uy, uz = b[0] - a[0], b[1] - a[1], b[2] - a[2]
     vx, vy, vz = c[0] - a[0], c[1] - a[1], c[2] - a[2]
     out[0], out[1], out[2] = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -78,7 +78,7 @@ def _add_plane(quadric, n, d, weight):  # type: ignore[no-untyped-def]
 
 @compiled
 def form(q, p):  # type: ignore[no-untyped-def]
-    """Weighted sum of the squared distances of a place to the planes of a quadric."""
+    """Compute the weighted sum of the squared distances of a place to the planes of a quadric."""
     x, y, z = p[0], p[1], p[2]
     return (
         q[0] * x * x + 2 * q[1] * x * y + 2 * q[2] * x * z + 2 * q[3] * x + q[4] * y * y + 2 * q[5] * y * z + 2 * q[6] * y
@@ -88,7 +88,9 @@ def form(q, p):  # type: ignore[no-untyped-def]
 
 @compiled
 def quadrics(position, triangle, edge_boundary):  # type: ignore[no-untyped-def]
-    """(V, 10) sums over the triangles at each vertex, weighted by area. edge_boundary: (F, 3), edge k from corner k to k + 1."""
+    """Sum the quadrics of the triangles at each vertex, weighted by area: (V, 10). edge_boundary: (F, 3), edge k from corner k to k
+    + 1.
+    """
     quadric = np.zeros((len(position), 10))
     n, along, side = np.empty(3), np.empty(3), np.empty(3)
     for f in range(len(triangle)):

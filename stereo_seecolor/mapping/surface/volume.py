@@ -1,4 +1,4 @@
-"""A tile's voxels."""
+"""The voxels of a tile."""
 
 from dataclasses import dataclass
 
@@ -26,7 +26,7 @@ class Volume:
 
     @classmethod
     def empty(cls, blocks: NDArray[np.int32], voxel_m: float) -> "Volume":
-        """Nothing seen yet."""
+        """Make the voxels of these blocks, with nothing measured in any."""
         shape = (len(blocks), BLOCK, BLOCK, BLOCK)
         tsdf, weight, color_weight = (np.zeros(shape, np.float32) for _ in range(3))
         return cls(blocks, voxel_m, tsdf, weight, np.zeros((*shape, 3), np.float32), color_weight)
