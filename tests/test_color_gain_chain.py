@@ -253,7 +253,7 @@ def test_frames_outside_the_part_that_the_pattern_is_solved_from_get_gains(monke
 
 
 @pytest.mark.parametrize("parts", [1, 2, 50])
-@pytest.mark.parametrize("numbers", [range(12), range(200), light_search.looked_at(500)])
+@pytest.mark.parametrize("numbers", [range(12), range(200), light_search.sampled_frames(500)])
 def test_stretches_hold_every_frame_once_and_all_that_it_is_held_against(numbers: Sequence[int], parts: int) -> None:
     length = light_search.STRETCH.length(len(numbers), parts)
     stretches = list(light_search._Stretches(numbers, [(str(k), k) for k in range(500)], length))

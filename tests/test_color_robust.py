@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.fitting import robust
 from stereo_seecolor.color.fitting.robust_solver import NOISE
-from stereo_seecolor.color.fitting.scene_prior import SCENE, WATER, whole_prior
-from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, water_prior
+from stereo_seecolor.color.fitting.scene_prior import SCENE, whole_prior
+from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER, water_prior
 from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import FRACTIONS, RangeQuantiles, quantiles_by_range

@@ -1,4 +1,4 @@
-"""Images and ranges -> the water, and the image without it.
+"""Fits the water to images and range maps, and removes it from them.
 
 >>> from stereo_seecolor.color import correct, fit  # doctest: +SKIP
 >>> water = fit(image, range_m)  # doctest: +SKIP

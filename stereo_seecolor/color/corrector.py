@@ -1,4 +1,4 @@
-"""The color stage: images and range maps in, corrected images out. numpy at its face; numba and torch load when first used."""
+"""The color stage: images and range maps in, corrected images out, as numpy arrays. numba and torch are loaded when first used."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -22,10 +22,10 @@ from stereo_seecolor.records import Correction, Image, Map, Water
 
 @dataclass(frozen=True)
 class Sampling:
-    """Which rows of a large frame are counted: neighboring rows are alike."""
+    """Which rows of a large image are counted: neighboring rows are similar."""
 
     pixels: int = 400_000
-    """Least pixels counted in a frame: one of twice as many is counted on every second row, one of three times on every third."""
+    """Pixels that are counted at least: of an image with n times as many, every nth row is counted."""
     least_known: int = 65_000
     """Where these rows have fewer pixels of known range, all rows are counted: quantiles of 20 ranges need some 3,000 each."""
 
@@ -34,7 +34,7 @@ SAMPLING = Sampling()
 
 
 class Corrector:
-    """Measures, fits and takes out water. Holds nothing but its settings: every method may be called from many threads."""
+    """Measures images, fits the water and removes it. It holds only settings; every method may be called from many threads."""
 
     def __init__(self, config: ColorConfig | None = None) -> None:
         self.config = config or ColorConfig()
@@ -55,10 +55,10 @@ class Corrector:
         return table
 
     def fit(self, table: MomentTable, start: Water | None = None) -> Water:
-        """The water of a frame's table, or of the sum of many frames'. Its warnings say where the table cannot carry a water.
+        """Fit the water to a moment table: of one frame, or the sum of many. Warnings say where the table does not determine it.
 
-        start: a water found before, to begin from, and to stay with where the paper's losses are not constrained by the table.
-        Raises ColorError for a table of no pixel, without a start.
+        start: an earlier water to begin from; it is returned where the table does not determine the paper's parameters.
+        Raises ColorError for a table without pixels, unless there is a start.
         """
         if not table.pixels.any():
             return self._without_pixels(start)
@@ -78,7 +78,7 @@ class Corrector:
         return replace(table_solver.fit(table, paper.penalty, self.config.input_encoding, start), warnings=doubt)
 
     def fit_frame(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
-        """The water of one frame, by the config's method."""
+        """Fit the water of one frame by the method of the settings. image, range_m, start: as in ``measure`` and ``fit``."""
         return self._fit_measured(self.measure(image, range_m), lambda: (image, range_m), start)
 
     def _fit_measured(self, table: MomentTable, pixels: ReadPixels, start: Water | None) -> Water:
@@ -87,7 +87,10 @@ class Corrector:
         return replace(self.fit_dense(*pixels(), start), warnings=doubts(table), typical_range_m=table.median_range_m)
 
     def fit_dense(self, image: Image, range_m: Map, start: Water | None = None) -> Water:
-        """The paper's own solver: its networks trained on every pixel by Adam. DeviceError where CUDA is asked for and absent."""
+        """Fit by the paper's own solver: its networks are trained on every pixel by Adam.
+
+        Raises DeviceError where CUDA is set and absent.
+        """
         from stereo_seecolor.color.fitting import dense
 
         check_pair(image, range_m)
@@ -97,10 +100,10 @@ class Corrector:
         return dense.fit(image.reshape(-1, 3)[known], range_m.reshape(-1)[known], self.config, start)
 
     def survey_fitter(self, light: Light | None = None, linked: Collection[str] = ()) -> Fitter:
-        """Frames in, one at a time and in their order; a water for each of them out, by ``color.lock``.
+        """The fitter for the frames of a dive, by ``color.lock``.
 
-        light: what was divided out of the frames; how light falls off with range then follows from what it saw.
-        linked: frames that show the same as the one before them, and so share its water.
+        light: the light that was divided out of the frames; it also tells how light falls off with range.
+        linked: names of frames that show the same spots as the frame before them, and so share its water.
         """
 
         def fit(table: MomentTable, start: Water | None) -> Water:
@@ -126,11 +129,11 @@ class Corrector:
         exposure: float | None = None,
         highlights: float = 1.0,
     ) -> Correction:
-        """The image in its true colors, at its own size and bit depth.
+        """Remove the water from an image, at the image's size and bit depth.
 
-        table: what ``measure`` gave for this image, if at hand. exposure, highlights: the brightness, as another frame's correction
-        has it; None is the water's, or else this frame's own, by ``config.highlights`` and ``config.clipped_fraction``.
-        Raises ColorError where image and range map do not belong together, or the water is of another encoding.
+        table: the image's moment table, if it has been measured. exposure, highlights: the brightness, as in another correction;
+        None: the water's, or else this frame's own, by ``config.highlights`` and ``config.clipped_fraction``.
+        Raises ColorError where image and range map differ in size, or the water was fitted to another encoding.
         """
         self._check(water)
         if exposure is None:

@@ -1,4 +1,4 @@
-"""The color core as two functions of arrays or tensors: ``fit`` a water, ``correct`` images."""
+"""The color stage as two functions of numpy arrays or torch tensors: ``fit`` a water, ``correct`` images."""
 
 import sys
 from dataclasses import replace
@@ -19,7 +19,7 @@ ArrayLike = TypeVar("ArrayLike")
 
 
 def fit(image: ArrayLike, range_m: ArrayLike, config: ColorConfig | None = None, start: Water | None = None) -> Water:
-    """The water between the camera and what it saw; of a batch one water, from all its frames together.
+    """Fit the water of an image, or one water to all images of a batch.
 
     image: (H, W, 3) or (N, H, W, 3) RGB, uint8 or uint16. range_m: (H, W) or (N, H, W) meters along the ray, unknown where not
     finite or not above 0. config: the method and its settings. start: a water to begin from.
@@ -32,11 +32,12 @@ def fit(image: ArrayLike, range_m: ArrayLike, config: ColorConfig | None = None,
 
 
 def correct(image: ArrayLike, range_m: ArrayLike, water: Water | None = None, config: ColorConfig | None = None) -> Correction:
-    """The image, or each image of a batch, in its true colors; what it holds is of the same kind, and on the same device, as given.
+    """Remove the water from an image, or from each image of a batch.
 
-    image, range_m: as in ``fit``. water: what ``fit`` gave, or None to fit it now; a batch shares it, and its exposure.
-    Returns a Correction whose image, unknown and unrecoverable have the batch's first axis, if there is one; clipped_fraction is
-    the mean over the batch. Raises as ``fit``, and ColorError for a water of another encoding.
+    image, range_m: as in ``fit``. water: from ``fit``, or None to fit it now; a batch shares the water and its exposure.
+    Returns a Correction of arrays or tensors, on the device of ``image``. Its image, unknown and unrecoverable have the batch's
+    first axis, if there is one; clipped_fraction is the mean over the batch. Raises as ``fit``, and ColorError for a water that was
+    fitted to another encoding.
     """
     corrector, (images, ranges) = Corrector(config), _frames(image, range_m)
     water = water or fit(image, range_m, config)
@@ -65,7 +66,7 @@ def _table(corrector: Corrector, images: NDArray[Any], ranges: NDArray[Any]) -> 
 
 
 def _like(image: Any, frames: list[Correction]) -> Correction:
-    """One Correction of all frames, of arrays or tensors as the image is."""
+    """One Correction for all frames, of arrays or tensors, as ``image`` is."""
     if not frames:
         raise ColorError("an empty batch: there is nothing to correct")
 
@@ -80,5 +81,5 @@ def _like(image: Any, frames: list[Correction]) -> Correction:
 
 
 def _is_tensor(value: Any) -> bool:
-    torch = sys.modules.get("torch")  # whoever has a tensor has imported torch
+    torch = sys.modules.get("torch")  # a caller with a tensor has imported torch
     return torch is not None and isinstance(value, cast(Any, torch).Tensor)

@@ -1,4 +1,4 @@
-"""The light of a dive from what neighboring frames both show: features place the frames, their range maps find the same spots."""
+"""Solves the light of a dive from spots that several frames show: features place the frames, range maps find the same spots."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -26,17 +26,17 @@ from stereo_seecolor.records import Capture
 Array = NDArray[np.float64]
 Shown = TypeVar("Shown")
 Differing = tuple[NDArray[np.int64], tuple[Differences, Parts], NDArray[np.void]]
-"""A window's frames, how they and parts of them differ, and how they lie to each other."""
+"""A window's frame numbers, the differences between these frames and between parts of them, and their relative poses (STEP)."""
 
 
 @dataclass(frozen=True)
 class SampleSettings:
-    """Of which frames of a long dive the pattern is solved."""
+    """The frames of a long dive from which the pattern is solved."""
 
     stretch: int = 5
     """Frames of a stretch: one more than the farthest back."""
     most_frames: int = 60
-    """In all: 60 frames give 60,000 sightings for at most 150 numbers."""
+    """Frames in all: 60 give 60,000 sightings for at most 150 unknowns."""
 
 
 SAMPLE = SampleSettings()
@@ -44,13 +44,13 @@ SAMPLE = SampleSettings()
 
 @dataclass(frozen=True)
 class StretchSettings:
-    """Frames that are examined together, as one piece of work: the cut shows in no result."""
+    """Frames that are examined together, as one piece of work. Results do not depend on where the dive is cut."""
 
     frames: int = 64
     """A stretch begins with four frames of the one before, which are examined twice. Some five seconds of work for one core, so
     that 10,000 frames are enough for a hundred workers."""
     least: int = 15
-    """Where there are fewer frames than that for each core: three stretches of a long dive's sample, which overlap with nothing."""
+    """Frames of a stretch at least, also where there are fewer for each core: three stretches of a long dive's sample."""
 
     def length(self, frames: int, parts: int) -> int:
         """Frames in each stretch, if ``frames`` are cut into at least ``parts`` parts."""
@@ -59,16 +59,16 @@ class StretchSettings:
 
 STRETCH = StretchSettings()
 MOST_SHADED = 100_000
-"""Frames of a dive that is examined for shading: 100 MB of parts of pictures, and as much again to solve them."""
+"""Most frames of a dive that is examined for shading: 100 MB for parts of images, and as much again to solve it."""
 MOST_STEPS = 20_000
-"""Frames of a dive whose relative poses are kept for a first look at its map: 10 MB of memory; of a million it were half a GB."""
+"""Most frames of a dive whose relative poses are kept for a first look at its map: 10 MB of memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """light: of the dive; None where no two frames show the same. linked: names of frames that show what frames before them show,
-    and of all between those: no cut through the dive separates them from the frame before.
-    steps: (S,) STEP between neighbors that were looked at.
+    """The result of the search. light: None where no two frames show the same spots. linked: names of frames that show the same
+    spots as a frame before them, with all frames between the two: the dive is not cut before them.
+    steps: (S,) STEP, relative poses of the examined frames.
     """
 
     light: SurveyLight | None
@@ -78,10 +78,11 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class LightSearch:
-    """frames: the name of each frame of the dive, in order, and the key with which ``read`` finds its image and its ranges.
-    captures: what the camera recorded of each. geometry: of the rectified images. compute: where frames are examined.
-    windows: of a short dive, where its frames were examined while they were measured. examined: called with the name of each frame
-    that was examined, where all frames are.
+    """The search for the light of one dive.
+
+    frames: name of each frame, in order, and the key by which ``read`` finds its image and ranges. captures: what the camera
+    recorded of each. geometry: of the rectified images. compute: where frames are examined. windows: of a short dive whose frames
+    were examined as they were measured, else None. examined: called with the name of each frame, where all frames are examined.
     """
 
     frames: Sequence[tuple[str, Any]]
@@ -94,7 +95,7 @@ class LightSearch:
     examined: Callable[[str], None] = lambda _: None
 
     def windows_of(self, frames: Iterable[Any]) -> list[PlacedWindow]:
-        """What the frames of a short dive show, each examined as soon as it comes: for ``windows``."""
+        """The ``windows`` of a short dive. frames: keys of its frames, each examined as soon as the iterator gives it."""
         return list(self._frame_look.windows(Stretch(0, enumerate(frames)), LOOK.loops))
 
     @property
@@ -102,48 +103,59 @@ class LightSearch:
         return FrameLook(self.read, reduced(self.geometry), reduction(self.geometry), self.encoding)
 
     def solve(self, allowed: Use) -> Found:
-        """The light of the dive, with terms that are ``allowed``.
+        """Solve the light of the dive, with terms that are ``allowed``.
 
-        The pattern of a long dive is solved from a part of it, and then all frames are examined for their gains.
+        The pattern of a long dive is solved from a part of its frames. Then all frames are examined for their gains.
         """
         names = Names(name for name, _ in self.frames)
         allowed = allowed._replace(shading=allowed.shading and len(names) <= MOST_SHADED)
-        chosen = looked_at(len(names))
-        look_at = self._frame_look
-        parts = self.compute.parts if len(chosen) < len(names) else 1  # a cut would part the loops of a short dive
-        windows = list(self._looked(chosen, _WindowLook(look_at), parts)) if self.windows is None else self.windows
+        sample = sampled_frames(len(names))
+        is_sampled = len(sample) < len(names)
+        windows = self.windows
+        if windows is None:
+            parts = self.compute.parts if is_sampled else 1  # cutting a short dive would break its loops
+            windows = list(self._looked(sample, _WindowLook(self._frame_look), parts))
         links = _Links(len(names))
         for window in windows:
             links.add(window.frames, window.steps)
-        size = look_at.geometry.image_size
-        light = solve_light(windows, names, size, allowed)
-        recorded = log_exposures(self.captures)
-        looked = light is not None and allowed.gains and worth_a_look(recorded)
-        offsets = self._offsets_about(recorded, light, windows) if light and looked else None
-        confirmed = recorded if offsets and explain(offsets) else None
-        if confirmed is not None:
-            light = solve_light(windows, names, size, allowed, confirmed)
-        elif light:
-            light = replace(light, refused=offsets)
-        light = light and beside_water(light, windows, names, size, confirmed)
-        if light and len(chosen) < len(names) and allowed.gains:
-            every = self._looked(range(len(names)), _DifferenceLook(look_at, light), self.compute.parts)
-            light = self._followed(light, names, every, links, confirmed, None)
+        light, recorded = self._pattern(windows, names, allowed)
+        if light and is_sampled and allowed.gains:
+            every = self._looked(range(len(names)), _DifferenceLook(self._frame_look, light), self.compute.parts)
+            light = self._with_gains(light, names, every, links, recorded, None)
         elif light and (allowed.gains or light.recorded):
-            few = [(seen.frames, differences(seen, light, size), seen.steps) for seen in windows]
+            few = [(seen.frames, differences(seen, light, self._size), seen.steps) for seen in windows]
             nothing = np.zeros(3 * SHADING)
             shading = np.array([light.solved.shading.get(name, nothing) for name in names]).reshape(-1, SHADING, 3)
-            light = self._followed(light, names, few, links, confirmed, shading)
+            light = self._with_gains(light, names, few, links, recorded, shading)
         return Found(light, SomeNames(names, links.frames), links.all_steps)
 
+    @property
+    def _size(self) -> tuple[int, int]:
+        """(width, height) of the reduced images in which spots are found."""
+        return reduced(self.geometry).image_size
+
+    def _pattern(self, windows: Sequence[PlacedWindow], names: Names, allowed: Use) -> tuple[SurveyLight | None, Array | None]:
+        """The light solved from ``windows``, and the (F,) recorded exposures (logarithms) if they explain differences of frames."""
+        light = solve_light(windows, names, self._size, allowed)
+        if light is None:
+            return None, None
+        recorded, used = log_exposures(self.captures), None
+        if allowed.gains and worth_a_look(recorded):
+            offsets = self._offsets_about(recorded, light, windows)
+            if offsets and explain(offsets):
+                used = recorded
+                light = solve_light(windows, names, self._size, allowed, used)
+            else:
+                light = replace(light, refused=offsets)
+        return light and beside_water(light, windows, names, self._size, used), used
+
     def _offsets_about(self, recorded: Array, light: SurveyLight, windows: Iterable[PlacedWindow]) -> tuple[float, float] | None:
-        """How frames differ without and with the (F,) records; None where no two frames show the same."""
-        size = reduced(self.geometry).image_size
-        found = np.concatenate([np.zeros(0, DIFFERENCE), *(differences(window, light, size)[0] for window in windows)])
+        """Differences between frames, without and with the (F,) records; None where no two frames show the same spots."""
+        found = np.concatenate([np.zeros(0, DIFFERENCE), *(differences(window, light, self._size)[0] for window in windows)])
         return offsets_about(found, recorded) if len(found) else None
 
     @staticmethod
-    def _followed(
+    def _with_gains(
         light: SurveyLight,
         names: Names,
         windows: Iterable[Differing],
@@ -151,8 +163,9 @@ class LightSearch:
         recorded: Array | None,
         shading: Array | None,
     ) -> SurveyLight:
-        """With the gains of all frames, which have these names; with none where they do not help. shading: of all frames, where
-        it is known; else it follows from the windows.
+        """The light with the gains and shading of all frames; without gains where they do not help.
+
+        shading: (F, SHADING, 3) of all frames; None to solve it from the windows. links: gets the frames of each window.
         """
         table = DifferenceTable()
         for frames, differing, steps in windows:
@@ -170,7 +183,10 @@ class LightSearch:
         return light.of_frames(gains, own, solved.offsets)
 
     def _looked(self, numbers: Sequence[int], look_at: "Callable[[Stretch], list[Shown]]", parts: int) -> Iterator[Shown]:
-        """What each frame shows that frames before it show too, in order; nothing for a frame without such."""
+        """The windows of the frames of these numbers, in order; none of a frame that shows no spot of frames before it.
+
+        parts: number of workers that share the work; 1: one worker, so that no loop is cut.
+        """
         look_at_all = self.compute.tiles if parts == 1 else self.compute.each
         length = STRETCH.length(len(numbers), parts)
         for stretch, shown in enumerate(look_at_all(look_at, _Stretches(numbers, self.frames, length))):
@@ -182,7 +198,7 @@ class LightSearch:
 
 @dataclass(frozen=True, eq=False)
 class _Stretches(Lazy[Stretch]):
-    """All numbers, ``length`` a stretch: each once but for those that a stretch begins with to hold its own against."""
+    """Frame numbers cut into stretches of ``length``; each begins with some frames of the stretch before, to be compared with."""
 
     numbers: Sequence[int]
     frames: Sequence[tuple[str, Any]]
@@ -201,7 +217,7 @@ class _Stretches(Lazy[Stretch]):
 
 @dataclass(frozen=True, eq=False)
 class _WindowLook:
-    """Windows with all their sightings, some 200 kB each: for the pattern, of which few frames are asked. With loops."""
+    """Makes windows with all their sightings (200 kB each) and with loops, for the pattern, which is solved from few frames."""
 
     frames: FrameLook
 
@@ -211,8 +227,8 @@ class _WindowLook:
 
 @dataclass(frozen=True, eq=False)
 class _DifferenceLook:
-    """How a window's frames differ once the pattern is taken out: small, for every frame of a long dive. Without loops, which a
-    cut between stretches would break.
+    """Makes the differences of a window's frames with the pattern removed: small, for every frame of a long dive. Without loops,
+    which are broken where a dive is cut.
     """
 
     frames: FrameLook
@@ -226,8 +242,8 @@ class _DifferenceLook:
 
 
 class _Links:
-    """frames: (F,) those that show what a frame before them shows, and all between. steps: of each frame to those before it, in
-    dives of at most ``MOST_STEPS``.
+    """Collects which frames show the same spots. frames: (F,) True for frames that show the same as a frame before them, and for
+    all between the two. steps: relative poses of each frame and those before it, in dives of at most ``MOST_STEPS`` frames.
     """
 
     def __init__(self, frames: int) -> None:
@@ -240,7 +256,7 @@ class _Links:
         return np.concatenate([np.zeros(0, STEP), *self.steps.values()])
 
     def add(self, frames: NDArray[np.int64], steps: NDArray[np.void]) -> None:
-        """The frames of one more window, its own frame first; loops link nothing."""
+        """Add the frames of a window, its own first. Frames of loops, which are farther back, are not linked."""
         near = frames[frames[0] - frames <= max(LOOK.back)]
         self.frames[near.min() + 1 : near.max() + 1] = True
         if len(self.frames) <= MOST_STEPS:
@@ -248,12 +264,12 @@ class _Links:
 
 
 def is_short(frames: int) -> bool:
-    """Whether a dive of ``frames`` frames is so short that its pattern is solved from all of them."""
+    """Whether a dive of ``frames`` frames is so short that its pattern is solved from all frames."""
     return frames <= SAMPLE.most_frames
 
 
-def looked_at(frames: int) -> list[int]:
-    """Of which of a dive's frames the pattern is solved: all of a short one, stretches spread over a long one."""
+def sampled_frames(frames: int) -> list[int]:
+    """Numbers of the frames from which the pattern is solved: all of a short dive, stretches spread over a long one."""
     if is_short(frames):
         return list(range(frames))
     starts = np.linspace(0, frames - SAMPLE.stretch, SAMPLE.most_frames // SAMPLE.stretch).astype(int)

@@ -1,4 +1,4 @@
-"""Frames of a dive examined for its light: what each shows that frames before it, and frames of other lines, show too."""
+"""Finds the spots that a frame of a dive and frames before it, or frames of other survey lines, show."""
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,13 +26,13 @@ ReadFrame = Callable[[Any], tuple[Image, Map]]
 
 @dataclass(frozen=True)
 class Look:
-    """How spots are found that several frames show."""
+    """Settings of the search for spots that several frames show."""
 
     width_px: int = 480
-    """Images are reduced to about it: lamps and lenses are smooth. With 700 pixels a real dive's pattern is the same to 0.01."""
+    """Images are reduced to about this width: lamps and lenses are smooth. With 700, a real dive's pattern is the same to 0.01."""
     back: tuple[int, ...] = (1, 2, 4)
-    """Frames before that each frame is compared with: the farther back, the more of the picture a spot has crossed. Without the
-    fourth before, gains drift (offsets of 0.11 instead of 0.09 on a real dive)."""
+    """Frames back that each frame is compared with: the farther back, the more of the image a spot has crossed. Without the fourth
+    frame back, gains drift (offsets of 0.11 instead of 0.09 on a real dive)."""
     patches: int = 800
     """Spots looked for in each frame, on a grid: some 500 are seen again."""
     loops: int = 3
@@ -56,7 +56,9 @@ the light (logarithm) is the same to 0.03 as with 800 features at 360 pixels, an
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """frames: numbers in the dive, and the key that each is read by. before: how many of them belong to the stretch before."""
+    """Successive frames of a dive. frames: number in the dive and key of each. before: the first so many belong to the stretch
+    before, and are only compared with.
+    """
 
     before: int
     frames: Iterable[tuple[int, Any]]
@@ -64,7 +66,7 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """A frame reduced. number: in the dive. key: image and ranges, of the camera at the origin. features: by which it is placed."""
+    """A frame at reduced size. number: in the dive. key: image and ranges, with the camera at the origin. features: for poses."""
 
     number: int
     key: KeyFrame
@@ -89,13 +91,13 @@ class _Placed:
 
     @property
     def number(self) -> int:
-        """In the dive."""
+        """The frame's number in the dive."""
         return self.seen.number
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedWindow(SeenWindow):
-    """steps: (k,) STEP, how the window's other frames lie to its own."""
+    """A window with relative poses. steps: (k,) STEP, of the window's other frames and its own."""
 
     steps: NDArray[np.void]
 
@@ -106,7 +108,7 @@ _Near = tuple[_Seen, View, Sequence[tuple[int, RelativePose]]]
 
 @dataclass(frozen=True, eq=False)
 class FrameLook:
-    """How frames are examined, as work that can be sent to another process. geometry: of images reduced ``every`` times."""
+    """Examines frames; it can be sent to another process. geometry: of images reduced ``every`` times."""
 
     read: ReadFrame
     geometry: RectifiedPair
@@ -118,14 +120,14 @@ class FrameLook:
         return self.of_windows(stretch, loops, lambda window: window)
 
     def of_windows(self, stretch: Stretch, loops: int, work: Callable[[PlacedWindow], Shown]) -> Iterator[Shown]:
-        """``work`` of each of ``windows``. All but placing each frame by those before it is done on all cores."""
+        """``work`` on each window of ``windows``. All but the chain of poses is done on all cores."""
         on_cores = Threads(cores())
         seen = on_cores.each(self._seen, stretch.frames)
         chain = self._chain(on_cores.each(self._near, _with_before(seen)), stretch.before, loops)
         return on_cores.each(lambda placed: work(self._window(*placed)), chain)
 
     def _chain(self, frames: Iterable[_Near], before: int, loops: int) -> Iterator[tuple[_Placed, _Others]]:
-        """Frames after the first ``before``, and those that show the same: near ones, and at most ``loops`` of other lines."""
+        """Each frame after the first ``before``, with frames that show the same spots: near ones and at most ``loops`` loops."""
         past: dict[int, _Placed] = {}
         for place, (seen, view, poses) in enumerate(frames):
             near = [(past[number], pose) for number, pose in poses]
@@ -138,12 +140,12 @@ class FrameLook:
             past = {other.number: _far_back(other, seen.number) for other in others} | {seen.number: placed}
 
     def _near(self, frame: tuple[_Seen, View, Sequence[_Seen]]) -> _Near:
-        """The frame, and how it lies to those of the frames before it that show the same, by their numbers."""
+        """The frame, and its relative poses to the frames before it that show the same spots, by their numbers."""
         seen, view, before = frame
         return seen, view, [(other.number, pose) for other in before if (pose := self._pose(seen, other))]
 
     def _window(self, frame: _Placed, others: _Others) -> PlacedWindow:
-        """What a frame shows and others, placed by features, show too."""
+        """The sightings of spots that a frame and others, placed by features, show."""
         view = frame.view or self._view(frame.seen)
         views = [replace(other.view or self._view(other.seen), T_world_camera=pose.T_a_b) for other, pose in others]
         seen_by = [frame.number, *(other.number for other, _ in others)]
@@ -151,7 +153,7 @@ class FrameLook:
         return PlacedWindow(np.array(seen_by), sightings_of(view.patches_m(LOOK.patches), [view, *views]), steps)
 
     def _placed(self, seen: _Seen, view: View, near: Sequence[tuple[_Placed, RelativePose]]) -> _Placed:
-        """By the nearest of the frames before it; at the beginning of a new chain without one."""
+        """The frame placed by the nearest of the frames before it; without one, it starts a new chain."""
         chain, T, path_m = seen.number, np.eye(4), 0.0
         if near:
             other, pose = near[-1]
@@ -183,7 +185,7 @@ class FrameLook:
 
 
 def _with_before(frames: Iterable[tuple[_Seen, View]]) -> Iterator[tuple[_Seen, View, Sequence[_Seen]]]:
-    """Each frame with those that it is compared with."""
+    """Each frame with the frames before it that it is compared with."""
     past: deque[_Seen] = deque(maxlen=max(LOOK.back))
     for seen, view in frames:
         yield seen, view, [other for other in past if seen.number - other.number in LOOK.back]
@@ -197,14 +199,14 @@ def _loops(frame: _Placed, past: Sequence[_Placed]) -> list[_Placed]:
 
 
 def _is_loop(frame: _Placed, other: _Placed) -> bool:
-    """Whether the track came back, and did not go straight on, to what the other frame shows."""
+    """Whether the frames' images overlap because the track came back, rather than went straight on."""
     distance_m = float(np.linalg.norm(frame.T_chain_camera[:3, 3] - other.T_chain_camera[:3, 3]))
     came_back = frame.chain == other.chain and frame.path_m - other.path_m > LOOK.loop_detour * distance_m
     return came_back and _apart_m(frame, other) < LOOK.loop_reach * min(frame.width_m, other.width_m)
 
 
 def _apart_m(frame: _Placed, other: _Placed) -> float:
-    """Between the middles of what two frames show."""
+    """Distance between the middles of what two frames show, meters."""
     return float(np.linalg.norm(other.middle_m - frame.middle_m))
 
 
@@ -214,12 +216,12 @@ def _far_back(frame: _Placed, number: int) -> _Placed:
 
 
 def reduction(geometry: RectifiedPair) -> int:
-    """Pixels of the image a pixel of the reduced one."""
+    """Pixels of the image in a pixel of the reduced image, along each side."""
     return max(1, round(geometry.image_size[0] / LOOK.width_px))
 
 
 def reduced(geometry: RectifiedPair, every: int | None = None) -> RectifiedPair:
-    """The geometry of the reduced images; of which a pixel is ``every`` pixels wide, where that is given."""
+    """The geometry of images reduced ``every`` times; None: by ``reduction``."""
     every = every or reduction(geometry)
     cx, cx_right, cy = ((c + 0.5) / every - 0.5 for c in (geometry.cx_left_px, geometry.cx_right_px, geometry.cy_px))
     size = geometry.image_size[0] // every, geometry.image_size[1] // every

@@ -18,9 +18,9 @@ from stereo_seecolor.records import Water
 
 
 def fit(pixels: NDArray[Any], range_m: NDArray[np.float32], config: ColorConfig, start: Water | None = None) -> Water:
-    """The water of the (N, 3) pixels at the (N,) ranges, all known, by Adam from ``start`` or from a guess.
+    """Fit the water to (N, 3) pixels at (N,) known ranges, meters, by Adam from ``start`` or from COLD.
 
-    Raises DeviceError where CUDA is asked for and absent.
+    Raises DeviceError where CUDA is set and absent.
     """
     device = find_device(config.device)
     adam, encoding = config.paper_adam, config.input_encoding
@@ -45,7 +45,7 @@ def fit(pixels: NDArray[Any], range_m: NDArray[np.float32], config: ColorConfig,
 
 
 def train(network: nn.Module, loss: Callable[[], Tensor], steps: int, learning_rate: float) -> None:
-    """Adam on the network's weights for a number of steps."""
+    """Train the network's weights by Adam for a number of steps."""
     optimizer = torch.optim.Adam(network.parameters(), lr=learning_rate)
     for _ in range(steps):
         optimizer.zero_grad()

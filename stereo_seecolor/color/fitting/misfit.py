@@ -1,4 +1,4 @@
-"""How badly the colors of a frame fit a water that was fitted to others, against a water of its own."""
+"""The misfit of a frame's colors to a water: one fitted to other frames, or the frame's own."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,8 @@ import numpy as np
 from stereo_seecolor.color.fitting.robust import SETTINGS as ROBUST
 from stereo_seecolor.color.fitting.robust import begin_content, parameters, trust_in
 from stereo_seecolor.color.fitting.robust_solver import NOISE, Data, Prior, cost_at, minimize
-from stereo_seecolor.color.fitting.scene_prior import WATER, whole_prior
+from stereo_seecolor.color.fitting.scene_prior import whole_prior
+from stereo_seecolor.color.fitting.water_prior import WATER
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles
 from stereo_seecolor.config import RobustConfig
 from stereo_seecolor.records import Water
@@ -27,10 +28,10 @@ SETTINGS = MisfitSettings()
 
 
 def quality(seen: RangeQuantiles, settings: RobustConfig, water: Water | None = None) -> float:
-    """The least cost of a frame's quantiles under ``water``, up to the exposure; without one, under the water that suits it best.
+    """The least cost of a frame's quantiles under ``water`` at any exposure; for None, under the water that fits the frame best.
 
-    Half a sum of squares, in standard deviations, priors included: 0 or above.
-    water: of the robust method, or any other whose attenuation far away is above 0.
+    The cost is half the sum of squared errors in standard deviations, with those of the priors: 0 or above.
+    water: of the robust method, or of another with attenuation far away (y) above 0.
     """
     scale = max(float(seen.light[..., -2].max()), ROBUST.least_light)
     light = seen.light / scale

@@ -1,4 +1,4 @@
-"""The numbers in the paper's losses, for every implementation of them."""
+"""The constants of the paper's losses, shared by their implementations."""
 
 from typing import NamedTuple
 

@@ -1,4 +1,4 @@
-"""The water's parameters as what an optimizer moves freely: fractions before a sigmoid, rates before a softplus."""
+"""The water's parameters as unbounded raw weights for an optimizer: fractions before a sigmoid, rates before a softplus."""
 
 from dataclasses import astuple, dataclass
 from typing import Any
@@ -28,12 +28,12 @@ def raw_rates(rates: Any) -> NDArray[np.float64]:
 
 
 def fractions(raw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A sigmoid."""
+    """The sigmoid of raw weights: fractions in (0, 1)."""
     return np.asarray(0.5 * (1 + np.tanh(0.5 * raw)))
 
 
 def rates(raw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A softplus."""
+    """The softplus of raw weights: rates above 0."""
     return np.asarray(np.logaddexp(0, raw))
 
 
@@ -45,7 +45,7 @@ def water_of(found: NDArray[np.float64], encoding: InputEncoding) -> Water:
 
 @dataclass(frozen=True)
 class ColdWater:
-    """Where a fit begins that knows nothing, the same in all channels: thin backscatter and an attenuation of 0.2 per meter."""
+    """Initial parameters of a fit without a start, the same in all channels: thin backscatter, attenuation of 0.2 per meter."""
 
     gamma_inf: float = 0.1
     """Fraction of full scale."""

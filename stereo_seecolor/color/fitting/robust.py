@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.fitting.robust_solver import NOISE, Data, Prior, minimize
-from stereo_seecolor.color.fitting.scene_prior import SCENE, WATER, deviations, whole_prior
-from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE
+from stereo_seecolor.color.fitting.scene_prior import SCENE, deviations, whole_prior
+from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig
@@ -45,16 +45,16 @@ SETTINGS = RobustSettings()
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
-    """The water of a table with at least one pixel, with standard errors; warnings where the table cannot carry its own.
+    """Fit the water, with standard errors, to a table of at least one pixel; warnings where the table hardly determines it.
 
-    start: a water to begin from; it changes the time the fit takes, not where it ends. The white point's brightness is such that
-    a scene's brightest thousandth is near full scale at exposure 1.
+    start: a water to begin from; it changes the duration of the fit, not its result. The white point's brightness is such that the
+    brightest thousandth of a scene is near full scale at exposure 1.
     """
     return fit_quantiles(quantiles_by_range(table, config.input_encoding), config, start)
 
 
 def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None = None) -> Water:
-    """Like ``fit``, from the quantiles of a table."""
+    """``fit``, from the quantiles of a table."""
     scale = max(float(seen.light[..., -2].max()), SETTINGS.least_light)
     light = seen.light / scale
     mean, precision, prior_error = whole_prior(len(seen.range_m), config.robust)
@@ -111,7 +111,7 @@ def standard_errors(values: NDArray[np.float64], covariance: NDArray[np.float64]
 
 
 def correlated_covariance(curvature: NDArray[np.float64], precision: NDArray[np.float64], quantiles: int) -> NDArray[np.float64]:
-    """(15, 15) covariance of the water where errors of a range's quantiles are fully correlated: all of them count as one."""
+    """(15, 15) covariance of the water if errors of all quantiles of a range are fully correlated, so that they count as one."""
     size = len(precision)
     return np.asarray(np.linalg.solve(precision + (curvature - precision) / quantiles, np.eye(size, WATER))[:WATER])
 
@@ -127,7 +127,7 @@ def error_with_cast(error: NDArray[np.float64], prior_error: NDArray[np.float64]
 
 
 def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
-    """What a person should know before trusting the water."""
+    """Warnings where the water is determined by the prior more than by the image."""
     if seen.clipped.all():
         return ("every pixel is at full scale: the water is the prior's (Jerlov's types), not measured",)
     near_m, far_m = seen.range_m[0], seen.range_m[-1]
@@ -137,12 +137,12 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
 
 
 def trust_in(seen: RangeQuantiles) -> Vector:
-    """(G,) weight of each range, 0..1; none where all is at full scale."""
+    """(G,) weight of each range, 0..1; all 0 where every quantile is at full scale."""
     return np.asarray(seen.pixels / (seen.pixels + SETTINGS.few_pixels) * (not seen.clipped.all()))
 
 
 def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> None:
-    """Reflectances and brightnesses that suit the water in ``x``: means over ranges and over the rest of the direct signal."""
+    """Set the reflectances and brightnesses in ``x`` to means of the direct signal's logarithm under the water in ``x``."""
     log_far, log_near, log_beta, log_backscatter, log_white = x[:WATER].reshape(5, 3, 1)
     backscatter = np.exp(log_backscatter + log_white) * -np.expm1(-np.exp(log_beta) * range_m)
     loss = range_m * np.exp(log_far) * (1 + np.expm1(log_near) * np.exp(-RATE_OF_CHANGE * range_m))
@@ -157,7 +157,7 @@ def begin_content(x: Vector, range_m: Vector, light: NDArray[np.float64]) -> Non
 
 
 def parameters(water: Water, scale: float) -> Vector:
-    """(15,) the logarithms of a water, its intensities as fractions of ``scale``."""
+    """(15,) logarithms of a water's parameters, in the order of ``x``, with intensities as fractions of ``scale``."""
     ratio, backscatter = water.w / water.y, water.gamma_inf / water.white
     return np.concatenate(
         [np.log(water.y), np.log1p(ratio), np.log(water.beta), np.log(backscatter), np.log(water.white / scale)], dtype=np.float64

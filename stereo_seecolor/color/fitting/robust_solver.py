@@ -11,12 +11,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE
+from stereo_seecolor.color.fitting.water_prior import RATE_OF_CHANGE, WATER
 from stereo_seecolor.compute.compiled import compiled
 
 Array = NDArray[np.float64]
-
-WATER = 15
 
 
 class Steps(NamedTuple):
@@ -46,13 +44,13 @@ class Steps(NamedTuple):
 
 STEPS = Steps()
 BRIGHTEST = np.exp(20.0)
-"""Light beyond counts as this: it is finite, and no image's."""
+"""Light above this counts as this: it is finite, and far above that of any image."""
 LEAST_PIVOT = 1e-300
 """Of Cholesky's factors: a matrix that rounding made singular gives a huge step, which ``largest_move`` bounds."""
 
 
 class Noise(NamedTuple):
-    """What a quantile may be off by; chosen on the synthetic scenes and reefs of seeds below 100 (docs/color-experiments.md)."""
+    """Errors of a quantile; chosen on the synthetic scenes and reefs of seeds below 100 (docs/color-experiments.md)."""
 
     content: tuple[float, ...] = (0.6, 0.6, 0.6, 0.5, 0.4, 0.25, 0.1, 0.1, 0.1)
     """Of each quantile, dark to bright, fraction of the direct signal: content differs from range to range, dark content most. In
@@ -71,7 +69,9 @@ NOISE = Noise()
 
 
 class Data(NamedTuple):
-    """range_m (G,). light (3, G, P): quantiles against the brightest. clipped (3, G, P). trust (G,): weight of each range, 0..1."""
+    """The data of the fit. range_m (G,): meters. light (3, G, P): quantiles, as fractions of the brightest. clipped (3, G, P).
+    trust (G,): weight of each range, 0..1.
+    """
 
     range_m: Array
     light: Array
@@ -80,14 +80,14 @@ class Data(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """mean (n,), precision (n, n)."""
+    """A Gaussian prior of the parameters: mean (n,), precision (n, n)."""
 
     mean: Array
     precision: Array
 
 
 class Normal(NamedTuple):
-    """matrix (n, n): the lower triangle of Gauss-Newton's; slope (n,): the gradient."""
+    """The normal equations. matrix (n, n): lower triangle of the Gauss-Newton matrix; slope (n,): the gradient."""
 
     matrix: Array
     slope: Array
@@ -95,7 +95,7 @@ class Normal(NamedTuple):
 
 @compiled
 def minimize(x: Array, data: Data, prior: Prior, noise: Noise) -> tuple[Array, Array]:
-    """Levenberg's damped Gauss-Newton steps: the parameters at the least cost, and the Gauss-Newton matrix there."""
+    """Minimize the cost by Levenberg's damped Gauss-Newton steps; returns the parameters and the Gauss-Newton matrix there."""
     n = x.size
     here, there = Normal(np.zeros((n, n)), np.zeros(n)), Normal(np.zeros((n, n)), np.zeros(n))
     weights = np.empty(data.light.shape)
@@ -134,7 +134,7 @@ def cost_at(x: Array, data: Data, prior: Prior, noise: Noise) -> float:
 
 @compiled
 def _at(x: Any, c: int, z: float) -> Any:
-    """Of channel c at range z: optical depth, what of it falls with log(near / far), backscatter, what of that is still to come."""
+    """For channel c at range z: optical depth, its derivative by log(near / far), backscatter, and its derivative by log beta."""
     far, near, beta = np.exp(x[c]), np.exp(x[3 + c]), np.exp(x[6 + c])
     saturated, decay = np.exp(x[9 + c] + x[12 + c]), np.exp(-RATE_OF_CHANGE * z)
     rest = np.exp(-beta * z)
@@ -189,7 +189,7 @@ def _cost(x: Any, data: Any, prior: Any, weights: Any, noise: Any, renew: bool, 
 
 @compiled
 def _mirror(matrix: Any) -> None:
-    """The upper triangle, from the lower one."""
+    """Fill the upper triangle from the lower one."""
     for i in range(matrix.shape[0]):
         for j in range(i):
             matrix[j, i] = matrix[i, j]

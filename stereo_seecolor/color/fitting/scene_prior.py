@@ -1,4 +1,4 @@
-"""What is known before any image: of the scene's reflectances and light here, of the water in ``water_prior``."""
+"""The prior of the robust fit: of the scene's reflectances and light, joined with that of the water (``water_prior``)."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -6,13 +6,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.fitting.water_prior import Vector, water_prior
+from stereo_seecolor.color.fitting.water_prior import WATER, Vector, water_prior
 from stereo_seecolor.config import RobustConfig
 
 Matrix = NDArray[np.float64]
-
-WATER = 15
-"""Parameters of the water: log far, log(near / far), log beta, log(gamma_inf / white), log white, each for R, G, B."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +97,6 @@ def _water(settings: RobustConfig) -> tuple[Vector, Matrix]:
 
 
 def _set(mean: Vector, covariance: Matrix, where: slice, values: Vector, together: float) -> tuple[Vector, Matrix]:
-    """A Gaussian with some of its numbers as good as known, but for what all of them share (variance ``together``)."""
+    """The Gaussian after the numbers at ``where`` have been observed. together: variance of an offset that they have in common."""
     gain = covariance[:, where] @ np.linalg.inv(covariance[where, where] + SET.value * np.eye(3) + together)
     return mean + gain @ (values - mean[where]), covariance - gain @ covariance[where]

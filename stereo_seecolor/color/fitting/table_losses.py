@@ -1,4 +1,4 @@
-"""The paper's losses and their gradients from a moment table's sums: exact, and no pixel is touched.
+"""The paper's losses and their gradients, computed exactly from the sums of a moment table, without its pixels.
 
 For one channel, range bin l and threshold t let S_p(l, t) be the sum of v**p over the pixels of the bin with value v >= t. Then
     sum max(v - B, 0)        = S_1(B) - B S_0(B),
@@ -22,7 +22,7 @@ FLAT = 1e-12
 
 
 class Channel(NamedTuple):
-    """One channel of an image as the losses need it.
+    """The sums of one channel that the losses are computed from.
 
     z: (L,) range of each occupied bin, meters. light: (V,) value of each bin. below: (L, V + 1, 3) sums of light**p, p = 0, 1, 2,
     over the bins before each. scale: 1 / (3 N), N the image's pixels.

@@ -44,7 +44,7 @@ DIFFERENCE = 0.05
 
 @compiled
 def loss_of(which, raw, channel, direct, penalty, slopes, gradient):  # type: ignore[no-untyped-def]
-    """Of backscatter (which = 0) or attenuation (1); its gradient goes into ``gradient``, the same by range bin into ``slopes``."""
+    """The loss of backscatter (which = 0) or attenuation (1). Writes its gradient to ``gradient``, by range bin to ``slopes``."""
     loss = backscatter_loss(raw, channel, penalty, slopes) if which == 0 else attenuation_loss(raw, channel, direct, slopes)
     gradient[:] = 0.0
     for range_bin in range(slopes.shape[0]):
@@ -55,7 +55,7 @@ def loss_of(which, raw, channel, direct, penalty, slopes, gradient):  # type: ig
 
 @compiled
 def curvature(which, raw, channel, direct, penalty, slopes, hessian):  # type: ignore[no-untyped-def]
-    """The Hessian by central differences of the gradient, and the gradient's parts by range bin, at ``raw``."""
+    """Write the Hessian at ``raw``, by central differences of the gradient, and the gradient by range bin into ``slopes``."""
     forward, back = np.empty(4), np.empty(4)
     for i in range(4):
         moved = raw.copy()
@@ -70,9 +70,9 @@ def curvature(which, raw, channel, direct, penalty, slopes, hessian):  # type: i
 
 @compiled
 def minimize(which, raw, channel, direct, penalty, most_steps):  # type: ignore[no-untyped-def]
-    """BFGS with a weak Wolfe line search, which also holds on losses with kinks (Lewis and Overton 2013).
+    """Minimize by BFGS with a weak Wolfe line search, which suits losses with kinks (Lewis and Overton 2013).
 
-    Gives the loss and the raw weights.
+    Returns the loss and the raw weights.
     """
     n = raw.size
     x, gradient, slopes = raw.copy(), np.empty(n), np.empty((channel.z.size, n))

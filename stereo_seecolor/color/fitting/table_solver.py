@@ -1,6 +1,6 @@
-"""The paper's fit from moment tables: for each channel four numbers of backscatter, then four of attenuation, by quasi-Newton.
+"""The paper's fit from moment tables: for each channel four parameters of backscatter, then four of attenuation, by quasi-Newton.
 
-No loss of the paper couples two channels, so what looks like 24 parameters are six problems of four.
+No loss of the paper couples channels, so that the 24 parameters are six problems of four.
 """
 
 from dataclasses import dataclass, replace
@@ -70,7 +70,7 @@ NOTHING = Direct(np.zeros(0), np.zeros((0, 2)), 0.0, 1.0, 0.0)
 
 
 def fit(table: MomentTable, penalty: float, encoding: InputEncoding, start: Water | None = None) -> Water:
-    """The water that minimizes the paper's losses over the table's pixels, of which there must be some; with standard errors."""
+    """The water that minimizes the paper's losses over the table's pixels (at least one), with standard errors."""
     found, errors = np.empty((8, 3)), np.empty((8, 3))
     for c, channel in enumerate(channels(table, encoding)):
         backscatter, attenuation = (
@@ -82,7 +82,7 @@ def fit(table: MomentTable, penalty: float, encoding: InputEncoding, start: Wate
 
 
 def fit_backscatter(channel: Channel, penalty: float, start: Four | None) -> tuple[Four, Four]:
-    """Gamma, beta, eta, alpha of one channel at the least loss, and their standard errors."""
+    """gamma_inf, beta, eta, alpha of one channel at the least loss, and their standard errors."""
     guesses = [_raw_backscatter(guess) for guess in _backscatter_guesses(channel, penalty)]
     raw = _best(0, None if start is None else _raw_backscatter(start), guesses, channel, NOTHING, penalty)
     found = np.where(IS_FRACTION, fractions(raw), rates(raw))
@@ -98,7 +98,7 @@ def fit_attenuation(channel: Channel, direct: Direct, start: Four | None) -> tup
 
 
 def losses(table: MomentTable, water: Water, penalty: float) -> tuple[float, float]:
-    """The paper's backscatter and attenuation losses of a water over the table's pixels, of which there must be some."""
+    """The paper's backscatter and attenuation losses of a water over the table's pixels (at least one)."""
     backscatter, attenuation = 0.0, 0.0
     for c, channel in enumerate(channels(table, water.input_encoding)):
         four, slopes = _parameters(water, BACKSCATTER, c), np.empty((channel.z.size, 4))
@@ -118,7 +118,7 @@ def channels(table: MomentTable, encoding: InputEncoding) -> list[Channel]:
 
 
 def direct_signal(channel: Channel, parameters: NDArray[np.float64]) -> Direct:
-    """D = I - B, clamped to five standard deviations about its mean, then to [0, 1], with what the losses need of it."""
+    """D = I - B, clamped to five standard deviations about its mean, then to [0, 1], as the sums of the attenuation loss."""
     gamma, beta, eta, alpha = parameters
     backscatter = gamma * -np.expm1(-beta * channel.z) + eta * np.exp(-alpha * channel.z)
     number = 1.0 / (3.0 * channel.scale)
@@ -140,7 +140,7 @@ def _best(
     direct: Direct,
     penalty: float,
 ) -> Four:
-    """The lowest minimum: from ``warm`` in a few steps where it begins lower than every guess, else from each of the guesses."""
+    """The lowest minimum. The search starts from ``warm`` if its loss is below that of every guess, else from each guess."""
     slopes, gradient = np.empty((channel.z.size, 4)), np.empty(4)
     begin = [loss_of(which, raw, channel, direct, penalty, slopes, gradient) for raw in guesses]
     if warm is not None and loss_of(which, warm, channel, direct, penalty, slopes, gradient) <= min(begin):

@@ -1,8 +1,8 @@
-"""What is known of water before any image: daylight that came down through Jerlov's water types and on to the camera, as a prior.
+"""The prior of the water: daylight that passed through Jerlov's water types, down to the reef and on to the camera.
 
-Spectra of many waters, depths and cameras are put through the equations of image formation (Akkaynak and Treibitz, CVPR 2018),
-each becomes the fifteen numbers of the model, and the prior is the Gaussian of these. So where a
-scene has little relief, the fit is dominated by waters that exist, and its white point by light that such waters transmit.
+Spectra of many waters, depths and cameras are put through the equations of image formation (Akkaynak and Treibitz, CVPR 2018).
+Each gives the fifteen parameters of the model, and the prior is the Gaussian of these. So the fit of a scene with little relief is
+dominated by waters that exist, and its white point by light that such waters transmit.
 """
 
 from dataclasses import dataclass
@@ -15,6 +15,9 @@ from stereo_seecolor.color.fitting.low_discrepancy import low_discrepancy
 from stereo_seecolor.water.jerlov import KD_JERLOV, TABLE_NM, scattering_per_m
 
 Vector = NDArray[np.float64]
+
+WATER = 15
+"""Parameters of the water: log far, log(near / far), log beta, log(gamma_inf / white), log white, each for R, G, B."""
 
 _KD = np.stack(list(KD_JERLOV.values()))  # from the clearest ocean to turbid coast
 _WAVELENGTH_NM = np.arange(400.0, 701.0, 10.0)
@@ -109,7 +112,7 @@ def _left_out() -> NDArray[np.float64]:
 
 
 def _water(draw: Vector, depth_m: float | None) -> Vector:
-    """Fifteen numbers of one water from ten draws in [0, 1)."""
+    """(15,) parameters of one water, from (10,) draws in [0, 1)."""
     at = draw[0] * (len(_KD) - 1)
     table = _KD[int(at)] * (1 - at % 1) + _KD[int(at) + 1] * (at % 1)
     kd = np.interp(_WAVELENGTH_NM, TABLE_NM, table)
@@ -139,7 +142,7 @@ def _water(draw: Vector, depth_m: float | None) -> Vector:
 
 
 def _channels(draw: Vector) -> NDArray[np.float64]:
-    """(3, wavelengths) a camera's filters, of unit sum; peaks and widths a little off the usual."""
+    """(3, wavelengths) a camera's filters, of unit sum. draw: (4,) numbers in [0, 1), for peaks and widths."""
     peaks = ENSEMBLE.peaks_nm + ENSEMBLE.peak_nm * (2 * draw[:3] - 1)
     widths = np.array(ENSEMBLE.widths_nm) * (1 - ENSEMBLE.width_fraction + 2 * ENSEMBLE.width_fraction * draw[3])
     filters = np.exp(-0.5 * ((_WAVELENGTH_NM - peaks[:, None]) / widths[:, None]) ** 2)

@@ -12,16 +12,16 @@ from stereo_seecolor.records import Image, Map
 
 @dataclass(frozen=True)
 class ExposureLimits:
-    """When a frame is warned of."""
+    """Limits of brightness beyond which a frame gets a warning."""
 
     dark: float = 0.005
     """Linear light of the brightest channel, fraction of full scale (16 of 255 in sRGB): noise of 1.5 of 255 is a tenth of it."""
     dark_fraction: float = 0.9
-    """Of the pixels of known range that are darker: a lit object in open water fills more than the rest."""
+    """Fraction of the pixels of known range that are darker: a lit object in open water fills more than the rest."""
     clipped_fraction: float = 0.1
-    """Of these pixels: highlights and white cards fill less."""
+    """Fraction of these pixels that are clipped: highlights and white cards fill less."""
     step_px: int = 4
-    """Every fourth row and column is looked at."""
+    """Only every fourth row and column is examined."""
 
 
 LIMITS = ExposureLimits()

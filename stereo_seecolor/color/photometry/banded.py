@@ -1,4 +1,4 @@
-"""Symmetric banded systems: of frames that are tied to a few before them."""
+"""Symmetric banded systems of equations, in which each frame is coupled only to a few frames before it."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ DENSE = 400
 
 
 def solve_banded(band: Array, slope: Array) -> Array:
-    """(N,) solution of a positive definite system; (reach + 1, N) its diagonal and those below, which are overwritten."""
+    """(N,) solution of a positive definite system. band: (reach + 1, N) diagonal and those below. Both arrays are overwritten."""
     size = len(slope)
     if size > DENSE:
         from scipy.linalg import solveh_banded

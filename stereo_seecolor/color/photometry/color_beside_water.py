@@ -1,9 +1,9 @@
-"""The color of the pattern beside the water: solved again, once from each sighting is taken what the water will take.
+"""The color of the light's pattern, solved a second time after the water is removed from the sightings.
 
-Where range goes with the place in the picture (borders are farther than the middle), pattern and trend with range share what the
-views of a spot differ by. The trend is then left to the water, which takes out another one, and backscatter with it: spots that
-agreed do so no more, and borders come out in another color than the middle. So the water is estimated from the sightings, as it
-will be from the images, and what it leaves of color goes to the pattern.
+Where range depends on the place in the image (borders are farther than the middle), differences between views of a spot are
+divided between the pattern and the trend with range. The trend is then left to the water, but the fitted water removes another
+trend, and backscatter: views that agreed differ again, and borders get another color than the middle. So the water is fitted to the
+sightings, as it will be to the images, and the color that it leaves is added to the pattern.
 """
 
 from collections.abc import Sequence
@@ -39,10 +39,10 @@ FULL = 65535
 def beside_water(
     found: SurveyLight, windows: Sequence[SeenWindow], names: Sequence[str], size: tuple[int, int], recorded: Array | None = None
 ) -> SurveyLight:
-    """The light with the color of its pattern solved beside the water; the same where it has none, where no change has more
-    evidence, or where the water leaves no spot any light.
+    """The light with the color of its pattern solved again after the water is removed.
 
-    windows, names, size, recorded: as of ``solve_light``, which found it.
+    Unchanged where color has no pattern, where no change has more evidence, or where the water leaves no spot any light.
+    windows, names, size, recorded: as given to ``solve_light``, which found the light.
     """
     if not found.color.use.pattern:
         return found
@@ -63,7 +63,7 @@ def beside_water(
 
 
 def _even(window: SeenWindow, light: Light, gains: Array, shading: Array, size: tuple[int, int]) -> Sightings:
-    """What the window's frames saw, in the light that the water is fitted in."""
+    """The sightings of a window with the light divided out."""
     seen = window.seen
     log_light = light.log_pattern(seen.pixel, seen.range_m, size) + gains[window.frames][seen.frame]
     own = np.einsum("ns,nsc->nc", shading_terms(places(seen.pixel, size)), shading[window.frames][seen.frame])
@@ -71,14 +71,14 @@ def _even(window: SeenWindow, light: Light, gains: Array, shading: Array, size: 
 
 
 def _water(windows: Sequence[Sightings]) -> Water:
-    """The water that all sightings were seen through."""
+    """The water fitted to all sightings, whose light was divided out."""
     light, range_m = (np.concatenate([getattr(seen, part) for seen in windows]) for part in ("light", "range_m"))
     counted = np.round(FULL * np.clip(light, 0.0, 1.0)).astype(np.uint16)
     return robust.fit(measure(counted[None], range_m[None].astype(np.float32)), LINEAR)
 
 
 def _window(views: Views, window: SeenWindow, seen: Sightings, water: Water) -> Window:
-    """The sightings without water; those that it leaves no light do not count."""
+    """The sightings of a window with the water removed, without those to which it leaves no light."""
     direct = (seen.light - water.backscatter(seen.range_m)) / water.attenuation(seen.range_m)
     darkest = LIMITS.light[0]
     kept = usable(window.seen) & (direct > darkest).all(axis=1)

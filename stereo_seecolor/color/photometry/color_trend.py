@@ -1,7 +1,7 @@
-"""How the color of one spot changes with range, seen by several frames: a measurement of the water beside the fit of its colors.
+"""The change of one spot's color with range, over several frames: a second measurement of the water beside the fit to colors.
 
-The fit compares what lies near with what lies far, and takes corals above sand for water where their colors differ. A spot that is
-seen from two ranges has one color.
+The fit compares near with far pixels, and mistakes a difference in color of near corals and far sand for water. A spot that is seen
+from two ranges has one color.
 """
 
 from dataclasses import dataclass, replace
@@ -24,8 +24,10 @@ MOST_BACKSCATTER = 0.8
 
 @dataclass(frozen=True, eq=False)
 class ColorTrend:
-    """power: (3,) of the range, by which R, G, B of a spot change beside their common brightness; their mean is 0. error: standard
-    error of each. range_m: at which it was measured. light: (3,) linear light of a usual spot there, fraction of full scale.
+    """A color change with range.
+
+    power: (3,) R, G, B of a spot are proportional to range to this power, beside a common factor; mean 0. error: standard error of
+    each. range_m: range at which it was measured. light: (3,) linear light of a typical spot there, fraction of full scale.
     """
 
     power: Array
@@ -34,21 +36,21 @@ class ColorTrend:
     light: Array
 
     def content(self) -> dict[str, Any]:
-        """As the content of a JSON file."""
+        """The trend as JSON."""
         return {"power": self.power.tolist(), "error": self.error, "range_m": self.range_m, "light": self.light.tolist()}
 
     @classmethod
     def from_content(cls, content: Any) -> "ColorTrend":
-        """The trend from what ``content`` returned. Raises ValueError, KeyError or TypeError where it is something else."""
+        """The trend from JSON. Raises ValueError, KeyError or TypeError where ``content`` is something else."""
         power, light = (np.array(content[name], np.float64).reshape(3) for name in ("power", "light"))
         return cls(power, float(content["error"]), float(content["range_m"]), light)
 
 
 def with_color_trend(water: Water, trend: ColorTrend | None) -> Water:
-    """The water with its attenuation and the trend's, each weighted by its variance; at the trend's range nothing changes.
+    """The water with the mean of its attenuation and the trend's, weighted by variance; colors at the trend's range do not change.
 
-    Brightness keeps its change with range: that of the trend would be the lamps' too. The paper's waters, whose coefficients change
-    with range otherwise, stay as they are.
+    The change of brightness with range is not taken from the trend, since lamps have part in it. Waters of the paper's methods are
+    unchanged: their coefficients depend on range in another way.
     """
     if trend is None or water.x.any():
         return water

@@ -1,4 +1,4 @@
-"""How much reef a dive's frames show: what a few frames of one spot agree on is the spot's own shading as much as the lamps'."""
+"""How far the reef moves through the image in a dive. If it moves little, a spot's own shading cannot be told from the lamps'."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,20 +27,20 @@ SETTINGS = CrossingSettings()
 
 
 def pictures_crossed(windows: Sequence[SeenWindow], size: tuple[int, int]) -> float:
-    """How far the reef moves through the picture, from each window's first frame to the nearest of the others, in all.
+    """The sum over all windows of the reef's motion through the image, from the window's first frame to the nearest other.
 
-    size: (width, height) of the pictures that the sightings' pixels are of.
+    In image sizes. size: (width, height) of the images that the sightings' pixels are of.
     """
     return float(sum(_shift(window, size) for window in windows))
 
 
 def alike(crossed: float) -> float:
-    """How many sightings count as one in a dive that crosses so many pictures."""
+    """The number of correlated sightings that count as one. crossed: of ``pictures_crossed``."""
     return SETTINGS.alike * max(1.0, SETTINGS.whole / max(crossed, 0.1 * SETTINGS.whole))
 
 
 def _shift(window: SeenWindow, size: tuple[int, int]) -> float:
-    """Median over the patches, in pictures."""
+    """Median motion of a window's patches, in image sizes."""
     nearest, seen = 1 + int(np.argmin(np.abs(window.frames[1:] - window.frames[0]))), window.seen
     first, there = (np.flatnonzero(seen.frame == number) for number in (0, nearest))
     common, a, b = np.intersect1d(seen.patch[first], seen.patch[there], assume_unique=True, return_indices=True)

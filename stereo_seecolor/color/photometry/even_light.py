@@ -1,4 +1,4 @@
-"""Taking the light of a survey out of an image: each value becomes what even light and the usual exposure would have given."""
+"""Divides the light of a survey out of an image: each value becomes that under even light and the usual exposure."""
 
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -29,10 +29,10 @@ class _Scale(NamedTuple):
 
 
 def even_light(image: Image, range_m: Map, light: FrameLight, encoding: InputEncoding) -> Image:
-    """The image with the pattern and the frame's gain and shading divided out, at its own depth.
+    """The image with the light's pattern and the frame's gain and shading divided out, at the same bit depth.
 
-    range_m: (H, W), where unknown the pattern is that of the reference range.
-    What is pushed beyond full scale clips, and what the camera had clipped stays clipped.
+    range_m: (H, W) meters; where it is unknown, the pattern at the reference range is used.
+    Values above full scale are clipped, and values that the camera had clipped stay clipped.
     """
     out = np.empty_like(image)
     log_range = light.light.log_range(range_m).astype(np.float32)

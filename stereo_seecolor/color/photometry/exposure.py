@@ -1,4 +1,4 @@
-"""A frame's camera exposure against others', seen at like ranges: a brighter exposure multiplies reef and backscatter alike."""
+"""A frame's camera exposure relative to others', from brightness at equal ranges: exposure scales reef and backscatter alike."""
 
 from dataclasses import dataclass, replace
 
@@ -22,14 +22,14 @@ class Brightness:
 
     @classmethod
     def of(cls, table: MomentTable, encoding: InputEncoding) -> "Brightness":
-        """A table's."""
+        """The brightness of a table's pixels."""
         return cls(table.counts.sum(axis=0) @ decoded_bins(table.bit_depth, encoding), table.pixels)
 
     def __add__(self, other: "Brightness") -> "Brightness":
         return Brightness(self.light + other.light, self.pixels + other.pixels)
 
     def packed(self) -> bytes:
-        """The range bins that have pixels, in 9 bytes each, for the thousands of frames of a dive."""
+        """The range bins that have pixels, as 9 bytes each: a dive has thousands of frames."""
         bins = np.flatnonzero(self.pixels)
         packed = np.empty(bins.size, _PACKED)
         packed["range_bin"], packed["light"], packed["pixels"] = bins, self.light[bins], self.pixels[bins]
@@ -37,7 +37,7 @@ class Brightness:
 
     @classmethod
     def unpacked(cls, content: bytes) -> "Brightness":
-        """What ``packed`` gave, to single precision; no longer to be added."""
+        """The brightness from ``packed``, in single precision, to which none may be added."""
         packed = np.frombuffer(content, _PACKED)
         light, pixels = np.zeros(RANGE_BINS, np.float32), np.zeros(RANGE_BINS, np.int32)
         light[packed["range_bin"]], pixels[packed["range_bin"]] = packed["light"], packed["pixels"]
@@ -50,7 +50,7 @@ class Brightness:
         return float(np.log2(mean)) if mean > 0 else -np.inf
 
     def ratio(self, reference: "Brightness") -> float:
-        """How many times brighter than the reference, averaged over the ranges that both have seen; 1 where there is none."""
+        """Ratio of brightness to the reference's, averaged over range bins that both have; 1 where there is none."""
         both = (self.light > 0) & (reference.light > 0)
         if not both.any():
             return 1.0
@@ -59,7 +59,7 @@ class Brightness:
 
 
 def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> MomentTable:
-    """The table that the camera would have given at a ``factor`` times shorter exposure, each bin moved to the nearest there is."""
+    """The table for a ``factor`` times shorter exposure: the pixels of each value bin are moved to the nearest bin."""
     light = decoded_bins(table.bit_depth, encoding)
     nearest = np.searchsorted(0.5 * (light[1:] + light[:-1]), light / factor)
     counts = np.zeros_like(table.counts)
@@ -69,5 +69,5 @@ def darkened(table: MomentTable, factor: float, encoding: InputEncoding) -> Mome
 
 
 def exposed(water: Water, factor: float) -> Water:
-    """The water as seen with an exposure ``factor`` times as long."""
+    """The water as it looks at a ``factor`` times longer exposure."""
     return replace(water, gamma_inf=water.gamma_inf * factor, eta=water.eta * factor, white=water.white * factor)

@@ -56,7 +56,10 @@ Parts = NDArray[np.void]
 
 
 def parts_of(pair: tuple[int, int], at: tuple[Array, Array], values: Array) -> Parts:
-    """What frames ``pair`` differ by in each part of the first: medians of (N, 4) values at (N, 2) places in both, of -1 to 1."""
+    """The difference of two frames in each part of the first's image: medians over patches.
+
+    pair: the two frames' numbers. at: (N, 2) places of the patches in either image, -1..1. values: (N, 4) differences, as of PART.
+    """
     part = np.clip(((at[0] + 1) / 2 * SETTINGS.parts).astype(int), 0, SETTINGS.parts - 1) @ (1, SETTINGS.parts)
     found = []
     for number in np.unique(part):
@@ -68,7 +71,10 @@ def parts_of(pair: tuple[int, int], at: tuple[Array, Array], values: Array) -> P
 
 
 def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
-    """(frames, SHADING, 3) coefficients of each frame's shading, R, G, B; 0 where nothing is known. used: luminance, color."""
+    """(frames, SHADING, 3) coefficients of each frame's shading, R, G, B; 0 where nothing is known.
+
+    used: whether shading of luminance and of color are solved.
+    """
     solved = np.zeros((frames, SHADING, 3))
     if len(parts) and used[0]:
         solved += _solved(parts, 0, frames, SETTINGS.gain[0], LUMINANCE)[..., None]
@@ -78,7 +84,7 @@ def solve_shading(parts: Parts, frames: int, used: tuple[bool, bool]) -> Array:
 
 
 def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> NDArray[np.void]:
-    """The differences of whole frames (DIFFERENCE), less what the (F, SHADING, 3) shading says of them."""
+    """The differences of whole frames (DIFFERENCE) less the part that is explained by the (F, SHADING, 3) shading."""
     if not len(parts):
         return found
     frames, left = len(shading), found.copy()
@@ -96,7 +102,7 @@ def without_shading(found: NDArray[np.void], parts: Parts, shading: Array) -> ND
 
 
 def _solved(parts: Parts, output: int, frames: int, gain: float, about: Deviations) -> Array:
-    """(frames, SHADING) of luminance (output 0) or of a color."""
+    """(frames, SHADING) coefficients of luminance (output 0) or of a color (1 to 3). gain: prior standard deviation of a gain."""
     value, patches = (parts[name].astype(np.float64) for name in ("value", "patches"))
     prior, own = np.array([gain, *shading_deviations(about)]) ** -2.0, np.zeros((frames, OWN))
     least = patches / (patches + SETTINGS.half)
@@ -109,13 +115,13 @@ def _solved(parts: Parts, output: int, frames: int, gain: float, about: Deviatio
 
 
 def _explained(parts: Parts, own: Array) -> Array:
-    """(D,) what the frames' gains and shadings say of the parts."""
+    """(D,) the differences of the parts by the frames' gains and shadings, ``own`` (F, OWN)."""
     i, j = (np.einsum("dk,dk->d", _terms(parts[f"at_{end}"]), own[parts[end]]) for end in "ij")
     return np.asarray(i - j)
 
 
 def _terms(at: NDArray[np.int8]) -> Array:
-    """(D, OWN) at (D, 2) steps."""
+    """(D, OWN) terms of gain and shading at (D, 2) places, in steps of 1 / ACROSS."""
     return np.concatenate([np.ones((len(at), 1)), shading_terms(at / ACROSS)], axis=1)
 
 

@@ -1,8 +1,8 @@
-"""The gain of every frame of a dive: how much neighbors differ where they show the same patches, solved as one chain.
+"""The gain of every frame of a dive, solved from the differences of neighboring frames that show the same patches.
 
-The pattern over the picture and the trend with range are known by then (of a long dive from a part of it), so all that is kept of
-two frames is one difference (luminance, and three of color), and how many patches it stems from. The frames' gains follow from a
-banded system.
+The pattern over the image and the trend with range have been solved before (in a long dive from a part of the frames). So two
+frames are described by one difference (of luminance, and of three channels of color) and its number of patches. The gains of all
+frames follow from a banded system.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ Indices = NDArray[np.signedinteger]
 
 @dataclass(frozen=True)
 class ChainSettings:
-    """How differences between frames are trusted."""
+    """Weights of differences between frames, and when gains are used."""
 
     least_patches: int = 20
     """Seen by both frames, for the fit and for judging it each: the median of fewer follows single caustics."""
@@ -64,31 +64,31 @@ Differences = NDArray[np.void]
 
 
 class DifferenceTable:
-    """Differences as they come, in the memory that they need. whole: of frames. parts: of parts of their pictures."""
+    """A growing table of differences, stored as bytes. whole: of frames. parts: of parts of their images."""
 
     def __init__(self) -> None:
         self._whole, self._parts = bytearray(), bytearray()
 
     def add(self, whole: Differences, parts: Parts) -> None:
-        """Some more."""
+        """Append differences."""
         self._whole += whole.tobytes()
         self._parts += parts.tobytes()
 
     @property
     def whole(self) -> Differences:
-        """All that were added."""
+        """All differences of frames."""
         return np.frombuffer(self._whole, DIFFERENCE)
 
     @property
     def parts(self) -> Parts:
-        """All that were added."""
+        """All differences of parts of images."""
         return np.frombuffer(self._parts, PART)
 
 
 def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -> tuple[Differences, Parts]:
-    """Between the first frame of a window and each of the others, once the light's pattern and trend are taken out.
+    """Differences between the first frame of a window and each of the others, with the light's pattern and trend removed.
 
-    size: of the pictures that the sightings' pixels are of. Parts only where the light has shading.
+    size: (width, height) of the images that the sightings' pixels are of. Parts are empty unless the light has shading.
     """
     good = usable(window.seen)
     seen = window.seen
@@ -115,8 +115,8 @@ def differences(window: SeenWindow, light: SurveyLight, size: tuple[int, int]) -
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """gains: (F, 3) logarithms of R, G, B, 0 where they do not help. measured (F,): frames that were compared with others.
-    offsets: rms of the luminance between frames, without and with gains, on patches that took no part.
+    """The gains of all frames. gains: (F, 3) logarithms of R, G, B, 0 where they do not help. measured (F,): frames that were
+    compared with others. offsets: rms of luminance between frames, without and with gains, on patches left out of the fit.
     """
 
     gains: Array
@@ -125,9 +125,9 @@ class Chain:
 
 
 def solve_chain(found: Differences, known: Array, chosen: tuple[bool, bool] = (False, False)) -> Chain:
-    """The gains of luminance and of color, each if they help, or were ``chosen`` with the pattern.
+    """Solve the gains of luminance and of color; each is used if it helps, or was ``chosen`` with the pattern.
 
-    known: (F,) logarithms of a gain of luminance that is taken off each frame first.
+    known: (F,) logarithms of known gains of luminance, which are subtracted first.
     """
     measured = np.zeros(len(known), np.bool_)
     measured[found["i"]] = measured[found["j"]] = True
@@ -139,13 +139,14 @@ def solve_chain(found: Differences, known: Array, chosen: tuple[bool, bool] = (F
 
 
 def offset_between(found: Differences, known: Array) -> float:
-    """rms of the luminance between frames, on the patches that judge, with the (F,) logarithms of known gains taken off."""
+    """rms of luminance between frames on patches left out of the fit, with the (F,) logarithms of known gains subtracted."""
     return _offsets(found, np.zeros((len(known), 1)), known, _LUMINANCE)[0]
 
 
 def _values(found: Differences, medians: str, output: int, known: Array) -> Array:
-    """(D,) medians of luminance (output 0) or of a color, with known gains of luminance taken off: a column at a time, since the
-    differences of a long dive are too many to be copied.
+    """(D,) medians of luminance (output 0) or of a color, with known gains of luminance subtracted.
+
+    One column at a time, since a long dive has too many differences to copy them all.
     """
     values = found[medians][:, output].astype(np.float64)
     if output == 0:
@@ -155,7 +156,7 @@ def _values(found: Differences, medians: str, output: int, known: Array) -> Arra
 
 
 def _offsets(found: Differences, gains: Array, known: Array, part: slice) -> tuple[float, float]:
-    """rms between frames on patches that took no part, without and with gains."""
+    """rms of the differences between frames on patches left out of the fit, without and with gains."""
     if not len(found):
         return 0.0, 0.0
     columns = range(4)[part]
@@ -176,7 +177,7 @@ def _helps(offsets: tuple[float, float]) -> bool:
 
 
 def _outputs(found: Differences, known: Array, medians: str) -> Array:
-    """(F, 4) gains that explain the medians of that name best, of luminance and of color."""
+    """(F, 4) gains of luminance and of color, fitted to the medians of that name ("fitted" or "whole")."""
     solved = np.zeros((len(known), 4))
     if not len(found):
         return solved

@@ -1,7 +1,7 @@
-"""What lamps on a rig do to its pictures, before any is seen: drawn rigs, their light worked out, and how it varies.
+"""A prior of the light of lamps on the rig: the light of many random rigs is computed, and its mean and covariance taken.
 
-Near the rig their light changes over the picture as the range does, and it falls off by the square of the range. The two come
-together: a pattern that changes with range as that of lamps says how the light falls off. Views of the same spots hardly tell that
+Lamps near the camera make a pattern that changes with range, and their light falls off with the square of the range. The two are
+correlated: a pattern that changes with range like that of lamps tells the fall-off, which views of the same spots alone hardly tell
 from frames that were lit less.
 """
 
@@ -19,16 +19,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LampSettings:
-    """The rigs that are drawn; ends of even distributions."""
+    """The random rigs; pairs are the ends of uniform distributions."""
 
     rigs: int = 400
     """Some nine for each number of the pattern: the covariance is stable to a few percent."""
     sideways_m: float = 0.8
     """Lamps are up to this far from the camera, to both sides (or above and below): arms longer than that are rare."""
     up_m: float = 0.5
-    """Across that."""
+    """The same across, each way."""
     ahead_m: float = 0.3
-    """In front and behind."""
+    """The same in front of the camera and behind it."""
     beam: tuple[float, float] = (0.5, 6.0)
     """Power of the cosine from the lamp's axis: half the light at 75 and at 27 degrees."""
     aim_rad: float = 0.3
@@ -59,8 +59,9 @@ _STEPS = np.linspace(-2, 2, 5)
 
 @lru_cache(maxsize=4)
 def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of the coefficients of the pattern and of the trend, of rigs with lamps, by night and
-    by day, when the sun lights the same picture evenly.
+    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for rigs with lamps.
+
+    By night and by day, when the sun adds even light. reference_m: the range that the images are taken from.
     """
     y, x = np.mgrid[:_GRID:1.0, :_GRID:1.0] * (np.array(SIZE[::-1])[:, None, None] / _GRID)
     places = np.stack([x.ravel(), y.ravel()], axis=1) + np.array(SIZE) / (2 * _GRID) - 0.5
@@ -76,8 +77,10 @@ def lamp_ensemble(reference_m: float) -> tuple[Array, Array]:
 
 
 def _light(draw: Array, pixel: Array, range_m: Array, reference: NDArray[np.bool_]) -> Array:
-    """(N,) logarithm of the light that comes back to pixels from ranges; draw: eighteen numbers in [0, 1).
-    reference: (N,) True at the range at which the sun's fraction is meant."""
+    """(N,) logarithm of the light that returns to (N, 2) pixels from (N,) ranges. draw: (18,) numbers in [0, 1).
+
+    reference: (N,) True at the range for which the sun's fraction is defined.
+    """
     tangent, corner = _between(SETTINGS.half_width, draw[0]), _between(CORNER, draw[1])
     attenuation, one = _between(SETTINGS.attenuation, draw[2]), draw[3] < SETTINGS.alone
     across = (2 * pixel + 1 - np.array(SIZE)) / SIZE[0] * tangent
@@ -101,5 +104,5 @@ def _light(draw: Array, pixel: Array, range_m: Array, reference: NDArray[np.bool
     return np.asarray(np.log(lit) + np.log(corner) * radius - attenuation * range_m)
 
 
-def _between(ends: tuple[float, float], share: float) -> float:
-    return ends[0] + (ends[1] - ends[0]) * share
+def _between(ends: tuple[float, float], fraction: float) -> float:
+    return ends[0] + (ends[1] - ends[0]) * fraction

@@ -1,7 +1,7 @@
-"""What a lens does to pictures that the sun lights, before any is seen: corners are darker, evenly all around its axis.
+"""A prior of the pattern of a lens in sunlight: vignetting, which darkens the corners symmetrically about the axis.
 
-A light that changes along the dive and a slope of the pattern across the track look alike where lines of a survey overlap by their
-borders alone. A lens has no slopes: where nothing speaks for lamps, such a change is one of the light.
+Light that changes along the dive and a slope of the pattern across the track look alike where survey lines overlap only by their
+borders. A lens has no slopes: without evidence for lamps, such a change is one of the light.
 """
 
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ SETTINGS = LensSettings()
 
 
 def lens_ensemble(trend: float) -> tuple[Array, Array]:
-    """Mean (TERMS + 1,) and covariance of the coefficients of the pattern and of the trend, of lenses by daylight.
+    """Mean (TERMS + 1,) and covariance of the coefficients of pattern and trend, for lenses in daylight.
 
-    trend: standard deviation of that. About no pattern at all: what a short dive does not determine stays even.
+    trend: standard deviation of the trend. The mean is no pattern, so that a pattern that the dive does not determine stays even.
     """
     radial = np.zeros(TERMS + 1)
     width, height = SIZE

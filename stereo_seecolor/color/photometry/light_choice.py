@@ -1,4 +1,4 @@
-"""Which terms of the light a dive determines: they are used only where patches left out of the fit agree better with them."""
+"""Chooses the terms of the light: those with which views of patches that were left out of the fit agree better."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ SETTINGS = ChoiceSettings()
 
 @dataclass(frozen=True)
 class Spread:
-    """How views of patches left out differ, natural logarithm.
+    """Differences between views of patches left out of the fit, natural logarithm.
 
     between_views: robust standard deviation of the difference of two views.
     between_frames: rms of the medians of pairs of frames, weighted by their sightings.
@@ -50,7 +50,7 @@ class Spread:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A solution with the terms that help; what was there before and what is left, both on patches left out of a fit.
+    """The solution with the terms that help. before, after: spread without and with them, on patches left out of the fit.
 
     judging: number of these patches. error: standard error of the pattern, as of ``pattern_error``; 0 without a pattern.
     """
@@ -64,23 +64,24 @@ class Choice:
 
     @property
     def judged(self) -> bool:
-        """Whether these were enough for any term to be used."""
+        """Whether these patches were enough to use any term."""
         return self.judging >= SETTINGS.least_patches
 
 
 class Candidate(NamedTuple):
-    """Terms that may be used, and what is expected of them."""
+    """A set of terms, and the prior of their coefficients."""
 
     use: Use
     prior: LightPrior
 
 
 def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Sequence[Candidate], frames: int) -> Choice:
-    """The candidate of most evidence among those that are as good as any on patches left out, and enough better than no correction.
+    """Choose the candidate with most evidence among those that lower the spread on patches left out enough.
 
-    As good as any: within one standard error of the least spread (Breiman et al. 1984, "Classification and regression trees").
-    Shading needs more evidence than the same terms without it: its many numbers follow caustics a little in all dives.
-    values: as ``solve``'s. candidates: the first is no correction.
+    These are the candidates that are worth using (ChoiceSettings) and within one standard error of the least spread (Breiman et al.
+    1984, "Classification and regression trees"). Shading also needs more evidence than the same terms without it: its many
+    coefficients follow caustics a little in all dives.
+    values: as in ``solve``. candidates: the first is no correction. frames: number of frames.
     """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
     fitted, judged = ([value[window.held == held] for window, value in zip(windows, values, strict=True)] for held in (False, True))
@@ -111,7 +112,7 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
 
 
 def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: Solution) -> Spread:
-    """Differences between each view of a patch and the one before it, once the solution is taken out."""
+    """Spread of the differences between each view of a patch and the one before it, with the solution removed."""
     frames = 1 + max(int(window.frame.max(initial=0)) for window in windows)
     differences, pairs = [], []
     for window, value in zip(windows, values, strict=True):

@@ -1,10 +1,10 @@
-"""The light of a survey: what an image shows of one surface depends on where in the picture, at what range and in which frame.
+"""The model of a survey's light: the brightness of one surface depends on its place in the image, its range and the frame.
 
-    log I_c(u, v, z, frame) = log of the scene's own + log pattern_c(u, v, z) + log gain_c(frame) + log shading(u, v, frame)
+    log I_c(u, v, z, frame) = log scene_c + log pattern_c(u, v, z) + log gain_c(frame) + log shading_c(u, v, frame)
 
-The pattern is the lens' vignette times the light of the rig's own lamps: smooth over the picture and over range, the same in all
-frames. Its logarithm is a polynomial, of mean 0 over the picture at every range: the trend with range is the water's. The shading
-is what moves over the reef, sunlight and shadows, as wide as a picture: a polynomial of each frame's own.
+The pattern is vignetting times the light of lamps on the rig: smooth over the image and over range, the same in all frames. Its
+logarithm is a polynomial with mean 0 over the image at every range, so that the trend with range is left to the water. The shading
+is sunlight and shadows that move over the reef: a polynomial over the image, another for each frame.
 """
 
 from array import array
@@ -52,7 +52,7 @@ SHADING = 5
 
 @dataclass(frozen=True, eq=False)
 class ByFrame(Mapping[str, Array]):
-    """Name of a frame -> (K,) numbers of it. numbers: (F, K) of all ``names``, NaN for those that have none."""
+    """A mapping from a frame's name to (K,) numbers. numbers: (F, K) for all ``names``, NaN for those that have none."""
 
     names: Names = field(default_factory=Names)
     numbers: Array = field(default_factory=lambda: np.zeros((0, 1)))
@@ -79,7 +79,7 @@ class ByFrame(Mapping[str, Array]):
 
     @classmethod
     def of(cls, numbers: Iterable[tuple[str, Sequence[float]]], each: int) -> Self:
-        """The numbers of these frames, one after the other, so many ``each``."""
+        """The mapping of these names and numbers. each: K, the number of numbers of a frame."""
         names, values = Names(), array("d")
         for name, several in numbers:
             names.add(name)
@@ -99,10 +99,10 @@ class _Items(ItemsView[str, Array]):
 class Light:
     """The light of a survey.
 
-    coefficients: (TERMS, 3) of the logarithm of the pattern, R, G, B. reference_m: the range at which the pattern is its first
-    part alone. seen_m: nearest and farthest range that it was measured at. gains: name of a frame -> (3,) logarithm of its gain.
-    fade: power of the range by which the light of a surface falls off, water and lamps together; 0 where it was not measured.
-    color_trend: how the color of a surface changes with range; None where it was not measured.
+    coefficients: (TERMS, 3) of the logarithm of the pattern, R, G, B. reference_m: range at which only the first PATTERN terms are
+    not 0. seen_m: nearest and farthest range at which it was measured. gains: name of a frame -> (3,) logarithm of its gain.
+    fade: power of the range by which the light of a surface falls off, by water and lamps together; 0 where it was not measured.
+    color_trend: change of a surface's color with range; None where it was not measured.
     shading: name of a frame -> (3 SHADING,) coefficients of the logarithm of its shading, each for R, G, B.
     """
 
@@ -153,12 +153,12 @@ class Light:
 
     @cached_property
     def fingerprint(self) -> str:
-        """Hash of all of it."""
+        """Hash of the whole light."""
         gains, shading = (content_key_of(one for pair in of.items() for one in pair) for of in (self.gains, self.shading))
         return content_key(replace(self, gains={}, shading={}).content(), gains, shading)
 
     def content(self) -> dict[str, Any]:
-        """The light as the content of a JSON file."""
+        """The light as JSON."""
         return {
             "reference_m": self.reference_m,
             "seen_m": list(self.seen_m),
@@ -171,7 +171,7 @@ class Light:
 
     @classmethod
     def from_content(cls, content: Any) -> "Light":
-        """The light from what ``content`` returned. Raises ValueError, KeyError or TypeError where it is something else."""
+        """The light from JSON. Raises ValueError, KeyError or TypeError where ``content`` is something else."""
         coefficients = np.array(content["log_pattern"], dtype=np.float64).reshape(TERMS, 3)
         near_m, far_m = (float(value) for value in content["seen_m"])
         gains = ByFrame.of(content["log_gains"].items(), 3)
@@ -186,8 +186,8 @@ def _streamed(of: Mapping[str, Array]) -> Streamed:
 
 @dataclass(frozen=True, eq=False)
 class FrameLight:
-    """The light in one frame. log_gain: (3,), 0 where none was measured. maps: as ``Light.maps``, of the pixels at hand.
-    log_shading: (H, W, 3) of these pixels.
+    """The light in the pixels of one frame. log_gain: (3,), 0 where none was measured. maps: as of ``Light.maps``.
+    log_shading: (H, W, 3).
     """
 
     light: Light
@@ -196,7 +196,7 @@ class FrameLight:
     log_shading: NDArray[np.float32]
 
     def seen_through(self, warp: Callable[[NDArray[np.float32]], NDArray[np.float32]]) -> "FrameLight":
-        """This light in the pixels of another image, such as the unrectified one; ``warp`` takes (H, W) maps there."""
+        """The same light in the pixels of another image, such as the unrectified one, to which ``warp`` takes an (H, W) map."""
         powers = range(self.maps.shape[-1])
         maps = [np.stack([warp(np.ascontiguousarray(self.maps[..., c, k])) for k in powers], axis=-1) for c in range(3)]
         shading = np.stack([warp(np.ascontiguousarray(self.log_shading[..., c])) for c in range(3)], axis=2)
@@ -211,7 +211,7 @@ def pattern_terms(pixel: Array, log_range: Array, size: tuple[int, int]) -> Arra
 
 
 def places(pixel: Array, size: tuple[int, int]) -> Array:
-    """(N, 2) pixels x, y as parts of a picture of ``size`` (width, height): -1 at its first edge, 1 at its last."""
+    """(N, 2) pixels x, y normalized to -1 at the first edge of an image of ``size`` (width, height), and 1 at the last."""
     return np.stack([_normalized(pixel[:, axis], size[axis]) for axis in (0, 1)], axis=1)
 
 
@@ -234,12 +234,12 @@ def shading_map(coefficients: Array, size: tuple[int, int]) -> NDArray[np.float3
 
 
 def _normalized(pixel: Array, size: int) -> Array:
-    """-1 at the first edge of the picture, 1 at the last."""
+    """Pixel coordinates normalized to -1 at the first edge of the image and 1 at the last. size: pixels from edge to edge."""
     return (2 * pixel + 1 - size) / size
 
 
 def _mean(a: int, b: int) -> float:
-    """Of x^a y^b over the picture."""
+    """Mean of x^a y^b over the image, x and y from -1 to 1."""
     return 0.0 if a % 2 or b % 2 else 1.0 / ((a + 1) * (b + 1))
 
 
@@ -248,12 +248,12 @@ MEAN_SQUARES = np.array([[_mean(a + c, b + d) - _mean(a, b) * _mean(c, d) for c,
 
 
 def lit_by(water: Water, light: Light | None) -> Water:
-    """The water with what the sightings say of it: how colors change with range, and the fall-off of the rig's own lamps."""
+    """The water with two measurements of the light: the change of colors with range, and the fall-off of lamps on the rig."""
     return water if light is None else with_color_trend(_with_fall_off(water, light), light.color_trend)
 
 
 def _with_fall_off(water: Water, light: Light) -> Water:
-    """The water with what of the light's fading with range it does not explain: the fall-off of the rig's own lamps."""
+    """The water with the fall-off of lamps on the rig: the fall-off with range that the water itself does not explain."""
     if not light.fade:
         return water
     near_far_m = light.reference_m * np.exp(SHAPE.range_step * np.array([-0.5, 0.5]))

@@ -1,4 +1,4 @@
-"""What is known of a survey's light before its sightings: Gaussians over pattern, trend with range, and gains of frames."""
+"""Priors of a survey's light: Gaussians of pattern, trend with range, gains and shading of frames."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,9 +15,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Deviations:
-    """Standard deviations, of logarithms, about 0.
+    """Prior standard deviations of logarithms with mean 0.
 
-    A slope of the pattern along the track and a drift of gains look alike: gains are held so close to 0 that the pattern takes it.
+    A slope of the pattern along the track and a drift of gains look alike. Gains are held so close to 0 that the pattern explains
+    both.
     """
 
     coefficient: float
@@ -31,8 +32,8 @@ class Deviations:
     shading: float
     """Standard deviation of how a frame's shading changes from the middle of the picture to its edge."""
     systematic: float
-    """By which the model itself is off (lamps are no polynomial): what sightings say against the priors is worth no more, however
-    well they agree."""
+    """Error of the model itself (the light of lamps is no polynomial): sightings weigh no more than with this error against the
+    priors, however well they agree."""
 
 
 LUMINANCE = Deviations(coefficient=0.5, ranged=0.1, trend=0.4, gain=0.15, shading=0.2, systematic=0.05)
@@ -50,7 +51,7 @@ def shading_deviations(about: Deviations) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Gaussian:
-    """mean (n,), precision (n, n)."""
+    """A Gaussian: mean (n,), precision (n, n)."""
 
     mean: Array
     precision: Array
@@ -67,9 +68,9 @@ class Gaussian:
 
 @dataclass(frozen=True, eq=False)
 class LightPrior:
-    """mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations.
+    """A prior of the light. mean, covariance: of the TERMS coefficients and the trend. gain, systematic: as in Deviations.
 
-    shading: (SHADING,) deviations of a frame's own coefficients.
+    shading: (SHADING,) standard deviations of the coefficients of a frame's shading.
     alike: number of correlated sightings that count as one measurement against the prior.
     """
 
@@ -100,9 +101,9 @@ class LightPrior:
         return cls(*ensemble, gain, shading_deviations(LUMINANCE), LUMINANCE.systematic, alike)
 
     def of(self, columns: NDArray[np.bool_], frames: int, of_frame: int) -> Gaussian:
-        """The prior of the terms that are used (``columns``), and of the gain and the shading of ``frames`` frames.
+        """The prior of the terms in use (``columns``), and of gain and shading of ``frames`` frames.
 
-        of_frame: unknowns of each: none, its gain, or its gain and its shading.
+        of_frame: number of unknowns of a frame: none, its gain, or its gain and its shading.
         """
         number = int(columns.sum())
         own = np.tile([self.gain, *self.shading][:of_frame], frames)

@@ -2,9 +2,9 @@
 
     log light of sighting k = scene(patch_k) + terms_k coefficients + trend(range_k) + log_gain(frame_k)
 
-What a patch looks like is unknown and eliminated within its window, so each window adds its own normal equations. The trend with
-range holds the water and the fall-off of the lamps; it is fitted beside the rest and left in the pictures. Luminance (the mean
-logarithm of R, G, B) and color (the rest) are solved apart, as moving shadows and caustics spoil the one and hardly the other.
+The brightness of a patch is unknown and eliminated within its window, so that each window adds its own normal equations. The trend
+with range holds the water and the fall-off of lamps; it is fitted with the rest and left in the images. Luminance (the mean
+logarithm of R, G, B) and color (the rest) are solved separately: moving shadows and caustics disturb luminance, and color hardly.
 """
 
 from collections.abc import Sequence
@@ -24,10 +24,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SolverSettings:
-    """How the sums are made and weighted."""
+    """Rounds and weights of the robust least squares."""
 
     rounds: int = 5
-    """Of new weights; more change nothing that is seen."""
+    """Rounds with new weights; more make no visible difference."""
     outlier: float = 1.5
     """Robust standard deviations beyond which a sighting weighs less than half (Cauchy): caustics, fish, wrong matches."""
     first_prior: float = 1e-3
@@ -40,7 +40,7 @@ SETTINGS = SolverSettings()
 
 
 class Use(NamedTuple):
-    """Terms in use. ranged: the pattern changes with range. shading: besides its gain, each frame has a pattern of its own."""
+    """Terms in use. ranged: the pattern changes with range. shading: each frame has a pattern of its own beside its gain."""
 
     pattern: bool = False
     ranged: bool = False
@@ -73,7 +73,7 @@ class Window:
     held: NDArray[np.bool_]
 
     def part(self, held: bool) -> "Window":
-        """The sightings that are left out, or the others."""
+        """The window with only the sightings that are left out of the fit, or only the others."""
         chosen = self.held == held
         patch = np.unique(self.patch[chosen], return_inverse=True)[1]
         parts = (self.frame, self.terms, self.trend, self.log_light, self.held)
@@ -82,12 +82,12 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """coefficients: (TERMS, Q) of the terms in use, else 0. trend: (1, Q), by log_range. gains: (F, Q) logarithms, of mean 0.
-    shading: (F, SHADING, Q) coefficients of each frame's own pattern.
+    """A solved light; Q outputs: 1 for luminance, 3 for color.
 
-    trend_error: standard error of each number of the trend.
-    misfit: of the prior to the sightings, twice the negative logarithm of its evidence; to be compared between priors and terms.
-    covariance: (PATTERN, PATTERN) of the first coefficients, those of the pattern at the reference range; 0 without a pattern.
+    coefficients: (TERMS, Q), 0 of terms that are not in use. trend: (1, Q), per unit of ``Light.log_range``. gains: (F, Q)
+    logarithms of mean 0. shading: (F, SHADING, Q) coefficients. trend_error: standard error of each number of the trend.
+    misfit: twice the negative logarithm of the evidence, to compare priors and terms.
+    covariance: (PATTERN, PATTERN) of the coefficients of the pattern at the reference range; 0 without a pattern.
     """
 
     coefficients: Array
@@ -101,14 +101,17 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Views:
-    """What makes a Window of sightings. size: of the picture. reference_m, seen_m: as a Light's."""
+    """Makes a Window from sightings. size: (width, height) of the image. reference_m, seen_m: as in Light."""
 
     size: tuple[int, int]
     reference_m: float
     seen_m: tuple[float, float]
 
     def window(self, seen: Sightings, frames: NDArray[np.int64], usable: NDArray[np.bool_]) -> Window:
-        """frames: numbers in the dive of the sightings' frames. usable (N,): sightings that count."""
+        """The window of the usable (N,) sightings of patches that two frames or more see.
+
+        frames: number in the dive of each of the sightings' frames.
+        """
         patch = seen.patch[usable]
         kept = np.flatnonzero(usable)[np.bincount(patch, minlength=1)[patch] > 1] if patch.size else np.zeros(0, np.int64)
         patch = np.unique(seen.patch[kept], return_inverse=True)[1]
@@ -120,7 +123,10 @@ class Views:
 
 
 def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: int, prior: LightPrior) -> Solution:
-    """``values``: of each window (N, Q), the logarithms that are to be explained. frames: number of frames in all."""
+    """Solve the light by robust least squares.
+
+    values: of each window, (N, Q) logarithms to explain: luminance or color. use: terms to solve. frames: number of frames in all.
+    """
     columns = np.zeros(TERMS + 1, np.bool_)
     columns[:PATTERN], columns[PATTERN:TERMS], columns[TERMS:] = use.pattern, use.ranged, True
     of_frame = (1 + SHADING if use.shading else 1) if use.gains else 0
@@ -154,7 +160,8 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
     """Standard error of the pattern at the reference range, logarithm, rms over the picture.
 
-    others: solutions that fit about as well, and this one: each counts by its evidence, with its covariance and what it says else.
+    others: solutions that fit about as well, and this one. Each is weighted by its evidence, and counts with its covariance and its
+    difference from this one.
     """
     weights = np.exp(0.5 * (min(other.misfit for other in others) - np.array([other.misfit for other in others])))
     squares = []
@@ -166,8 +173,8 @@ def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """A window's equations. both (N, n + Q): the n columns that its sightings touch, and their values. at (n,): which these are of
-    all. patch (N,): of each sighting. first: where each patch begins.
+    """A window's equations. both (N, n + Q): the n columns that are not 0 in it, and the values. at (n,): numbers of these columns.
+    patch (N,): of each sighting. first: number of each patch's first sighting.
     """
 
     both: Array
@@ -177,13 +184,13 @@ class _Part:
 
     @classmethod
     def of(cls, window: Window, columns: NDArray[np.bool_], of_frame: int, value: Array) -> "_Part":
-        """columns: in use. of_frame: unknowns of each frame."""
+        """The equations of a window. columns: terms in use. of_frame: number of unknowns of a frame."""
         design, at = _design(window, columns, of_frame)
         first = np.flatnonzero(np.diff(window.patch, prepend=-1))
         return cls(np.concatenate([design, value], axis=1), at, window.patch, first)
 
     def off(self, found: Array, weight: Array) -> Array:
-        """(N,) rms over the outputs of how far sightings are from what was found, and from the weighted mean of their patch."""
+        """(N,) rms over the outputs of the residuals: differences from the weighted mean of the patch, the solution removed."""
         number, squares = len(self.at), np.zeros(len(self.patch))
         for output in range(found.shape[1]):
             left = self.both[:, number + output] - self.both[:, :number] @ found[self.at, output]
@@ -199,12 +206,12 @@ class _Part:
         return np.asarray(weighted[:, :number].T @ self.both - means.T @ sums)
 
     def _sums(self, values: Array) -> Array:
-        """Over the sightings of each patch."""
+        """Sums over the sightings of each patch."""
         return np.add.reduceat(values, self.first, axis=0) if len(values) else values
 
 
 def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int, outputs: int) -> tuple[Array, Array]:
-    """The normal equations of all parts."""
+    """The normal equations of all parts: (size, size) matrix and (size, outputs) right side."""
     matrix, slope = np.zeros((size, size)), np.zeros((size, outputs))
     for part, weight in zip(parts, weights, strict=True):
         products, number = part.products(weight), len(part.at)
@@ -213,15 +220,15 @@ def _sums(parts: Sequence[_Part], weights: Sequence[Array], size: int, outputs: 
     return matrix, slope
 
 
-def explained(window: Window, solution: Solution, trend: bool = True) -> Array:
-    """(N, Q) what a solution says of a window's sightings, up to their patches; without the trend, what would be taken out."""
+def explained(window: Window, solution: Solution) -> Array:
+    """(N, Q) values of a window's sightings by a solution, up to the brightness of their patches."""
     shading = np.einsum("ns,nsq->nq", window.terms[:, :SHADING], solution.shading[window.frame])
     part = np.asarray(window.terms @ solution.coefficients + solution.gains[window.frame] + shading)
-    return part + window.trend @ solution.trend if trend else part
+    return np.asarray(part + window.trend @ solution.trend)
 
 
 def _design(window: Window, columns: NDArray[np.bool_], of_frame: int) -> tuple[Array, NDArray[np.int64]]:
-    """The columns that a window's sightings touch, and which these are of all. of_frame: unknowns of each frame."""
+    """The columns that are not 0 in a window, (N, n), and their numbers (n,). of_frame: number of unknowns of a frame."""
     design = np.concatenate([window.terms, window.trend], axis=1)[:, columns].astype(np.float64)
     number = design.shape[1]
     seen_by, index = np.unique(window.frame, return_inverse=True)
@@ -233,5 +240,5 @@ def _design(window: Window, columns: NDArray[np.bool_], of_frame: int) -> tuple[
 
 
 def _robust_deviation(values: Array) -> float:
-    """Of the absolute values of errors."""
+    """Robust standard deviation of errors, from their absolute values; 0 for none."""
     return ROBUST_DEVIATION * float(np.median(values)) if values.size else 0.0

@@ -1,13 +1,13 @@
-"""The water from patches seen at two ranges or more: what changes between sightings of one patch is the water, whatever its color.
+"""The water from patches seen at two ranges or more: differences between sightings of one patch are due to the water.
 
     light_kc = S_c A_c(z_k) + B_c(z_k),   A = exp(-z far (1 + (FALL - 1) exp(-z / 4 m))),   B = gamma_inf (1 - exp(-beta z))
 
-for a patch of unknown brightness S (its reflectance and the light on it) seen at ranges z_k: ratios of sightings hold A alone,
-with no gray world in them. Sightings measure the slope of log A over the ranges that they span; how it bends (FALL, a rate near
-against far) is nearly the same in all waters, and taken from known waters. S enters linearly and is eliminated (variable
-projection: Golub and Pereyra 2003), the nine numbers of the water follow by damped Gauss-Newton steps. Light that moves scales
-all channels of a sighting alike: that scatter is measured and given to all three together, so that it blurs how dark the water is
-but hardly its color. Wrong matches weigh less (Cauchy).
+for a patch of unknown brightness S (its reflectance and the light on it) seen at ranges z_k: ratios of sightings depend on A alone,
+without an assumption on the scene's colors. Sightings measure the slope of log A over the ranges that they span; its bend (FALL, a
+rate near against far) is nearly the same in all waters and taken from known ones. S enters linearly and is eliminated (variable
+projection: Golub and Pereyra 2003); the nine parameters of the water follow by damped Gauss-Newton steps. Light that moves scales
+all channels of a sighting alike. That scatter is measured and modeled as common to the three channels: it blurs the brightness of
+the water, but hardly its color. Wrong matches weigh less (Cauchy).
 """
 
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MultiviewSettings:
-    """What the fit assumes and when it is refused. Held by tests on synthetic waters and on the sample dive."""
+    """Assumptions of the fit, and limits below which it is refused; tested on synthetic waters and on the sample dive."""
 
     least_sightings: int = 200
     """Fewer do not determine nine numbers and their scatter: the fit is refused."""
@@ -74,9 +74,9 @@ STEPS = StepSettings()
 
 
 def fit_sightings(sightings: Sightings, encoding: InputEncoding) -> Water:
-    """Attenuation and backscatter of the water between the frames; its white point stays 1, as no ratio determines it.
+    """Fit attenuation and backscatter of the water to sightings. The white point is 1, as no ratio determines it.
 
-    Raises ColorError where too few patches are seen, or all at one range.
+    Raises ColorError where there are too few sightings, or all are at nearly one range.
     """
     _check(sightings)
     mean, precision = _prior()
@@ -96,7 +96,7 @@ def fit_sightings(sightings: Sightings, encoding: InputEncoding) -> Water:
 
 
 def with_white_of(water: Water, scene: Water, sightings: Sightings) -> Water:
-    """``water`` with the white point that gives a middling sighting the color that ``scene``, fitted to images, gives it."""
+    """``water`` with the white point under which the median sighting gets the color that ``scene``, fitted to images, gives it."""
     z: Array = np.array(np.median(sightings.range_m))
     light: Array = np.array(np.median(sightings.light, axis=0))
     direct, scene_direct = (np.maximum(light - w.backscatter(z), SETTINGS.least_direct * light) for w in (water, scene))
@@ -121,7 +121,7 @@ def _lower(fit: MultiviewFit, x: Array, damping: float, prior: tuple[Array, Arra
 
 
 def _prior() -> tuple[Array, Array]:
-    """Mean (9,) and precision (9, 9): water that exists for the rates, nearly nothing for backscatter."""
+    """Mean (9,) and precision (9, 9) of the prior: known waters for the rates, a wide one for the backscatter far away."""
     mean, covariance = water_prior()
     rates = [0, 1, 2, 6, 7, 8]
     spread = np.zeros((9, 9))
@@ -131,7 +131,7 @@ def _prior() -> tuple[Array, Array]:
 
 
 def _covariance(fit: MultiviewFit, precision: Array) -> Array:
-    """(9, 9) with errors that a frame's sightings share (its exposure, its pose, its light) counted once: clustered by frame."""
+    """(9, 9) covariance, clustered by frame: errors that a frame's sightings share (its exposure, pose and light) count once."""
     inverse = np.linalg.inv(fit.normal() + precision)
     by_frame = fit.slope_by_frame()
     used = int(np.any(by_frame != 0, axis=1).sum())

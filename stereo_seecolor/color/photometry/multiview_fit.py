@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SightingNoise:
-    """How far a sighting's light may be off. Held by tests on synthetic waters and on the sample dive."""
+    """Errors of a sighting's light; tested on synthetic waters and on the sample dive."""
 
     noise_floor: float = 0.001
     """Least standard deviation of a sighting's light, fraction of full scale: a quarter of a step of 8 bits."""
@@ -58,7 +58,7 @@ class MultiviewFit:
 
     @classmethod
     def at(cls, x: Array, sightings: Sightings, scatter: Scatter, before: "MultiviewFit | None") -> "MultiviewFit":
-        """Weights from the scatter of the direct signal that was found ``before``, and less for what was far off then."""
+        """The fit at ``x``, with weights from the direct signals and residuals of the fit ``before``; None: there was none."""
         _, backscatter, _ = _model(x, sightings.range_m)
         direct = np.maximum(sightings.light - backscatter if before is None else before.direct, 0.0)
         alone = 1.0 / (NOISE.noise_floor**2 + (scatter.each * direct) ** 2)
@@ -72,7 +72,7 @@ class MultiviewFit:
 
     @classmethod
     def with_weights(cls, x: Array, sightings: Sightings, weights: Array, scatter: Scatter) -> "MultiviewFit":
-        """The same with the weights kept."""
+        """The fit at ``x`` with given weights."""
         transmission, backscatter, change = _model(x, sightings.range_m)
         above = sightings.light - backscatter
         patch_weights = sums_by_patch(sightings, transmission[:, :, None] * weights * transmission[:, None, :])
@@ -83,7 +83,7 @@ class MultiviewFit:
         return cls(sightings, scatter, transmission, direct, above - direct, weights, light_change, patch_weights)
 
     def cost(self) -> float:
-        """Sum of squares, weighted."""
+        """The weighted sum of squares."""
         return float(np.einsum("kc,kce,ke->", self.residual, self.weights, self.residual))
 
     def normal(self) -> Array:
@@ -95,19 +95,19 @@ class MultiviewFit:
         return np.asarray(full - np.einsum("pai,paj->ij", shared, np.linalg.solve(self.patch_weights, shared)))
 
     def slope(self) -> Array:
-        """(9,) along which the cost falls; the brightnesses are at their best, so they add nothing."""
+        """(9,) negative half gradient of the cost; the patches' brightnesses are optimal and add nothing."""
         pull = np.einsum("kce,ke->kc", self.weights, self.residual)
         return np.asarray(np.einsum("kci,kc->ic", self.change, pull).reshape(9))
 
     def slope_by_frame(self) -> Array:
-        """(F, 9) what each frame adds to the slope."""
+        """(F, 9) contribution of each frame to the slope."""
         pull = np.einsum("kce,ke->kc", self.weights, self.residual)
         each = (self.change * pull[..., None]).transpose(0, 2, 1).reshape(-1, 9)
         frames = int(self.sightings.frame.max()) + 1
         return np.stack([np.bincount(self.sightings.frame, column, minlength=frames) for column in each.T], axis=1)
 
     def scatter_now(self) -> Scatter:
-        """From the residuals of the brighter half: what differs between channels is each one's own, the rest is all together."""
+        """The scatter, from residuals of the brighter half: that between channels is each channel's own, the rest is common."""
         bright = self.direct.min(axis=1) > np.median(self.direct.min(axis=1))
         relative = self.residual[bright] / self.direct[bright]
         each = min(deviation(relative[:, c] - relative[:, (c + 1) % 3]) for c in range(3)) / np.sqrt(2.0)

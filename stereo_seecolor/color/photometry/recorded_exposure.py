@@ -1,7 +1,7 @@
-"""What cameras recorded of their exposure as a prior for each frame's gain, where it explains how frames differ.
+"""The exposure that the camera recorded, as a prior of each frame's gain, where it explains differences between frames.
 
-A camera may record nonsense, and behind a strobe the exposure time changes nothing: differences between frames of the same spots
-decide whether the records are used at all.
+Records may be wrong, and with a strobe the exposure time has no effect. So differences between frames that show the same spots
+decide whether the records are used.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ class RecordSettings:
     """When records are used."""
 
     varies: float = 0.03
-    """Standard deviation over the dive (logarithm) of records worth a look; smaller offsets are not mended."""
+    """Least standard deviation over the dive (logarithm) of records that are examined; smaller offsets are not corrected."""
     left: float = 0.8
     """Fraction of the offsets between frames that may be left with them, as for gains that are measured."""
     no_gain: float = 1e-9
@@ -32,7 +32,7 @@ SETTINGS = RecordSettings()
 
 
 def log_exposures(captures: Sequence[Capture]) -> Array:
-    """(F,) logarithms of how bright each frame comes out by its record, of mean 0; 0 where a frame lacks what others recorded."""
+    """(F,) logarithms of each frame's recorded exposure, of mean 0; 0 for a frame that lacks a number which others recorded."""
     values = (value for c in captures for value in (c.exposure_s, c.gain, c.aperture))
     fields = np.fromiter((np.nan if value is None else value for value in values), np.float64).reshape(len(captures), 3)
     recorded = ~np.isnan(fields)
@@ -43,24 +43,22 @@ def log_exposures(captures: Sequence[Capture]) -> Array:
 
 
 def worth_a_look(recorded: Array) -> bool:
-    """Whether the (F,) records say that frames differ."""
+    """Whether the (F,) records differ enough between frames to be examined."""
     return bool(recorded.size) and float(recorded.std()) > SETTINGS.varies
 
 
 def offsets_about(found: Differences, recorded: Array) -> tuple[float, float]:
-    """rms of luminance between frames, as they are and with the (F,) records taken off."""
+    """rms of luminance between frames, without and with the (F,) records subtracted."""
     return offset_between(found, np.zeros_like(recorded)), offset_between(found, recorded)
 
 
 def explain(offsets: tuple[float, float]) -> bool:
-    """Whether frames differ less in luminance once the records are taken off. offsets: of ``offsets_about``."""
+    """Whether subtracting the records lowers the differences of luminance enough. offsets: of ``offsets_about``."""
     return offsets[1] < SETTINGS.left * offsets[0]
 
 
 def solve_recorded(found: Differences, recorded: Array, chosen: tuple[bool, bool]) -> Chain:
-    """The gains of all frames about the (F,) records, which are all that is known of a frame without overlap. chosen: as of
-    ``solve_chain``.
-    """
+    """Solve the gains of all frames about the (F,) records; one without overlap gets its record. chosen: see ``solve_chain``."""
     chain = solve_chain(found, recorded, chosen)
     left = chain.offsets[1] if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain else chain.offsets[0]
     return Chain(

@@ -17,7 +17,7 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SightingSettings:
-    """Which patches are looked for, and when a frame sees one. Held by tests on the sample dive."""
+    """Size and number of patches, and conditions under which a frame sees one; tested on the sample dive."""
 
     patch_m: float = 0.05
     """Patches are this wide on the reef, in every frame: a mean over them sees the same texture from any range."""
@@ -46,7 +46,7 @@ SETTINGS = SightingSettings()
 
 @dataclass(frozen=True, eq=False)
 class KeyFrame:
-    """image: Image, rectified left, as the camera wrote it. range_m: Map, measured only. T_world_camera: (4, 4) of that camera."""
+    """A frame with its pose. image: rectified left image, uncorrected. range_m: measured pixels only. T_world_camera: (4, 4)."""
 
     image: Image
     range_m: Map
@@ -55,7 +55,7 @@ class KeyFrame:
 
 @dataclass(frozen=True, eq=False)
 class Sightings:
-    """patch: (N,) int64, which patch was seen, 0..P-1, ascending, each two times or more. frame: (N,) int64.
+    """N sightings of P patches. patch: (N,) int64, number of the patch, 0..P-1, ascending, each twice or more. frame: (N,) int64.
     range_m: (N,) meters. light: (N, 3) linear, fraction of full scale, mean over the patch. pixel: (N, 2) x, y of its middle.
     """
 
@@ -68,21 +68,21 @@ class Sightings:
 
 @dataclass(frozen=True, eq=False)
 class SeenWindow:
-    """frames: numbers in the dive of the sightings' frames. seen: what they saw."""
+    """Sightings of a few neighboring frames. frames: number in the dive of each of the sightings' frames. seen: the sightings."""
 
     frames: NDArray[np.int64]
     seen: Sightings
 
 
 def find_sightings(frames: Sequence[KeyFrame], geometry: RectifiedPair, encoding: InputEncoding) -> Sightings:
-    """Where the frames see the same patches; wrong matches are few but not none. Each frame is asked for twice, one at a time."""
+    """Find sightings of patches that several frames see; a few are wrong matches. Each frame is read twice, one at a time."""
     number = min(SETTINGS.most_patches_a_frame, SETTINGS.most_patches // max(len(frames), 1))
     points_m = np.concatenate([View.of(frame, geometry, None).patches_m(number) for frame in frames])
     return sightings_of(points_m, (View.of(frame, geometry, encoding) for frame in frames))
 
 
 def sightings_of(points_m: Vector, views: "Iterable[View]") -> Sightings:
-    """Which of the (P, 3) patches the views see, those that one view alone sees left out; frames are numbered as they come."""
+    """The sightings of (P, 3) patches by these views, without patches that only one view sees. Frames are numbered in order."""
     patches, numbers, ranges, lights, pixels = [], [], [], [], []
     for index, view in enumerate(views):
         patch, range_m, light, pixel = view.look_at(points_m)
@@ -100,7 +100,10 @@ def sightings_of(points_m: Vector, views: "Iterable[View]") -> Sightings:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A frame made ready: ``sums`` is the integral image of its linear light, ``smooth_range_m`` its range, NaN at edges."""
+    """A frame in which patches are looked up.
+
+    smooth_range_m: (H, W) range, NaN at edges. sums: (H + 1, W + 1, 4) integral image of linear R, G, B and of clipped pixels.
+    """
 
     geometry: RectifiedPair
     T_world_camera: NDArray[np.float64]
@@ -109,7 +112,7 @@ class View:
 
     @classmethod
     def of(cls, frame: KeyFrame, geometry: RectifiedPair, encoding: InputEncoding | None) -> "View":
-        """encoding: None where only its ranges are wanted."""
+        """The view of a frame. encoding: of its image; None where only its ranges are needed."""
         sums = np.zeros((2, 2, 4))
         if encoding is not None:
             light = np.take(decoded_values(8 * frame.image.dtype.itemsize, encoding), frame.image)
@@ -119,7 +122,7 @@ class View:
         return cls(geometry, frame.T_world_camera, _without_edges(frame.range_m), sums)
 
     def patches_m(self, number: int) -> Vector:
-        """(P, 3) about ``number`` world points on a grid over what the frame measured."""
+        """(P, 3) about ``number`` points, in the world, on a grid over the pixels of known range."""
         height, width = self.smooth_range_m.shape
         step = max(int(np.sqrt(height * width / max(number, 1))), 1)
         grid = np.zeros((height, width), np.bool_)
@@ -128,7 +131,7 @@ class View:
         return np.asarray(points @ self.T_world_camera[:3, :3].T + self.T_world_camera[:3, 3])
 
     def look_at(self, points_m: Vector) -> tuple[NDArray[np.int64], Vector, Vector, Vector]:
-        """Which of the (P, 3) patches this frame sees, by number; the range to each, its light (n, 3) and pixel (n, 2)."""
+        """The n of the (P, 3) patches that this frame sees: their numbers (n,), ranges (n,), light (n, 3) and pixels (n, 2)."""
         farthest_m = float(np.nanmax(self.smooth_range_m)) if np.isfinite(self.smooth_range_m).any() else 0.0
         near = np.flatnonzero(
             np.linalg.norm(points_m - self.T_world_camera[:3, 3], axis=1) < (1 + SETTINGS.same_range) * farthest_m

@@ -38,17 +38,17 @@ from stereo_seecolor.records import Water
 
 @dataclass(frozen=True)
 class StretchSettings:
-    """When stretches are joined. Costs are those of ``misfit.quality``, a mean over the chunks of the smaller one."""
+    """Limits for joining stretches. Costs are those of ``misfit.quality``, averaged over the chunks of the smaller stretch."""
 
     most_chunks: int = 64
-    """Then neighbors are joined: memory stays bounded, and a cut is found to a 32nd of the dive."""
+    """When there are so many, neighbors are joined: memory stays bounded, and a cut is found to a 32nd of the dive."""
     worse: float = 25.0
     """Cost that a shared water may add. Halves of one dive add up to 24 (sample dive, two altitudes; 4 on a real reef), two sites
     26 to 100 (a strobe-lit reef, daylight frames of FLSea, the sample dive)."""
     bad: float = 50.0
     """Cost under a shared water at which frames do not share it, however bad their own stretch's was."""
     worse_alone: float = 25.0
-    """So much more for a single chunk against many: one frame may show something odd (up to 47 within one dive)."""
+    """Added to these limits for a single chunk against many: one frame may show something odd (up to 47 within one dive)."""
 
 
 SETTINGS = StretchSettings()
@@ -56,7 +56,7 @@ SETTINGS = StretchSettings()
 
 @dataclass(frozen=True, eq=False)
 class _PackedClass:
-    """An ExposureClass with its table packed: 16-bit ones would not fit into memory 64 times."""
+    """An ExposureClass with its table packed: 64 tables of 16-bit images would not fit into memory."""
 
     table: bytes
     brightness: Brightness
@@ -93,14 +93,14 @@ class _Chunk:
 
 
 class _OpenChunk:
-    """The chunk that grows: its tables are not packed, so that a frame costs the same however many came before it."""
+    """The chunk that grows. Its tables are not packed, so that the time to add a frame does not depend on its size."""
 
     def __init__(self, start: int) -> None:
         self.frames = range(start, start)
         self._classes: dict[int, ExposureClass] = {}
 
     def add(self, several: CountedFrames) -> None:
-        """More frames."""
+        """Add frames to the end of the chunk."""
         self.frames = range(self.frames.start, self.frames.stop + len(several.frames))
         add_to(self._classes, several.classes)
 
@@ -111,7 +111,7 @@ class _OpenChunk:
 
 @dataclass(frozen=True, eq=False)
 class _Evidence:
-    """What a chunk says of its water. table: of its frames. seen: its quantiles. own: the cost under a water of its own."""
+    """The data of a chunk. table: of its frames. seen: its quantiles. own: its cost under a water of its own."""
 
     table: MomentTable
     seen: RangeQuantiles
@@ -119,9 +119,9 @@ class _Evidence:
 
 
 class AutoFitter(Fitter):
-    """Frames in, one at a time and in their order; the water of its stretch for each of them out.
+    """Takes frames one at a time and in order, and gives each the water of its stretch.
 
-    linked: frames that show the same spots as the one before them: between these the dive is never cut.
+    linked: names of frames that show the same spots as the frame before them; the dive is never cut between these.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable, linked: Collection[str] = ()) -> None:
@@ -133,16 +133,16 @@ class AutoFitter(Fitter):
         self._stretches: list[range] = []
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
-        """One more frame."""
+        """Add a frame."""
         self.join(CountedFrames.of([(name, table)], self._config))
 
     @property
     def joins(self) -> bool:
-        """Always."""
+        """True: ``join`` may always be called."""
         return True
 
     def join(self, several: CountedFrames) -> None:
-        """Several more frames, between which the dive is not cut."""
+        """Add several frames, between which the dive is not cut."""
         if not several.frames:
             return
         linked = several.frames[0][0] in self._linked
@@ -156,7 +156,7 @@ class AutoFitter(Fitter):
         self._open.add(several)
 
     def waters(self) -> Mapping[str, Water]:
-        """Each frame's, by its stretch; a stretch without a known range gets the water of that before it."""
+        """The water of each frame's stretch, by frame name; a stretch without a known range gets that of the stretch before."""
         chunks = [*self._chunks, self._open.closed()] if self._open.frames else []
         evidence = [self._evidence(chunk) for chunk in chunks]
         parts = _parts(evidence, self._config) if chunks else []
@@ -171,7 +171,7 @@ class AutoFitter(Fitter):
 
     @property
     def stretches(self) -> list[list[str]]:
-        """Names of the frames that share a water, once ``waters`` has been asked for."""
+        """Names of the frames of each stretch, after ``waters`` has been called."""
         return [self._frames.names[frames.start : frames.stop] for frames in self._stretches]
 
     def notes(self) -> tuple[str, ...]:
@@ -201,7 +201,7 @@ def _parts(chunks: Sequence[_Evidence | None], config: ColorConfig) -> list[rang
 
 @dataclass(frozen=True, eq=False)
 class _Stretch:
-    """Neighboring chunks. table: of all. costs (N,): how much worse each fits the water of all than one of its own."""
+    """Neighboring chunks. table: of all. costs (N,): cost of each chunk under the water of all, less that under its own water."""
 
     chunks: tuple[_Evidence, ...]
     table: MomentTable
@@ -227,14 +227,14 @@ class _Stretch:
 
 
 class _Join(NamedTuple):
-    """Two stretches as one. strain: the cost that this adds, as a fraction of what is allowed."""
+    """Two stretches joined. strain: the cost that joining adds, as a fraction of the limit."""
 
     stretch: _Stretch
     strain: float
 
 
 def _joined(stretches: list[_Stretch], config: ColorConfig) -> list[_Stretch]:
-    """Neighbors joined as long as a shared water costs little, the most alike first."""
+    """Join neighbors, those with the least strain first, until every further join exceeds the limit."""
     joins = [a.joined(b, config) for a, b in pairwise(stretches)]
     while joins:
         best = min(range(len(joins)), key=lambda i: joins[i].strain)

@@ -30,10 +30,10 @@ BLACK = -10_000
 
 
 class Fitter(Protocol):
-    """Frames in, one at a time and in their order; a water for each of them out."""
+    """Takes frames one at a time and in order, and fits a water for each of them."""
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
-        """One more frame: its table; ``pixels`` reads its image and range map, for fits that need every pixel."""
+        """Add a frame and its table. pixels: reads its image and range map, for fits that need every pixel."""
 
     @property
     def joins(self) -> bool:
@@ -41,19 +41,19 @@ class Fitter(Protocol):
         return False
 
     def join(self, several: "CountedFrames") -> None:
-        """Several more frames at once."""
+        """Add several frames at once."""
         raise TypeError("the frames of this fit are added one by one")
 
     def waters(self) -> Mapping[str, Water]:
-        """Name of a frame -> its water, for all frames added. Raises ColorError where no frame has a pixel with a known range."""
+        """The water of each frame, by name. Raises ColorError where no frame has a pixel with a known range."""
 
     def notes(self) -> tuple[str, ...]:
-        """Warnings and notes about the whole dive, once ``waters`` has been asked for."""
+        """Warnings and notes about the whole dive, after ``waters`` has been called."""
         return ()
 
 
 class FrameFitter(Fitter):
-    """``color.lock: frame``. Each frame its own water, begun from the frame's before it."""
+    """``color.lock: frame``: each frame has its own water; the fit starts from that of the frame before."""
 
     def __init__(self, fit: FitFrame) -> None:
         self._fit = fit
@@ -67,7 +67,7 @@ class FrameFitter(Fitter):
         self._waters[name] = self._last if table.pixels.any() else None
 
     def waters(self) -> Mapping[str, Water]:
-        """Each frame's own; a frame without a known range gets that of the frame before it."""
+        """The water of each frame; one without a known range gets that of the frame before it."""
         return completed(self._waters.items())
 
 
@@ -82,14 +82,14 @@ class SlidingFitter(Fitter):
         self._last: Water | None = None
 
     def add(self, name: str, table: MomentTable, pixels: ReadPixels) -> None:
-        """One more frame; the oldest leaves the window."""
+        """Add a frame to the window; the oldest leaves it."""
         water = self.water(table)
         self._waters[name] = water if table.pixels.any() else None
 
     def water(self, table: MomentTable) -> Water | None:
-        """Take one more frame into the window, and give the window's water at once: for frames without an end.
+        """Add a frame to the window and return the window's water, for an endless series of frames.
 
-        None while no frame had a pixel with a known range.
+        None as long as no frame had a pixel with a known range.
         """
         self._total = self._total + table if self._window else table
         self._window.append(table.packed())
@@ -100,13 +100,13 @@ class SlidingFitter(Fitter):
         return self._last
 
     def waters(self) -> Mapping[str, Water]:
-        """Each frame's window's; a frame without a known range gets that of the frame before it."""
+        """The water of each frame's window; a frame without a known range gets that of the frame before it."""
         return completed(self._waters.items())
 
 
 @dataclass(frozen=True, eq=False)
 class ExposureClass:
-    """Frames of one brightness together."""
+    """The frames of one class of brightness: the sum of their tables, and their brightness."""
 
     table: MomentTable
     brightness: Brightness
@@ -117,8 +117,8 @@ class ExposureClass:
 
 @dataclass(frozen=True, eq=False)
 class CountedFrames:
-    """Neighbors in the dive, added up where they were counted. frames: name, class and packed brightness of each. classes: their
-    tables, by brightness; none of a frame without a known range.
+    """Neighboring frames with the sums of their tables. frames: name, class and packed brightness of each. classes: sums of their
+    tables, by class of brightness; frames without a known range are in none.
     """
 
     frames: Sequence[tuple[str, int, bytes]]
@@ -126,7 +126,7 @@ class CountedFrames:
 
     @classmethod
     def of(cls, tables: Iterable[tuple[str, MomentTable]], config: ColorConfig) -> "CountedFrames":
-        """Counted frames from the name and table of each, in order."""
+        """Add up the tables of these frames, given by name and table in order."""
         frames, classes = [], dict[int, ExposureClass]()
         for name, table in tables:
             brightness = Brightness.of(table, config.input_encoding)
@@ -144,9 +144,9 @@ def add_to(classes: dict[int, ExposureClass], more: Mapping[int, ExposureClass])
 
 
 class FrameBrightness:
-    """Names of frames, and how bright each is, in the order they came: 400 bytes a frame, which do not stay in memory.
+    """Names and brightness of frames, in the order in which they were added. Brightness, 400 bytes a frame, is kept out of memory.
 
-    classes: of each frame, as of ``class_of``.
+    classes: class of each frame, as of ``class_of``.
     """
 
     def __init__(self) -> None:
@@ -169,10 +169,10 @@ class FrameBrightness:
 
 
 class SurveyFitter(Fitter):
-    """``color.lock: survey``. One water and one exposure for all frames.
+    """``color.lock: survey``: one water and one exposure for all frames.
 
-    Where the camera holds its exposure, frames that are far darker or brighter than most take no part, and get the survey's water
-    as their exposure shows it. Where it does not (``camera_exposure: brightness``), every frame is first brought to one exposure.
+    Where the camera holds its exposure, frames far darker or brighter than most are left out of the fit, and get the survey's water
+    scaled to their exposure. With ``camera_exposure: brightness``, every frame is first brought to one exposure.
     """
 
     def __init__(self, config: ColorConfig, fit: FitTable) -> None:
@@ -195,12 +195,12 @@ class SurveyFitter(Fitter):
         return self._config.camera_exposure != "brightness"
 
     def join(self, several: CountedFrames) -> None:
-        """Several more frames."""
+        """Add several frames."""
         self._frames.add(several.frames)
         add_to(self._classes, several.classes)
 
     def waters(self) -> Mapping[str, Water]:
-        """The survey's, as each frame's camera exposure shows it."""
+        """The survey's water, scaled to each frame's camera exposure."""
         numbers = range(len(self._frames))
         return completed(survey_waters(self._frames, numbers, self._classes, self._config, self._fit))
 
@@ -208,7 +208,10 @@ class SurveyFitter(Fitter):
 def survey_waters(
     frames: FrameBrightness, numbers: range, classes: Mapping[int, ExposureClass], config: ColorConfig, fit: FitTable
 ) -> Iterator[tuple[str, Water | None]]:
-    """One water for the frames of these numbers, as each one's exposure shows it. classes: their tables; no water without."""
+    """Name and water of each of the frames with these numbers: one water, scaled to each frame's exposure.
+
+    classes: sums of their tables; where it is empty, the waters are None.
+    """
     if not classes:
         yield from ((frames.names.item(number), None) for number in numbers)
         return
@@ -223,21 +226,21 @@ def survey_waters(
 
 
 def usual_exposure(classes: Mapping[int, ExposureClass]) -> tuple[int, ExposureClass]:
-    """The class that most pixels are of, and the sum of all frames that are about as bright."""
+    """The class that has most pixels, and the sum of all frames in it and in the classes next to it."""
     lit = [kind for kind in classes if kind != BLACK] or [BLACK]
     most = max(lit, key=lambda kind: int(classes[kind].brightness.pixels.sum()))
     return most, reduce(add, (frames for kind, frames in classes.items() if abs(kind - most) <= 1))
 
 
 def class_of(brightness: Brightness, config: ColorConfig) -> int:
-    """The class of a frame of that brightness."""
+    """The class of a frame by its brightness: 0 for all lit frames with ``camera_exposure: brightness``."""
     if not np.isfinite(brightness.stops):
         return BLACK
     return 0 if config.camera_exposure == "brightness" else int(np.floor(brightness.stops / CLASS_STOPS))
 
 
 def _as_exposed(water: Water, factor: float, config: ColorConfig) -> Water:
-    """The water in a frame that is ``factor`` times as bright as the survey."""
+    """The water scaled to a frame that is ``factor`` times as bright as the survey."""
     if config.camera_exposure == "brightness":
         return exposed(water, factor)
     warning = f"{factor:.3g} times the survey's brightness: another camera exposure, followed"
@@ -251,7 +254,10 @@ def _fitted(total: MomentTable, config: ColorConfig, fit: FitTable, start: Water
 
 
 def completed(waters: Iterable[tuple[str, Water | None]]) -> Mapping[str, Water]:
-    """Frames that have no water get the last before them, or else the first there is."""
+    """The waters by name; a frame that has none gets the last one before it, or else the first.
+
+    Raises ColorError where no frame has one.
+    """
     found, before, last = ByName[Water](), list[str](), None
     for name, water in waters:
         last = water or last

@@ -1,4 +1,4 @@
-"""The light of a survey from sightings: what the dive determines of it, and how much that helps."""
+"""The light of a survey, solved from sightings: the terms that the dive determines, and how much they help."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,15 +18,15 @@ from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
 
 @dataclass(frozen=True)
 class SightingLimits:
-    """Which sightings the light of a survey is measured from, and how well that is."""
+    """Limits of the sightings that the light of a survey is solved from, and of its standard error."""
 
     light: tuple[float, float] = (0.003, 0.97)
     """Linear light of each channel, fraction of full scale: below is noise and backscatter, above the camera may have clipped."""
     range_quantiles: tuple[float, float] = (0.01, 0.99)
-    """Of the sightings' ranges: beyond these the pattern is not extrapolated."""
+    """Quantiles of the sightings' ranges, beyond which the pattern is not extrapolated."""
     loose: float = 0.1
-    """Standard error of a pattern, logarithm, above which it is said what would tell more. Of 49 drawn dives it is larger in ten,
-    in none of which frames of two lines were found to show the same."""
+    """Standard error of a pattern, logarithm, above which the note tells how to lower it. Of 49 drawn dives it is larger in ten, in
+    none of which frames of two lines were found to show the same."""
 
 
 LIMITS = SightingLimits()
@@ -39,11 +39,13 @@ _ByName = Mapping[str, NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class SurveyLight:
-    """solved: the light of the survey; terms that do not help are 0. luminance, color: what was chosen of each, and how much it
-    helps. offsets: rms of luminance between neighbors, without and with the gains of all frames; None where these were not solved.
-    crossed: pictures of reef that the frames show one after another. recorded: the gains are about what the camera recorded.
-    refused: as offsets, without and with what the camera recorded, where that was not used since it does not explain how frames
-    differ; None where nothing was refused.
+    """The solved light of a survey.
+
+    solved: the light; terms that do not help are 0. luminance, color: the choice of terms for each, and how much they help.
+    crossed: motion of the reef through the images, in image sizes. offsets: rms of luminance between neighbors, without and with
+    the gains of all frames; None where these were not solved. recorded: True if the gains have recorded exposures as their prior.
+    refused: like offsets, without and with recorded exposures, where these do not explain differences between frames and are not
+    used; None where nothing was refused.
     """
 
     solved: Light
@@ -56,12 +58,12 @@ class SurveyLight:
 
     @property
     def light(self) -> Light | None:
-        """None where no term of it helps."""
+        """The light; None where no term of it helps."""
         return self.solved if any(self.luminance.use) or any(self.color.use) or self.solved.gains or self.solved.shading else None
 
     @property
     def note(self) -> str:
-        """What was used and how much it helps, for a person; "" where nothing was."""
+        """A line for the user on the terms in use and how much they help; "" where none are used."""
         used = f"light: {'; '.join(self._used())}; more in water.json" if self.light else self._why_not()
         if self.refused is None:
             return used
@@ -71,7 +73,7 @@ class SurveyLight:
         return f"{used}; {refused}" if used else f"light: {refused}"
 
     def _why_not(self) -> str:
-        """Where even light is not what was found: "" where it is."""
+        """The note where no term is used: too few spots; "" where the light was found to be even."""
         few = f"only {self.luminance.judging} spots are seen by two frames and can judge a correction"
         return "" if self.luminance.judged else f"light: {few}: too few, nothing is corrected"
 
@@ -106,24 +108,25 @@ class SurveyLight:
 
     @property
     def _loose(self) -> str:
-        """What would tell more of a pattern that is not known well."""
+        """Advice for a pattern whose standard error is large; else ""."""
         more = " only: lines that overlap or cross, and pictures of the turns between them, would tell more"
         return more if self.luminance.error > LIMITS.loose else ""
 
     def at(self, pixel: NDArray[np.float64], range_m: NDArray[np.float64], size: tuple[int, int]) -> NDArray[np.float64]:
-        """(N, 3) logarithm of the light, but for gains, at (N, 2) pixels of a picture of ``size`` and (N,) ranges: the pattern, and
-        how light falls off with range, water and lamps together.
+        """(N, 3) logarithm of the light without gains: pattern and trend with range, by water and lamps together.
+
+        pixel: (N, 2) x, y in an image of ``size`` (width, height). range_m: (N,) meters.
         """
         luminance, color = self.luminance.solution, self.color.solution
         seen = replace(self.solved, coefficients=luminance.coefficients + color.coefficients)
         return seen.log_pattern(pixel, range_m, size) + seen.log_range(range_m)[:, None] * (luminance.trend + color.trend)
 
     def of_frames(self, gains: _ByName, shading: _ByName, offsets: tuple[float, float]) -> "SurveyLight":
-        """The same with other gains and shading of frames, by name."""
+        """The light with these gains and shading of frames, by name."""
         return replace(self, solved=replace(self.solved, gains=gains, shading=shading), offsets=offsets)
 
     def content(self) -> dict[str, Any]:
-        """As water.json holds it."""
+        """The light as water.json holds it."""
         return {
             "luminance": _choice(self.luminance),
             "color": _choice(self.color),
@@ -142,11 +145,11 @@ def solve_light(
     allowed: Use,
     recorded: NDArray[np.float64] | None = None,
 ) -> SurveyLight | None:
-    """The light of a dive; None where nothing is seen from two frames.
+    """Solve the light of a dive; None where no spot is seen from two frames.
 
-    names: of all frames of the dive. size: (width, height) of the pictures that the sightings' pixels are of.
-    allowed: the terms that may be used. recorded: (F,) logarithms of what the camera recorded of its exposure; they are taken off
-    first, and the gains found are about them.
+    names: of all frames of the dive. size: (width, height) of the images that the sightings' pixels are of.
+    allowed: the terms that may be used. recorded: (F,) logarithms of the exposures that the camera recorded; they are subtracted
+    first, so that the gains are relative to them.
     """
     ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:
@@ -158,38 +161,56 @@ def solve_light(
     if not made:
         return None
     crossed = pictures_crossed(windows, size)
-    one = alike(crossed)
     made, measured = numbered(made)
-    of_luminance = LightPrior.lens(one), LightPrior.lamps(views.reference_m, one)
-    candidates = _candidates(allowed, LightPrior.unknown(LUMINANCE, one), of_luminance, [Use(pattern=True, ranged=allowed.ranged)])
-    luminance = choose(made, [_mean(window) for window in made], candidates, len(measured))
-    colors = [window.log_light - _mean(window) for window in made]
-    unknown, pattern = LightPrior.unknown(COLOR, one), allowed.pattern and crossed >= SETTINGS.color
-    of_color = allowed._replace(pattern=pattern, shading=luminance.use.shading)  # what shades dims, whatever its color
-    candidates = _candidates(of_color, unknown, [unknown], [Use(pattern=True), Use(pattern=True, ranged=True)])
-    color = choose(made, colors, candidates, len(measured))
+    luminance = _choose_luminance(made, allowed, alike(crossed), views.reference_m, len(measured))
+    of_color = allowed._replace(
+        pattern=allowed.pattern and crossed >= SETTINGS.color,
+        shading=luminance.use.shading,  # a shadow that changes color also changes brightness
+    )
+    color = _choose_color(made, of_color, alike(crossed), len(measured))
     light = _light(luminance, color, made, [names[frame] for frame in measured], views)
     return SurveyLight(light, luminance, color, crossed, recorded=recorded is not None)
 
 
+def _choose_luminance(windows: Sequence[Window], allowed: Use, one: float, reference_m: float, frames: int) -> Choice:
+    """one: number of correlated sightings that count as one. frames: number of frames in the windows."""
+    priors = LightPrior.lens(one), LightPrior.lamps(reference_m, one)
+    patterns = [Use(pattern=True, ranged=allowed.ranged)]
+    candidates = _candidates(allowed, LightPrior.unknown(LUMINANCE, one), priors, patterns)
+    return choose(windows, [_luminance(window) for window in windows], candidates, frames)
+
+
+def _choose_color(windows: Sequence[Window], allowed: Use, one: float, frames: int) -> Choice:
+    """As ``_choose_luminance``, of the color: the logarithms of R, G, B less their mean."""
+    unknown = LightPrior.unknown(COLOR, one)
+    patterns = [Use(pattern=True), Use(pattern=True, ranged=True)]
+    candidates = _candidates(allowed, unknown, [unknown], patterns)
+    return choose(windows, [window.log_light - _luminance(window) for window in windows], candidates, frames)
+
+
 def _light(luminance: Choice, color: Choice, windows: Sequence[Window], names: Sequence[str], views: Views) -> Light:
-    """Both together. names: of the frames that the windows hold."""
-    coefficients, gains, shading = (
-        getattr(luminance.solution, part) + getattr(color.solution, part) for part in ("coefficients", "gains", "shading")
+    """The light of luminance and color together. names: of the frames in the windows."""
+    of_luminance, of_color = luminance.solution, color.solution
+    return Light(
+        coefficients=of_luminance.coefficients + of_color.coefficients,
+        reference_m=views.reference_m,
+        seen_m=views.seen_m,
+        gains=_by_name(of_luminance.gains + of_color.gains, names),
+        fade=-float(of_luminance.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0,
+        color_trend=_color_trend(color, windows, views.reference_m),
+        shading=_by_name(of_luminance.shading + of_color.shading, names),
     )
-    fade = -float(luminance.solution.trend[0, 0]) / SHAPE.range_step if luminance.use.pattern else 0.0
-    trend = _color_trend(color, windows, views.reference_m)
-    of_frames = _by_name(gains, names), fade, trend, _by_name(shading, names)
-    return Light(coefficients, views.reference_m, views.seen_m, *of_frames)
 
 
 def _by_name(numbers: NDArray[np.float64], names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Those of each of (F, ...) frames; of none where all are 0."""
+    """Frame name -> its numbers, of (F, ...) numbers; empty where all are 0."""
     return {name: own.ravel() for name, own in zip(names, numbers, strict=True)} if numbers.any() else {}
 
 
 def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -> ColorTrend | None:
-    """None where too few spots judge, or where color has gains but no pattern, which then is partly taken for the trend."""
+    """The change of color with range; None where too few spots judge it, or where color has gains but no pattern: then a pattern
+    would be partly taken for the trend.
+    """
     if not color.judged or (color.use.gains and not color.use.pattern):
         return None
     light = np.exp(np.concatenate([window.log_light for window in windows]).mean(axis=0))
@@ -198,7 +219,10 @@ def _color_trend(color: Choice, windows: Sequence[Window], reference_m: float) -
 
 
 def _candidates(allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior], patterns: Sequence[Use]) -> list[Candidate]:
-    """Nothing, gains alone, and each pattern with each of its priors, without gains and with them, as far as allowed."""
+    """The allowed candidates: no correction, gains alone, and each pattern with each of its priors, without and with gains.
+
+    unknown: prior without a pattern. priors: of patterns. patterns: terms of patterns to try.
+    """
     own = [(False, False), (True, False), (True, True)]
     of_patterns = [
         Candidate(use._replace(gains=gains, shading=shading), prior)
@@ -212,24 +236,24 @@ def _candidates(allowed: Use, unknown: LightPrior, priors: Sequence[LightPrior],
 
 
 def _exposed_alike(window: Window, recorded: NDArray[np.float64] | None) -> Window:
-    """The sightings as one exposure had shown them."""
+    """The window with the (F,) logarithms of recorded exposures subtracted."""
     return window if recorded is None else replace(window, log_light=window.log_light - recorded[window.frame][:, None])
 
 
 def numbered(windows: Sequence[Window]) -> tuple[list[Window], NDArray[np.int64]]:
-    """The windows with only the frames that they hold numbered, and which of the dive's frames these are."""
+    """The windows with their frames numbered from 0, and the numbers in the dive of these frames."""
     measured, numbers = np.unique(np.concatenate([window.frame for window in windows]), return_inverse=True)
     parts = np.split(numbers, np.cumsum([len(window.frame) for window in windows[:-1]]))
     return [replace(window, frame=frame) for window, frame in zip(windows, parts, strict=True)], measured
 
 
 def usable(seen: Sightings) -> NDArray[np.bool_]:
-    """(N,) which sightings are neither dark nor near clipping."""
+    """(N,) True for sightings that are neither dark nor near clipping."""
     darkest, brightest = LIMITS.light
     return np.asarray(((seen.light > darkest) & (seen.light < brightest)).all(axis=1))
 
 
-def _mean(window: Window) -> NDArray[np.float64]:
+def _luminance(window: Window) -> NDArray[np.float64]:
     """(N, 1) luminance: the mean logarithm of the channels."""
     return np.asarray(window.log_light.mean(axis=1, keepdims=True))
 

@@ -1,4 +1,4 @@
-"""Taking a known water out of an image: J = exposure (I - B(z)) / (A(z) white), by look-up for 8 bits, computed for 16."""
+"""Removes a known water from an image: J = exposure (I - B(z)) / (A(z) white); by look-up table for 8 bits, computed for 16."""
 
 from typing import Any
 
@@ -15,10 +15,11 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Correction, Image, Map, Water
 
 NOTHING_KNOWN = "no pixel with a known range: the picture is empty"
+"""Warning of a frame without known ranges."""
 
 
 def correct(image: Image, range_m: Map, water: Water, tone: Tone, config: ColorConfig) -> Correction:
-    """The image without its water, at its own size and bit depth; black where the range is unknown, unless the config says else."""
+    """Correct an image, at its size and bit depth. Where the range is unknown it is black, or raw by ``config.unknown_pixels``."""
     check_pair(image, range_m)
     bits, shape = range_bits(range_m), image.shape[:2]
     flat: NDArray[Any] = np.ascontiguousarray(image).reshape(-1, 3)
@@ -58,7 +59,7 @@ def correct_linear(image: Image, range_m: Map, water: Water, exposure: float, co
 def _apply(
     flat: NDArray[Any], bits: NDArray[np.int32], by_range: Gains, shown: Display, config: ColorConfig
 ) -> tuple[kernels.Shown, float]:
-    """Where the config wants it done: see ``kernels.apply``."""
+    """``kernels.apply`` on the processor, or ``torch_apply.apply`` where ``config.device`` is cuda."""
     if config.device == "cuda":
         from stereo_seecolor.color.device import find_device
         from stereo_seecolor.color.render import torch_apply

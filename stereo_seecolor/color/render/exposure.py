@@ -1,4 +1,4 @@
-"""Choosing how bright a picture is shown, from its moment table."""
+"""Chooses the brightness of a corrected image from its moment table."""
 
 from typing import Any
 
@@ -14,13 +14,13 @@ from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.records import Water
 
 MEDIAN_SHOWN = 0.12
-"""The median of a natural scene against its brightest thousandth, as in the default fit's: darker ones are shown brighter."""
+"""Median of a natural scene over its brightest thousandth, as in the robust fit's prior: darker scenes are shown brighter."""
 STRAYS = 0.02
-"""At most this fraction of a frame's pixels, those of most gain, has no say in its exposure,"""
+"""At most this fraction of a frame's pixels, those with most gain, is left out of the choice of exposure,"""
 STRAY_GAIN = 8.0
 """where the gain of the channel least attenuated is this much above that at the median range: wrong ranges, or mostly noise."""
 MOST_LIFT = 4.0
-"""Two stops: a cave is dark, and should look it; and noise is lifted too."""
+"""Most a scene is brightened, two stops: a cave should still look dark, and noise is brightened, too."""
 _MANTISSA_BITS = 16
 """Of float32, dropped for a histogram over octaves: 128 bins each."""
 _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
@@ -48,7 +48,7 @@ def choose(table: MomentTable, water: Water, config: ColorConfig) -> Tone:
 
 
 def _judged(gain: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """(N,) True but for the bins of stray ranges. gain, pixels: (N,) of each bin."""
+    """(N,) True for range bins that count, False for those of stray ranges. gain, pixels: (N,) of each bin."""
     order = np.argsort(-gain)
     part = np.cumsum(pixels[order]) / max(pixels.sum(), 1)
     judged = np.ones(len(gain), np.bool_)
@@ -59,7 +59,7 @@ def _judged(gain: NDArray[np.float64], pixels: NDArray[np.int64]) -> NDArray[np.
 
 
 def _exceeded(number: NDArray[np.int64], allowed: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(K,) the light that at most ``allowed`` (K,) of the counted values exceed, to 1/128 of an octave; 0 where more always do.
+    """(K,) the least light that at most ``allowed`` (K,) of the counted values exceed, to 1/128 of an octave; 0 for any light.
 
     number: (32640,) values counted, by the leading bits of the light that they are shown as (``_add_up``).
     """

@@ -1,4 +1,4 @@
-"""The gain and offset that take a water out, by channel and range, and how far noise lets a gain go."""
+"""Gain and offset that remove a water, by channel and range, and the limit that noise sets to the gain."""
 
 from functools import cache
 from typing import NamedTuple
@@ -20,12 +20,12 @@ FINE_BINS = FINE * RANGE_BINS
 
 
 class Gains(NamedTuple):
-    """J = gain I - offset for each channel and fine bin of range; capped: where noise allowed no more gain.
+    """J = gain I - offset, for each channel and fine range bin.
 
-    gain, offset: (3, 1024) float32, of full scale. missing: (3, 1024) float32, the fraction of a channel's light that its cap
-    leaves out, against that of the channel least capped. capped: (1025,) bool, the last for unknown range: False.
-    noise: (1024,) float32, of something black's light, root mean square of the channels, above what exposure alone gives.
-    matrix: (3, 3) float32, mixes the channels of J afterwards; of no row where they are not mixed.
+    gain, offset: (3, 1024) float32, offset as a fraction of full scale. capped: (1025,) bool, True where noise limits a gain; the
+    last is for unknown range: False. missing: (3, 1024) float32, fraction of a channel's light that its limit leaves out, relative
+    to the channel that is limited least. noise: (1024,) float32, of the light of a black surface, root mean square of the channels,
+    above that which exposure alone gives. matrix: (3, 3) float32, mixes the channels of J; of no rows where they are not mixed.
     """
 
     gain: NDArray[np.float32]
@@ -38,17 +38,17 @@ class Gains(NamedTuple):
 
 @cache
 def fine_ranges_m() -> NDArray[np.float64]:
-    """(1024,) the middle of each fine bin, meters: 128 an octave from 1/8 m to 32 m."""
+    """(1024,) middle of each fine range bin, meters: 128 an octave from 1/8 m to 32 m."""
     edges = range_edges_m()
     steps = (np.arange(FINE) + 0.5) / FINE
     return np.asarray((edges[:-1, None] + np.diff(edges)[:, None] * steps).ravel())
 
 
 def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
-    """What takes this water out and shows the scene at this exposure.
+    """The gains that remove this water and show the scene at this exposure.
 
-    Against the channel least capped, one that is more so counts by the square of its cap, as noise does in Wiener's filter. A color
-    matrix multiplies a channel's noise by at most the largest entry of its column.
+    A channel that noise limits more than another is weighted by the square of the ratio of their limits, as in Wiener's filter. A
+    color matrix multiplies a channel's noise by at most the largest entry of its column.
     """
     wanted, subtracted = unexposed(water, fine_ranges_m())
     amplified = np.abs(water.matrix).max(axis=0)[:, None]
@@ -66,12 +66,12 @@ def gains(water: Water, config: ColorConfig, exposure: float) -> Gains:
 
 
 def unexposed(water: Water, range_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Gain and offset (3, N) of J = gain I - offset at (N,) ranges and exposure 1, with no cap but against overflow."""
+    """Gain and offset (3, N) of J = gain I - offset at (N,) ranges and exposure 1, limited only against overflow."""
     gain = 1.0 / np.maximum(water.attenuation(range_m) * water.white, 1e-9).T * range_m**water.fall_off
     return gain, gain * water.backscatter(range_m).T
 
 
 def _noise(gain: NDArray[np.float64], offset: NDArray[np.float64], config: ColorConfig, surface: float) -> NDArray[np.float64]:
-    """(3, N) noise in linear light, before gains, of a surface of linear light J: the config's, times the slope of the decoding."""
+    """(3, N) noise in linear light, before gains, of a surface whose corrected light is J = ``surface``."""
     light = (offset + surface) / gain
     return np.asarray(config.input_noise * decoding_slope(np.minimum(light, 1.0), config.input_encoding))

@@ -1,4 +1,4 @@
-"""Correcting every pixel, on all cores: 8 bits by look-up where a bin of range and a value are all that counts, else computed.
+"""Corrects every pixel, on all cores. 8-bit values are looked up by range bin and value; other pixels are computed.
 
 Compiled without numba's own threads, whose simplest layer must not be entered by two threads at once.
 """
@@ -27,7 +27,9 @@ PART_PIXELS = 65536
 
 
 class Shown(NamedTuple):
-    """image (N, 3): as displayed, 0 where unknown. unknown (N,). unrecoverable (N,): capped, or clipped by the camera."""
+    """Corrected pixels. image (N, 3): encoded for display, 0 where the range is unknown. unknown (N,).
+    unrecoverable (N,): noise limits the gain, or the camera clipped the pixel.
+    """
 
     image: NDArray[Any]
     unknown: NDArray[np.bool_]
@@ -35,8 +37,9 @@ class Shown(NamedTuple):
 
 
 class Table(NamedTuple):
-    """curve: what each node of a curve is shown as. rows (1025 * 768,): what each 8-bit value of each channel is at each fine bin;
-    filled (1024,): of which bins."""
+    """A look-up table. curve: displayed value of each node of light. rows (1025 * 768,): displayed value of each 8-bit value of
+    each channel in each fine range bin. filled (1024,): True for bins whose rows have been computed.
+    """
 
     curve: NDArray[Any]
     rows: NDArray[Any]
@@ -44,8 +47,10 @@ class Table(NamedTuple):
 
 
 def apply(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, shown: Display) -> tuple[Shown, float]:
-    """The (N, 3) values of an image, at ranges (N,) given as float32 bits, corrected; and the fraction of the pixels of known
-    range that has a channel at full scale."""
+    """Correct (N, 3) pixels at (N,) ranges, given as float32 bits.
+
+    Returns the corrected pixels, and the fraction of the pixels of known range with a channel at full scale.
+    """
     out = Shown(np.empty_like(image), np.empty(bits.size, np.bool_), np.empty(bits.size, np.bool_))
     looked_up = image.dtype == np.uint8 and not gains.matrix.size
     numbers: list[tuple[int, int]] = []
@@ -67,7 +72,7 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, decoded: 
 
 
 def code_table(gains: Gains, shown: Display) -> NDArray[np.uint16]:
-    """(1025 * 768,) code of each 8-bit value of each channel at each fine bin; the last bin, unknown, is black."""
+    """(1025 * 768,) code of each 8-bit value of each channel in each fine range bin; the last bin, of unknown range, is black."""
     table: Table = _new_table(shown.codes)
     _tabulate((0, FINE_BINS - 1), gains, shown.decoded, table)
     return table.rows
@@ -75,7 +80,7 @@ def code_table(gains: Gains, shown: Display) -> NDArray[np.uint16]:
 
 @compiled
 def _new_table(curve: Any) -> Any:
-    """A look-up table of no row but that of unknown range, which is black; memory is taken when rows are written."""
+    """A look-up table with only the row of unknown range, which is black. Rows take memory when they are written."""
     rows = np.empty((FINE_BINS + 1) * ROW, curve.dtype)
     rows[FINE_BINS * ROW :] = curve[0] if curve.size else 0
     return Table(curve, rows, np.zeros(FINE_BINS, np.bool_))
@@ -83,7 +88,7 @@ def _new_table(curve: Any) -> Any:
 
 @compiled
 def _tabulate(span: Any, gains: Any, decoded: Any, table: Any) -> None:
-    """The rows of the fine bins from the first to the last of ``span`` that the table does not hold yet."""
+    """Compute the missing rows of the fine range bins from the first to the last of ``span``."""
     last, nodes = np.float32(table.curve.size - 1), np.empty(256, np.int32)
     for fine in range(span[0], span[1] + 1):
         for c in range(0 if table.filled[fine] else 3):
@@ -98,9 +103,9 @@ def _tabulate(span: Any, gains: Any, decoded: Any, table: Any) -> None:
 
 @compiled
 def _correct(image: Any, bits: Any, gains: Any, shown: Any, looked_up: bool, out: Any) -> Any:
-    """Into ``out``, a block after the other; returns how many pixels have a channel at full scale, and how many are of known range.
+    """Correct pixels into ``out``, block by block. Returns the numbers of pixels with a channel at full scale, and of known range.
 
-    looked_up: most pixels are, in a table of what is displayed, or of codes where light rolls off.
+    looked_up: most pixels are looked up, in a table of displayed values, or of codes where highlights roll off.
     """
     fine, places, clipped = np.empty(BLOCK, np.uint32), np.empty(BLOCK, np.uint32), 0
     known = bits.size
@@ -138,7 +143,7 @@ def _correct(image: Any, bits: Any, gains: Any, shown: Any, looked_up: bool, out
 
 @compiled
 def _fine_bins(bits: Any, fine: Any, unknown: Any) -> None:
-    """Fine range bins of ranges given as their float32 bits; FINE_BINS where they are not known."""
+    """Write the fine range bins of ranges given as float32 bits; FINE_BINS where the range is unknown."""
     for i in range(bits.size):
         fine[i] = position_of(bits[i]) >> U(FINE_SHIFT)
         unknown[i] = fine[i] == U(FINE_BINS)
@@ -146,7 +151,7 @@ def _fine_bins(bits: Any, fine: Any, unknown: Any) -> None:
 
 @compiled
 def _look_up(image: Any, fine: Any, table: Any, codes: Any) -> None:
-    """Codes (N * 3,) of values of 8 bits."""
+    """Look up the codes (N * 3,) of 8-bit values."""
     at = L(0)
     for i in range(fine.size):
         row = L(fine[i]) * L(ROW)
@@ -158,7 +163,7 @@ def _look_up(image: Any, fine: Any, table: Any, codes: Any) -> None:
 
 @compiled
 def _display(codes: Any, factors: Any, shoulder: Any, out: Any) -> None:
-    """Codes (N * 3,) rolled off and as displayed; one thing a loop, of which the compiler does many pixels at a time."""
+    """Roll off the highlights of codes (N * 3,) and write displayed values; separate loops, which the compiler vectorizes."""
     knee, length, bend, unit, zero = shoulder
     top = np.float32((1 << 8 * out.itemsize) - 1)
     for i in range(out.size // 3):
@@ -171,7 +176,7 @@ def _display(codes: Any, factors: Any, shoulder: Any, out: Any) -> None:
 
 @compiled
 def _span(fine: Any) -> Any:
-    """The lowest and the highest fine bin of a known range; none from the first to the second where none is known."""
+    """The lowest and the highest fine range bin of known ranges; lowest > highest where none is known."""
     nearest, farthest = np.uint32(FINE_BINS), np.uint32(0)
     for i in range(fine.size):
         nearest = min(nearest, fine[i])
@@ -213,8 +218,9 @@ def _count_full(values: Any, full: int) -> Any:
 
 @compiled
 def _chosen(image: Any, fine: Any, capped: Any, values: Any, places: Any) -> Any:
-    """Into ``places`` the pixels of known range that no look-up gives, and how many: capped, or of values from the first of
-    ``values`` on, of which the second is the highest that there is."""
+    """Write the numbers of pixels that must be computed into ``places``, and return how many: those whose gain is limited, or that
+    have a value of at least ``values[0]``. values[1]: the highest value in the image.
+    """
     number, (near, highest) = L(0), values
     if highest < near:
         for i in range(fine.size):
@@ -238,9 +244,9 @@ def _first_below_one(known: Any) -> Any:
 
 @compiled
 def _compute(image: Any, fine: Any, places: Any, gains: Any, display: Any, out: Any) -> None:
-    """Pixels without a table: those of 16 bits or of mixed channels, and where noise has stopped a gain or the camera clipped.
+    """Compute pixels without look-up: of 16 bits, with mixed channels, and where noise limits a gain or the camera clipped.
 
-    display: what is shown, and from which value on one is nearly clipped.
+    display: how light is displayed, and the value from which a channel is nearly clipped.
     """
     shown, near = display
     codes, factors = np.empty((places.size, 3), np.float32), np.empty(places.size, np.float32)

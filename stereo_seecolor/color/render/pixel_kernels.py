@@ -1,4 +1,4 @@
-"""One pixel: its linear light without the water, its code for display, and what rolls it off."""
+"""Kernels for one pixel: linear light without the water, its code for display, and the roll-off of highlights."""
 
 from typing import Any
 
@@ -24,8 +24,9 @@ def mixed(light: Any, matrix: Any) -> Any:
 
 @compiled
 def light_of(values: Any, fine: Any, gains: Any, shown: Any) -> Any:
-    """A pixel's linear light; a channel that the camera clipped is at least as bright as those that it did not, or as the
-    brightest if it clipped all."""
+    """A pixel's linear light. A channel that the camera clipped becomes at least as bright as the unclipped ones, or as the
+    brightest if all are clipped.
+    """
     one, zero = np.float32(1), np.float32(0)
     r, g, b = unclipped(values, fine, gains, shown.decoded)
     in_r, in_g, in_b = shown.known[values[0]], shown.known[values[1]], shown.known[values[2]]
@@ -40,7 +41,7 @@ def light_of(values: Any, fine: Any, gains: Any, shown: Any) -> Any:
 
 @compiled
 def unclipped(values: Any, fine: Any, gains: Any, decoded: Any) -> Any:
-    """A pixel's linear light; what a cap leaves out of a channel comes from those of less noise."""
+    """A pixel's linear light. The part that a limited gain leaves out of a channel is taken from the channels with less noise."""
     one = np.float32(1)
     r = gains.gain[0, fine] * decoded[values[0]] - gains.offset[0, fine]
     g = gains.gain[1, fine] * decoded[values[1]] - gains.offset[1, fine]
@@ -76,6 +77,6 @@ def nearest_code(light: Any, curve: Any) -> Any:
 
 @compiled
 def roll_off(code: Any, knee: Any, length: Any, bend: Any) -> Any:
-    """What scales the codes of a pixel whose greatest is ``code``: 1 up to the knee, and less above (``tone.display``)."""
+    """The factor for the codes of a pixel whose greatest code is ``code``: 1 up to the knee, less above (``tone.display``)."""
     over, code = max(code - knee, np.float32(0)), max(code, np.float32(1e-30))
     return (min(code, knee) + over * (length + over * bend) / (length + over)) / code

@@ -1,9 +1,8 @@
-"""Exposure of a picture for display, and compression of the light that is then beyond full scale.
+"""The exposure of an image for display, and the roll-off of highlights beyond full scale.
 
-A few white targets or specular reflections set the exposure of a picture whose brightest may not clip, and leave a shaded reef
-black. So a scene that is dark against its own brightest is shown brighter, and what is above mid-gray is then compressed: all
-channels of a pixel by one factor, which depends on its brightest channel alone. Chromaticity stays, and all up to mid-gray stays
-linear.
+If the brightest pixel may not clip, a few white targets or specular reflections set the exposure, and a shaded reef is shown black.
+So a scene that is dark relative to its brightest is shown brighter, and light above mid-gray is compressed: all channels of a pixel
+by one factor, which depends on its brightest channel alone. Chromaticity does not change, and light up to mid-gray stays linear.
 """
 
 from functools import lru_cache
@@ -17,7 +16,7 @@ from stereo_seecolor.color.table.encoding import InputEncoding, decoded_values, 
 from stereo_seecolor.files import srgb
 
 BRIGHTEST_SHOWN = 0.97
-"""Of full scale, as displayed: where the brightest pixel that may not clip comes to lie; a white target's noise needs the rest."""
+"""Displayed value, fraction of full scale, of the brightest pixel that may not clip: it leaves room for a white target's noise."""
 BRIGHTEST_LIGHT = float(srgb.decode_srgb(np.array(BRIGHTEST_SHOWN)))
 """The same in linear light."""
 NODES = 16384
@@ -31,19 +30,21 @@ FULL_FROM, FULL_AT = 0.95, 0.99
 
 
 class Tone(NamedTuple):
-    """exposure: gain of all channels. highlights: how many times the brightest light shown is rolled off to it; 1 = none is."""
+    """The brightness of a corrected image. exposure: gain of all channels. highlights: light of so many times the brightest light
+    shown is rolled off to it; 1 = no roll-off.
+    """
 
     exposure: float
     highlights: float = 1.0
 
 
 class Display(NamedTuple):
-    """What turns a camera's values into light, and light into a picture's values; V = 256 or 65536.
+    """Tables that convert a camera's values to light, and light to displayed values; V = 256 or 65536.
 
-    decoded (V,): linear light of a value. known (V,): 1, and less where the value is so high that the light may have been anything
-    above. curve (65538,): codes of linear light 0, 1/NODES .. REACH, the last twice. codes (65538,): these as look-up tables of 8
-    bits hold them. values (65538,): what they are displayed as; of no node where light rolls off. shoulder (5,): knee, length and
-    bend of the roll-off, in codes; values a code; the value of code 0, negated, less a half for rounding.
+    decoded (V,): linear light of a value. known (V,): 1; less for values so high that the camera may have clipped them.
+    curve (65538,): codes of linear light 0, 1/NODES .. REACH, the last twice. codes (65538,): the same rounded, for look-up tables
+    of 8 bits. values (65538,): displayed value of each code; of no nodes where highlights roll off. shoulder (5,): knee, length and
+    bend of the roll-off, in codes; values per code; the value of code 0, negated, less a half for rounding.
     """
 
     decoded: NDArray[np.float32]
@@ -56,11 +57,12 @@ class Display(NamedTuple):
 
 @lru_cache(maxsize=8)
 def display(bit_depth: int, encoding: InputEncoding, highlights: float) -> Display:
-    """For images of 8 or 16 bits.
+    """The tables for images of 8 or 16 bits.
 
-    Up to mid-gray all is shown in proportion. Above, the code of a pixel's brightest channel follows Reinhard's curve (2002, eq.
-    4), of slope 1 at mid-gray, by which ``highlights`` times the brightest light shown becomes that; the others keep their ratios
-    to it. Codes are sRGB counted from where its power law begins, so that a factor on codes is one on light (but for the darkest).
+    Light up to mid-gray is shown in proportion. Above, the code of a pixel's brightest channel follows Reinhard's curve (2002, eq.
+    4), with slope 1 at mid-gray, which takes ``highlights`` times the brightest light shown to that light; the other channels keep
+    their ratio to it. Codes are sRGB values from the origin of its power law, so that a factor on codes is a factor on light (but
+    for the darkest).
     """
     values, each = 2**bit_depth - 1, CODES[bit_depth]
     zero = 0.0 if encoding == "as-is" else srgb.OFFSET

@@ -1,4 +1,4 @@
-"""What ``kernels`` does, in torch, for a CUDA device (``color.device: cuda``) or any other: the same numbers."""
+"""``kernels`` in torch, for a CUDA device (``color.device: cuda``) or any other, with the same results."""
 
 from typing import Any
 
@@ -85,7 +85,7 @@ def _sum(channels: Tensor) -> Tensor:
 
 
 def _codes(light: Tensor, curve: Tensor, nearest: bool) -> Tensor:
-    """Of the nearest node, or between two."""
+    """Codes of light: of the nearest node of the curve, or interpolated between two."""
     place = (light * NODES + 0.5 * nearest).clamp(0, curve.numel() - 2)
     node = place.to(torch.int64)
     return curve[node] if nearest else curve[node] + (curve[node + 1] - curve[node]) * (place - node)

@@ -1,4 +1,4 @@
-"""Counting the pixels of an image by channel, range and value."""
+"""Counts the pixels of an image by channel, range and value."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ LAST = (RANGE_BINS << LOW_BITS) - 1
 _FIRST = np.float32(NEAREST_M).view(np.int32)
 _INFINITY = np.float32(np.inf).view(np.int32)
 LANES = 4
-"""Sums of offsets side by side: neighbors are of one range bin, and one sum would wait for its own last addition."""
+"""Parallel sums of offsets: neighboring pixels are of one range bin, and a single sum would wait for its last addition."""
 
 
 def count(
@@ -29,14 +29,14 @@ def count(
 
 @compiled
 def position_of(bits: Any) -> Any:
-    """Where a range, given as its float32 bits, lies among the bins, in steps of its last bit; past LAST where it is not known."""
+    """Position of a range, given as float32 bits, from the first bin's edge, in steps of the last bit; LAST + 1 where unknown."""
     known = (bits > np.int32(0)) & (bits < _INFINITY)  # NaN, infinities, zero and negative numbers are not
     return U(min(max(bits - _FIRST, np.int32(0)), np.int32(LAST))) if known else U(LAST + 1)
 
 
 @compiled
 def _count(image: Any, bits: Any, every: int, counts: Any, offset_sums: Any) -> None:
-    """Of each ``every`` rows that in the middle is counted; its positions first, of which the compiler does many at a time."""
+    """Count the middle one of each ``every`` rows. Positions are computed in a loop of their own, which the compiler vectorizes."""
     shift, positions = L(0 if image.itemsize == 1 else 4), np.empty(bits.shape[1], np.uint32)
     for row in range(every // 2, bits.shape[0], every):
         pixels, row_bits = image[row], bits[row]

@@ -1,4 +1,4 @@
-"""Between the numbers a camera writes and linear light, where the water's physics holds."""
+"""Conversion between encoded image values and linear light, in which the model of the water holds."""
 
 from functools import lru_cache
 from typing import Literal
@@ -13,19 +13,19 @@ InputEncoding = Literal["srgb", "linear", "as-is"]
 
 
 def decode(values: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Encoded fractions of full scale -> linear light in [0, 1]; all but srgb unchanged."""
+    """Encoded fractions of full scale -> linear light in [0, 1]; unchanged unless the encoding is srgb."""
     return srgb.decode_srgb(values) if encoding == "srgb" else values
 
 
 def encode(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """Linear light in [0, 1] -> what an image file holds: srgb, also for linear input (files are viewed); as-is unchanged."""
+    """Linear light in [0, 1] -> values of an image file: sRGB, also for linear input, since files are viewed; as-is unchanged."""
     return light if encoding == "as-is" else srgb.encode_srgb(light)
 
 
 def decoding_slope(light: NDArray[np.float64], encoding: InputEncoding) -> NDArray[np.float64]:
-    """d light / d value of files encoded for a screen, where they give this light: what a step of noise in a value is in light.
+    """d light / d value of sRGB at this light: converts noise of a value to noise of light.
 
-    Of linear files too, since a sensor's noise grows with its light in them as well; 1 of as-is.
+    Also used for linear files, since a sensor's noise grows with light in them, too; 1 for as-is.
     """
     return srgb.decoding_slope(light) if encoding != "as-is" else np.ones_like(light)
 

@@ -1,4 +1,4 @@
-"""Whether a table can carry a fit at all, and what to say where it cannot."""
+"""Warnings for moment tables that do not determine a water."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ LEAST_PIXELS = 100
 
 
 def doubts(table: MomentTable) -> tuple[str, ...]:
-    """What keeps this table, of at least one pixel, from telling what water it was seen through; nothing where nothing does."""
+    """Why a table of at least one pixel does not determine its water, as a warning; empty where it does."""
     number = int(table.pixels.sum())
     if number < LEAST_PIXELS:
         return (f"only {number} pixels with a known range: the water is a guess",)
@@ -26,7 +26,7 @@ def doubts(table: MomentTable) -> tuple[str, ...]:
 
 
 def relief_m(table: MomentTable) -> tuple[float, float]:
-    """The ranges that 5 and 95 % of the pixels are nearer than, meters."""
-    share = np.cumsum(table.pixels) / max(int(table.pixels.sum()), 1)
-    near, far = (table.range_m[int(np.searchsorted(share, at))] for at in (0.05, 0.95))
+    """The 5th and 95th percentile of the pixels' ranges, meters."""
+    fraction = np.cumsum(table.pixels) / max(int(table.pixels.sum()), 1)
+    near, far = (table.range_m[int(np.searchsorted(fraction, at))] for at in (0.05, 0.95))
     return float(near), float(far)

@@ -1,4 +1,4 @@
-"""From an image and its range map to a moment table, on the processor or a device."""
+"""Makes the moment table of an image and its range map, on the processor or a CUDA device."""
 
 import numpy as np
 
@@ -31,7 +31,7 @@ def measure(image: Image, range_m: Map, device: str = "cpu", every: int = 1) -> 
 
 
 def check_pair(image: Image, range_m: Map) -> None:
-    """ColorError where an image and a range map cannot be of the same view."""
+    """Raise ColorError where an image or its range map has a wrong shape or type."""
     if image.ndim != 3 or image.shape[2] != 3 or image.dtype not in (np.uint8, np.uint16):
         raise ColorError(f"image of shape {image.shape} and type {image.dtype}: needs (H, W, 3), uint8 or uint16")
     if range_m.shape != image.shape[:2]:

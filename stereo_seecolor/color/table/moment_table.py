@@ -1,6 +1,6 @@
-"""Moment tables: how many pixels of each channel have each range and each value. All that the losses need to know of an image.
+"""Moment tables: the number of pixels of each channel with each range and value. The losses need nothing else of an image.
 
-Inside a range bin the mean range is kept exactly, as an integer sum.
+The mean range of each range bin is kept exactly, as an integer sum.
 """
 
 import zlib
@@ -17,7 +17,7 @@ from stereo_seecolor.files.deflate import deflated
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MomentTable:
-    """The joint histogram of range and value, one a channel: exact for every loss that is a sum over pixels of f(c, z, I_c).
+    """A joint histogram of range and value for each channel: exact for every loss that is a sum over pixels of f(c, z, I_c).
 
     counts: (3, 256, V) int64, pixels of channel R, G, B in each bin of range and value; V = 256 (8 bit) or 4096 (16 bit).
     offset_sum: (256,) int64, sum over a range bin's pixels of their offset inside the bin, 0..2**18 - 1.
@@ -56,17 +56,17 @@ class MomentTable:
 
     @property
     def median_range_m(self) -> float | None:
-        """Of all pixels, to a bin's width; None of none."""
+        """Median range of all pixels, to a bin's width, meters; None for an empty table."""
         below = np.cumsum(self.pixels)
         return float(self.range_m[np.searchsorted(below, below[-1] / 2)]) if below[-1] else None
 
     @property
     def values(self) -> NDArray[np.float64]:
-        """(V,) what each bin's value is as a fraction of full scale, as the camera encoded it."""
+        """(V,) value of each value bin, as a fraction of full scale, encoded as in the image."""
         return bin_values(self.bit_depth)
 
     def __add__(self, other: "MomentTable") -> "MomentTable":
-        """The table of both images' pixels; of 8-bit values where one of them is."""
+        """The table of both tables' pixels; with 8-bit values where one of them has."""
         a, b = self._like(other), other._like(self)
         return MomentTable(a.counts + b.counts, a.offset_sum + b.offset_sum, a.bit_depth)
 
@@ -83,7 +83,7 @@ class MomentTable:
 
     @classmethod
     def unpacked(cls, content: bytes) -> "MomentTable":
-        """What ``packed`` gave."""
+        """The table from ``packed``."""
         bit_depth, number = (int(value) for value in np.frombuffer(content, "<i8", 2))
         offset_sum, counts = np.split(np.frombuffer(content, "<i8", RANGE_BINS + number, 16), [RANGE_BINS])
         table = cls(np.zeros((3, RANGE_BINS, VALUE_BINS[bit_depth]), np.int64), offset_sum, bit_depth)
@@ -91,7 +91,7 @@ class MomentTable:
         return table
 
     def _like(self, other: "MomentTable") -> "MomentTable":
-        """This table, with the values of 8 bits where the other has no more."""
+        """This table, reduced to 8-bit values where the other has these."""
         if self.bit_depth <= other.bit_depth:
             return self
         return MomentTable(self.counts.reshape(3, RANGE_BINS, VALUE_BINS[8], -1).sum(axis=3), self.offset_sum, 8)

@@ -1,4 +1,4 @@
-"""Quantiles of color over range: how dark and how bright each channel is at each range, as the robust fit sees a moment table."""
+"""Quantiles of each channel's light at each range, from a moment table, for the robust fit."""
 
 import itertools
 from dataclasses import dataclass
@@ -12,11 +12,11 @@ from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 FRACTIONS = np.array([0.003, 0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99, 0.999])
-"""Of the pixels of a group, from what is nearly in shadow to the brightest, which are the likeliest to be white."""
+"""Fractions of the quantiles: from pixels nearly in shadow to the brightest, which are most likely white."""
 PARTS = 20
-"""Of a frame's pixels, one a group: more hardly change a fit, and each costs time."""
+"""Groups into which a frame's pixels are divided by range: more hardly change a fit, and each costs time."""
 BINS_PER_OCTAVE = RANGE_BINS // 8
-"""Of range, which has eight octaves."""
+"""Range bins of an octave; there are eight octaves."""
 CLIPPED = 0.99
 """Fraction of full scale, encoded: from here on a value is a lower bound of the light."""
 NOISE = 0.004
@@ -43,7 +43,7 @@ class RangeQuantiles:
 
 
 def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuantiles:
-    """Groups of neighboring range bins of about equal numbers of pixels, and their quantiles; the table must not be empty."""
+    """Quantiles of groups of neighboring range bins with about equal numbers of pixels. The table must not be empty."""
     first = _first_of_groups(table.pixels)
     size = np.add.reduceat(table.pixels, first).astype(np.float64)
     end = int(np.flatnonzero(table.pixels)[-1]) + 1
@@ -58,7 +58,7 @@ def quantiles_by_range(table: MomentTable, encoding: InputEncoding) -> RangeQuan
 
 
 def _without_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3, G, 9) quantiles, encoded for a screen: those below the median moved up by what noise moves them down.
+    """(3, G, 9) quantiles, encoded as sRGB, in which the effect of noise on quantiles below the median is removed.
 
     Where a normal distribution has the slope s of its quantiles, that without the noise n has sqrt(s^2 - n^2) (variances add).
     """
@@ -70,8 +70,11 @@ def _without_noise(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
-    """(G,) the first of the occupied range bins of each group: cut where the running sum passes equal parts, and at each octave of
-    a group: the few far pixels of a frame have little in common with the next nearer ones."""
+    """(G,) the first occupied range bin of each group.
+
+    Groups are cut where the running sum of pixels passes equal parts, and at each octave within a group: the few far pixels of a
+    frame have little in common with nearer ones.
+    """
     occupied = np.flatnonzero(pixels)
     below = np.cumsum(pixels)
     part = np.floor((below - 0.5 * pixels)[occupied] / below[-1] * PARTS)
@@ -81,7 +84,7 @@ def _first_of_groups(pixels: NDArray[np.int64]) -> NDArray[np.intp]:
 
 
 def _quantiles(counts: NDArray[np.int64]) -> NDArray[np.float64]:
-    """(3, G, 9) of counts (3, G, V), in value bins; pixels are taken as spread evenly inside a bin."""
+    """(3, G, 9) quantiles of counts (3, G, V), in value bins; pixels are assumed to be spread evenly within a bin."""
     each = counts.reshape(-1, counts.shape[2])
     below = np.cumsum(each).reshape(each.shape)  # over all groups, one after the other: so one search finds all
     start = below[:, -1:] - each.sum(axis=1, keepdims=True)

@@ -1,6 +1,6 @@
-"""Counting in torch, for a CUDA device (``color.device: cuda``) or any other: the same integers as ``counting``.
+"""Counts pixels in torch, on a CUDA device (``color.device: cuda``) or any other, with the same result as ``counting``.
 
-Images that are on the device already can stay there: ``count_pixels``.
+``count_pixels`` takes images that are on the device already.
 """
 
 from typing import Any
@@ -51,5 +51,5 @@ def pixels_on(image: NDArray[Any], device: torch.device) -> Tensor:
 
 
 def on_device(numbers: NDArray[Any], device: torch.device) -> Tensor:
-    """On a device; as int32 where uint16, which few of torch's operations take."""
+    """Numbers on a device; uint16 as int32, since few of torch's operations take uint16."""
     return torch.from_numpy(numbers.astype(np.int32) if numbers.dtype == np.uint16 else numbers).to(device)
