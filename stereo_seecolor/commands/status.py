@@ -9,11 +9,11 @@ from typing import Literal
 from stereo_seecolor.commands.campaign_table import load_states
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.frames_csv import read_rows
 from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
 from stereo_seecolor.run_folder.lease import writer
 from stereo_seecolor.run_folder.manifest import Manifest
-from stereo_seecolor.run_folder.part import read_rows
 from stereo_seecolor.run_folder.progress_file import Progress
 
 State = Literal["running", "killed", "stopped", "complete", "no run"]

@@ -1,4 +1,4 @@
-"""Whether a run may use a folder: whose it is, what lies in it, and what --overwrite may delete."""
+"""Checks whether a run may use a folder: whose results it holds, what else lies in it, and what --overwrite may delete."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ NAMES_OF_SYSTEMS = frozenset({"Thumbs.db", "desktop.ini", "@eaDir"})
 
 @dataclass(frozen=True)
 class Owner:
-    """Whose results a folder holds.
+    """The owner of a folder's results.
 
-    kind: which command made it. inputs: what was given, by name. sample: hash of the content of the dive's first file, by which
+    kind: the command that made it. inputs: what was given, by name. sample: hash of the content of the dive's first file, by which
     a dive is recognized that was moved.
     """
 
@@ -40,11 +40,13 @@ class Owner:
     sample: str = ""
 
     def identity(self) -> dict[str, str]:
-        """As the manifest holds it."""
+        """The owner as the manifest stores it."""
         return {"kind": self.kind, "sample": self.sample, **self.inputs}
 
     def owns(self, identity: Mapping[str, str]) -> bool:
-        """True if a folder of that identity is this dive's: the same paths, or the same first file."""
+        """Tell whether a folder of that identity is this dive's: made by the same command from the same paths, or from the same
+        first file.
+        """
         if identity.get("kind") != self.kind:
             return False
         same_paths = {**identity, "sample": ""} == {**self.identity(), "sample": ""}
@@ -53,7 +55,11 @@ class Owner:
 
 @dataclass(frozen=True)
 class Claim:
-    """How a run takes OUT. owner: whose it is to be. overwrite: begin again. inputs: what the run reads, never to be deleted."""
+    """How a run takes OUT.
+
+    owner: the dive and command. overwrite: delete earlier results first. inputs: files and folders that the run reads, never to be
+    deleted.
+    """
 
     owner: Owner
     overwrite: bool = False
@@ -61,7 +67,7 @@ class Claim:
 
 
 def check_claim(manifest: Manifest, owner: Owner, overwrite: bool, inputs: Sequence[Path]) -> None:
-    """Refuse a folder that is not this dive's, or holds files of others in a product's place; nothing is touched here.
+    """Refuse a folder that is not this dive's, or that holds files of others in a product's place; nothing is changed.
 
     inputs: files and folders that the run reads. Raises OutputError.
     """
@@ -148,7 +154,7 @@ def refuse_inputs(root: Path, deleted: Iterable[Path], inputs: Sequence[Path]) -
 
 
 def deleted_by_overwrite(manifest: Manifest) -> Iterator[Path]:
-    """All files that the manifest names."""
+    """List all files that the manifest names."""
     for frame in manifest.frames():
         yield from (manifest.root / path for path in frame.files)
     yield from (manifest.root / path for path in manifest.dive().files)

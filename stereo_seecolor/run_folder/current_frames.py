@@ -1,4 +1,4 @@
-"""What of OUT is current, from one look at the record of each frame: a dive may have a million, on a shared disk."""
+"""The current products of a run, found in one pass over the records of its frames: a dive may have a million, on a shared disk."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -20,8 +20,10 @@ GROUP = 250
 
 @dataclass(frozen=True)
 class CurrentFrames:
-    """done: the frames of the run whose last stage is current. digests: stage -> hash of all frames of which it is current
-    (``DiveFiles.digest``). made: product -> frames that have a current one. written: those of them that this run wrote.
+    """What is current in OUT.
+
+    done: the frames of the run whose last stage is current. digests: stage -> hash of all frames of which it is current
+    (``DiveFiles.digest``). made: product -> number of frames that have a current one. written: number of those that this run wrote.
     """
 
     done: SomeNames
@@ -31,20 +33,23 @@ class CurrentFrames:
 
     @classmethod
     def of(cls, folder: RunFolder, names: Names, last: Stage, compute: Compute | None) -> "CurrentFrames":
-        """Of the frames of a run with these names. last: its last stage. compute: reads the records; None reads them here."""
+        """Examine the frames of a run with these names. last: its last stage. compute: reads the records; None reads them in this
+        process.
+        """
         done, made, written = np.zeros(len(names), np.bool_), Counter[str](), Counter[str]()
         keys: dict[Stage, ContentKey] = {"range": ContentKey(), "corrected": ContentKey()}
         for frame in _records(folder.manifest, compute):
-            ours = folder.frames.written.stages(frame.name)
+            written_now = folder.frames.written.stages(frame.name)
             for stage, record in frame.stages.items():
-                if folder.dive.record.is_current(frame, stage):
-                    made.update(record.outputs.keys())
-                    written.update(record.outputs.keys() if stage in ours else ())
-                    if stage in keys:
-                        keys[stage].add((frame.name, record.key))
-                    number = names.number(frame.name) if stage == last else None
-                    if number is not None:
-                        done[number] = True
+                if not folder.dive.record.is_current(frame, stage):
+                    continue
+                made.update(record.outputs.keys())
+                if stage in written_now:
+                    written.update(record.outputs.keys())
+                if stage in keys:
+                    keys[stage].add((frame.name, record.key))
+                if stage == last and (number := names.number(frame.name)) is not None:
+                    done[number] = True
         return cls(SomeNames(names, done), {stage: key.value for stage, key in keys.items()}, made, written)
 
 

@@ -1,4 +1,4 @@
-"""How much room a run takes on the disk: stated before it begins; a run that cannot end is refused."""
+"""The disk space that a run needs: stated before it begins; a run that cannot finish is refused."""
 
 import shutil
 from dataclasses import dataclass
@@ -11,7 +11,9 @@ from stereo_seecolor.errors import OutputError
 
 @dataclass(frozen=True)
 class BytesAPixel:
-    """Of each product, on drawn pairs of 1280x1024 with 8 bits (docs/performance.md, *Disk*): real ones take as much or less."""
+    """Bytes for each pixel of a product, measured on synthetic pairs of 1280x1024 with 8 bits (docs/performance.md, *Disk*); real
+    ones take as much or less.
+    """
 
     cloud: float = 13.8
     picture: float = 1.6
@@ -27,7 +29,7 @@ BYTES = BytesAPixel()
 
 
 def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
-    """What a pair takes. corrected: with its picture and cloud, not with its range alone."""
+    """Estimate the bytes of a pair. corrected: with its picture and cloud, not with its range alone."""
     deflated = output.map_compression is not None
     total = BYTES.others + (BYTES.deflated_range if deflated else BYTES.map)
     total += output.range_std * (BYTES.deflated_std if deflated else BYTES.map)
@@ -37,7 +39,7 @@ def need_bytes(output: OutputConfig, pixels: int, corrected: bool) -> float:
 
 @dataclass(frozen=True)
 class Room:
-    """What so many more pairs need on the disk of OUT, and what is free there: bytes."""
+    """The bytes that a number of pairs need on the disk of OUT, and the bytes that are free there."""
 
     pairs: int
     need: float
@@ -45,7 +47,7 @@ class Room:
 
     @classmethod
     def checked(cls, root: Path, pairs: int, pair_bytes: float) -> "Room":
-        """Raises OutputError where the disk is too small."""
+        """Compute need and free space for the pairs that are left. Raises OutputError where the disk is too small."""
         room = cls(pairs, pairs * pair_bytes, shutil.disk_usage(root).free)
         if room.need * BYTES.least > room.free:
             raise OutputError(f"{root}: {room.line}: set output.preset=lean, or choose an --out on another disk")
@@ -53,11 +55,11 @@ class Room:
 
     @property
     def line(self) -> str:
-        """For a person, before the work begins."""
+        """One line for the user, before the work begins."""
         needs = f"{counted(self.pairs, 'pair')} need{'s' if self.pairs == 1 else ''}"
         return f"disk: {needs} about {self.need / 1e9:.2g} GB, and {self.free / 1e9:.2g} GB are free"
 
     @property
     def is_tight(self) -> bool:
-        """True if the disk may turn out too small."""
+        """Tell whether the disk may turn out too small."""
         return self.need > self.free

@@ -1,4 +1,4 @@
-"""Files of the whole dive in OUT, such as run.json and the map, and the manifest's record of the dive."""
+"""The files of the whole dive in OUT, such as run.json and the map, and the manifest's record of the dive."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -27,21 +27,23 @@ class DiveFiles:
         self._owned, self._manifest = owned, manifest
 
     def digest(self, stage: Stage) -> str:
-        """A hash of all frames whose stage is current, to tell whether what is made from them is up to date."""
+        """Hash all frames whose stage is current, to tell whether what is made from them is up to date."""
         current = (frame for frame in self._manifest.frames() if self.record.is_current(frame, stage))
         return content_key_of((frame.name, frame.stages[stage].key) for frame in current)
 
     def begin(self, settings: dict[Stage, str]) -> None:
-        """A run begins: what was made with these settings (stage -> hash) is current from now on. Raises OutputError."""
+        """Begin a run: results made with these settings (stage -> hash) are current from now on. Raises OutputError."""
         kept = self.record.waters if settings.get("corrected") == self.record.settings.get("corrected") else {}
         self.update(replace(self.record, state="running", settings=settings, waters=kept))
 
     def set_waters(self, keys: Mapping[str, str]) -> None:
-        """Each frame's water by name ("*": of all), as its hash; others' corrections are no longer current. Raises OutputError."""
+        """Set each frame's water by name ("*": of all), as its hash; corrections with another water are no longer current. Raises
+        OutputError.
+        """
         self.update(replace(self.record, waters=dict(keys)))
 
     def update(self, record: DiveRecord) -> None:
-        """Change the record of the dive, after what was written before is durable. Raises OutputError."""
+        """Replace the record of the dive, once all files written before are durable. Raises OutputError."""
         self._owned.flush()
         self.record = record
         self._manifest.save_dive(record)
@@ -54,14 +56,18 @@ class DiveFiles:
         self.write_files({name: content}, {name: made_from} if made_from else {})
 
     def write_files(self, contents: Mapping[str, Content], made_from: Mapping[str, str]) -> None:
-        """Write several such files; the manifest is written once. made_from: as above, by name. Raises OutputError."""
+        """Write several files of the whole dive; the manifest is written once. made_from: as in ``write``, by name. Raises
+        OutputError.
+        """
         new = {name: content for name, content in contents.items() if isinstance(content, Iterator) or not self._has(name, content)}
         if new:
             self._put(self._owned.write_temporaries(new.items()), made_from)
             self.written.update(new)
 
     def write_folder(self, name: str, contents: Iterable[tuple[str, bytes]], made_from: str) -> None:
-        """The same of all files of a folder of OUT: path in it, content. made_from: hash of what they were made from."""
+        """Write all files of a folder of OUT: path in it, content. made_from: hash of what they were made from. Raises
+        OutputError.
+        """
         temporaries: dict[str, Path] = {}
         for path, content in contents:
             temporaries |= self._owned.write_temporaries([(f"{name}/{path}", content)])

@@ -1,4 +1,4 @@
-"""OUT/map read back: where its frames stood, and the numbers of its site."""
+"""OUT/map read back: the poses of its frames, and the metrics of its site."""
 
 import csv
 import json
@@ -12,7 +12,7 @@ from stereo_seecolor.run_folder.layout import MAP
 
 @dataclass(frozen=True)
 class TrackPoint:
-    """Where a frame's rectified left camera stood, meters in the map's world; residuals None where no poses were given."""
+    """The position of a frame's rectified left camera, meters in the map's world; residuals are None where no poses were given."""
 
     name: str
     timestamp_s: float | None
@@ -45,7 +45,7 @@ class FinishedMap:
 
 
 def open_map(out: Path) -> FinishedMap | None:
-    """The map of a run; None where there is none. Raises InputError if it is damaged."""
+    """Read the map of a run; None where there is none. Raises InputError if it is damaged."""
     folder = out / MAP
     if not (folder / "map.json").is_file():
         return None
@@ -71,7 +71,7 @@ def open_map(out: Path) -> FinishedMap | None:
 
 
 def track_points(out: Path) -> tuple[TrackPoint, ...]:
-    """The frames of all components of a map; none where there is no map, or it is damaged."""
+    """Read the positions of the frames of all components of a map; none where there is no map, or it is damaged."""
     try:
         return tuple(_point(row) for path in sorted((out / MAP).glob("**/poses.csv")) for row in _rows(path))
     except (OSError, ValueError, KeyError, TypeError):

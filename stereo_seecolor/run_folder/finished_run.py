@@ -1,4 +1,4 @@
-"""A finished run, read back: its settings, rig, frames and products, as the run itself recorded them."""
+"""A finished run read back: its settings, rig, frames and products, as the run recorded them."""
 
 import json
 from collections.abc import Sequence
@@ -30,7 +30,8 @@ YEAR_2000 = 946_684_800
 class FinishedFrame:
     """A pair that went through all stages.
 
-    left: the raw left image as it was given, which may be gone since. sha256: of that image. products: name -> file in OUT.
+    timestamp_s: as the inputs give it. left: the raw left image as it was given, which may be gone since. sha256: of that image.
+    products: name -> file in OUT. facts: the frame's columns of frames.csv.
     """
 
     name: str
@@ -42,12 +43,16 @@ class FinishedFrame:
 
     @property
     def taken(self) -> datetime | None:
-        """When, in UTC; None without a time stamp, and for one before the year 2000, which is a counter and no date."""
+        """The time of the frame in UTC; None without a time stamp, and for one before the year 2000, which is a counter and no
+        date.
+        """
         stamp_s = self.timestamp_s or 0.0
         return datetime.fromtimestamp(stamp_s, UTC) if stamp_s > YEAR_2000 else None
 
     def read(self, product: str) -> NDArray[Any]:
-        """The pixels of a product as stored, (H, W) or (H, W, 3) RGB. Raises InputError if it was not written, or is damaged."""
+        """Read the pixels of a product as stored, (H, W) or (H, W, 3) RGB. Raises InputError if it was not written, or is
+        damaged.
+        """
         path = self.products.get(product)
         if path is None:
             raise InputError(f"{self.name}: the run wrote no {product}: run again with it turned on")
@@ -57,7 +62,7 @@ class FinishedFrame:
             raise InputError(f"{path}: is gone or damaged: run again, which makes it again") from error
 
     def measured_range_m(self) -> Map:
-        """(H, W) float32 meters along the ray, NaN where nothing was measured. Raises InputError."""
+        """Read the measured ranges: (H, W) float32 meters along the ray, NaN where nothing was measured. Raises InputError."""
         return np.where(self.read("confidence") > 0, self.read("range"), np.float32(np.nan))
 
 
@@ -88,7 +93,7 @@ class FinishedRun:
 
     @property
     def water_file(self) -> Path:
-        """The fitted water."""
+        """The file of the fitted water."""
         return self.root / WATER
 
     @cached_property
@@ -99,7 +104,7 @@ class FinishedRun:
         return load_rig(str(self.root / RIG))
 
     def frame(self, name: str) -> FinishedFrame:
-        """A frame by its name. Raises InputError if the run holds none of that name."""
+        """Find a frame by its name. Raises InputError if the run holds none of that name."""
         found = self._by_name.get(name)
         if found is None:
             raise InputError(f"{self.root}: holds no finished frame {name!r}: {FRAMES_TABLE} lists what became of each pair")
@@ -111,7 +116,7 @@ class FinishedRun:
 
 
 def settings_file(out: Path) -> Path:
-    """The file that holds a run's own settings. Raises InputError if ``out`` holds no run."""
+    """Find the file that holds a run's settings. Raises InputError if ``out`` holds no run."""
     _run_content(out)
     return out / RUN
 

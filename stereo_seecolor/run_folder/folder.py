@@ -1,4 +1,4 @@
-"""OUT while a run writes into it: held by one run at a time, every file known to the manifest before it is there."""
+"""OUT while a run writes into it: locked for one run at a time, with every file known to the manifest before it is there."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -17,11 +17,12 @@ from stereo_seecolor.run_folder.owned_files import OwnedFiles, remove_empty_fold
 
 
 class RunFolder:
-    """OUT/, held by one run at a time, as a context manager.
+    """The output folder OUT of one run; a context manager that locks it.
 
-    Entering takes the lock, refuses what must not be touched, and clears what a killed run left half written.
-    frames: what it holds of single frames. dive: files of the whole dive. owned: which files are the program's.
-    Raises OutputError if the folder cannot be written, is held by another run, or holds something else.
+    Entering takes the lock, refuses a folder that is not this dive's, and deletes what a killed run left half written. frames: the
+    products of single frames. dive: files of the whole dive. owned: the files that the program wrote.
+
+    Raises OutputError if the folder cannot be written, is locked by another run, or holds something else.
     """
 
     def __init__(self, root: Path, claim: Claim) -> None:
@@ -36,7 +37,7 @@ class RunFolder:
 
     @classmethod
     def on_worker(cls, root: Path, token: str) -> Self:
-        """The folder for work on single frames in another process, while the process of that lease's token holds it."""
+        """Open the folder in another process for work on single frames, while the process whose lease has this token locks it."""
         folder = cls(root, Claim(Owner("worker", {})))
         folder.frames.token = token
         return folder
@@ -59,9 +60,9 @@ class RunFolder:
     @classmethod
     @contextmanager
     def existing(cls, root: Path, inputs: Sequence[Path] = ()) -> Iterator[Self]:
-        """Hold a finished run's folder to add a map or another file of the whole dive; ``inputs`` are not to be replaced by it.
+        """Lock a finished run's folder to add a map or another file of the whole dive.
 
-        Raises OutputError.
+        inputs: files that the command reads, which are not to be replaced. Raises OutputError.
         """
         refuse_links(root)
         with held(root) as holder:

@@ -1,4 +1,4 @@
-"""What OUT holds of single frames: the products of their stages, every file known to the manifest before it is there."""
+"""The products of single frames in OUT, every file known to the manifest before it is there."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
@@ -30,7 +30,7 @@ class FrameProducts:
         self._owned, self._manifest = owned, manifest
 
     def finished(self, stage: Stage, name: str, key: str) -> StageRecord | None:
-        """What an earlier run finished of this frame's stage with the same key; None if a file of it is gone or changed."""
+        """Find what an earlier run finished of this frame's stage with the same key; None if a file of it is gone or changed."""
         frame = self._manifest.frame(name)
         record = frame.stages.get(stage) if frame else None
         if frame is None or record is None or record.key != key:
@@ -38,7 +38,8 @@ class FrameProducts:
         return record if all(is_ours(self.root, path, frame.files) for path in record.outputs.values()) else None
 
     def inputs(self, name: str, paths: Mapping[str, Path], verify: bool) -> dict[str, InputRecord]:
-        """A frame's input files by side, with their hashes: an earlier run's where size and time are the same, unless ``verify``.
+        """Record a frame's input files by side, with their hashes: an earlier run's where size and time are the same, unless
+        ``verify``.
 
         Raises InputError if one cannot be read.
         """
@@ -47,12 +48,12 @@ class FrameProducts:
         return {side: input_record(path, known.get(side)) for side, path in paths.items()}
 
     def record(self, name: str, timestamp_s: float | None, inputs: dict[str, InputRecord], place: tuple[int, int]) -> FrameRecord:
-        """The record of a frame with the inputs as they are now. place: a new one's number in the dive, of so many."""
+        """Make the record of a frame with its present inputs. place: a new frame's number in the dive, and the number of frames."""
         known = self._manifest.frame(name) or FrameRecord(name, shelf=shelf_of(place))
         return replace(known, timestamp_s=timestamp_s, inputs=inputs)
 
     def read(self, frame: FrameRecord, product: str) -> NDArray[Any]:
-        """The pixels of a product of a frame. Raises InputError if the file is gone or damaged."""
+        """Read the pixels of a product of a frame. Raises InputError if the file is gone or damaged."""
         paths = {name: path for stage in frame.stages.values() for name, path in stage.outputs.items()}
         return read_array(self.root / paths[product])
 
@@ -100,7 +101,7 @@ class FrameProducts:
         self._owned.move_into_place(temporaries, {**frame.files, table: (Stamp.of(other / table),) if table in temporaries else ()})
 
     def note(self, name: str, written: Iterable[Stage], aside: Iterable[Path]) -> None:
-        """What a worker did for a frame: the stages that it wrote, and files that it moved aside."""
+        """Note what a worker did for a frame: the stages that it wrote, and the files that it moved aside."""
         for stage in written:
             self.written.add(stage, name)
         self._owned.set_aside += [path for path in aside if path not in self._owned.set_aside]
@@ -116,7 +117,7 @@ class FrameProducts:
         self._owned.move_into_place(temporaries, files)
 
     def retire(self, name: str) -> bool:
-        """Take a frame out that fails now, or is no longer in the dive. Raises OutputError.
+        """Remove a frame that fails now, or is no longer in the dive. Raises OutputError.
 
         What an earlier run made of it is moved aside, since it cannot be made again without its images; True if there was any.
         """

@@ -2,7 +2,8 @@
 
 import csv
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,39 +20,44 @@ _TEXTS = frozenset({"name", "status", "kept", "left", "right", "timestamp_s", "e
 
 
 def frames_csv(rows: Sequence[FrameRow]) -> Iterator[bytes]:
-    """The rows as lines of UTF-8 CSV, columns in a fixed order, one ``<stage>_s`` column a stage."""
-    found = set[str](), set[str]()
+    """Write the rows as lines of UTF-8 CSV, with columns in a fixed order and one ``<stage>_s`` column for each stage."""
+    facts, stages = set[str](), set[str]()
     for row in rows:
-        found[0].update(row.facts)
-        found[1].update(row.seconds)
-    facts, stages = (sorted(keys) for keys in found)
+        facts.update(row.facts)
+        stages.update(row.seconds)
     columns = ["name", "status", "kept", "left", "right", "timestamp_s", "error", "warnings"]
-    yield _csv_line([*columns, *facts, *(f"{stage}_s" for stage in stages)])
+    yield _csv_line([*columns, *sorted(facts), *(f"{stage}_s" for stage in sorted(stages))])
     for start in range(0, len(rows), CHUNK):
-        yield _csv_text(_cells(row, facts, stages) for row in rows[start : start + CHUNK])
+        yield _csv_text(_cells(row, sorted(facts), sorted(stages)) for row in rows[start : start + CHUNK])
 
 
 def _cells(row: FrameRow, facts: Sequence[str], stages: Sequence[str]) -> list[object]:
-    return [
-        *(row.name, row.status, int(row.kept), row.left, row.right),
-        *("" if row.timestamp_s is None else f"{row.timestamp_s:.9f}", row.error, "; ".join(row.warnings)),
-        *(f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts),
-        *(f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages),
-    ]
+    timestamp = "" if row.timestamp_s is None else f"{row.timestamp_s:.9f}"
+    texts = [row.name, row.status, int(row.kept), row.left, row.right, timestamp, row.error, "; ".join(row.warnings)]
+    numbers = [f"{row.facts[key]:.6g}" if key in row.facts else "" for key in facts]
+    seconds = [f"{row.seconds[stage]:.4f}" if stage in row.seconds else "" for stage in stages]
+    return [*texts, *numbers, *seconds]
 
 
 def read_frames(path: Path, stages: Sequence[str]) -> tuple[FrameRow, ...]:
-    """The rows of a frames.csv. stages: those whose seconds it holds. Raises InputError if it is gone or damaged."""
+    """Read the rows of a frames.csv. stages: those whose seconds it holds. Raises InputError if it is gone or damaged."""
+    return _read(path, lambda cells: _with_numbers(_row(cells), cells, stages))
+
+
+def read_rows(path: Path) -> tuple[FrameRow, ...]:
+    """Read name, status, files, time and error alone of each row of a frames.csv. Raises InputError as ``read_frames``."""
+    return _read(path, _row)
+
+
+def _read(path: Path, row_of: Callable[[dict[str, str]], FrameRow]) -> tuple[FrameRow, ...]:
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            return tuple(_row(cells, stages) for cells in csv.DictReader(file))
+            return tuple(map(row_of, csv.DictReader(file)))
     except (OSError, ValueError, KeyError) as error:
         raise InputError(f"{path}: is gone or damaged ({error}): run the same line again, which writes it again") from error
 
 
-def _row(cells: dict[str, str], stages: Sequence[str]) -> FrameRow:
-    numbers = {key: float(value) for key, value in cells.items() if key not in _TEXTS and value}
-    seconds = {stage: numbers.pop(f"{stage}_s") for stage in stages if f"{stage}_s" in numbers}
+def _row(cells: dict[str, str]) -> FrameRow:
     status: Any = cells["status"]
     return FrameRow(
         name=cells["name"],
@@ -60,15 +66,18 @@ def _row(cells: dict[str, str], stages: Sequence[str]) -> FrameRow:
         right=cells["right"],
         timestamp_s=float(cells["timestamp_s"]) if cells["timestamp_s"] else None,
         error=cells["error"],
-        warnings=tuple(text for text in cells["warnings"].split("; ") if text),
-        kept=cells["kept"] == "1",
-        seconds=seconds,
-        facts=numbers,
     )
 
 
+def _with_numbers(row: FrameRow, cells: dict[str, str], stages: Sequence[str]) -> FrameRow:
+    numbers = {key: float(value) for key, value in cells.items() if key not in _TEXTS and value}
+    seconds = {stage: numbers.pop(f"{stage}_s") for stage in stages if f"{stage}_s" in numbers}
+    warnings = tuple(text for text in cells["warnings"].split("; ") if text)
+    return replace(row, warnings=warnings, kept=cells["kept"] == "1", seconds=seconds, facts=numbers)
+
+
 def with_residuals(content: bytes, points: Sequence[TrackPoint]) -> bytes:
-    """frames.csv with how far each given pose is from what the pictures show as last columns; without, where none was given."""
+    """Replace the residuals of given poses, the last columns of frames.csv, by those of ``points``; none without given poses."""
     residuals = {point.name: (point.position_residual_m, point.attitude_residual_deg) for point in points}
     header, *rows = csv.reader(io.StringIO(content.decode(), newline=""))
     kept = [i for i, name in enumerate(header) if name not in RESIDUALS]

@@ -1,4 +1,4 @@
-"""The rows of a run, a row for each pair and each file without a partner; its problems, and its summary."""
+"""The table of a run, with a row for each pair and each file without a partner; its problems, and its summary."""
 
 import re
 from collections import Counter
@@ -18,7 +18,7 @@ _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 class FrameTable:
-    """A dive's rows in the order they came. failed: name of a pair that failed -> why."""
+    """The rows of a dive in the order in which they came. failed: name of a pair that failed -> why."""
 
     def __init__(self) -> None:
         self.failed: dict[str, str] = {}
@@ -26,7 +26,7 @@ class FrameTable:
         self._names = Names()
 
     def add(self, row: FrameRow) -> None:
-        """The row of a pair; of a pair that has one, what a later stage adds to it."""
+        """Add the row of a pair, or extend the row that it has by what a later stage found."""
         if row.status == "failed":
             self.failed[row.name] = row.error
         place = self._names.add(row.name)
@@ -41,7 +41,7 @@ class FrameTable:
         return self._rows
 
     def row(self, name: str) -> FrameRow | None:
-        """What is known of a pair; None where nothing is."""
+        """Find the row of a pair; None where there is none."""
         place = self._names.number(name)
         return None if place is None else self._rows[place]
 
@@ -72,29 +72,30 @@ class RunSummary:
 
     @property
     def all_done(self) -> bool:
-        """True if every file found its partner and every pair went through."""
+        """Tell whether every file found its partner and every pair went through."""
         return not self.stopped and self.count("ok") == len(self.rows)
 
     def count(self, status: Status) -> int:
-        """Rows of that status."""
-        return self._tally[0][status]
+        """The number of rows of that status."""
+        return self._tally.counts[status]
 
     @property
     def kept(self) -> int:
-        """Pairs that an earlier run had finished."""
-        return self._tally[0]["kept"]
+        """The number of pairs that an earlier run had finished."""
+        return self._tally.kept
 
     @cached_property
-    def _tally(self) -> tuple[Counter[str], Counter[str]]:
-        """Rows of each status, those kept among them, and seconds a stage."""
-        counts, seconds = Counter[str](), Counter[str]()
+    def _tally(self) -> "_Tally":
+        """The sums over all rows, in one pass: the rows of a large dive are unpacked one by one."""
+        counts, seconds, kept = Counter[str](), Counter[str](), 0
         for row in self.rows:
-            counts.update((row.status, "kept") if row.kept else (row.status,))
+            counts[row.status] += 1
             seconds.update(row.seconds)
-        return counts, seconds
+            kept += row.kept
+        return _Tally(counts, kept, seconds)
 
     def totals(self) -> dict[str, Any]:
-        """The numbers that a script wants, as JSON holds them."""
+        """The totals of the run as JSON stores them."""
         return {
             "pairs": self.count("ok") + self.count("failed"),
             "ok": self.count("ok"),
@@ -110,12 +111,23 @@ class RunSummary:
         }
 
     def problems(self) -> list[tuple[str, int, str]]:
-        """(what, how often, first name) of errors and warnings, the most frequent first; those that differ in numbers are one."""
+        """List errors and warnings, the most frequent first, as (what, how often, first name); those that differ in numbers alone
+        count as one.
+        """
         return [(problem.what, len(problem.names), problem.names[0]) for problem in problems_of(self.rows)]
 
     def stage_seconds(self) -> dict[str, float]:
-        """Seconds a stage over all pairs, the slowest first."""
-        return dict(self._tally[1].most_common())
+        """Sum the seconds of each stage over all pairs, the slowest first."""
+        return dict(self._tally.seconds.most_common())
+
+
+@dataclass(frozen=True)
+class _Tally:
+    """counts: rows of each status. kept: pairs that an earlier run had finished. seconds: of each stage, over all rows."""
+
+    counts: Counter[str]
+    kept: int
+    seconds: Counter[str]
 
 
 @dataclass(frozen=True)
@@ -127,7 +139,7 @@ class Problem:
 
 
 def problems_of(rows: Sequence[FrameRow]) -> list[Problem]:
-    """Kinds of errors and warnings, the most frequent first; those that differ in numbers are one kind."""
+    """Group errors and warnings into kinds, the most frequent first; those that differ in numbers alone are one kind."""
     seen: dict[str, tuple[str, list[str]]] = {}
     for row in rows:
         for text in (*((row.error,) if row.error else ()), *row.warnings):

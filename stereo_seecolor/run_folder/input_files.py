@@ -12,7 +12,9 @@ from stereo_seecolor.run_folder.stamp import Stamp
 
 
 def input_record(path: Path, known: InputRecord | None) -> InputRecord:
-    """The record of a file; of one with the size and time of ``known``, its hash. Raises InputError if it cannot be read."""
+    """Record a file with its hash; that of ``known`` is taken where size and time are the same. Raises InputError if it cannot be
+    read.
+    """
     try:
         inner = contained(path)
         status = (inner.outer if inner else path).stat()

@@ -1,4 +1,6 @@
-"""To what the waters of water.json were fitted, kept in OUT so that a rerun that changes nothing does not fit them again."""
+"""Record of what the waters of water.json were fitted to, kept in OUT so that a rerun that changes nothing does not fit them
+again.
+"""
 
 import hashlib
 import json
@@ -15,7 +17,9 @@ from stereo_seecolor.water.model import Water
 
 @dataclass(frozen=True)
 class KeptFit:
-    """key: hash of all that the waters were fitted to. notes: what the run said of the fit. sha256: of water.json after it."""
+    """A finished fit. key: hash of all that the waters were fitted to. notes: what the run reported of the fit. sha256: of
+    water.json after it.
+    """
 
     key: str
     notes: tuple[str, ...]
@@ -23,19 +27,19 @@ class KeptFit:
 
     @classmethod
     def of(cls, key: str, notes: tuple[str, ...], content: Iterable[bytes]) -> "KeptFit":
-        """The record of a fit that gave the water.json of this content."""
+        """Record a fit that gave the water.json of this content."""
         digest = hashlib.sha256()
         for piece in content:
             digest.update(piece)
         return cls(key, notes, digest.hexdigest())
 
     def save(self, root: Path) -> None:
-        """Write it. Raises OutputError."""
+        """Write the record. Raises OutputError."""
         write_atomic(fit_file(root), json.dumps(asdict(self)).encode())
 
     @classmethod
     def load(cls, root: Path) -> "KeptFit | None":
-        """What an earlier run kept; None where there is none, or it is damaged."""
+        """Read the record of an earlier run; None where there is none, or it is damaged."""
         try:
             content = json.loads(fit_file(root).read_bytes())
             return cls(**{**content, "notes": tuple(content["notes"])})
@@ -43,7 +47,7 @@ class KeptFit:
             return None
 
     def waters(self, root: Path, names: Iterable[str]) -> Mapping[str, Water] | None:
-        """The waters of water.json; None where it is gone, or not what the fit gave."""
+        """Read the waters of water.json; None where it is gone, or not what the fit gave."""
         path = root / WATER
         try:
             with path.open("rb") as file:

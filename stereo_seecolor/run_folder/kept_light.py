@@ -1,4 +1,4 @@
-"""What the light of a dive was solved from, and the solution, kept in OUT so that a rerun does not solve it again."""
+"""Record of the dive's light, and of what it was solved from, kept in OUT so that a rerun does not solve it again."""
 
 import json
 from collections.abc import Collection
@@ -14,8 +14,9 @@ from stereo_seecolor.run_folder.layout import light_file
 
 @dataclass(frozen=True)
 class KeptLight:
-    """key: hash of all that it was solved from. note: what the run said of it. light: the content of a Light, None = not used.
+    """A solved light.
 
+    key: hash of all that it was solved from. note: what the run reported of it. light: the content of a Light, None = not used.
     linked: frames that show the same as the one before them.
     """
 
@@ -25,13 +26,13 @@ class KeptLight:
     linked: Collection[str]
 
     def save(self, root: Path) -> None:
-        """Write it. Raises OutputError."""
+        """Write the record. Raises OutputError."""
         content = {"key": self.key, "note": self.note, "light": self.light, "linked": StreamedList(lambda: self.linked)}
         write_atomic(light_file(root), JsonText(content))
 
     @classmethod
     def load(cls, root: Path) -> "KeptLight | None":
-        """What an earlier run kept; None where there is none, or it is damaged."""
+        """Read the record of an earlier run; None where there is none, or it is damaged."""
         try:
             content = json.loads(light_file(root).read_bytes())
             return cls(**{**content, "linked": Names(content["linked"])})

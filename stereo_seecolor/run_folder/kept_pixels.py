@@ -1,5 +1,6 @@
-"""Pixels that a later pass over the dive needs again, so that no input is decoded and rectified twice: bounded in memory, the rest
-in files of OUT that only this run reads.
+"""Pixels that a later pass over the dive needs, so that no input is decoded and rectified twice.
+
+They are kept in memory up to a bound, the rest in files of OUT that only this run reads.
 """
 
 import contextlib
@@ -19,7 +20,7 @@ from stereo_seecolor.run_folder.layout import scratch_folder
 
 @dataclass(frozen=True)
 class KeptPixelsLimits:
-    """How much is kept."""
+    """Limits of memory and disk."""
 
     memory_bytes: int = 160 << 20  # 16 frames of 1.3 megapixels; reading one back from a file takes 4 ms where decoding takes 30
     free_disk_bytes: int = 4 << 30  # no files where less is free: OUT itself needs it
@@ -37,20 +38,20 @@ class FramePixels:
     measured: Mask | None = None
 
     def alone(self) -> "FramePixels":
-        """The same without the larger block of memory that the ranges are a part of, with all else that a match makes."""
+        """Copy the ranges out of the larger block of memory that a match allocates, so that the block is freed."""
         return replace(self, range_m=None if self.range_m is None else self.range_m.copy())
 
     @property
     def size(self) -> int:
-        """Bytes in memory."""
+        """The bytes that it takes in memory."""
         return sum(array.nbytes for array in (self.image, self.range_m, self.measured) if array is not None)
 
 
 class KeptPixels:
-    """Each frame's pixels under the hash of what they were made from.
+    """Pixels of frames, each under the hash of what they were made from.
 
-    Files are seen by all processes of the run: a copy for another one of this machine keeps no pixels but in them, as a later pass
-    may come to any process. One of another machine keeps nothing: its file would cross the network twice.
+    All processes of the run on this machine share the files: a process that does not hold OUT keeps pixels in files only, as a
+    later pass may run in any process. A process of another machine keeps nothing: its file would cross the network twice.
     """
 
     def __init__(self, root: Path | None, in_memory: bool = True) -> None:
@@ -64,7 +65,7 @@ class KeptPixels:
 
     @classmethod
     def on_worker(cls, root: Path | None, host: str) -> "KeptPixels":
-        """For another process. host: the machine of the one that holds OUT."""
+        """Open the pixels in another process. host: the machine of the process that holds OUT."""
         return cls(root if host == platform.node() else None, in_memory=False)
 
     def keep(self, name: str, key: str, pixels: FramePixels) -> None:
@@ -82,7 +83,7 @@ class KeptPixels:
             self._write(self._file(self._root, name, key), pixels.image)
 
     def find(self, name: str, key: str) -> FramePixels | None:
-        """A frame's pixels; None where they are not kept."""
+        """Look up a frame's pixels; None where they are not kept."""
         found = self._memory.get((name, key))
         if found is not None or self._root is None:
             return found
@@ -90,7 +91,7 @@ class KeptPixels:
         return FramePixels(images[0]) if images else None
 
     def drop(self, name: str, key: str) -> None:
-        """Forget a frame that no later pass needs."""
+        """Delete the pixels of a frame that no later pass needs."""
         with self._lock:
             dropped = self._memory.pop((name, key), None)
             self._bytes -= dropped.size if dropped else 0
@@ -99,7 +100,7 @@ class KeptPixels:
                 self._file(self._root, name, key).unlink()
 
     def clear(self) -> None:
-        """Forget everything, of all processes."""
+        """Delete all pixels, of all processes."""
         self._memory.clear()
         self._bytes = 0
         if self._root is not None:

@@ -1,4 +1,4 @@
-"""What ``plan`` foretold of a dive, kept in OUT, and what the run then took."""
+"""The predicted cost of a run, which ``plan`` keeps in OUT, and its comparison with what the run took."""
 
 import json
 from dataclasses import asdict, dataclass
@@ -12,7 +12,7 @@ from stereo_seecolor.run_folder.layout import plan_file
 
 @dataclass(frozen=True)
 class Cost:
-    """What a run takes. memory_bytes: of one process, the most at once."""
+    """The cost of a run. memory_bytes: largest memory of one process."""
 
     core_hours: float
     wall_hours: float
@@ -22,7 +22,9 @@ class Cost:
 
 @dataclass(frozen=True)
 class Compared:
-    """A plan, and what happened, on so many cores. The planned memory is that of a process that does one pair at a time."""
+    """A predicted cost and the measured one, on so many cores. The predicted memory is that of a process that does one pair at a
+    time.
+    """
 
     cores: int
     planned: Cost
@@ -31,9 +33,11 @@ class Compared:
 
 @dataclass(frozen=True)
 class KeptPlan:
-    """pairs, settings: what it is of, the latter hashed. Time in seconds of one core: of each pair, and of what is done once.
+    """A prediction.
 
-    pass_seconds: of each pair, by pass.
+    pairs, settings: number of pairs, and hash of the settings, that it holds for. core_seconds_per_pair: of one core. fit_s:
+    seconds of one core for what is done once. disk_bytes: of the output. memory_bytes: of one process. pass_seconds: of one core
+    for each pair, by pass.
     """
 
     pairs: int
@@ -45,12 +49,12 @@ class KeptPlan:
     pass_seconds: dict[str, float]
 
     def save(self, root: Path) -> None:
-        """Write it. Raises OutputError."""
+        """Write the prediction. Raises OutputError."""
         write_atomic(plan_file(root), json.dumps(asdict(self)).encode())
 
     @classmethod
     def load(cls, root: Path, pairs: int, config: RunConfig) -> "KeptPlan | None":
-        """The plan of a dive of so many pairs with these settings; None where there is none, or it is damaged."""
+        """Read the prediction for a dive of so many pairs with these settings; None where there is none, or it is damaged."""
         try:
             plan = cls(**json.loads(plan_file(root).read_bytes()))
         except (OSError, ValueError, TypeError):
@@ -58,16 +62,16 @@ class KeptPlan:
         return plan if (plan.pairs, plan.settings) == (pairs, settings_key(config)) else None
 
     def cost(self, cores: int) -> Cost:
-        """On so many cores: what is done once runs on one of them."""
+        """Compute the cost on so many cores; what is done once runs on one of them."""
         work_s = self.pairs * self.core_seconds_per_pair
         return Cost((work_s + self.fit_s) / 3600, (work_s / cores + self.fit_s) / 3600, self.disk_bytes, self.memory_bytes)
 
 
 def settings_key(config: RunConfig) -> str:
-    """Hash of all settings."""
+    """Hash all settings."""
     return content_key(config.model_dump(mode="json"))
 
 
 def used_bytes(root: Path) -> int:
-    """Of all files of OUT."""
+    """Sum the sizes of all files of OUT."""
     return sum(path.stat().st_size for path in files_below(root))

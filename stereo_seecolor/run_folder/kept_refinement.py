@@ -1,4 +1,4 @@
-"""The outcome of refining a run's rig, kept in OUT so that a rerun uses the same rig and does not refine again."""
+"""The outcome of the refinement of a run's rig, kept in OUT so that a rerun uses the same rig and does not refine again."""
 
 import json
 from collections.abc import Mapping
@@ -24,14 +24,14 @@ class KeptRefinement:
     note: str
 
     def save(self, root: Path, rig: StereoRig) -> None:
-        """Write it with the rig that the run uses. Raises OutputError."""
+        """Write the record with the rig that the run uses. Raises OutputError."""
         rig_file, file = refinement_files(root)
         write_atomic(rig_file, native.to_bytes(rig))
         write_atomic(file, json.dumps(asdict(self)).encode())
 
     @classmethod
     def load(cls, root: Path) -> "tuple[KeptRefinement, StereoRig] | None":
-        """What an earlier run kept, and its rig; None where there is none, or it is damaged."""
+        """Read the record of an earlier run, and its rig; None where there is none, or it is damaged."""
         rig_file, file = refinement_files(root)
         try:
             return cls(**json.loads(file.read_bytes())), native.read(rig_file)
@@ -40,6 +40,6 @@ class KeptRefinement:
 
 
 def forget_refinement(root: Path) -> None:
-    """Delete what an earlier run kept."""
+    """Delete the record of an earlier run."""
     for file in refinement_files(root):
         file.unlink(missing_ok=True)

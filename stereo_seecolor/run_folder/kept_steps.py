@@ -1,4 +1,4 @@
-"""How neighboring frames of a dive lie to each other, as its light was found with, kept in OUT for a first look at its map."""
+"""Relative poses of neighboring frames, found with the dive's light and kept in OUT for a first picture of its map."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -18,8 +18,10 @@ from stereo_seecolor.run_folder.layout import steps_file
 
 @dataclass(frozen=True, eq=False)
 class KeptSteps:
-    """geometry: hash of the rectified images' geometry. frames: (F,) uint64, by ``frame_mark``. steps: (S,) records whose fields i
-    and j are numbers in ``frames``: some 300 bytes a frame.
+    """Relative poses between frames, some 300 bytes a frame.
+
+    geometry: hash of the rectified images' geometry. frames: (F,) uint64, by ``frame_mark``. steps: (S,) records whose fields i and
+    j are numbers in ``frames``.
     """
 
     geometry: str
@@ -28,17 +30,17 @@ class KeptSteps:
 
     @classmethod
     def of(cls, geometry: RectifiedPair, marks: Sequence[int], steps: NDArray[np.void]) -> "KeptSteps":
-        """Of frames with these marks."""
+        """Record the steps between frames with these marks."""
         return cls(content_key(geometry), np.array(marks, np.uint64), steps)
 
     def save(self, root: Path) -> None:
-        """Write them. Raises OutputError."""
+        """Write the steps. Raises OutputError."""
         with atomic_path(steps_file(root)) as path, path.open("wb") as file:
             np.savez(file, geometry=np.array(self.geometry), frames=self.frames, steps=self.steps)
 
     @classmethod
     def load(cls, root: Path) -> "KeptSteps | None":
-        """What an earlier run kept; None where there is none, or it is damaged."""
+        """Read the steps of an earlier run; None where there are none, or they are damaged."""
         try:
             content = load_arrays(steps_file(root))
             return cls(str(content["geometry"]), content["frames"], content["steps"])

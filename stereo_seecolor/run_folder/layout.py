@@ -1,4 +1,4 @@
-"""Every name inside OUT: what each file is called, what it holds, and which stage of a pair writes it."""
+"""Names inside OUT: what each file is called, what it holds, and which stage writes it."""
 
 import zlib
 from dataclasses import dataclass
@@ -28,7 +28,9 @@ INDEX, PAGE = "index.html", "page"
 
 @dataclass(frozen=True)
 class Product:
-    """One kind of file that a pair gets. stage: what writes it; suffix: of its files, "" where output.image_format decides."""
+    """A kind of file that each pair gets. stage: the stage that writes it. suffix: of its files, "" where output.image_format
+    decides. what: what it holds.
+    """
 
     stage: Stage
     suffix: str
@@ -104,87 +106,89 @@ SHELVES = Shelves()
 
 
 def shelf_of(place: tuple[int, int]) -> str:
-    """The folder in each product's folder that holds a frame's files, by its number in a dive of so many; "" in a small dive."""
+    """Name the folder in each product's folder that holds a frame's files; "" in a small dive. place: the frame's number, of how
+    many.
+    """
     number, of = place
     return f"{number // SHELVES.each:05d}" if of > SHELVES.most_flat else ""
 
 
 def on_shelf(path: str, shelf: str) -> str:
-    """A path relative to OUT with the shelf as its last folder."""
+    """Insert the shelf as the last folder of a path relative to OUT."""
     folder, _, name = path.rpartition("/")
     return f"{folder}/{shelf}/{name}" if shelf else path
 
 
 def product_path(product: str, name: str, image_format: str) -> str:
-    """Where a product of a pair lies, relative to OUT."""
+    """The path of a product of a pair, relative to OUT."""
     return f"{product}/{name}{PRODUCTS[product].suffix or SUFFIX_OF_FORMAT[image_format]}"
 
 
 def original_path(product: str, left: Path) -> str:
-    """Where a product in the left camera's own pixels lies, relative to OUT: it is called as the left image is."""
+    """The path of a product in the left camera's own pixels, relative to OUT; it has the name of the left image."""
     return f"{product}/{left.stem}{PRODUCTS[product].suffix or left.suffix}"
 
 
 def page_path(product: str, name: str) -> str:
-    """Where a file that the page shows of a pair lies, relative to OUT."""
+    """The path of a file that the page shows of a pair, relative to OUT."""
     return f"{product}/{name}{PAGE_PRODUCTS[product].suffix}"
 
 
 def state(root: Path, *parts: str) -> Path:
-    """A place in the program's own folder of OUT."""
+    """A path in the program's own folder of OUT."""
     return root.joinpath(STATE, *parts)
 
 
 def refinement_files(root: Path) -> tuple[Path, Path]:
-    """Where the rig that a run refined is kept, and what it was refined from."""
+    """The files of a refined rig: the rig itself, and the record of what it was refined from."""
     return state(root, "refined_rig.yaml"), state(root, "refinement.json")
 
 
 def video_pairs_file(root: Path) -> Path:
-    """Where it is kept which frames of two videos are pairs."""
+    """The file that says which frames of two videos are pairs."""
     return state(root, "video_pairs.json")
 
 
 def fit_file(root: Path) -> Path:
-    """Where it is kept to what the waters were fitted."""
+    """The file that says what the waters were fitted to."""
     return state(root, "fit.json")
 
 
 def lease_file(root: Path) -> Path:
-    """Where it is kept who writes into OUT."""
+    """The file that says who writes into OUT."""
     return state(root, LEASE)
 
 
 def progress_file(root: Path) -> Path:
-    """Where it is kept how far a run is."""
+    """The file of a run's progress."""
     return state(root, "progress.json")
 
 
 def plan_file(root: Path) -> Path:
-    """Where it is kept what the run was foretold to take."""
+    """The file of the run's predicted cost."""
     return state(root, PLAN)
 
 
 def light_file(root: Path) -> Path:
-    """Where the light of the dive is kept, and what it was solved from."""
+    """The file of the dive's light, and of what it was solved from."""
     return state(root, "light.json")
 
 
 def steps_file(root: Path) -> Path:
-    """Where it is kept how neighboring frames lie to each other."""
+    """The file of the relative poses of neighboring frames."""
     return state(root, "steps.npz")
 
 
 def scratch_folder(root: Path) -> Path:
-    """Where a run keeps pixels for its later passes."""
+    """The folder of pixels that a later pass of the run needs."""
     return state(root, "scratch")
 
 
 def table_file(name: str, shelf: str) -> str:
-    """Where the moment table of a frame is kept, relative to OUT."""
+    """The file of a frame's moment table, relative to OUT."""
     return on_shelf(f"{STATE}/tables/{name}.table", shelf)
 
 
 def record_shelf(name: str) -> str:
-    """Where a large dive keeps the record of a frame, which is looked for by its name alone: one of 256 folders."""
+    """The folder of a frame's record in a large dive, found by the frame's name alone: one of 256."""
     return f"{zlib.crc32(name.encode()) % 256:02x}"

@@ -24,7 +24,7 @@ from stereo_seecolor.run_folder.layout import lease_file
 
 @dataclass(frozen=True)
 class LeaseTimes:
-    """Seconds."""
+    """Intervals of the lease, seconds."""
 
     beat_s: float = 10.0
     """Between two signs of life: six fit into ``stale_s``, and an NFS client shows another's file attributes 3 to 60 s late."""
@@ -37,7 +37,7 @@ TIMES = LeaseTimes()
 
 @dataclass(frozen=True)
 class Holder:
-    """Who holds a lease. token: no other has it."""
+    """The process that holds a lease. token: unique to this lease."""
 
     user: str
     host: str
@@ -46,7 +46,7 @@ class Holder:
 
     @classmethod
     def me(cls) -> "Holder":
-        """This process."""
+        """Make the holder of a new lease: this process."""
         try:
             user = getpass.getuser()
         except (OSError, KeyError, ImportError):  # no name for the user's number, as in containers
@@ -55,7 +55,7 @@ class Holder:
 
     @classmethod
     def load(cls, root: Path) -> "Holder | None":
-        """Who holds OUT; None where nobody does. Raises OSError where that cannot be seen now, as when a network fails."""
+        """Read who holds OUT; None where nobody does. Raises OSError where the file cannot be read now, as when a network fails."""
         try:
             return cls(**json.loads(lease_file(root).read_bytes()))
         except FileNotFoundError:
@@ -65,7 +65,7 @@ class Holder:
 
     @property
     def here(self) -> bool:
-        """True for a process of this machine."""
+        """Tell whether the process is one of this machine."""
         return self.host == platform.node()
 
     @property
@@ -124,7 +124,7 @@ def check_lease(root: Path, token: str) -> None:
 
 
 def writer(root: Path) -> str:
-    """Who writes into OUT now, for a person; "" where nobody does, or nobody has given a sign of life for long."""
+    """Describe who writes into OUT now, for the user; "" where nobody does, or the holder's lease is stale."""
     try:
         holder = Holder.load(root)
     except OSError:

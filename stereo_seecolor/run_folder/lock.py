@@ -1,4 +1,4 @@
-"""The lock of a run's folder."""
+"""The lock of a run's folder: of the system, and as a lease where other machines see the folder."""
 
 import contextlib
 import errno

@@ -1,4 +1,4 @@
-"""The manifest: what the program wrote into OUT, frame by frame, and which of it is current.
+"""The manifest: which files the program wrote into OUT, frame by frame, and which of them are current.
 
 A frame's record is written before its files are renamed into place, with the stamps that they will have: so, whenever the program
 is killed, each file in a product's place is either known to the manifest or somebody else's.
@@ -44,7 +44,7 @@ class StageRecord:
 
 @dataclass(frozen=True)
 class InputRecord:
-    """An input file as it was read. sha256: of its content."""
+    """An input file as it was read. sha256: hash of its content."""
 
     path: str
     stamp: Stamp
@@ -53,7 +53,7 @@ class InputRecord:
 
 @dataclass(frozen=True)
 class FrameRecord:
-    """All that is known of a frame.
+    """The record of a frame.
 
     inputs: by side. files: path relative to OUT -> the stamps that a file of ours there may have. shelf: folder of its products in
     the folders of a large dive, "" in those of a small one.
@@ -74,7 +74,7 @@ class FrameRecord:
 
 @dataclass(frozen=True)
 class DiveRecord:
-    """What concerns the whole folder.
+    """The record of the whole folder.
 
     identity: the dive and the kind of command that OUT belongs to. state: running until the run ends by itself.
     settings: stage -> hash of the settings of the latest run. waters: frame name -> hash of its water ("*" for all frames).
@@ -90,7 +90,7 @@ class DiveRecord:
     made_from: dict[str, str] = field(default_factory=dict)
 
     def is_current(self, frame: FrameRecord, stage: Stage) -> bool:
-        """True if a stage of a frame was finished with the settings, and with the water, of the latest run."""
+        """Tell whether a stage of a frame was finished with the settings, and with the water, of the latest run."""
         record = frame.stages.get(stage)
         if record is None or record.settings != self.settings.get(stage):
             return False
@@ -108,11 +108,11 @@ class Manifest:
         self._frames = state(root, "frames")
 
     def exists(self) -> bool:
-        """True if the program wrote into this folder before."""
+        """Tell whether the program wrote into this folder before."""
         return self._dive_file.is_file()
 
     def dive(self) -> DiveRecord:
-        """The record of the dive. Raises OutputError if it is damaged or of another version."""
+        """Read the record of the dive. Raises OutputError if it is damaged or of another version."""
         try:
             content = json.loads(self._dive_file.read_bytes())
             if (content.pop("format"), content.pop("version")) != (FORMAT, VERSION):
@@ -128,19 +128,19 @@ class Manifest:
         write_atomic(self._dive_file, json.dumps({"format": FORMAT, "version": VERSION, **asdict(record)}).encode())
 
     def names(self) -> list[str]:
-        """The frames that have a record, sorted; what a killed worker left of one that it was writing is none."""
+        """List the frames that have a record, sorted, without temporary files that a killed process left."""
         found = (self._frames.glob(f"{each}*.json") for each in ("", f"{SPREAD}/*/"))
         return sorted({path.stem for paths in found for path in paths if not path.name.startswith(TEMPORARY_PREFIX)})
 
     def frame(self, name: str) -> FrameRecord | None:
-        """The record of a frame; None where there is none, or it is damaged (its files are then made again)."""
+        """Read the record of a frame; None where there is none, or it is damaged (its files are then made again)."""
         try:
             return _frame(json.loads(self._known_file(name).read_bytes()))
         except (OSError, ValueError, KeyError, TypeError, AttributeError):
             return None
 
     def frames(self) -> Iterator[FrameRecord]:
-        """All records that can be read, by name."""
+        """Read all records that are not damaged, by name."""
         return (frame for name in self.names() if (frame := self.frame(name)))
 
     def save_frame(self, record: FrameRecord) -> None:
@@ -148,7 +148,7 @@ class Manifest:
         write_atomic(self._frame_file(record.name, record.shelf), json.dumps(asdict(record)).encode())
 
     def remove_frame(self, name: str) -> None:
-        """Forget a frame, whose files are gone."""
+        """Delete the record of a frame whose files were deleted."""
         self._known_file(name).unlink(missing_ok=True)
 
     def _known_file(self, name: str) -> Path:

@@ -16,13 +16,14 @@ BUILDING, OLD = "map_building", "map_old"
 
 
 def fusion_folder(root: Path) -> Path:
-    """Where features and finished tiles are kept, so that a fusion that was killed goes on from them."""
+    """The folder of features and finished tiles, from which a fusion that was killed continues."""
     return state(root, "fusion")
 
 
 @contextmanager
 def building_map(folder: RunFolder, made_from: str) -> Iterator[Path]:
-    """A folder to build a map in, which becomes OUT/map when the block ends well; on an error the earlier map stays as it is.
+    """Give a folder to build a map in, which becomes OUT/map when the block ends without an error; on an error the earlier map
+    stays.
 
     made_from: hash of the frames that it is made from. Raises OutputError.
     """

@@ -1,4 +1,4 @@
-"""Files in OUT that the program wrote: written and deleted so that nothing of a user's is lost."""
+"""The files in OUT that the program wrote; files that a user changed or added are moved aside, never overwritten or deleted."""
 
 import contextlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -46,16 +46,17 @@ class OwnedFiles:
         return written
 
     def remove_leftovers(self) -> None:
-        """Delete what killed processes left half written, while none writes."""
+        """Delete temporary files that killed processes left; to be called while no process writes."""
         for name in (*PAGE_PRODUCTS, PAGE, MAP, "."):
             atomic.remove_leftovers(self.root / name)
         for folder in (*(self.root / name for name in PRODUCTS), state(self.root)):
             atomic.remove_leftovers_below(folder)
 
     def move_into_place(self, temporaries: Mapping[str, Path], files: Mapping[str, Sequence[Stamp]]) -> None:
-        """Give written files their names; what is there and not of ``files`` is moved aside. ``flush`` makes the names durable.
+        """Rename written files to their final names; a file that is there and not of ``files`` is moved aside.
 
-        A name that a loss of power takes is missed by the manifest, and the file made again: no pair waits for its names.
+        ``flush`` makes the names durable. After a loss of power a name may be missing; then the manifest has a file too many, which
+        is made again: no pair waits for its names to be flushed.
         """
         for path, temporary in temporaries.items():
             place = self.root / path
@@ -66,12 +67,12 @@ class OwnedFiles:
         self._unflushed.update((self.root / path).parent for path in temporaries)
 
     def flush(self) -> None:
-        """Flush the folders of all files that were given their names."""
+        """Flush the folders of all files that were moved into place."""
         while self._unflushed:
             atomic.flush_folder(self._unflushed.pop())
 
     def delete(self, paths: Iterable[str], files: Mapping[str, Sequence[Stamp]]) -> None:
-        """Delete files of ours; what somebody changed since is moved aside instead."""
+        """Delete files of the program; one that somebody changed since is moved aside instead. Raises OutputError."""
         for path in paths:
             place = self.root / path
             if is_ours(self.root, path, files):
@@ -88,7 +89,9 @@ class OwnedFiles:
         self.set_aside.append(self._aside(place, path))
 
     def retire(self, paths: Iterable[str]) -> bool:
-        """Move files of ours, as far as they are there, to where nothing overwrites them; True if one was. Raises OutputError."""
+        """Move those of the program's files that exist aside, where nothing overwrites them; True if there was one. Raises
+        OutputError.
+        """
         there = [path for path in paths if (self.root / path).exists()]
         for path in there:
             self._aside(self.root / path, path)
@@ -124,5 +127,5 @@ def remove_empty_folders(folder: Path) -> None:
 
 
 def is_ours(root: Path, path: str, files: Mapping[str, Sequence[Stamp]]) -> bool:
-    """Whether the file at a path of OUT is as the program wrote it. files: path -> the stamps it may have."""
+    """Tell whether the file at a path of OUT is as the program wrote it. files: path -> the stamps that it may have."""
     return any(stamp.matches(root / path) for stamp in files.get(path, ()))

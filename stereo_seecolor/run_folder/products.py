@@ -1,4 +1,4 @@
-"""The files of one pair as content: its range map; its frame in true colors with the cloud; its rectified images."""
+"""The files of one pair as content to be written: its range map; its corrected frame and cloud; its rectified images."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -26,7 +26,7 @@ The largest come first: the disk is waited for while the next are encoded.
 
 
 def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
-    """OUT/range, OUT/confidence and, if wanted, OUT/range_std of one pair."""
+    """Give the files of a range map: OUT/range, OUT/confidence and, if wanted, OUT/range_std."""
     contents: dict[str, Callable[[], bytes | memoryview]] = {
         "range": lambda: encode_map(range_map.range_m, config.map_compression),
     }
@@ -40,7 +40,9 @@ def range_files(name: str, range_map: RangeMap, config: OutputConfig) -> Files:
 def correction_files(
     name: str, correction: Correction, range_map: RangeMap, geometry: RectifiedPair | None, config: OutputConfig, exif: bytes
 ) -> Files:
-    """OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds of one pair. exif: the left image's, or b""."""
+    """Give the files of a corrected frame: OUT/corrected, OUT/mask and, if wanted and the camera is known, OUT/clouds. exif: the
+    left image's, or b"".
+    """
     pixels = correction.image if correction.linear is None else correction.linear
     contents: dict[str, Callable[[], bytes | memoryview]] = {}
     if config.with_clouds and geometry is not None:
@@ -52,7 +54,7 @@ def correction_files(
 
 
 def original_files(left: Path, correction: Correction, range_map: RangeMap, exif: bytes) -> Files:
-    """OUT/original of one pair: what was made of the raw left image ``left``, the picture in that image's own format."""
+    """Give the files of OUT/original: a corrected frame in the pixels of the raw image ``left``, in that image's own format."""
     image_format = FORMAT_OF_SUFFIX[left.suffix.lower()]
     contents: dict[str, Callable[[], bytes | memoryview]] = {
         "original/corrected": lambda: encode_image(correction.image, image_format, exif),
@@ -63,7 +65,7 @@ def original_files(left: Path, correction: Correction, range_map: RangeMap, exif
 
 
 def rectified_files(name: str, left: Image, right: Image, config: OutputConfig) -> Files:
-    """OUT/rectified_left and OUT/rectified_right of one pair, always PNG."""
+    """Give the rectified images of one pair, OUT/rectified_left and OUT/rectified_right, always PNG."""
     return _files(
         name,
         {"rectified_left": lambda: encode_image(left, "png"), "rectified_right": lambda: encode_image(right, "png")},
@@ -80,7 +82,7 @@ def _encoded(encode: Callable[[], bytes | memoryview]) -> Iterator[bytes | memor
 
 
 def mask_codes(correction: Correction, range_map: RangeMap) -> NDArray[np.uint8]:
-    """(H, W) MASK_CODES of a corrected frame."""
+    """Compute the MASK_CODES of a corrected frame: (H, W) uint8."""
     mask = np.zeros(correction.unknown.shape, np.uint8)
     mask[correction.unrecoverable] = MASK_CODES["color not recoverable"]
     mask[range_map.filled] = MASK_CODES["range filled in"]

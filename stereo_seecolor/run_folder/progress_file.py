@@ -1,4 +1,4 @@
-"""How far a run is, kept in OUT while it works, for ``status``."""
+"""The progress of a run, kept in OUT while it works, for ``status``."""
 
 import json
 import time
@@ -17,13 +17,15 @@ EVERY_S = 2.0
 
 @dataclass(frozen=True)
 class Expected:
-    """Passes of a run. seconds: of one core for each pair, by pass in their order. planned: ``plan`` measured them on this dive."""
+    """The expected passes of a run. seconds: of one core for each pair, by pass in their order. planned: whether ``plan`` measured
+    them on this dive.
+    """
 
     seconds: dict[str, float]
     planned: bool = False
 
     def of(self, *passes: str) -> "Expected":
-        """These passes alone."""
+        """Select these passes."""
         return Expected({name: self.seconds[name] for name in passes if name in self.seconds}, self.planned)
 
 
@@ -33,7 +35,7 @@ USUAL = Expected({"ranges": 0.19, "light": 0.07, "waters": 0.01, "colors": 0.14}
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a pass over a dive is. began_s, updated_s: seconds since 1970. failures: reason, how often, first frame.
+    """The progress of a pass over a dive. began_s, updated_s: seconds since 1970. failures: reason, how often, first frame.
 
     new: of the pairs that are done, those that no earlier run had done. earlier: passes before this one: name, new pairs, seconds.
     """
@@ -51,20 +53,21 @@ class Progress:
 
     @property
     def ends_s(self) -> float | None:
-        """When the pass will end at the rate so far, seconds since 1970; None before its first pair."""
+        """The time at which the pass will end at its rate so far, seconds since 1970; None before its first pair."""
         if not self.done:
             return None
         return self.began_s + (self.updated_s - self.began_s) * self.total / self.done
 
     @property
     def to_come(self) -> list[str]:
-        """Passes after this one."""
+        """The passes after this one."""
         names = list(self.expected.seconds)
         return names[names.index(self.stage) + 1 :] if self.stage in names else []
 
     @property
     def run_ends_s(self) -> float | None:
-        """When all passes will have ended, seconds since 1970, if they go as those so far against what was expected of them.
+        """The time at which the run will end, seconds since 1970, if the passes go on at the pace so far relative to what was
+        expected of them.
 
         None where no pair was done that tells how fast it goes.
         """
@@ -79,7 +82,7 @@ class Progress:
 
     @classmethod
     def load(cls, root: Path) -> "Progress | None":
-        """The latest that was written; None where there is none, or it is damaged."""
+        """Read the latest progress; None where there is none, or it is damaged."""
         try:
             content = json.loads(progress_file(root).read_bytes())
             failures = [(str(a), int(b), str(c)) for a, b, c in content["failures"]]
@@ -90,7 +93,7 @@ class Progress:
 
 
 class ProgressFile:
-    """Hears of every pair of a pass, as a listener does, and writes now and then how far it is."""
+    """A listener that hears of every pair of a pass, and writes the progress every few seconds."""
 
     def __init__(self, root: Path) -> None:
         self._root, self._expected = root, Expected({})
@@ -100,7 +103,7 @@ class ProgressFile:
         self._began_s = self._written_s = 0.0
 
     def expect(self, passes: Expected) -> None:
-        """These passes are to come, if not more are expected already."""
+        """Set the passes to come, unless more are expected already."""
         if not passes.seconds.keys() <= self._expected.seconds.keys():
             self._expected = passes
 
@@ -114,7 +117,7 @@ class ProgressFile:
         self._write()
 
     def advance(self, row: FrameRow) -> None:
-        """One more pair is through the pass. Raises OutputError."""
+        """Count a pair that is through the pass. Raises OutputError."""
         self._done[row.status] += 1
         self._new += not row.kept
         self._failed += [row] if row.status == "failed" else []

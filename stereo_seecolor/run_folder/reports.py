@@ -44,7 +44,7 @@ NOT_REACHED = "not finished when the run was stopped; run the same line again to
 
 @dataclass(frozen=True)
 class RunDescription:
-    """What a run was given. inputs: by name. last: the stage after which a pair is done."""
+    """The description of a run. inputs: by name. last: the stage after which a pair is done."""
 
     inputs: Mapping[str, str]
     config: RunConfig
@@ -64,7 +64,7 @@ def write_reports(folder: RunFolder, run: RunDescription, summary: RunSummary) -
 
 
 def renew_frames_table(folder: RunFolder) -> None:
-    """Bring the residuals in frames.csv up to the map. Raises OutputError."""
+    """Renew the residuals in frames.csv from the map. Raises OutputError."""
     path = folder.root / FRAMES_TABLE
     if path.is_file():
         folder.dive.write(FRAMES_TABLE, with_residuals(path.read_bytes(), track_points(folder.root)))
@@ -109,7 +109,7 @@ class FinalRows(Lazy[FrameRow]):
         return map(self.item, range(len(self)))
 
     def item(self, number: int) -> FrameRow:
-        """The row of this number, made when it is asked for."""
+        """Make the row of this number."""
         if number >= len(self.done.names):
             return self.unpaired[number - len(self.done.names)]
         name = self.done.names.item(number)
@@ -120,7 +120,7 @@ class FinalRows(Lazy[FrameRow]):
 
 
 def products(folder: RunFolder, current: CurrentFrames) -> tuple[ProductSummary, ...]:
-    """What of OUT is current, and whether this run wrote it, in the order in which a summary lists it."""
+    """List the current products of OUT in the order of a summary, and whether this run wrote them."""
     files = folder.dive.record.files
     names = {name for path in files for name in (path, path.split("/")[0]) if (folder.root / name).exists()}
     counts = current.made | {name: 1 for name in (*DIVE_FILES, MAP) if name in names}

@@ -1,4 +1,4 @@
-"""The stamp by which the program recognizes a file that it wrote, or an input that it read."""
+"""The stamp by which a file that the program wrote, or an input that it read, is recognized."""
 
 import hashlib
 from dataclasses import dataclass
@@ -20,7 +20,9 @@ class Stamp:
 
     @classmethod
     def of(cls, path: Path) -> "Stamp":
-        """The stamp of a file; of one in a bag, the bag's, with a digest of its name in there. Raises OSError."""
+        """Compute the stamp of a file; of one in a bag: the bag's size and time, with a digest of its name in there. Raises
+        OSError.
+        """
         if inner := contained(path):
             status = inner.outer.stat()
             return cls(status.st_size, status.st_mtime_ns, hashlib.blake2b(inner.name.encode(), digest_size=8).hexdigest())
@@ -28,7 +30,7 @@ class Stamp:
         return cls(status.st_size, status.st_mtime_ns, _digest(path, status.st_size))
 
     def matches(self, path: Path) -> bool:
-        """True if ``path`` is a regular file, no link, that is still the one stamped; a copy of it is, whatever its time."""
+        """Tell whether ``path`` is a regular file, no link, that is still the one stamped; a copy with another time is."""
         try:
             status = path.lstat()
             if path.is_symlink() or status.st_size != self.size:

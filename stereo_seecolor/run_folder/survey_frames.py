@@ -1,4 +1,4 @@
-"""A finished run's frames as the map takes them, each read when asked for."""
+"""The frames of a finished run as a map reads them, one at a time."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -40,7 +40,7 @@ class SurveyFrames(Lazy[SurveyFrame]):
 
     @property
     def finished(self) -> Sequence[FinishedFrame]:
-        """What the run knows of each."""
+        """The finished frames, in order."""
         return self._frames
 
     def __len__(self) -> int:

@@ -1,4 +1,4 @@
-"""water.json: the water that was fitted, with its standard errors; can be given back to another run with --water."""
+"""water.json: the fitted water with its standard errors; another run takes it with --water."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -11,7 +11,7 @@ from stereo_seecolor.water.model import Water, read_water_document, water_docume
 
 
 def waters_content(waters: Mapping[str, Water], light: Mapping[str, Any] | None = None) -> JsonText:
-    """The content of a water.json: one water for all frames if they share it, else each frame's under its name.
+    """Make the content of a water.json: one water if all frames share it, else each frame's under its name.
 
     light: what was divided out of the frames before.
     """
@@ -24,7 +24,7 @@ def waters_content(waters: Mapping[str, Water], light: Mapping[str, Any] | None 
 
 
 def read_waters(path: Path, names: Iterable[str]) -> Mapping[str, Water]:
-    """The water of each of ``names``: the file's one water, or each frame's own.
+    """Read the water of each of ``names``: the file's one water, or each frame's own.
 
     Raises InputError if the file is no water.json, or holds waters of single frames and one of ``names`` is not among them.
     """
@@ -46,7 +46,7 @@ def read_waters(path: Path, names: Iterable[str]) -> Mapping[str, Water]:
 
 
 def read_known_waters(path: Path, names: Sequence[str]) -> Mapping[str, Water]:
-    """As ``read_waters``, without those of ``names`` that the file holds none for. Raises InputError."""
+    """Read the waters of those of ``names`` that the file holds one for. Raises InputError."""
     frames = read_water_document(path).get("frames")
     known = [name for name in names if name in frames] if isinstance(frames, dict) else names
     return read_waters(path, known)

@@ -1,4 +1,4 @@
-"""Which frames this run has written, stage by stage."""
+"""The frames that this run has written, stage by stage."""
 
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.threads import Lock
@@ -15,7 +15,7 @@ class WrittenFrames:
         self._lock = Lock()
 
     def add(self, stage: Stage, name: str) -> None:
-        """A frame's stage was written."""
+        """Note that a frame's stage was written."""
         with self._lock:
             number = self._names.add(name)
             if number == len(self._bits):
@@ -23,7 +23,7 @@ class WrittenFrames:
             self._bits[number] |= 1 << STAGES.index(stage)
 
     def stages(self, name: str) -> tuple[Stage, ...]:
-        """Those of a frame that were written."""
+        """The stages of a frame that were written."""
         with self._lock:
             number = self._names.number(name)
             bits = 0 if number is None else self._bits[number]
