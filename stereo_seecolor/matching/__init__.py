@@ -1,1 +1,1 @@
-"""StereoFrame -> RangeMap."""
+"""Stereo matching: from a rectified StereoFrame to its RangeMap."""

@@ -1,4 +1,4 @@
-"""The census of an image: for each pixel, which of its neighbors are darker (Zabih and Woodfill 1994).
+"""The census transform: for each pixel, which of its neighbors are darker (Zabih and Woodfill 1994).
 
 It is blind to exposure, gain and backscatter, which add to and scale a pixel and its neighbors alike.
 """
@@ -23,14 +23,14 @@ PATTERN = np.array(
 
 
 def census(image: Gray) -> Census:
-    """(H, W) a bit for each neighbor that is darker; pixels beyond the border are those on it."""
+    """Compute the census of an image: (H, W) uint32, a bit for each neighbor that is darker; the border is replicated."""
     bits = np.empty(image.shape, np.uint32)
     _census(padded(image), PATTERN, bits)
     return bits
 
 
 def mirrored_census(image: Gray, before: int, after: int) -> Census:
-    """(H, before + W + after) the census mirrored left to right, between columns of zeros."""
+    """Compute the census mirrored left to right, between columns of zeros: (H, before + W + after) uint32."""
     height, width = image.shape
     bits = np.zeros((height, before + width + after), np.uint32)
     bits[:, before : before + width] = census(image)[:, ::-1]
@@ -38,7 +38,7 @@ def mirrored_census(image: Gray, before: int, after: int) -> Census:
 
 
 def padded(image: Gray) -> Gray:
-    """The image with the border that its census looks at."""
+    """Extend the image by the replicated border that ``census_at`` reads."""
     wider: Gray = cv2.copyMakeBorder(image, _REACH, _REACH, _REACH, _REACH, cv2.BORDER_REPLICATE)
     return wider
 
@@ -62,7 +62,7 @@ def _census(padded: Gray, pattern: NDArray[np.int64], bits: Census) -> None:
 
 @compiled(inline=True)
 def census_at(padded: Gray, pattern: NDArray[np.int64], y: int, x: int) -> Any:
-    """The census of one pixel of an image that ``padded`` gave; uint32."""
+    """Compute the census of one pixel, uint32, of an image that ``padded`` returned."""
     bits, center = np.uint32(0), padded[y + _REACH, x + _REACH]
     for i in range(pattern.shape[0]):
         darker = padded[y + _REACH + pattern[i, 0], x + _REACH + pattern[i, 1]] < center

@@ -1,4 +1,4 @@
-"""How likely it is that a disparity is right to within one pixel."""
+"""Confidence: the probability that a disparity is right to within one pixel."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -40,20 +40,20 @@ _FATTENING, _LEAST_RELIEF = WEIGHTS.fattening / _LOG_2, WEIGHTS.least_relief_px
 
 
 def surroundings(context: Context, shape: tuple[int, ...]) -> Map:
-    """(H, W) what the surroundings add to the log odds, base 2, of each pixel of an image of that shape."""
+    """Compute what the surroundings of each pixel add to its log odds (base 2): (H, W) float32 of an image of that shape."""
     rough = np.log(context.roughness + np.float32(WEIGHTS.least_relief_px))
     odds = (WEIGHTS.known * context.known + WEIGHTS.roughness * rough + WEIGHTS.offset) / _LOG_2
     return enlarged(odds.astype(np.float32), shape)
 
 
 def least_odds(least: float) -> float:
-    """The log odds, base 2, below which no confidence reaches ``least`` (0..1); a little less, for what rounding does."""
+    """Compute the log odds (base 2) below which no confidence reaches ``least`` (0..1), less a little for rounding."""
     return float(np.log2(max(least, 1e-30)) - np.log2(max(1 - least, 1e-30))) - 1e-3
 
 
 @compiled
 def weigh_rows(evidence: tuple[Map, Map, Map, Map], odds: Map) -> None:
-    """Fill the log odds, base 2, that |disparity error| <= 1 px, before fattening, of pixels known or not.
+    """Write the log odds (base 2) that |disparity error| <= 1 px, before fattening is taken into account, of pixels known or not.
 
     evidence: uniqueness, as the search gave it; support and relief, of refine_rows; surroundings.
     """
@@ -70,8 +70,8 @@ def weigh_rows(evidence: tuple[Map, Map, Map, Map], odds: Map) -> None:
 
 @compiled
 def judge_rows(least: Any, fattening: Map, disparity: Map, confidence: Map) -> None:
-    """Turn the log odds in ``confidence`` into the confidence; make disparities NaN where it is under ``least``, and where
-    they meet nothing of the right image.
+    """Turn the log odds in ``confidence`` into probabilities; set disparities to NaN where the confidence is below ``least``, or
+    where they lie at or beyond the border of the right image.
     """
     nearest, farthest = np.float32(BORDER_PX), np.float32(confidence.shape[1] - 1 - BORDER_PX)
     one, unknown, bound, per_fattening = np.float32(1), np.float32(np.nan), np.float32(least), np.float32(_FATTENING)

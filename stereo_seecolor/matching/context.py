@@ -1,4 +1,4 @@
-"""What the surroundings of a pixel say about its disparity."""
+"""The surroundings of a pixel, sampled every few pixels: how much of them is known, and how rough they are."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -46,7 +46,7 @@ class Context:
 
     @classmethod
     def of(cls, found: MatchedDisparity, left: Gray) -> "Context":
-        """The context of a match of the left image."""
+        """Sample the matched disparities of the left image."""
         best, checked = _samples(found.best), np.isfinite(_samples(found.disparity)).astype(np.float32)
         disparity = np.where(np.isnan(best), np.float32(np.inf), best)
         window = CONSTANTS.window, CONSTANTS.window
@@ -56,7 +56,7 @@ class Context:
 
 
 def enlarged(samples: Map, shape: tuple[int, ...]) -> Map:
-    """(H, W) samples interpolated for each pixel of an image of that shape."""
+    """Interpolate samples (h, w) for each pixel of an image of that shape: (H, W) float32."""
     height, width = samples.shape
     whole = cv2.resize(samples, (width * CONSTANTS.every, height * CONSTANTS.every), interpolation=cv2.INTER_LINEAR)
     below, beyond = (max(0, side - have) for side, have in zip(shape, whole.shape, strict=True))

@@ -1,4 +1,4 @@
-"""Pairs that cannot be matched, and warnings about maps that should not be trusted."""
+"""Diagnostics of a pair: images that cannot be matched, and warnings about range maps that should not be trusted."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -54,7 +54,7 @@ CONSTANTS = DiagnosticsConstants()
 
 
 def unusable(left: Gray, right: Gray) -> str | None:
-    """Why this pair, seen small, cannot be matched at all; None if it can."""
+    """Give the reason why a pair, reduced, cannot be matched at all; None if it can."""
     for side, image in (("left", left), ("right", right)):
         half, most = np.percentile(image[::4, ::4], (50, 99))
         if most < CONSTANTS.black:
@@ -69,8 +69,8 @@ def unusable(left: Gray, right: Gray) -> str | None:
 
 
 def blank(image: Gray) -> NDArray[np.bool_]:
-    """(H, W) True where a small image is black and of one value around: a frame around the picture, the corners of a round or an
-    undistorted one, shadows that were cut off at black.
+    """Mark the pixels of a reduced image that are black and even: a frame around the picture, the corners of a round or an
+    undistorted one, shadows cut off at black. (H, W) bool.
     """
     around = np.ones((CONSTANTS.blank_px, CONSTANTS.blank_px), np.uint8)
     most, least = cv2.dilate(image, around), cv2.erode(image, around)
@@ -79,7 +79,8 @@ def blank(image: Gray) -> NDArray[np.bool_]:
 
 
 def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
-    """(H, W) True where the rows of a small image repeat themselves within the disparities searched: any of them would match.
+    """Mark the pixels of a reduced image whose rows repeat within the disparities searched, so that any of them would match: (H, W)
+    bool.
 
     From the autocorrelation of windows: a second peak nearly as high as the first.
     """
@@ -102,7 +103,7 @@ def repeated(image: Gray, search_px: int) -> NDArray[np.bool_]:
 
 
 def repetition_warning(repeated: NDArray[np.bool_]) -> str | None:
-    """A warning if a good part of the image repeats itself."""
+    """Warn if a good part of the image repeats itself; None if not."""
     fraction = float(repeated.mean())
     if fraction < CONSTANTS.repeated:
         return None
@@ -110,7 +111,7 @@ def repetition_warning(repeated: NDArray[np.bool_]) -> str | None:
 
 
 def one_sided_warning(left: Gray, disparity: Map, repeated: NDArray[np.bool_], scale: int) -> str | None:
-    """A warning if the left image shows something textured that the right one lacks: a fish, or a lens half covered.
+    """Warn if the left image shows something textured that the right one lacks: a fish, or a lens half covered; None if not.
 
     left, disparity: small, the disparity in pixels of the full size, ``scale`` times this one. A hole in a row as long as the
     disparity jumps up across it is an occlusion; a longer one is not.
@@ -141,14 +142,14 @@ def _long_holes(disparity: Map, scale: Any, excess_px: float, hole: NDArray[np.u
 
 
 def vertical_disparity_warning(vertical_px: float) -> str | None:
-    """A warning if the same point lies on different rows of the two images."""
+    """Warn if the same point lies on different rows of the two images; None if not."""
     if not abs(vertical_px) >= CONSTANTS.vertical_px:
         return None
     return f"vertical disparity of {vertical_px:+.1f} px between left and right: the calibration no longer fits, ranges are biased"
 
 
 def vertical_disparity_px(left: Gray, right: Gray, disparity: Map) -> float:
-    """How far right rows lie below the left ones with which their matched pixels agree best; NaN where that cannot be said."""
+    """Estimate how many pixels the right image's rows lie below the matching left ones; NaN where that cannot be estimated."""
     most = CONSTANTS.vertical_search_px
     cost = _row_costs(padded(left), padded(right), PATTERN, disparity, most)
     best = int(np.argmin(cost))

@@ -1,4 +1,4 @@
-"""What every engine of the matching stage gives."""
+"""The interface of the matching engines, and the disparities that they return."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -13,7 +13,9 @@ UNKNOWN = np.float32(np.nan)
 
 @dataclass(frozen=True, eq=False)
 class MatchedDisparity:
-    """disparity: (H, W) pixels of the left image, x_left - x_right, NaN where nothing was found that passes the engine's checks.
+    """Disparities of the left image of a pair.
+
+    disparity: (H, W) float32 pixels, x_left - x_right, NaN where nothing was found that passes the engine's checks.
 
     best: (H, W) the same, but also where the checks failed; NaN where nothing was found at all. The same array for an engine
     that gives only what it checked.
@@ -33,13 +35,13 @@ class MatchedDisparity:
 
 
 class Engine(Protocol):
-    """Finds disparities. refined: True where they need no sub-pixel refinement. gray: it looks at the gray images alone."""
+    """An engine that finds disparities. refined: True if they need no sub-pixel refinement."""
 
     refined: bool
 
     def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
-        """The disparities of a rectified pair, from any thread."""
+        """Find the disparities of a rectified pair; safe to call from many threads."""
 
 
 FIXED_UNIQUENESS = 0.5
-"""For engines that give none: the median of well matched pixels of the synthetic reef."""
+"""Uniqueness for engines that give none: the median of well matched pixels of the synthetic reef."""

@@ -18,11 +18,12 @@ from stereo_seecolor.records import Map
 
 @dataclass(frozen=True)
 class FatteningConstants:
-    """reach: samples on each side that are compared with: 10 pixels, beyond what the census and the paths carry over an edge.
+    """Which neighbors a pixel is compared with, and what difference counts.
 
-    step_px: a surface whose disparity is smaller by more than this lies behind. same_px: neighbors within this lie on the surface.
-    noise_levels: differences of gray below this, of 255, say nothing.
-    alone_levels: difference from the own surface that is taken where no neighbor lies on it.
+    reach: samples on each side that are compared with: 10 pixels, beyond what the census and the paths carry over an edge. step_px:
+    a surface whose disparity is smaller by more than this lies behind. same_px: neighbors within this lie on the surface.
+    noise_levels: differences of gray below this, of 255, say nothing. alone_levels: difference from the own surface that is taken
+    where no neighbor lies on it.
     """
 
     reach: int = 2
@@ -38,7 +39,8 @@ _STEP, _SAME, _NOISE, _ALONE = CONSTANTS.step_px, CONSTANTS.same_px, CONSTANTS.n
 
 
 def fattening(images: tuple[Map, Gray], context: Context, rows: slice, odds: Map, least: float) -> Map:
-    """(rows, W) how much more a pixel looks like the surface behind it than like its own, 0..1; 0 where nothing lies behind.
+    """Compute how much more a pixel's gray resembles the surface behind it than its own: (rows, W), 0..1; 0 where nothing lies
+    behind.
 
     images: disparity (MatchedDisparity.best) and left image, (H, W). odds: (rows, W); pixels below ``least`` are left at 0.
     """

@@ -1,4 +1,4 @@
-"""Interpolation of disparities where none was measured."""
+"""Interpolation of disparities where none was found."""
 
 import cv2
 import numpy as np
@@ -11,7 +11,8 @@ REACH = 0.1
 
 
 def fill(disparity: Map) -> Map:
-    """The map with its holes closed; measured pixels stay as they are, and what lies too far from any stays NaN.
+    """Close the holes of a disparity map (H, W); measured pixels stay as they are, and pixels too far from any measured one stay
+    NaN.
 
     What one camera does not see lies behind, so a hole takes the smaller disparity of its two ends in the row (Hirschmueller
     2008, section 2.5), then the median of 5 x 5, which joins the rows. Smoothing across the hole instead (WLS) was worse.

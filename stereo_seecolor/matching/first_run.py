@@ -16,7 +16,7 @@ SHIFT_PX = 5
 
 
 def search_noise() -> None:
-    """Smoothing, census, search and its diagnostics."""
+    """Run smoothing, census, search and its diagnostics on noise, so that they are compiled."""
     frame = _noise()
     pair = GrayPair.from_frame(frame, 2)
     found = SemiGlobalMatching(*disparity_limits(PAIR, MatchingConfig())).find(frame, pair)
@@ -24,13 +24,13 @@ def search_noise() -> None:
 
 
 def load_search() -> None:
-    """The machine code of the search, where it is kept: else each process compiles when it needs it."""
+    """Load the compiled search where it is kept on disk; elsewhere each process compiles it when it needs it."""
     if not is_first_run():
         search_noise()
 
 
 def judge_noise() -> None:
-    """All that is done with disparities."""
+    """Run all that is done with disparities on noise, so that it is compiled."""
     frame = _noise()
     left, right = (image[..., 1].astype(np.uint16) * 256 for image in (frame.left, frame.right))  # gray() is compiled elsewhere
     pair = GrayPair(left, right, shrink(left, 2), shrink(right, 2), 2)

@@ -1,4 +1,4 @@
-"""What is matched of a pair: gray images at full depth, smoothed against sensor noise, at full and at reduced size."""
+"""The gray images that are matched: full bit depth, smoothed against sensor noise, at full and at reduced size."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -30,14 +30,16 @@ class GrayPair:
 
     @classmethod
     def from_frame(cls, frame: StereoFrame, scale: int) -> "GrayPair":
-        """From a rectified pair, 8 or 16 bits deep."""
+        """Convert a rectified pair of 8 or 16 bit images."""
         left, right = core_pool().map(gray, (frame.left, frame.right))
         small_left, small_right = core_pool().map(lambda image: shrink(image, scale), (left, right))
         return cls(left, right, small_left, small_right, scale)
 
 
 def gray(image: Image) -> Gray:
-    """(H, W) luma of an RGB image, blurred, 0..65535 whatever its depth: in haze the signal is finer than one step of 8 bits."""
+    """Convert an RGB image to blurred luma: (H, W) uint16, 0..65535 at any depth, since in haze the signal is finer than one step
+    of 8 bits.
+    """
     blurred = np.empty(image.shape[:2], np.uint16)
     outer, near, center = cv2.getGaussianKernel(5, SMOOTHING_PX, cv2.CV_32F)[:3, 0]
     full = np.float32(1 / 256 if image.dtype == np.uint16 else 1)
@@ -46,7 +48,9 @@ def gray(image: Image) -> Gray:
 
 
 def shrink(image: Gray, scale: int) -> Gray:
-    """The image at 1 / scale, each pixel the mean of scale x scale; the last ones are filled up from the border."""
+    """Reduce an image to 1 / scale, each pixel the mean of scale x scale; incomplete blocks at the end are filled up from the
+    border.
+    """
     height, width = image.shape
     padded = image
     if height % scale or width % scale:

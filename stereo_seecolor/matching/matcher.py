@@ -1,4 +1,4 @@
-"""The matching stage: a rectified pair in, its range map out."""
+"""The matching stage: ``Matcher`` computes the range map of a rectified pair."""
 
 from dataclasses import dataclass, replace
 
@@ -25,9 +25,10 @@ from stereo_seecolor.records import Mask, RangeMap, StereoFrame
 
 @dataclass(frozen=True)
 class MatcherConstants:
-    """speckle_px: connected patches smaller than this are mismatches.
+    """Constants that do not depend on the engine.
 
-    strip: rows that are refined, judged and measured together while they are in the processor's cache.
+    speckle_px: connected patches smaller than this are mismatches. strip: rows that are refined, judged and triangulated together,
+    while they are in the processor's cache.
     """
 
     speckle_px: int = 100
@@ -38,10 +39,10 @@ CONSTANTS = MatcherConstants()
 
 
 class Matcher:
-    """Range maps of rectified pairs; built once for a run, safe to call from many threads.
+    """Computes range maps of rectified pairs; built once for a run, safe to call from many threads.
 
-    pair: the geometry of the rectified images. seen_left: (H, W) True where the rectified left image shows something.
-    Raises ConfigError or DeviceError for an engine that cannot run.
+    pair: the geometry of the rectified images. seen_left: (H, W) bool, True where the rectified left image shows something; None
+    where it does everywhere. Raises ConfigError or DeviceError for an engine that cannot run.
     """
 
     def __init__(self, pair: RectifiedPair, config: MatchingConfig, seen_left: Mask | None = None) -> None:
@@ -60,15 +61,17 @@ class Matcher:
         return engine(self._lowest, self._highest)
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """The range map of a rectified pair (8 or 16 bit RGB); depends on nothing but that pair.
+        """Compute the range map of a rectified pair of 8 or 16 bit RGB images; it depends on nothing but that pair.
 
-        A pair that cannot be matched gives a map without a known pixel and says why in ``warnings``.
+        A pair that cannot be matched gives a map without a known pixel; ``warnings`` says why.
         """
         return self.matched(frame)[0]
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
-        """As match, and the detail that the images hold at their size: of the pixels that passed the checks at reduced size, the
-        fraction that does here (about 1 where both show the same; 1 where nothing can be said).
+        """Compute the range map as ``match`` does, and the detail that the images hold at their full size.
+
+        Detail is the fraction of known pixels over that at reduced size: about 1 where the images are sharp, less where full size
+        adds noise alone, 1 where the engine does not match at reduced size.
         """
         pair = GrayPair.from_frame(frame, self._scale)
         reason = diagnostics.unusable(pair.small_left, pair.small_right)
@@ -100,7 +103,10 @@ class Matcher:
         return tuple(warning for warning in warnings if warning)
 
     def range_map(self, found: MatchedDisparity, pair: GrayPair) -> RangeMap:
-        """Check, refine, judge, and turn into meters, in strips on all cores."""
+        """Turn disparities into a range map, in strips of rows on all cores.
+
+        Remove speckles, refine to sub-pixels, estimate the confidence, forget what is not confident enough, and triangulate.
+        """
         remove_speckles(found.disparity, CONSTANTS.speckle_px)
         if self.seen_left is not None:
             found.forget(~self.seen_left)
@@ -108,19 +114,19 @@ class Matcher:
         around = surroundings(context, found.best.shape)
         maps = RangeMaps.empty(found.disparity.shape)
         gain = contrast_gain(pair.left, pair.right)
+        least = self._config.min_confidence
         limits_m = self._config.min_range_m, self._config.max_range_m
-        strips = [slice(first, min(first + CONSTANTS.strip, len(around))) for first in range(0, len(around), CONSTANTS.strip)]
+        height = len(found.disparity)
+        strips = [slice(first, min(first + CONSTANTS.strip, height)) for first in range(0, height, CONSTANTS.strip)]
 
         def judge(rows: slice) -> None:
-            disparity = maps.disparity[rows]
+            disparity, confidence = maps.disparity[rows], maps.confidence[rows]
             support, relief = refine_rows(pair, gain, found, rows.start, disparity, maps.range_std_m[rows])
             if self._engine.refined:
                 disparity[:] = found.best[rows]
-            odds = maps.confidence[rows]
-            weigh_rows((found.uniqueness[rows], support, relief, around[rows]), odds)
-            least = self._config.min_confidence
-            doubt = fattening((found.best, pair.left), context, rows, odds, least_odds(least))
-            judge_rows(least, doubt, disparity, maps.confidence[rows])
+            weigh_rows((found.uniqueness[rows], support, relief, around[rows]), confidence)  # log odds until judge_rows
+            doubt = fattening((found.best, pair.left), context, rows, confidence, least_odds(least))
+            judge_rows(least, doubt, disparity, confidence)
             if not self._config.fill:
                 maps.measure(self._pair, limits_m, rows)
 
@@ -138,7 +144,7 @@ class Matcher:
 
 
 def disparity_limits(pair: RectifiedPair, config: MatchingConfig) -> tuple[int, int]:
-    """The least and the largest disparity, pixels, of anything from min_range_m to max_range_m that the left image shows."""
+    """Compute the least and the largest disparity, pixels, of points of the left image from min_range_m to max_range_m away."""
     nearest_m = config.min_range_m / float(pair.ray_length.max())  # depth, in the corner farthest from the axis
     limits = pair.disparity_from_depth(np.array([config.max_range_m, nearest_m], dtype=np.float32))
     lowest = int(np.floor(limits[0]))

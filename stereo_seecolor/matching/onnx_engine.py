@@ -39,7 +39,7 @@ class Network:
             raise ConfigError(f"matching.model: {model} must take 'left' and 'right' and give 'disparity', it takes {names}")
 
     def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
-        """The network's disparities, checked against those of the pair mirrored and swapped."""
+        """Run the network on a pair, and check its disparities against those of the mirrored pair."""
         disparity = self.disparity(frame.left, frame.right)
         back = self.disparity(frame.right[:, ::-1], frame.left[:, ::-1])[:, ::-1]
         width = disparity.shape[1]

@@ -13,9 +13,10 @@ from stereo_seecolor.records import StereoFrame
 
 @dataclass(frozen=True)
 class BlockMatchingConstants:
-    """block: side of a block, pixels. p1, p2: penalties per pixel of a block, those of OpenCV's own examples for one channel.
+    """Parameters of cv2.StereoSGBM.
 
-    uniqueness_percent: how much worse the second best must be. left_right_px: how far the right image may disagree.
+    block: side of a block, pixels. p1, p2: penalties per pixel of a block, those of OpenCV's own examples for one channel.
+    uniqueness_percent: by how much the second best must be worse. left_right_px: how far the right image may disagree.
     """
 
     block: int = 3
@@ -39,7 +40,7 @@ class OpenCvMatching:
         self._beyond = max(0, lowest + self._count)
 
     def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
-        """The disparities of a pair, in sixteenths of a pixel."""
+        """Find the disparities of a pair, in sixteenths of a pixel."""
         area = CONSTANTS.block**2
         matcher = cv2.StereoSGBM.create(
             minDisparity=self._lowest,

@@ -1,4 +1,6 @@
-"""Whether the two images of a pair show the same thing, judged by how much of them matched, and by whether anything could."""
+"""Check that the two images of a pair show the same scene, by how much of them matched and by whether they have texture to
+match.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,12 +32,12 @@ NOT_ONE_SCENE = "the two images do not show the same thing"
 
 
 def coverage(range_map: RangeMap) -> float:
-    """Fraction of the pixels of the left image that have a measured range."""
+    """Compute the fraction of the left image's pixels that have a measured range."""
     return float(np.isfinite(range_map.measured_m).mean())
 
 
 class PairCheck:
-    """The check of all pairs of a dive; safe to call from many threads.
+    """The check of the pairs of a dive; safe to call from many threads.
 
     match: the range map of a pair as the cameras gave it. The same function tells whether another pairing would fit:
     ``coverage(match(StereoFrame(name, left, right_of_the_next)))``.
@@ -48,7 +50,7 @@ class PairCheck:
         self._lock = Lock()
 
     def __call__(self, name: str, range_map: RangeMap, raw: Callable[[], StereoFrame]) -> RangeMap:
-        """The range map, of which nothing is known where both images lack the texture to be matched (open water, sand).
+        """Return the range map, or one without a known pixel where both images lack the texture to be matched (open water, sand).
 
         Raises MatchingError if the sides look swapped, or if so little matched that the images are not of one scene, or one of
         them alone lacks texture (a covered lens).

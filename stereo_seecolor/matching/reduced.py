@@ -1,4 +1,4 @@
-"""Matching at a fraction of the size: for those who cannot wait, and for images that show no detail at their full size."""
+"""Matching at reduced size: for speed, and for images that hold no detail at their full size."""
 
 from dataclasses import replace
 from functools import partial
@@ -26,7 +26,9 @@ contrast is 74 % known instead of 49 %, but 10 % of that is wrong by over two pi
 
 
 def smaller(pair: RectifiedPair, shrink: int) -> RectifiedPair:
-    """The geometry of images whose every pixel is the mean of shrink x shrink pixels; what does not fill one is left out."""
+    """Give the geometry of images whose every pixel is the mean of shrink x shrink pixels; incomplete blocks at the end are left
+    out.
+    """
     focal_px, centers = pair.focal_px / shrink, (pair.cx_left_px, pair.cx_right_px, pair.cy_px)
     cx_left_px, cx_right_px, cy_px = ((center + 0.5) / shrink - 0.5 for center in centers)
     width, height = (length // shrink for length in pair.image_size)
@@ -34,7 +36,7 @@ def smaller(pair: RectifiedPair, shrink: int) -> RectifiedPair:
 
 
 class ReducedMatcher:
-    """As ``Matcher``, on images ``shrink`` times smaller on either axis; each value is that of shrink x shrink pixels.
+    """A Matcher on images ``shrink`` times smaller along both axes; each value is repeated over shrink x shrink pixels.
 
     The last pixels of a row or column that do not fill a block are unknown.
     """
@@ -45,21 +47,21 @@ class ReducedMatcher:
         self._matcher = Matcher(smaller(pair, shrink), config, seen)
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """The range map of a rectified pair, at its size."""
+        """Compute the range map of a rectified pair, at the pair's size."""
         return self.enlarged(self.matched(frame)[0])
 
     def matched(self, frame: StereoFrame) -> tuple[RangeMap, float]:
-        """As Matcher.matched, of the smaller images."""
+        """Compute range map and detail, as Matcher.matched does, of the smaller images."""
         small = StereoFrame(frame.name, self._smaller(frame.left), self._smaller(frame.right), frame.timestamp_s)
         return self._matcher.matched(small)
 
     def known(self, found: RangeMap) -> float:
-        """The fraction of the pixels at full size that ``matched`` knows."""
+        """Compute the fraction of the pixels at full size whose range ``found``, of ``matched``, knows."""
         width, height = self._size
         return int(np.isfinite(found.disparity).sum()) * self._shrink**2 / (width * height)
 
     def enlarged(self, found: RangeMap) -> RangeMap:
-        """What ``matched`` gave, at the size of the pair."""
+        """Enlarge a range map of ``matched`` to the size of the pair."""
         pixels = replace(found, disparity=found.disparity * np.float32(self._shrink))
         large = pixels.each(self._larger)
         np.nan_to_num(large.confidence, copy=False)
@@ -90,7 +92,7 @@ _NOTHING = ((0, 0), (0, 0))
 
 
 class DetailMatcher:
-    """As ``Matcher``; a large pair that shows too little detail at its full size is matched at half of it, or at a quarter.
+    """A Matcher that matches a large pair at half or a quarter of its size where full size shows too little detail.
 
     So it is with large sensors behind soft optics, in turbid water, and with enlarged or strongly compressed images: noise decides
     the comparisons of neighboring pixels there.
@@ -105,7 +107,7 @@ class DetailMatcher:
         self._built: dict[int, ReducedMatcher] = {}
 
     def match(self, frame: StereoFrame) -> RangeMap:
-        """The range map of a rectified pair; its warnings say where it was matched at a smaller size."""
+        """Compute the range map of a rectified pair; a warning says where it was matched at a smaller size."""
         found, detail = self._full.matched(frame)
         if detail >= LEAST_DETAIL or not self._sizes:
             return found

@@ -1,4 +1,4 @@
-"""Sub-pixel disparity without pixel locking: one least-squares step of registration over a window (Lucas and Kanade 1981)."""
+"""Sub-pixel refinement without pixel locking: one least-squares step of registration over a window (Lucas and Kanade 1981)."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,10 +18,11 @@ MOMENTS = 7
 
 @dataclass(frozen=True)
 class RefineConstants:
-    """largest_step_px: what registration moves at most; matching is right to a pixel or wrong.
+    """How far registration may move a disparity, and how much it is trusted.
 
-    matching_std_px: standard error of what matching gives; where the images say less than that, the step shrinks to none.
-    samples: independent pixels in a window: the blur before matching has correlated their noise over 4 pi sigma^2.
+    largest_step_px: the largest move; matching is right to a pixel or wrong. matching_std_px: standard error of what matching
+    gives; where the images say less than that, the step shrinks to none. samples: independent pixels in a window: the blur before
+    matching has correlated their noise over 4 pi sigma^2.
     """
 
     largest_step_px: float = 1.0
@@ -34,20 +35,20 @@ _LARGEST_STEP, _PRIOR, _SAMPLES = CONSTANTS.largest_step_px, 1 / CONSTANTS.match
 
 
 def contrast_gain(left: Gray, right: Gray) -> float:
-    """Contrast of the left image over that of the right one."""
+    """The standard deviation of the left image's gray levels over that of the right one's."""
     of_left, of_right = (float(cv2.meanStdDev(image[::4, ::4].copy())[1][0, 0]) for image in (left, right))
     return of_left / max(of_right, 1e-6)
 
 
 def refine_rows(pair: GrayPair, gain: float, found: MatchedDisparity, first: int, refined: Map, std: Map) -> tuple[Map, Map]:
-    """Fill ``refined`` and ``std``, pixels, from row ``first`` of found.best (H, W) on, NaN where it is; give support and relief.
+    """Refine disparities: fill ``refined`` and ``std``, pixels, from row ``first`` of found.best on; return support and relief.
 
     gain: contrast of left over right. The residual e = gain right(x - d) - left(x) and the gradient g of both images are
     summed over the window, means taken out: the step is cov(g, e) / var(g), its variance that of what is left of e over
     n var(g). The window sees each neighbor at its own, smoothed disparity, so slopes do no harm; neighbors that failed a check
     are left out of it.
     support: fraction of the window that passed the checks.
-    relief: |disparity - its mean over those|, pixels: large beside an edge.
+    relief: |disparity - its mean over those|, pixels: large beside an edge. All are (rows, W), NaN where found.best is.
     """
     support, relief = np.empty_like(refined), np.empty_like(refined)
     images, rows = (pair.left, pair.right), (first, first + refined.shape[0])
@@ -59,9 +60,14 @@ def refine_rows(pair: GrayPair, gain: float, found: MatchedDisparity, first: int
 def _refine(
     images: tuple[Gray, Gray], gain: Any, matched: tuple[Map, Map], rows: tuple[int, int], found: tuple[Map, Map, Map, Map]
 ) -> None:
-    """Fill the four maps in one pass, in rings of as many rows as a window has: what is at hand stays in the processor's cache."""
+    """Fill the four maps of ``refine_rows`` in one pass over the rows rows[0] to rows[1] - 1.
+
+    found: refined, std, support, relief. Intermediate values are kept in rings of as many rows as a window has, which fit the
+    processor's cache.
+    """
     left, right = images
     disparity, best = matched
+    refined, std, support, relief = found
     height, width = disparity.shape
     half, near = WINDOW // 2, SMOOTHED // 2
     across = np.empty((SMOOTHED, width), np.float32)
@@ -93,8 +99,8 @@ def _refine(
                 _sum_down(ring, moment, moments[moment])
             i = row - rows[0]
             for x in range(moments.shape[1]):
-                found[2][i, x] = moments[0, x]
-            _solve(base[row % WINDOW], best[row], moments, found[0][i], found[1][i], found[3][i])
+                support[i, x] = moments[0, x]
+            _solve(base[row % WINDOW], best[row], moments, refined[i], std[i], relief[i])
 
 
 @compiled
@@ -125,9 +131,9 @@ def _mean_near(center: Any, n0: Any, n1: Any, n2: Any, n3: Any, mean: Any) -> No
 
 @compiled
 def _residuals(left: Any, right: Any, disparity: Any, gain: Any, samples: Any, margin: int, first: Any, fetched: Any) -> None:
-    """samples: rows of 1, g, e, g g, g e, e e, d, in gray levels of 8 bits, zero where nothing is known; then one of scratch.
+    """Write one row's samples: 1, g, e, g g, g e, e e, d, in gray levels of 8 bits, zero where nothing is known; then scratch.
 
-    What is fetched from places that follow the disparity is fetched first, so that the arithmetic goes many pixels at a time.
+    Pixels of the right image, whose places follow the disparity, are gathered first; the arithmetic then runs as vector code.
     """
     width = disparity.size
     scale, half = np.float32(1 / 256), np.float32(0.5)
@@ -187,7 +193,10 @@ def _sum_down(ring: Any, moment: int, mean: Any) -> None:
 
 @compiled
 def _solve(base: Any, best: Any, moments: Any, refined: Any, std: Any, relief: Any) -> None:
-    """base: disparities that passed the checks, smoothed; where there is none, ``best`` takes its place."""
+    """Solve one row: refined disparity, its standard error, and relief.
+
+    base: disparities that passed the checks, smoothed; where there is none, ``best`` takes its place.
+    """
     one, largest = np.float32(1), np.float32(_LARGEST_STEP)
     prior, samples = np.float32(_PRIOR), np.float32(_SAMPLES)
     least, dark, still = np.float32(0.02), np.float32(1e-6), np.float32(1e-4)

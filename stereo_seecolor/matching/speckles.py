@@ -15,7 +15,7 @@ _PER_PX = 16
 
 
 def remove_speckles(disparity: Map, pixels: int) -> None:
-    """Make NaN where fewer than that many connected pixels share a disparity."""
+    """Set disparities to NaN, in place, where fewer than ``pixels`` connected pixels share a disparity to within one pixel."""
     every = 2 if disparity.size > LARGE_IMAGE_PX else 1
     fixed = np.empty((-(-disparity.shape[0] // every), -(-disparity.shape[1] // every)), np.int16)
     _thin(disparity, every, fixed)

@@ -1,4 +1,4 @@
-"""From disparity to depth, range and the standard error of range, in one pass."""
+"""Triangulation: depth, range and the standard error of range from disparity, in one pass."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,8 +12,9 @@ from stereo_seecolor.records import Map, Mask, RangeMap
 
 @dataclass(frozen=True, eq=False)
 class RangeMaps:
-    """The maps of a pair while they are filled, strip by strip; as in RangeMap, but until ``measure`` has turned it into meters
-    range_std_m holds the standard error of the disparity, pixels.
+    """The maps of a pair while they are filled, strip by strip, as in RangeMap.
+
+    Until ``measure`` has converted it to meters, range_std_m holds the standard error of the disparity, pixels.
     """
 
     disparity: Map
@@ -25,13 +26,13 @@ class RangeMaps:
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> "RangeMaps":
-        """Maps yet to be filled; nothing is interpolated."""
+        """Allocate maps of this shape; only ``filled`` has defined content, False."""
         # One block: the allocator then keeps its memory from pair to pair, and the system need not clear it again.
         disparity, confidence, depth_m, range_m, range_std_m = np.empty((5, *shape), np.float32)
         return cls(disparity, confidence, depth_m, range_m, range_std_m, np.zeros(shape, np.bool_))
 
     def measure(self, pair: RectifiedPair, limits_m: tuple[float, float], rows: slice) -> None:
-        """Fill depth, range and its standard error in these rows from disparity, its standard error and filled.
+        """Compute depth, range and the standard error of range in these rows.
 
         What lies outside the limits of range becomes unknown; what was not measured has no confidence and no standard error.
         """
@@ -41,7 +42,7 @@ class RangeMaps:
         _measure(pair.ray_length[rows], changed, found, (shift_px, scale), limits)
 
     def range_map(self) -> RangeMap:
-        """The finished maps."""
+        """The finished range map."""
         return RangeMap(self.disparity, self.depth_m, self.range_m, self.range_std_m, self.confidence, self.filled)
 
 

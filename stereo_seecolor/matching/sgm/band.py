@@ -1,4 +1,4 @@
-"""Where to search: for each tile, the band of disparities that a coarse match of the same pair finds around it."""
+"""The bands of disparities that are searched: for each tile, around those that a coarse match of the same pair found."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,20 +18,22 @@ WIDENING = LANES
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """lowest, count: (rows of tiles, columns of tiles) int32; tile t searches lowest[t] .. lowest[t] + count[t] - 1."""
+    """The band of each tile: tile t searches lowest[t] .. lowest[t] + count[t] - 1; both (rows of tiles, columns of tiles)
+    int32.
+    """
 
     lowest: NDArray[np.int32]
     count: NDArray[np.int32]
 
     @classmethod
     def everywhere(cls, shape: tuple[int, int], lowest: int, highest: int) -> "Band":
-        """One band for all tiles of an image of that shape."""
+        """Give all tiles of an image of that shape the same band."""
         tiles = (-(-shape[0] // TILE), -(-shape[1] // TILE))
         return cls(np.full(tiles, lowest, np.int32), np.full(tiles, _whole_lanes(highest - lowest + 1), np.int32))
 
     @classmethod
     def around(cls, coarse: Map, scale: int, shape: tuple[int, int], lowest: int, highest: int) -> "Band":
-        """For an image of that shape, from disparities found at 1 / scale of its size, NaN where none was found.
+        """Compute the bands of an image of that shape from disparities at 1 / scale of its size, NaN where none was found.
 
         A tile takes in its neighbors' disparities, so that both sides of an edge are searched along it; where nothing was found
         it takes those of the nearest that has some.
@@ -49,7 +51,7 @@ class Band:
         return cls(first, count)
 
     def widened(self, tiles: NDArray[np.bool_]) -> "Band":
-        """The band WIDENING wider on both sides at these tiles."""
+        """Widen the bands of these tiles by WIDENING on both sides."""
         return Band(
             np.where(tiles, self.lowest - WIDENING, self.lowest).astype(np.int32),
             np.where(tiles, self.count + 2 * WIDENING, self.count).astype(np.int32),

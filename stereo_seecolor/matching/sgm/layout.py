@@ -1,4 +1,4 @@
-"""How the costs of a search lie in memory: what the search and its steps agree on.
+"""The memory layout of matching costs, shared by the search and its steps.
 
 A piece is the costs of one pixel for LANES disparities, one byte each. A block is the pieces of PIXELS pixels, which one step
 works on. The costs of a row lie tile by tile, in a tile LANES disparities by LANES, in these pixel by pixel.

@@ -1,4 +1,4 @@
-"""What a change of disparity from one pixel to the next costs on a path of the semi-global search."""
+"""Penalties of semi-global matching: the cost of a change of disparity from one pixel of a path to the next."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -32,7 +32,7 @@ PENALTIES = Penalties()
 
 
 def p2_maps(image: Gray) -> NDArray[np.uint8]:
-    """(2, H + 8, W + 9) P2 from the pixel above, and from the pixel to the left; more rows and columns to fill tiles.
+    """Compute P2 for steps from the pixel above, and from the pixel to the left: (2, H + 8, W + 9) uint8, padded to whole tiles.
 
     Surfaces end where the image changes (Hirschmueller 2008, section 2.3).
     """

@@ -1,4 +1,4 @@
-"""Semi-global search of a pair: at reduced size over all disparities, then at full size in a band around what was found."""
+"""Semi-global search of a pair: at reduced size over all disparities, then at full size in bands around what was found."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -41,7 +41,7 @@ CONSTANTS = SearchConstants()
 
 
 class SemiGlobalMatching:
-    """The engine ``sgm``: disparities lowest..highest, pixels."""
+    """The engine ``sgm``: semi-global matching over the disparities lowest..highest, pixels."""
 
     refined = False
 
@@ -49,7 +49,7 @@ class SemiGlobalMatching:
         self._lowest, self._highest = lowest, highest
 
     def find(self, frame: StereoFrame, pair: GrayPair) -> MatchedDisparity:
-        """The disparities of a pair; depends on nothing else, whatever the number of threads."""
+        """Find the disparities of a pair; they depend on nothing else, whatever the number of threads."""
         low, high = self._lowest // pair.scale, -(-self._highest // pair.scale)
         coarse = search(pair.small_left, pair.small_right, Band.everywhere(pair.small_left.shape, low, high)).disparity
         remove_speckles(coarse, CONSTANTS.coarse_speckle_px)
@@ -58,7 +58,7 @@ class SemiGlobalMatching:
 
 
 def is_first_run() -> bool:
-    """True if the search, which takes longest to compile, is not on disk and can be kept there."""
+    """Tell whether the search, which takes longest to compile, is not compiled on disk yet and can be kept there."""
     return match_rows.missing
 
 

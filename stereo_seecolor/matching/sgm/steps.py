@@ -1,4 +1,4 @@
-"""The steps that the search is made of: vector code where numba is a version that it was tested with, plain loops elsewhere.
+"""The inner steps of the search: vector code where numba is a version that it was tested with, plain loops elsewhere.
 
 ``vectors.py`` builds on internal interfaces of numba and llvmlite, which may change with any version. The loops give the same
 results and take about twenty times as long.
