@@ -1,4 +1,4 @@
-"""Bundle adjustment of one or two cameras over many views of a target: every parameter at once.
+"""Bundle adjustment of one or two cameras over many views of a target: all parameters at once.
 
 Levenberg-Marquardt on the reprojection error; each view's pose is eliminated by the Schur complement (Triggs et al. 2000,
 Bundle Adjustment: A Modern Synthesis, sec. 6.1). Pinhole and fisheye, one camera and two, whole boards and parts of them go the
@@ -44,7 +44,7 @@ class Lens:
 
 @dataclass(frozen=True, eq=False)
 class Bundle:
-    """What is solved for.
+    """The parameters that are solved for.
 
     intrinsics: fx fy cx cy and distortion of the left and the right camera; T_right_left: (4, 4); T_left_target: (views, 4, 4).
     """
@@ -76,7 +76,7 @@ def project(points: Array, intrinsics: Array, model: CameraModel) -> tuple[Array
 
 
 def residuals(bundle: Bundle, observation: Observation) -> Array:
-    """(n, 2) projected minus measured, pixels."""
+    """Compute projected minus measured corners: (n, 2) pixels."""
     in_left = _transform(bundle.T_left_target[observation.view], observation.points_m)
     points = in_left if observation.side == 0 else _transform(bundle.T_right_left, in_left)
     return project(points, bundle.intrinsics[observation.side], bundle.lens.model)[0] - observation.pixels

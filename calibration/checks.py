@@ -1,4 +1,4 @@
-"""A calibration compared with images of a dive: what is wrong, with its evidence in numbers."""
+"""Checks of a calibration against images of a dive: what is wrong, with the evidence in numbers."""
 
 from collections.abc import Iterable
 
@@ -32,7 +32,7 @@ def vertical_disparity(rig: StereoRig, pairs: Iterable[tuple[NDArray[np.generic]
 
 
 def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
-    """As vertical_disparity, from matches in the rectified images of each pair."""
+    """Judge the rows as vertical_disparity does, from matches in the rectified images of each pair."""
     plan = plan_rectification(rig)
     pair, R_left, R_right = plan.matching_pair, plan.R_left_matching, plan.R_right_matching
     left, right = (np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in found)]) for side in ("left", "right"))

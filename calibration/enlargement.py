@@ -1,4 +1,4 @@
-"""Images that are the middle of those that were calibrated, enlarged to their size: a video mode, or a crop resized back."""
+"""Images cropped from the middle of those that were calibrated and enlarged to their size: a video mode, or a crop resized back."""
 
 from dataclasses import dataclass, replace
 
@@ -27,7 +27,7 @@ NOT_ENLARGED = Enlargement()
 
 
 def best_enlargement(rig: StereoRig, left: Array, right: Array) -> Enlargement:
-    """From matches (n, 2) in the images that are matched.
+    """Find the enlargement that explains matches (n, 2) in the images that are matched.
 
     An enlarged image has a longer focal length, and its lens bends less toward the corners. The former alone looks like a camera
     that has moved, so each factor is judged after the offset, scale and roll that suit it best: the lens's distortion is the

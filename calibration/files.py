@@ -1,4 +1,4 @@
-"""Atomic writes: a file is there whole, and on disk, or not at all."""
+"""Atomic writes: a file is complete and on disk, or not there at all."""
 
 import os
 import secrets

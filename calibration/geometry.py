@@ -1,4 +1,4 @@
-"""Disparity -> depth -> range -> points, and back, for a rectified pair.
+"""Geometry of a rectified pair: disparity, depth, range and points, converted into each other.
 
 Axes of the rectified left camera: x right, y down, z forward. ``depth_m`` is Z, the distance along the optical axis;
 ``range_m`` is the distance along the ray, which is what water acts on. NaN is unknown and stays NaN.
@@ -51,7 +51,7 @@ class RectifiedPair:
 
     @cached_property
     def ray_length(self) -> Map:
-        """(H, W) range_m / depth_m for each pixel of the left image, at least 1."""
+        """The ratio range_m / depth_m of each pixel of the left image: (H, W), at least 1."""
         width, height = self.image_size
         x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
         y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
@@ -61,28 +61,28 @@ class RectifiedPair:
         return lengths
 
     def depth_from_disparity(self, disparity: Map) -> Map:
-        """Z = f B / (d - (cx_left - cx_right)), meters; NaN where the disparity is unknown or at or beyond infinity."""
+        """Compute Z = f B / (d - (cx_left - cx_right)), meters; NaN where the disparity is unknown or at or beyond infinity."""
         shifted = disparity - np.float32(self.cx_left_px - self.cx_right_px)
         with np.errstate(divide="ignore", invalid="ignore"):
             depth_m = np.float32(self.focal_px * self.baseline_m) / shifted
         return np.where(shifted > 0, depth_m, np.float32(np.nan)).astype(np.float32)
 
     def disparity_from_depth(self, depth_m: Map) -> Map:
-        """d = f B / Z + (cx_left - cx_right), pixels; NaN where the depth is unknown."""
+        """Compute d = f B / Z + (cx_left - cx_right), pixels; NaN where the depth is unknown."""
         shift_px = np.float32(self.cx_left_px - self.cx_right_px)
         return (np.float32(self.focal_px * self.baseline_m) / depth_m + shift_px).astype(np.float32)
 
     def range_from_depth(self, depth_m: Map) -> Map:
-        """Distance along the ray in meters, from Z."""
+        """Compute the distance along the ray from Z; both (H, W) meters."""
         return depth_m * self.ray_length
 
     def depth_from_range(self, range_m: Map) -> Map:
-        """Z in meters, from the distance along the ray."""
+        """Compute Z from the distance along the ray; both (H, W) meters."""
         return range_m / self.ray_length
 
     @cached_property
     def rays(self) -> NDArray[np.float32]:
-        """(H, W, 3) the unit vector along each pixel's ray, in the rectified left camera."""
+        """The unit vector along each pixel's ray in the rectified left camera: (H, W, 3)."""
         width, height = self.image_size
         x = ((np.arange(width) - self.cx_left_px) / self.focal_px)[None, :]
         y = ((np.arange(height) - self.cy_px) / self.focal_px)[:, None]
@@ -93,5 +93,5 @@ class RectifiedPair:
         return rays
 
     def points_from_range(self, range_m: Map) -> NDArray[np.float32]:
-        """(H, W, 3) points in the rectified left camera, meters; NaN where the range is unknown."""
+        """Compute points in the rectified left camera: (H, W, 3) meters, NaN where the range is unknown."""
         return np.asarray(self.rays * range_m[..., None])

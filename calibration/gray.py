@@ -1,11 +1,13 @@
-"""One gray image of eight bits, whatever the camera gave: for finding corners and features."""
+"""Conversion of any camera image to 8-bit gray, in which corners and features are found."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 
 def to_gray(image: NDArray[np.generic]) -> NDArray[np.uint8]:
-    """(H, W) 8-bit of (H, W) or (H, W, C): the mean of the channels (underwater red may be empty), stretched to the full range."""
+    """Convert (H, W) or (H, W, C) to (H, W) uint8: the mean of the channels (underwater red may be empty), stretched to the full
+    range.
+    """
     channels = [image] if image.ndim == 2 else np.moveaxis(image, 2, 0)
     gray = channels[0].astype(np.float32)
     for channel in channels[1:]:  # a fifth of the time of numpy's mean over an axis of three

@@ -1,4 +1,4 @@
-"""Lengths that a person writes with their units."""
+"""Lengths that users write with their units."""
 
 from calibration.errors import CalibrationError
 
@@ -6,7 +6,7 @@ UNITS_M = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
 
 
 def length_m(text: str, where: str) -> float:
-    """Meters of ``24.23mm``, ``3cm`` or ``1.5m``. where: what is read, for the message. Raises CalibrationError."""
+    """Parse ``24.23mm``, ``3cm`` or ``1.5m`` to meters. where: what is read, for the message. Raises CalibrationError."""
     number = text.rstrip("cm")
     try:
         return float(number) * UNITS_M[text[len(number) :]]

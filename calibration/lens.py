@@ -36,7 +36,7 @@ def first_guess(views: Sequence[View], target: Target, lens: Lens) -> Bundle:
 
 
 def fit_camera(lens: Lens, observations: list[Observation], image_size: Size) -> Bundle:
-    """One camera alone, refined. observations: all of side 0, views numbered from 0 without a gap."""
+    """Fit one camera alone by bundle adjustment. observations: all of side 0, views numbered from 0 without a gap."""
     if lens.model == "fisheye":
         fits = [_fit_fisheye(lens, guess * image_size[0], observations, image_size) for guess in FISHEYE_FOCAL_GUESSES]
         return solve(min(fits, key=lambda fit: rms(fit, observations)), observations)
@@ -53,7 +53,7 @@ def fit_camera(lens: Lens, observations: list[Observation], image_size: Size) ->
 
 
 def target_pose(camera: Camera, observation: Observation) -> Array:
-    """(4, 4) target to camera, from one view's corners."""
+    """Estimate the pose of the target in the camera, (4, 4) target to camera, from one view's corners."""
     rays = camera.rays(observation.pixels)
     seen = np.isfinite(rays[:, 0])
     if seen.sum() < 4:

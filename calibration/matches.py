@@ -1,4 +1,4 @@
-"""The same points in both rectified images of a pair, to a fraction of a pixel, with rows left free to disagree."""
+"""Matched points of both rectified images of a pair, to a fraction of a pixel, whose rows may differ."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -57,7 +57,7 @@ def find_matches(
 
 
 def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
-    """The same points in both raw images of each pair, found in the rectified ones."""
+    """Find matched points of both raw images of each pair, by matching the rectified ones."""
     rectification = Rectification.from_rig(rig)
     found = [find_matches(rectification, left, right) for left, right in pairs]
     return [Matches(*raw_points(rig, matches.left, matches.right)) for matches in found]
@@ -70,7 +70,7 @@ def look_alikes(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matche
 
 
 def rectified_matches(rig: StereoRig, raw: Sequence[Matches]) -> list[Matches]:
-    """Where matches in raw pixels lie in the rectified images of ``rig``."""
+    """Convert matches in raw pixels to the rectified images of ``rig``."""
     return [Matches(*rectified_points(rig, matches.left, matches.right)) for matches in raw]
 
 

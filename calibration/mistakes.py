@@ -1,4 +1,4 @@
-"""What was done wrong with a calibration that does not fit a dive's images: usual mistakes, each tried on points of both images."""
+"""Search for the usual mistake that explains why a calibration does not fit a dive's images, tested on matched points."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -41,18 +41,20 @@ LIMITS = MistakeLimits()
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """How a rig fits points of both images. off_px: from their lines, median. in_front: the fraction that lies before both."""
+    """The fit of a rig to matched points. off_px: median distance from their epipolar lines. in_front: fraction in front of both
+    cameras.
+    """
 
     off_px: float
     in_front: float
 
     @property
     def is_behind(self) -> bool:
-        """True if nearly all points lie behind the cameras."""
+        """Tell whether nearly all points lie behind the cameras."""
         return self.in_front < 1 - LIMITS.in_front
 
     def explains(self, given: "Fit") -> bool:
-        """True if this can be the truth, where ``given`` cannot."""
+        """Tell whether this fit can be the truth where ``given`` cannot."""
         good = self.off_px < LIMITS.left_px and self.in_front > LIMITS.in_front
         return good and (given.is_behind or given.off_px > max(LIMITS.wrong_px, LIMITS.better * self.off_px))
 
@@ -78,12 +80,12 @@ class Mistake:
 
     @property
     def exchanged(self) -> bool:
-        """True for left and right exchanged."""
+        """Tell whether left and right are exchanged."""
         return self.what == EXCHANGED
 
     @property
     def is_mirrored(self) -> bool:
-        """True for images of which one axis runs the other way."""
+        """Tell whether the images are mirrored along one axis."""
         return not {ACROSS, DOWN}.isdisjoint((self.left_flip, self.right_flip))
 
 
@@ -139,7 +141,7 @@ def _transform(R: Array, t: Array) -> Array:
 
 
 def may_be_mistaken(rows: RowCheck) -> bool:
-    """True for rows that no movement of a camera explains; it is then worth looking for a mistake."""
+    """Tell whether rows disagree as no movement of a camera explains, so that a mistake should be searched for."""
     return rows.swapped or rows.row_error_px > LIMITS.wrong_px
 
 
@@ -192,7 +194,7 @@ def _together(found: list[Matches]) -> Matches:
 
 
 def fit_of(mistake: Mistake, points: Matches) -> Fit:
-    """How points of both raw images, some of them mismatched, fit a rig without that mistake."""
+    """Fit matched points of both raw images, some of them wrong, to the rig without that mistake."""
     rig = mistake.rig
     left_camera, right_camera, T = cameras_in_water(rig)
     sides = []

@@ -1,4 +1,4 @@
-"""From the rectified left image back to the left camera's own pixels."""
+"""Maps from the rectified left image back to the left camera's own pixels."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -26,7 +26,7 @@ LIMITS = SurfaceLimits()
 
 @dataclass(frozen=True, eq=False)
 class OriginalView:
-    """Where each pixel of the raw left image lies in the upright rectified one.
+    """The position of each pixel of the raw left image in the upright rectified one.
 
     x, y: (H, W) float32 pixels of the rectified image; far outside where no ray of the lens leads there.
     The rectified camera has the center of the raw one (behind a flat port, the center that stands for it), so that a range along a
@@ -53,7 +53,7 @@ class OriginalView:
         return cls(*where)
 
     def ranges(self, range_m: Map) -> Map:
-        """(H, W) float32 ranges of the raw pixels, NaN where unknown or not in the rectified image.
+        """Resample ranges to the raw pixels: (H, W) float32, NaN where unknown or not in the rectified image.
 
         The mean of the four neighbors where they are of one surface, else the nearest one's: no range is made up between two.
         """
@@ -64,11 +64,11 @@ class OriginalView:
             return np.where(variance < (LIMITS.relative_spread * mean) ** 2, mean, nearest).astype(np.float32)
 
     def mask(self, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(H, W) the mask at the raw pixels, False where they are not in the rectified image."""
+        """Resample a mask to the raw pixels: (H, W), False where they are not in the rectified image."""
         return self._remap(mask.astype(np.uint8), cv2.INTER_NEAREST, 0).astype(np.bool_)
 
     def smooth(self, values: Map) -> Map:
-        """(H, W) smooth values at the raw pixels, carried on at the border."""
+        """Resample smooth values to the raw pixels: (H, W), the border value repeated beyond the rectified image."""
         return np.asarray(cv2.remap(values, self.x, self.y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE), np.float32)
 
     def _remap(self, values: NDArray[Any], interpolation: int, outside: float) -> NDArray[Any]:

@@ -1,4 +1,4 @@
-"""Views that do not belong: pairs that show two moments, misread boards, blur."""
+"""Removal of outlying views: pairs that show two moments, misread boards, blur."""
 
 from collections.abc import Sequence
 
@@ -53,7 +53,7 @@ def _without_wrong_pairs(views: list[View], target: Target, lenses: Sequence[Len
 
 
 def view_errors(bundle: Bundle, views: Sequence[View], target: Target) -> Array:
-    """(views, 2) rms in the left and the right image, pixels."""
+    """Compute the rms of each view in the left and the right image: (views, 2) pixels."""
     errors = np.zeros((len(views), 2))
     for observation in observations_of(views, target):
         errors[observation.view, observation.side] = rms(bundle, [observation])

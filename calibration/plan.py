@@ -39,17 +39,17 @@ class RectificationPlan:
 
     @property
     def R_left_matching(self) -> Array:
-        """(3, 3) from the left camera's axes to those of the left image that is matched."""
+        """The rotation from the left camera's axes to those of the left image that is matched: (3, 3)."""
         return quarter_turn(self.pair.quarter_turns) @ self.R_left
 
     @property
     def R_right_matching(self) -> Array:
-        """(3, 3) from the right camera's axes to those of the right image that is matched."""
+        """The rotation from the right camera's axes to those of the right image that is matched: (3, 3)."""
         return quarter_turn(self.pair.quarter_turns) @ self.R_right
 
     @property
     def diagonal_deg(self) -> float:
-        """How far the baseline is from the nearest axis of the left image, degrees, -45..45."""
+        """The angle between the baseline and the nearest axis of the left image, degrees, -45..45."""
         return float(np.degrees(roll(self.R_left)))
 
 
@@ -71,7 +71,7 @@ def plan_rectification(rig: StereoRig) -> RectificationPlan:
 
 
 def rectified_points(rig: StereoRig, left: Array, right: Array) -> tuple[Array, Array]:
-    """Where pixels (n, 2) of the raw left and right images lie in the images that are matched; NaN where a lens does not reach."""
+    """Convert pixels (n, 2) of the raw left and right images to the images that are matched; NaN where a lens does not reach."""
     plan = plan_rectification(rig)
     pair, rectified = plan.matching_pair, []
     left_camera, right_camera, _ = cameras_in_water(rig)
@@ -116,7 +116,7 @@ def upright_rotations(T_right_left: Array) -> tuple[Array, Array, int]:
 
 
 def rectifying_rotations(T_right_left: Array) -> tuple[Array, Array]:
-    """(3, 3) rotations from each camera's axes to common ones whose x axis is the baseline, each camera turned equally.
+    """Compute the (3, 3) rotations from each camera's axes to common ones whose x axis is the baseline, each camera turned equally.
 
     Bouguet's construction, as in Learning OpenCV (Bradski and Kaehler 2008), ch. 12: halve the rotation between the cameras,
     then turn both so that the translation lies along x.

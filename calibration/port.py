@@ -1,4 +1,4 @@
-"""The window that cameras look through under water, and what it is made of."""
+"""The flat or dome port that cameras look through under water, and its materials."""
 
 from dataclasses import dataclass
 

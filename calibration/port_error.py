@@ -1,4 +1,4 @@
-"""What a flat port, modeled or ignored, does to ranges: exact rays traced through it, and read as the rectification reads them."""
+"""Range errors that a flat port causes, modeled or ignored: exact rays traced through it, compared with the rectification."""
 
 from dataclasses import dataclass
 

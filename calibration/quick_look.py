@@ -20,7 +20,7 @@ STRAY_PX = 1.0  # a row that much off the median is no match of the same point
 
 @dataclass(frozen=True, eq=False)
 class QuickLook:
-    """rows_agree: to a quarter of a pixel, and left is left; False also if too little matches to tell.
+    """The outcome of a quick look. rows_agree: to a quarter of a pixel, and left is left; False also if too little matches to tell.
 
     range_m: (n,) of the points in front of the cameras, along the ray; empty if too little matches to tell.
     """

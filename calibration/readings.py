@@ -25,7 +25,7 @@ def settle_reading(rig: StereoRig, pairs: Iterable[Images]) -> StereoRig:
 
 
 def settle_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
-    """As settle_reading, from matches in raw pixels of each pair."""
+    """Choose a reading as settle_reading does, from matches in raw pixels of each pair."""
     if not rig.alternatives:
         return rig
     readings, errors_px = (rig, *rig.alternatives), []

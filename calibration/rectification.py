@@ -1,4 +1,4 @@
-"""Rectification: bring both images onto one image plane, rows aligned."""
+"""Rectification: resample both images onto one image plane with aligned rows."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,7 +24,7 @@ RemapTables = tuple[NDArray[np.int16], NDArray[np.uint16]]
 
 @dataclass(frozen=True, eq=False)
 class Rectification:
-    """How a rig's images become rectified ones; built once for a run.
+    """The rectification of a rig's images; built once for a run.
 
     Two geometries: images are matched turned by quarter turns so that the baseline is +x (``matching_pair``, ``apply_left``,
     ``apply_right``), and products are upright, as the left camera saw the scene (``pair``, ``upright``). For a pair side by side
@@ -86,13 +86,13 @@ class Rectification:
 
     @property
     def T_rectified_left(self) -> Array:
-        """(4, 4): a point in the left camera's axes, as calibrated, into the upright rectified left camera's."""
+        """The transform of points from the left camera's axes, as calibrated, to the upright rectified left camera's: (4, 4)."""
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = self.R_left, -self.R_left @ self.center_left_m
         return T
 
     def rectified_rig(self) -> StereoRig:
-        """The rig that the upright rectified images look taken by: no distortion, no rotation, one focal length."""
+        """The rig of the upright rectified images: no distortion, no rotation, one focal length."""
         right_of_left = np.eye(4)
         turn = quarter_turn(-self.pair.quarter_turns)
         right_of_left[:3, 3] = turn @ [-self.pair.baseline_m, 0.0, 0.0]
@@ -102,7 +102,7 @@ class Rectification:
         return StereoRig(Camera(self.pair.P_left, none, size), Camera(K_right, none, size), right_of_left)
 
     def seen_left(self) -> NDArray[np.bool_]:
-        """(H, W) True where the left image that is matched shows something that the left camera saw."""
+        """Compute where the left image that is matched shows something that the left camera saw: (H, W) bool."""
         width, height = self.raw_size
         return np.asarray(self.apply_left(np.full((height, width), 255, np.uint8)) == 255)
 

@@ -1,8 +1,8 @@
-"""What has moved in a rig since its calibration, estimated from the vertical disparity of a dive's matches.
+"""Estimation of what has moved in a rig since its calibration, from the vertical disparity of a dive's matches.
 
 Only the right camera is moved, against the left: its rotation and its focal length. A rotation about the baseline's axis (pitch)
 and a vertical offset of the principal point look the same to a fraction of a pixel, and neither changes a range, so both are called
-pitch here. Where the right camera stands is not estimated: over a scene of one depth, a baseline that points forward looks like
+pitch here. The position of the right camera is not estimated: over a scene of one depth, a baseline that points forward looks like
 another focal length, and both together fit whatever the lens model has wrong.
 """
 

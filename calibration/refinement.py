@@ -1,4 +1,4 @@
-"""What was found to have moved in a rig since its calibration, and how well that is known."""
+"""The result of refining a rig: what has moved since its calibration, with standard errors."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,9 @@ YAW_WARNING = "yaw shifts every disparity by {:+.2f} px, and with it ranges: it 
 
 @dataclass(frozen=True)
 class Movement:
-    """One thing that has moved, and its standard error. name: see refine.PARAMETERS; radians, or a relative change for scale."""
+    """A parameter that has changed, with its standard error. name: see refine.PARAMETERS; radians, or a relative change for
+    scale.
+    """
 
     name: str
     value: float
@@ -24,7 +26,7 @@ class Movement:
 
 @dataclass(frozen=True)
 class Refinement:
-    """How a rig was refined with matches of a dive.
+    """The refinement of a rig with matches of a dive.
 
     movements: what has moved, with standard errors; none where the calibration was left as it is. before_px, after_px: median
     absolute vertical disparity before, and after on pairs left out of the fit. pairs, matches: what it rests on.
@@ -40,19 +42,19 @@ class Refinement:
 
     @property
     def better(self) -> bool:
-        """True if something has moved, and rows of pairs left out agree better for it."""
+        """Tell whether something has moved, and rows of pairs left out of the fit agree better for it."""
         return bool(self.movements) and self.after_px < self.before_px
 
     @property
     def summary(self) -> str:
-        """What it rests on, and what it gained, in one line."""
+        """One line: the data that it rests on, and the gain."""
         return (
             f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity {self.before_px:.2f} px as calibrated, "
             f"{self.after_px:.2f} px refined, on pairs left out of the fit (median)"
         )
 
     def lines(self) -> list[str]:
-        """All of it for a person to read."""
+        """The report, line by line."""
         text_lines = [self.summary]
         if not self.movements:
             return [*text_lines, "nothing has moved beyond doubt: the calibration is left as it is", UNSEEN]

@@ -29,12 +29,14 @@ class CameraInWater:
 
     @property
     def image_size(self) -> tuple[int, int]:
-        """(width, height) in pixels."""
+        """Width and height of the image, pixels."""
         return self.camera.image_size
 
     @cached_property
     def center_m(self) -> Array:
-        """(3,) in camera axes: the middle of where water rays meet the axis through the camera, over the image."""
+        """The center of the pinhole in camera axes, (3,): the median, over the image, of where water rays meet the port's
+        normal.
+        """
         width, height = self.image_size
         x, y = np.meshgrid(np.linspace(0, width - 1, 21), np.linspace(0, height - 1, 21))
         points, directions = self.trace(np.column_stack([x.ravel(), y.ravel()]))
@@ -49,7 +51,9 @@ class CameraInWater:
         return np.asarray(middle * N)
 
     def trace(self, pixels: Array) -> tuple[Array, Array]:
-        """Where the rays of pixels (n, 2) leave the window (n, 3), and their unit directions in the water (n, 3); camera axes."""
+        """Trace the rays of pixels (n, 2): where they leave the window (n, 3), and their unit directions in water (n, 3), camera
+        axes.
+        """
         N, window, port = self.window.normal, self.window, self.port
         in_air = self.camera.rays(pixels)
         in_air /= np.linalg.norm(in_air, axis=1, keepdims=True)
@@ -82,7 +86,7 @@ class CameraInWater:
         return self.camera.project(N + slope[:, None] * outward)
 
     def rays(self, pixels: Array) -> Array:
-        """(n, 3) directions with z = 1, from ``center_m`` to where each pixel's ray meets the working range."""
+        """Compute directions with z = 1, (n, 3), from ``center_m`` to where each pixel's ray meets the working range."""
         points, directions = self.trace(pixels)
         length = (self._working_z_m - points[:, 2]) / directions[:, 2]
         seen = points + directions * length[:, None] - self.center_m
@@ -117,7 +121,7 @@ class CameraInWater:
 
 
 def cameras_in_water(rig: StereoRig) -> tuple[Camera | CameraInWater, Camera | CameraInWater, Array]:
-    """What the rig is in water: its cameras, and the (4, 4) transform between their centers, left to right."""
+    """Convert a rig to water: its two cameras, and the (4, 4) transform between their centers, left to right."""
     if not isinstance(rig.port, FlatPort):
         return rig.left, rig.right, rig.T_right_left
     left = CameraInWater(rig.left, rig.port.left, rig.port)

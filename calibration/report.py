@@ -1,4 +1,4 @@
-"""What a calibration is worth: errors by view, coverage of the image, standard deviations, and a verdict in one line."""
+"""The report on a calibration: errors by view, coverage of the image, standard errors, and a verdict in one line."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -27,7 +27,9 @@ MIN_VIEWS = (10, 5)  # pairs
 
 @dataclass(frozen=True)
 class ViewReport:
-    """One pair: rms in each image, pixels; NaN where it was not measured; reason: why it was dropped, None if it was used."""
+    """The report on one pair: rms in each image, pixels, NaN where it was not measured; reason: why it was dropped, None if it was
+    used.
+    """
 
     name: str
     left_px: float = np.nan
@@ -37,7 +39,7 @@ class ViewReport:
 
 @dataclass(frozen=True, eq=False)
 class LensScore:
-    """How well a lens model predicts views left out of its fit.
+    """The score of a lens model: how well it predicts views left out of its fit.
 
     squares: (views,) mean squared reprojection error, px^2; row_errors: (n,) left minus right row after rectification, px, NaN
     where the lens model does not reach a corner. figures: (3,) focal length left and right (the mean of fx and fy), pixels, and
@@ -54,7 +56,7 @@ class LensScore:
 
     @property
     def rms_px(self) -> float:
-        """Over all left-out views."""
+        """The rms error over all left-out views, pixels."""
         return float(np.sqrt(self.squares.mean()))
 
     @property
@@ -136,7 +138,7 @@ class CalibrationReport:
         return "good", f"{figures[0][2]}, {figures[1][2]}, {len(self.used)} views"
 
     def lines(self) -> list[str]:
-        """All figures for a person to read, the verdict last."""
+        """The report line by line, the verdict last."""
         rig, lens = self.rig, self.lens
         views = [
             f"  {view.name}: left {view.left_px:.2f} px, right {view.right_px:.2f} px"
@@ -167,7 +169,7 @@ class CalibrationReport:
         ]
 
     def coverage_picture(self) -> NDArray[np.uint8]:
-        """(H, W, 3) RGB: where corners lay, left image beside right; cells without corners in red."""
+        """Draw where corners lay, left image beside right: (H, W, 3) RGB; cells without corners are red."""
         width, height = self.rig.left.image_size
         scale = 640 / width
         sides = []

@@ -1,4 +1,4 @@
-"""Standard errors and model choice from fits that each leave a part of the data out."""
+"""Standard errors and model choice by leaving out parts of the data."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +9,7 @@ TINY = 1e-12  # px^2: data without noise have no error to compare
 
 
 def jackknife(estimates: Array) -> Array:
-    """(k,) standard errors from (groups, k) estimates without one group each (Efron 1982, The Jackknife, ch. 3).
+    """Compute standard errors (k,) from (groups, k) estimates without one group each (Efron 1982, The Jackknife, ch. 3).
 
     Unlike those of least squares they hold where the errors of a group are alike: a target bent, a shutter late.
     """
@@ -18,7 +18,8 @@ def jackknife(estimates: Array) -> Array:
 
 
 def no_worse(squares: Array, best: Array) -> bool:
-    """True if squared errors (n,) of parts left out are no larger than the best model's beyond doubt, or by too little to matter.
+    """Tell whether squared errors (n,) of parts left out are as good as the best model's: not significantly larger, or by too
+    little to matter.
 
     As the rule of one standard error (Hastie et al. 2009, sec. 7.10), but with two: from ten parts, chance favors a needless
     coefficient often enough, and it costs more than it gives. Errors are compared as ratios, so that many parts that agree outweigh

@@ -1,4 +1,4 @@
-"""Calibrations for images that were binned or resized since: the same rays, other pixels."""
+"""Calibrations for images that were binned or resized since: the same rays in other pixels."""
 
 from dataclasses import replace
 
@@ -36,13 +36,13 @@ def refuse_other_resolution(rig: StereoRig, where: str) -> None:
 
 
 def resize_factor(calibrated: Size, images: Size) -> float | None:
-    """How many times as large the images are as those of the calibration; None if not the same for both sides: a cut-out."""
+    """Compute the size of the images over that of the calibration; None if it is not the same along both sides: a cut-out."""
     factor = images[0] / calibrated[0]
     return factor if abs(calibrated[1] * factor - images[1]) < ROUNDING_PX * max(1.0, factor) else None
 
 
 def wrong_size(side: str, images: Size, calibrated: Size, calib: str = "CALIB") -> str:
-    """What to say of images that are not as large as those of the calibration, which the file ``calib`` holds."""
+    """The error message for images that are not as large as those of the calibration in the file ``calib``."""
     mismatch = f"the {side} image is {_text(images)} px but the calibration is for {_text(calibrated)}"
     factor = resize_factor(calibrated, images)
     if side == "right":

@@ -1,4 +1,4 @@
-"""The camera pair in clear terms: what each camera is, and where the right one stands."""
+"""The stereo rig: two cameras, and the pose of the right one relative to the left."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -29,7 +29,7 @@ DISTORTION_LENGTHS = {"pinhole": (0, 4, 5, 8, 12, 14), "fisheye": (4,)}
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """One camera as OpenCV describes it.
+    """A camera as OpenCV describes it.
 
     K: (3, 3) float64, pixels, center of the top left pixel at (0, 0).
     distortion: (n,) float64 in OpenCV's order; n in {0, 4, 5, 8, 12, 14} for pinhole, 4 for fisheye.
@@ -70,7 +70,7 @@ class Camera:
         return float(self.K[0, 1])
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 2) pixels of points (n, 3) in this camera's axes; only for points before the camera."""
+        """Project points (n, 3) in this camera's axes to pixels (n, 2); only for points in front of the camera."""
         if len(points) == 0:
             return np.zeros((0, 2))  # OpenCV takes no empty arrays
         shaped, zero = points.reshape(-1, 1, 3), np.zeros(3)
@@ -84,7 +84,9 @@ class Camera:
         return pixels
 
     def rays(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(n, 3) directions with z = 1 of pixels (n, 2); NaN where the lens model reaches no such pixel, or looks to the side."""
+        """Compute the directions with z = 1, (n, 3), of pixels (n, 2); NaN where the lens model reaches no such pixel, or looks
+        sideways.
+        """
         if len(pixels) == 0:
             return np.zeros((0, 3))
         shaped = pixels.reshape(-1, 1, 2)
@@ -166,7 +168,8 @@ class StereoRig:
 
     @property
     def is_rectified(self) -> bool:
-        """True if rows correspond already: no distortion, no rotation, square pixels, one focal length and cy, baseline along +x.
+        """Tell whether rows correspond already: no distortion, no rotation, square pixels, one focal length and cy, baseline along
+        +x.
 
         The principal points cx may differ (Middlebury's doffs); Rectification honours that.
         """

@@ -1,4 +1,4 @@
-"""How well a calibration knows its rig, where its own file says so."""
+"""Standard errors of a rig that its calibration file states."""
 
 from dataclasses import dataclass
 
@@ -15,5 +15,7 @@ class RigErrors:
 
     @property
     def length(self) -> float:
-        """Of a length: range is focal length x baseline / disparity, and what lies across it is baseline x pixels / disparity."""
+        """The relative standard error of a length, which is baseline x focal length / disparity, or baseline x pixels /
+        disparity.
+        """
         return float(np.hypot(self.focal, self.baseline))

@@ -1,4 +1,4 @@
-"""How well a calibration fits images of a dive, and what explains it where it does not."""
+"""Check of a calibration by the rows of matched points of a dive, and what explains disagreement."""
 
 from dataclasses import dataclass
 
@@ -51,12 +51,12 @@ class RowCheck:
 
     @property
     def acceptable(self) -> bool:
-        """True if rows agree to a quarter of a pixel and left is left."""
+        """Tell whether rows agree to a quarter of a pixel and left is left."""
         return self.row_error_px <= LIMITS.acceptable_px and not self.swapped
 
     @property
     def warning(self) -> str | None:
-        """What a run over a dive must say before it starts; None where rows agree to half a pixel and left is left.
+        """The warning that a run over a dive gives before it starts; None where rows agree to half a pixel and left is left.
 
         What makes ranges wrong by its factor is said from where rows are not acceptable on: small images hide it.
         """
@@ -67,17 +67,17 @@ class RowCheck:
 
     @property
     def swapped(self) -> bool:
-        """True if nearly all points lie behind infinity."""
+        """Tell whether nearly all points lie behind infinity."""
         return self.behind_fraction > LIMITS.swapped_fraction
 
     @property
     def in_front(self) -> bool:
-        """True if nearly all points lie in front of the cameras."""
+        """Tell whether nearly all points lie in front of the cameras."""
         return self.behind_fraction < 1 - LIMITS.swapped_fraction
 
     @property
     def has_moved(self) -> bool:
-        """True if rows disagree as after a movement of a camera, which refining can find."""
+        """Tell whether rows disagree as after a movement of a camera, which refinement can find."""
         drifted = self.row_error_px > LIMITS.acceptable_px and self._is_drift
         return drifted and not (self.swapped or self.air_in_water or self.cut_out or self.mistake)
 
@@ -87,14 +87,14 @@ class RowCheck:
 
     @property
     def air_in_water(self) -> bool:
-        """True if bending the rays as a flat port in water does explains rows that do not agree without it."""
+        """Tell whether bending the rays as a flat port in water does explains rows that do not agree without it."""
         bent_px = self.index_unexplained_px
         in_water = LIMITS.water_index[0] <= self.index <= LIMITS.water_index[1]
         return in_water and self._explains(bent_px) and bent_px <= self.enlargement.unexplained_px
 
     @property
     def cut_out(self) -> bool:
-        """True if images cut out of those that were calibrated, and enlarged to their size, explain rows that do not agree."""
+        """Tell whether images cut out of those that were calibrated, and enlarged to their size, explain rows that do not agree."""
         return self._explains(self.enlargement.unexplained_px) and not self.air_in_water
 
     def _explains(self, left_px: float) -> bool:
@@ -103,7 +103,7 @@ class RowCheck:
 
     @property
     def advice(self) -> tuple[str, ...]:
-        """What to do, one line each, the gravest first."""
+        """What to do, one line each, the most severe first."""
         if self.mistake:
             return (self.mistake,)
         if self.swapped:
@@ -130,7 +130,7 @@ class RowCheck:
         return tuple(advice)
 
     def lines(self) -> list[str]:
-        """All of it for a person to read, the verdict last."""
+        """The report line by line, the verdict last."""
         verdict = "acceptable" if self.acceptable else "NOT acceptable"
         return [
             f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity {self.row_error_px:.2f} px (median); "

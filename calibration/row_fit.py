@@ -19,12 +19,12 @@ def row_inliers(left: Array, right: Array, pair: RectifiedPair) -> NDArray[np.bo
 
 
 def explain(rows: Array, offsets: Array) -> tuple[Array, Array]:
-    """Offset, scale and roll (radians) that explain rows best, and what they leave. offsets: (n, 2) from the middle, pixels."""
+    """Fit offset, scale and roll (radians) to rows; return these and the residuals. offsets: (n, 2) pixels from the middle."""
     return robust_fit(np.column_stack([np.ones(len(rows)), offsets[:, 1], offsets[:, 0]]), rows)
 
 
 def robust_fit(terms: Array, values: Array) -> tuple[Array, Array]:
-    """Least absolute deviations by iterated reweighting; coefficients and residuals."""
+    """Fit by least absolute deviations, iteratively reweighted; return coefficients and residuals."""
     weights = np.ones(len(values))
     for _ in range(15):
         root = np.sqrt(weights)[:, None]

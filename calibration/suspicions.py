@@ -1,4 +1,4 @@
-"""What looks wrong in a rig that can be used all the same: found in its numbers alone, without images."""
+"""Warnings about a rig that is usable but looks wrong, found in its numbers alone, without images."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,7 @@ LIMITS = SuspicionLimits()
 
 
 def suspicions(rig: StereoRig) -> tuple[str, ...]:
-    """What looks wrong in a rig that can be used all the same, one line each; empty for a rig beyond suspicion."""
+    """List what looks wrong in a usable rig, one line each; empty where nothing does."""
     found = list(rig.doubts)
     if rig.alternatives:
         found.append(f"{rig.reading}: the file can be read in {len(rig.alternatives) + 1} ways, and images of the dive must decide")
@@ -56,7 +56,7 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
 
 
 def placement_suspicions(rig: StereoRig) -> list[str]:
-    """What is unusual in where the right camera stands: to the left, or diagonally."""
+    """List what is unusual in the position of the right camera: to the left, or diagonal."""
     found = []
     x_m, y_m, _ = -rig.R.T @ rig.T_right_left[:3, 3]
     if x_m < -abs(y_m):
@@ -97,7 +97,7 @@ def _camera_suspicions(side: str, camera: Camera) -> list[str]:
 
 
 def lens_folds(camera: Camera) -> bool:
-    """True if the lens model turns back within the image, so that two directions share a pixel (or none reaches it).
+    """Tell whether the lens model turns back within the image, so that two directions share a pixel, or none reaches it.
 
     A fisheye's corners may lie beyond 90 degrees or outside of its circle: no ray is asked to reach them.
     """

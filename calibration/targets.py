@@ -1,4 +1,4 @@
-"""Calibration targets, chessboard and ChArUco: what they are, and where their corners lie in an image."""
+"""Calibration targets, chessboard and ChArUco, and the detection of their corners in an image."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -32,11 +32,11 @@ class Chessboard:
 
     @cached_property
     def points_m(self) -> NDArray[np.float64]:
-        """(columns * rows, 3) corners on the board's plane, row by row."""
+        """The corners on the board's plane, row by row: (columns * rows, 3)."""
         return _grid(self.columns, self.rows, self.square_m)
 
     def detect(self, image: NDArray[np.uint8]) -> Corners | None:
-        """All corners of the board in a gray image (H, W), right-handed, or None; never some of them."""
+        """Find all corners of the board in a gray image (H, W), right-handed; None unless all are found."""
         found = _find_chessboard(image, (self.columns, self.rows))
         if found is None:
             return None
@@ -67,7 +67,7 @@ class Charuco:
 
     @cached_property
     def points_m(self) -> NDArray[np.float64]:
-        """((columns - 1) * (rows - 1), 3) inner corners on the board's plane, row by row."""
+        """The inner corners on the board's plane, row by row: ((columns - 1) * (rows - 1), 3)."""
         return _grid(self.columns - 1, self.rows - 1, self.square_m)
 
     def board(self, legacy: bool = False) -> cv2.aruco.CharucoBoard:

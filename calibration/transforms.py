@@ -7,7 +7,7 @@ Array = NDArray[np.float64]
 
 
 def rigid(R: Array, translation: Array) -> Array:
-    """(4, 4) of a rotation (3, 3) and a translation of three numbers."""
+    """Make the (4, 4) transform of a rotation (3, 3) and a translation of three numbers."""
     T = np.eye(4)
     T[:3, :3] = R
     T[:3, 3] = np.ravel(translation)

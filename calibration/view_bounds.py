@@ -1,4 +1,4 @@
-"""How far a camera sees in rectified axes: the limits of the rectified image."""
+"""Limits of the rectified image: the directions that a camera sees, in rectified axes."""
 
 from dataclasses import dataclass
 

@@ -66,13 +66,13 @@ def usable_views(views: Sequence[View]) -> tuple[list[View], list[ViewReport]]:
 
 
 def common_ids(view: View) -> NDArray[np.int64]:
-    """Sorted numbers of the corners seen in both images."""
+    """List the numbers of the corners seen in both images, sorted."""
     assert view.left is not None and view.right is not None
     return np.intersect1d(view.left.ids, view.right.ids)
 
 
 def observations_of(views: Sequence[View], target: Target) -> list[Observation]:
-    """All corners of usable views, numbered by view."""
+    """Collect all corners of usable views, numbered by view."""
     observations = []
     for number, view in enumerate(views):
         for side, corners in enumerate((view.left, view.right)):

@@ -1,4 +1,4 @@
-"""Calibrations of every known format, in and out: ``load_rig`` and ``write_rig``; one module a format."""
+"""Calibration formats: ``load_rig`` reads every known one, ``write_rig`` writes some; each format is a module."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -75,7 +75,7 @@ def load_rig(path: str | Path, image_size: Size | None = None) -> StereoRig:
 
 
 def load_rig_of_images(path: str | Path, image_size: Size) -> StereoRig:
-    """As ``load_rig``, for images at hand of (width, height).
+    """Read a calibration as ``load_rig`` does, for images whose size (width, height) is known.
 
     Raises CalibrationError also where the file stores no size and was made for images of another.
     """
@@ -97,7 +97,7 @@ def format_name(path: str | Path) -> str:
 
 
 def parse_size(text: str) -> Size:
-    """(width, height) of ``1280x960``. Raises CalibrationError for anything else."""
+    """Parse ``1280x960`` to (width, height). Raises CalibrationError for anything else."""
     width, _, height = text.lower().partition("x")
     if not (width.isdecimal() and height.isdecimal()):
         raise CalibrationError(f"size {text!r}: expected WIDTHxHEIGHT, such as 1280x960")
@@ -130,7 +130,7 @@ def write_rig(rig: StereoRig, path: str | Path, format: WritableFormat = "native
 
 
 def paths_of(path: str | Path, format: WritableFormat) -> tuple[Path, ...]:
-    """The files that ``write_rig`` writes. Raises CalibrationError."""
+    """List the files that ``write_rig`` writes. Raises CalibrationError."""
     return _pair_of_paths(Path(path)) if format == "ros" else (Path(path),)
 
 

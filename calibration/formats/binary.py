@@ -21,7 +21,7 @@ PICKLES = (b"\x93NUMPY", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05", b"(
 
 
 def is_binary(path: Path) -> bool:
-    """True if the file begins as one of these formats do. OSError if it cannot be read."""
+    """Tell whether the file begins as one of these formats do. Raises OSError if it cannot be read."""
     with path.open("rb") as file:
         return _reader(file.read(HEADER_BYTES)) is not None
 

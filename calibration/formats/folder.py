@@ -1,4 +1,4 @@
-"""A rig in several files: which of a folder's files make one, which is left, and how their keys go together."""
+"""Rigs in several files of a folder: which files belong together, which is the left camera's, and how their keys are merged."""
 
 import re
 from pathlib import Path

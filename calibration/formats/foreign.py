@@ -1,4 +1,4 @@
-"""Calibrations of formats that are not read here, recognized so that a user is told what the file is and what to do."""
+"""Calibration formats that are not read here, recognized so that the error says what the file is and what to do."""
 
 import re
 
@@ -22,7 +22,7 @@ FOREIGN = {
 
 
 def foreign(text: str) -> str | None:
-    """What a text file is, with what to do, if it is a calibration of a format that is not read here; else None."""
+    """Name the calibration format of a text file that is not read here, with what to do; None if it is none of these."""
     for name, pattern in FOREIGN.items():
         if re.search(pattern, text, re.MULTILINE):
             return (

@@ -15,7 +15,7 @@ _FIGURES = re.compile(r"^\s*(projection|t): +\[([^]]*)\] +\+- +\[([^]]*)\]", re.
 
 
 def stated_errors(camchain: Path, focal_px: NDArray[np.float64]) -> RigErrors | None:
-    """Of the two cameras of a camchain; None where the file is not there, or is of another calibration.
+    """Read the standard errors of a camchain's two cameras; None where the file is not there, or is of another calibration.
 
     focal_px: (2, 2) fx, fy of cam0 and cam1. Each line reads ``projection: [fx fy cx cy] +- [...]``, and the baseline's
     ``t: [x y z] +- [...]``.

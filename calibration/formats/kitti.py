@@ -42,7 +42,7 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
 
 
 def for_channels(rig: StereoRig, monochrome: bool) -> StereoRig:
-    """Of a file that holds two rigs, the one that took images in color, or in gray; other rigs as they are."""
+    """Select, of a file that holds two rigs, the one that took images in color, or in gray; other rigs are returned as they are."""
     if rig.reading != COLOR_TAKEN or not rig.alternatives:
         return rig
     return rig.alternatives[0] if monochrome else replace(rig, alternatives=())

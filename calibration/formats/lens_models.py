@@ -1,4 +1,4 @@
-"""Lenses that OpenCV has no model for: the pinhole or the fisheye that comes nearest, where it comes near enough.
+"""Lens models that OpenCV does not have: approximated by the nearest pinhole or fisheye model where that is near enough.
 
 Each model here takes directions (n, 3), z forward, to the plane (n, 2) that the camera matrix maps to pixels. Sources: Mei and
 Rives 2007 (omni), Usenko et al. 2018, *The Double Sphere Camera Model* (ds, eucm), Devernay and Faugeras 2001 (fov), the

@@ -44,7 +44,7 @@ class ObjectTable:
 
     @classmethod
     def of(cls, cells: Sequence[Any]) -> "ObjectTable":
-        """From the subsystem's cells. Raises CalibrationError if they are not as expected."""
+        """Parse the subsystem's cells. Raises CalibrationError if they are not as expected."""
         if len(cells) < 3 or not isinstance(cells[0], np.ndarray) or cells[0].size < 40:
             raise CalibrationError("is damaged: the table of its objects is missing")
         raw = cells[0].astype(np.uint8).ravel(order="F").tobytes()

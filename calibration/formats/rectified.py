@@ -1,4 +1,6 @@
-"""One lens and a baseline, number by number (``fx``, ``cx``, ``cy``, ``baseline``): a pair of images that are rectified already."""
+"""Files with one lens and a baseline, number by number (``fx``, ``cx``, ``cy``, ``baseline``): of images that are rectified
+already.
+"""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Lenses written number by number, as by hand: ``fx: 1200``, ``cx``, ``cy``, ``k1`` ..., as the matrices K and D."""
+"""Lenses written number by number (``fx: 1200``, ``cx``, ``cy``, ``k1`` ...), converted to the matrices K and D."""
 
 import re
 from collections.abc import Mapping

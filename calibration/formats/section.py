@@ -1,4 +1,4 @@
-"""Keys of a calibration file, read with the type that is expected and the place named when it is something else."""
+"""Access to the keys of a calibration file: each is read with its expected type, and errors name the place."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -30,11 +30,11 @@ class Section:
     content: Mapping[str, Any]
 
     def has(self, *keys: str) -> bool:
-        """True if every key is there."""
+        """Tell whether every key is there."""
         return all(key in self.content for key in keys)
 
     def size(self, key: str) -> int:
-        """How many numbers are under ``key``; 0 for words and mappings that are no matrix."""
+        """Count the numbers under ``key``; 0 for words and mappings that are no matrix."""
         value = self.content[key]
         if isinstance(value, np.ndarray):
             return value.size
@@ -70,14 +70,14 @@ class Section:
         return float(self.numbers(key, 1)[0])
 
     def image_size(self, *keys: str) -> tuple[int, int]:
-        """(width, height), whole numbers, from two keys or from one that holds both."""
+        """Read (width, height), whole numbers, from two keys or from one that holds both."""
         values = np.concatenate([self.numbers(key, 2 // len(keys)) for key in keys])
         if (values != np.round(values)).any():
             raise CalibrationError(f"{self.where}: {' '.join(keys)}: expected whole numbers of pixels, got {values.tolist()}")
         return int(values[0]), int(values[1])
 
     def numbers(self, key: str, *counts: int) -> NDArray[np.float64]:
-        """(n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with ``data``.
+        """Read (n,) finite numbers under ``key``: a number, a list, nested rows, or a matrix with ``data``.
 
         counts: the lengths allowed; any if none is given. The length of the data counts, not the ``rows`` and ``cols`` written
         beside it (several tools write those wrong).
@@ -95,7 +95,7 @@ class Section:
         return numbers
 
     def matrix(self, key: str, rows: int, columns: int) -> NDArray[np.float64]:
-        """(rows, columns) finite numbers under ``key``."""
+        """Read (rows, columns) finite numbers under ``key``."""
         return self.numbers(key, rows * columns).reshape(rows, columns)
 
     def _value(self, key: str) -> Any:

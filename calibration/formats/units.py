@@ -1,4 +1,4 @@
-"""Translations in meters, whatever the file says they are in: a baseline that can be decides, and a doubt is put into words."""
+"""Units of translations: meters are inferred from the baseline where the file does not say, and a doubt becomes a warning."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ GUESSES = (("meters", 1.0, 0.0), ("millimeters", 1e-3, 0.02), ("centimeters", 1e
 
 
 def to_meters(translation: NDArray[np.float64], stated: str | None) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """The translation (3,) in meters, and what is doubtful about that, if anything.
+    """Convert a translation (3,) to meters; return it with a warning, if its unit is doubtful.
 
     stated: the unit that the file names, None where it names none. Where the baseline in that unit cannot be (under 5 mm or over
     2 m), those of GUESSES are tried. Left as it is where none of them fits: the rig then refuses it with its number.

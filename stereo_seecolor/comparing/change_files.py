@@ -1,4 +1,4 @@
-"""What changed as files: GeoTIFFs, a table of the patches, a picture, JSON."""
+"""The files of a change: GeoTIFFs, a table of the patches, a picture, JSON."""
 
 import json
 from collections.abc import Iterator
@@ -23,7 +23,9 @@ FORMAT = "stereo-seecolor/change"
 
 
 def write_change(folder: Path, change: SiteChange, place: Georeference) -> None:
-    """All files of a change, in the first survey's coordinates; GeoTIFFs where rasterio can be imported. Raises OutputError."""
+    """Write all files of a change, in the first survey's coordinates; GeoTIFFs where rasterio can be imported. Raises
+    OutputError.
+    """
     write_atomic(folder / "change.png", cv2.imencode(".png", picture(change)[..., ::-1])[1].tobytes())
     write_atomic(folder / "change.json", (json.dumps(description(change), indent=2) + "\n").encode())
     names = [field.name for field in fields(Patch)]

@@ -1,4 +1,4 @@
-"""Before, after, height and color of a change, in one picture."""
+"""The picture of a change: before, after, height and color."""
 
 import cv2
 import numpy as np
@@ -19,7 +19,9 @@ INK = (20, 20, 20)
 
 
 def picture(change: SiteChange) -> Picture:
-    """(H, W, 3) RGB: the first survey, the second in the first's colors, the change of height with its patches, that of color."""
+    """Draw the first survey, the second in the first's colors, the change of height with its patches, and that of color: (H, W, 3)
+    RGB.
+    """
     known = np.isfinite(change.difference.dz_m)
     heights = np.abs(change.difference.dz_m[known])
     scale_m = max(LEAST_SCALE_M, float(np.quantile(heights, 0.995)))

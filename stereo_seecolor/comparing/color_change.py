@@ -32,9 +32,10 @@ SETTINGS = ColorSettings()
 
 @dataclass(frozen=True, eq=False)
 class ColorChange:
-    """delta_e: (H, W) distance in CIELAB (CIE 1976) after both were averaged over a window. change: (H, W, 2) of lightness, chroma.
+    """The change of color.
 
-    z: delta_e in units of what is sure: patches begin at PatchSettings' sigmas. b_as_a: (H, W, 3) b's colors as a's, 0..255.
+    delta_e: (H, W) distance in CIELAB (CIE 1976) after both were averaged over a window. change: (H, W, 2) of lightness, chroma. z:
+    delta_e in units of what is sure: patches begin at PatchSettings' sigmas. b_as_a: (H, W, 3) b's colors as a's, 0..255.
     """
 
     delta_e: Float
@@ -44,7 +45,7 @@ class ColorChange:
 
 
 def color_change(a: Terrain, b: Terrain) -> ColorChange:
-    """Of two terrains on one grid."""
+    """Compare the colors of two terrains on one grid."""
     known = np.isfinite(a.color[..., 0]) & np.isfinite(b.color[..., 0])
     linear_a, linear_b = (decode_srgb(np.nan_to_num(terrain.color) / 255) for terrain in (a, b))
     mapped = encode_srgb(np.clip(_brought(linear_a, linear_b, known), 0, 1).astype(np.float32))

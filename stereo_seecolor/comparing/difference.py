@@ -1,4 +1,4 @@
-"""The height of one terrain less that of another, cell by cell, with standard errors that hold on this very site.
+"""The difference of two terrains, cell by cell, with standard errors calibrated on stable ground of this site.
 
 The errors of both terrains and of the registration add up. What they do not know, such as voxels that fall differently on rough
 ground, is read off ground that did not change: the spread of differences there, against what the errors say, as a function of
@@ -46,7 +46,8 @@ SETTINGS = DifferenceSettings()
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """dz_m: (H, W) b less a, NaN where either is unknown. std_m: its standard error. lod_m: 1.96 of those. stable: not changed.
+    """The difference of two terrains. dz_m: (H, W) b less a, NaN where either is unknown. std_m: its standard error. stable: not
+    changed.
 
     inflation: by how much more than stated the differences of stable ground spread, median over the cells. shared_std_m: (H, W)
     the part of std_m that all cells share, the registration's. significance, wide_significance: (H, W) means over a window, and a
@@ -65,12 +66,12 @@ class Difference:
 
     @property
     def lod_m(self) -> Array:
-        """(H, W) the level of detection at 95 %."""
+        """The level of detection at 95 %: (H, W), 1.96 standard errors."""
         return np.asarray(NORMAL_95 * self.std_m)
 
     @property
     def median_lod_m(self) -> float:
-        """Of the cells that both dives know."""
+        """The median level of detection of the cells that both dives know."""
         return float(np.nanmedian(self.lod_m))
 
     def alike(self, cells: int) -> float:
@@ -79,7 +80,7 @@ class Difference:
 
 
 def difference(a: Terrain, b: Terrain, a_errors: TerrainErrors, b_errors: TerrainErrors, registration: Registration) -> Difference:
-    """Of two terrains on one grid."""
+    """Subtract two terrains on one grid."""
     dz = b.height_m - a.height_m
     shared = registration.std_m(np.nan_to_num(a.points_m), np.nan_to_num(a.slopes))
     sideways = SETTINGS.slope_cells * a.grid.cell_m * np.maximum(_steepness(a), _steepness(b))
@@ -95,7 +96,7 @@ def difference(a: Terrain, b: Terrain, a_errors: TerrainErrors, b_errors: Terrai
 
 
 def relearned(found: Difference, changed: Mask) -> Difference:
-    """The same, its errors read off all ground but what certainly changed, which is known only at the end.
+    """Estimate the errors again from all ground but what certainly changed, which is known only at the end.
 
     While patches were looked for, ground that differed much was left out, whether it had changed or its errors were large.
     """
@@ -116,7 +117,8 @@ def _steepness(terrain: Terrain) -> Array:
 
 
 def spread_by(size: Array, std: Array, stable: Mask) -> Array:
-    """(H, W) the spread of what should be of unit spread, as a function of std: such that 95 % of stable ground lie within 1.96.
+    """Estimate the spread of what should be of unit spread, as a function of std: (H, W), such that 95 % of stable ground lie
+    within 1.96.
 
     size: (H, W) absolute values. A value for each bin of std, between the bins' middles interpolated.
     """
@@ -134,7 +136,9 @@ def spread_by(size: Array, std: Array, stable: Mask) -> Array:
 
 
 def in_spreads(dz: Array, std: Array, stable: Mask) -> tuple[Array, Array, Array]:
-    """(H, W) means of differences over both windows in spreads of such means on stable ground; and the sharing of errors (K, 2)."""
+    """Compute means of differences over both windows, in units of the spread of such means on stable ground: (H, W) each; and the
+    sharing of errors (K, 2).
+    """
     narrow, wide = (_significance(dz, std, stable, cells) for cells in (SETTINGS.window_cells, SETTINGS.wide_cells))
     return narrow, wide, _sharing(dz, std, stable)
 
@@ -169,7 +173,9 @@ def _around(changed: Mask) -> Mask:
 
 
 def window_mean(dz: Array, std: Array, cells: int) -> Array:
-    """(H, W) sum of dz / std^2 over a window, over the square root of the sum of 1 / std^2; NaN where dz is unknown."""
+    """Compute the sum of dz / std^2 over a window, over the square root of the sum of 1 / std^2: (H, W), NaN where dz is
+    unknown.
+    """
     known = np.isfinite(dz) & np.isfinite(std)
     weight = np.where(known, 1 / np.where(known, std, 1) ** 2, 0)
     total = cv2.boxFilter(weight * np.where(known, dz, 0), -1, (cells, cells), normalize=False)

@@ -1,4 +1,4 @@
-"""The second survey's track in one graph with the first's: what frames of both dives share takes the bending out of it.
+"""Joint optimization of both surveys' tracks: matches between frames of both dives remove the bending of the second track.
 
 A registration is one rigid motion; two tracks without loops bend against each other by millimeters over tens of meters. The first
 survey stays as it is mapped. The second must be fused again by the track that is found here.
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointSettings:
-    """How far the first survey may give way, and when its frames are taken to hold the second's."""
+    """How far the first survey may give way, and when its frames are taken to constrain the second's."""
 
     position_std_m: float = 2e-4  # of the first's frames: its map is there, and stays
     attitude_std_rad: float = 1e-4
@@ -43,7 +43,10 @@ SETTINGS = JointSettings()
 
 @dataclass(frozen=True, eq=False)
 class JointTrack:
-    """trajectory: the second's frames in the first's world. pairs: of frames across the dives. bent_m: RMS by which it moved."""
+    """The second survey's track in the first's world.
+
+    trajectory: of the second's frames. pairs: of frames across the dives. bent_m: RMS by which it moved.
+    """
 
     trajectory: Trajectory
     pairs: int
@@ -51,7 +54,9 @@ class JointTrack:
 
 
 def joint_track(a: Site, b: Site, registration: Registration, compute: Compute) -> JointTrack:
-    """Raises ComparingError where too few frames of one dive see what those of the other saw; DeviceError if GTSAM is missing."""
+    """Optimize both tracks together. Raises ComparingError where too few frames of one dive match frames of the other; DeviceError
+    without GTSAM.
+    """
     T_b, count = registration.T_a_b @ b.posed.T_map_camera, len(a.posed.frames)
     frames, T = RecoveredFrames(_BothDives(a.posed, b.posed)), np.concatenate([a.posed.T_map_camera, T_b])
     index = FrameIndex.build(frames, a.posed.geometry, compute=compute)

@@ -1,4 +1,4 @@
-"""What a site can be recognized by: features of its colors as seen from above, each with its place in three dimensions."""
+"""Landmarks of a site: features of its colors as seen from above, each with its place in three dimensions."""
 
 from dataclasses import dataclass
 
@@ -29,7 +29,9 @@ SETTINGS = LandmarkSettings()
 
 @dataclass(frozen=True, eq=False)
 class Landmarks:
-    """points_m: (n, 3) in the terrain's coordinates. descriptors: (n, 128) float32, square roots of normalized SIFT."""
+    """The landmarks of a site. points_m: (n, 3) in the terrain's coordinates. descriptors: (n, 128) float32, square roots of
+    normalized SIFT.
+    """
 
     points_m: Array
     descriptors: NDArray[np.float32]
@@ -61,6 +63,8 @@ def _places(photo: Orthophoto, terrain: Terrain, pixels: Array) -> Array:
 
 
 def matched(a: Landmarks, b: Landmarks) -> tuple[Array, Array]:
-    """(n, 3) places of a, and of b, of what looks alike: each the other's best, and better than the next best by Lowe's ratio."""
+    """Match landmarks of a and b, each the other's best and better than the next best by Lowe's ratio: places (n, 3) of a, and of
+    b.
+    """
     index_a, index_b = alike(a.descriptors, b.descriptors, SETTINGS.lowe_ratio)
     return a.points_m[index_a], b.points_m[index_b]

@@ -1,4 +1,4 @@
-"""Distances between two surfaces along the normal of the ground, overhangs and slopes included.
+"""M3C2 distances between two surfaces, along the normal of the ground, overhangs and slopes included.
 
 M3C2 (Lague, Brodu and Leroux 2013, ISPRS J. 82): around each core point the mean place of both surfaces in a cylinder along the
 normal. Its level of detection carries the standard errors of the points and of the registration (Winiwarter, Anders and Hoefle
@@ -39,7 +39,9 @@ class SurfaceDistances:
 
 
 def distances(a: SiteMesh, b: SiteMesh, core_m: Array, stds_m: tuple[Array, Array, Array], cell_m: float) -> SurfaceDistances:
-    """core_m: (N, 3) places on a. stds_m: (N,) standard errors there of a's points, of b's, and of the registration."""
+    """Compute the distances. core_m: (N, 3) places on a. stds_m: (N,) standard errors there of a's points, of b's, and of the
+    registration.
+    """
     tree_a, tree_b = cKDTree(a.points_m), cKDTree(b.points_m)
     near_a = tree_a.query(core_m, SETTINGS.neighbors)[1]
     normals = a.normals[near_a].mean(axis=1)

@@ -1,4 +1,4 @@
-"""Connected ground that rose, sank or changed its color, with areas and volumes."""
+"""Patches: connected ground that rose, sank or changed its color, with areas and volumes."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -18,7 +18,7 @@ Kind = Literal["growth", "loss", "paler", "darker", "other color"]
 
 @dataclass(frozen=True)
 class PatchSettings:
-    """What is a patch."""
+    """When changed ground is a patch."""
 
     seed_sigmas: float = 5.0  # of a mean over a window: somewhere in a patch it is at least so far off
     edge_sigmas: float = 2.5  # and everywhere so far, or in a mean over a wide window; since that reaches beyond a patch,
@@ -38,10 +38,11 @@ SETTINGS = PatchSettings()
 
 @dataclass(frozen=True)
 class Patch:
-    """number: in height_change.tif. x_m, y_m: of its middle, in the first survey's world. area_cm2: in plan.
+    """A patch of changed ground.
 
-    mean_m, most_m: change of height. volume_l: liters more than before, with its standard error; NaN for a change of color.
-    lightness, chroma: change of CIELAB's L* and C*, mean over the patch.
+    number: in height_change.tif. x_m, y_m: of its middle, in the first survey's world. area_cm2: in plan. mean_m, most_m: change of
+    height. volume_l: liters more than before, with its standard error; NaN for a change of color. lightness, chroma: change of
+    CIELAB's L* and C*, mean over the patch.
     """
 
     number: int
@@ -92,7 +93,9 @@ def volume_l(found: Difference, mask: Mask, cell_m: float) -> tuple[float, float
 
 
 def color_patches(z: Array, change: NDArray[np.float32]) -> list[tuple[Kind, Mask]]:
-    """z: (H, W) color change in spreads of stable ground. change: (H, W, 2) of lightness and chroma."""
+    """Find patches of changed color. z: (H, W) color change in spreads of stable ground. change: (H, W, 2) of lightness and
+    chroma.
+    """
     regions = _regions(z, z > SETTINGS.edge_sigmas, SETTINGS.fewest_color_cells)
     return [(_color_kind(change[mask]), mask) for mask in regions]
 

@@ -1,4 +1,4 @@
-"""Where a second survey of a site lies in the coordinates of the first, with the evidence; refused where it does not hold."""
+"""Registration of a second survey of a site to the first, with the evidence; it is refused where the evidence is not enough."""
 
 from dataclasses import dataclass
 
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RegistrationSettings:
-    """When a registration holds."""
+    """When a registration is accepted."""
 
     tolerance_cells: float = 3.0  # matched points that lie nearer agree
     fewest: int = 12  # matches that agree; wrong matches of a rigid motion with this tolerance reach 4 or 5

@@ -1,4 +1,4 @@
-"""The rigid motion that most matched points agree on: RANSAC on triples, then least squares on what agrees.
+"""The rigid motion that most matched points agree on: RANSAC on triples, then least squares on the inliers.
 
 Both surveys are metric, so there is no scale to find, and a triple whose sides differ is no match: most wrong ones end there.
 Fischler and Bolles 1981; Umeyama 1991.
@@ -36,7 +36,7 @@ class RigidFit:
 
 
 def rigid_fit(a: Array, b: Array, tolerance_m: float) -> RigidFit | None:
-    """Of matched points (n, 3), of which those within tolerance_m agree; None where no three do."""
+    """Fit the rigid motion of matched points (n, 3), of which those within tolerance_m agree; None where no three do."""
     best: tuple[int, Array] | None = None
     for triple in _alike_triples(a, b, tolerance_m):
         T = rigid_alignment(b[triple], a[triple])

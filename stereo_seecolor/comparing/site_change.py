@@ -1,4 +1,4 @@
-"""All that changed between two surveys of a site."""
+"""The change of a site between two surveys."""
 
 from dataclasses import dataclass
 
@@ -53,7 +53,9 @@ class SiteChange:
 
 
 def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
-    """Raises ComparingError where the surveys cannot be registered, or hardly overlap; InputError if a run cannot be read."""
+    """Compare two surveys of a site. Raises ComparingError where they cannot be registered, or hardly overlap; InputError if a run
+    cannot be read.
+    """
     registration = register(a, b, cell_m)
     moved = b.mesh.moved(registration.T_a_b)
     grid = _shared_grid(a.mesh, moved, cell_m)

@@ -1,4 +1,4 @@
-"""Two surfaces brought onto each other where they did not change: iterated point-to-plane least squares with Tukey's weights.
+"""Alignment of two surfaces where they did not change: iterated point-to-plane least squares with Tukey's weights.
 
 Chen and Medioni 1991; the scale of Tukey's weights is the spread of the distances themselves, so changed ground weighs nothing.
 Its covariance is a jackknife over blocks of ground: errors of neighboring points are alike, and those of blocks hardly.
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SurfaceFitSettings:
-    """How surfaces are brought together."""
+    """How surfaces are aligned."""
 
     points: int = 40_000  # of b, evenly: with these the standard error of the mean is micrometers
     rounds: int = 30  # at the most
@@ -47,7 +47,7 @@ class SurfaceFit:
 
 
 def surface_fit(a: SiteMesh, b: SiteMesh, T: Array, reach_m: float) -> SurfaceFit | None:
-    """From a first guess T (b to a). reach_m: how far points are looked for. None where the surfaces do not overlap."""
+    """Align b to a from a first guess T (b to a). reach_m: how far points are searched. None where the surfaces do not overlap."""
     moving, first_reach_m = _ground(b), reach_m
     tree = cKDTree(a.points_m)
     for _ in range(SETTINGS.rounds):

@@ -1,4 +1,4 @@
-"""Corrected images, and the table of metadata that BIIGLE imports with a volume."""
+"""Export for BIIGLE: corrected images, and the table of metadata that it imports with a volume."""
 
 import csv
 from pathlib import Path

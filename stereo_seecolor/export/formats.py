@@ -1,4 +1,4 @@
-"""Every format that a fused run is exported to: what it is for, and what writes it."""
+"""The export formats: what each is for, and the function that writes it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ from stereo_seecolor.export.posed_run import PosedRun
 
 @dataclass(frozen=True)
 class ExportFormat:
-    """what: what is written. opens: the programs it is for. write: returns what a user should know of it, or None."""
+    """An export format. what: what is written. opens: the programs it is for. write: returns a note for the user, or None."""
 
     what: str
     opens: str

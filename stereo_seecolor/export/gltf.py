@@ -1,4 +1,4 @@
-"""Binary glTF 2.0 of a map, written part by part: memory holds one page of texture at a time.
+"""Binary glTF 2.0 of a map, written part by part: one page of texture is in memory at a time.
 
 Unlit (KHR_materials_unlit), since the light of the dive is in the colors.
 """
@@ -112,7 +112,7 @@ class Glb:
 
 
 def unit(normals: Sequence[Any] | NDArray[np.float32]) -> NDArray[np.float32]:
-    """(V, 3) of unit length, as the format asks; straight up where a normal is zero."""
+    """Normalize (V, 3), as the format requires; straight up where a normal is zero."""
     result = np.array(normals, np.float32)
     lengths = np.linalg.norm(result, axis=1, keepdims=True)
     result[lengths[:, 0] == 0] = (0, 0, 1)

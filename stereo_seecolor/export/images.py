@@ -1,4 +1,4 @@
-"""Corrected images as any other program reads them: 8 bits a channel."""
+"""Corrected images as 8 bits a channel, which any program reads."""
 
 import shutil
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""One MCAP file of a run: corrected images, ranges, points and the track, stamped as the inputs were."""
+"""A run as one MCAP file: corrected images, ranges, points and the track, with the time stamps of the inputs."""
 
 import re
 from dataclasses import replace

@@ -1,4 +1,6 @@
-"""The orthomosaic cut into images that annotation tools take (CoralNet: at most 8000 px a side), with the scale of each."""
+"""The orthomosaic cut into images of the size that annotation tools take (CoralNet: at most 8000 px a side), with the scale of
+each.
+"""
 
 import csv
 from pathlib import Path

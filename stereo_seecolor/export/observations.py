@@ -1,4 +1,4 @@
-"""Points of the map and the frames that see them: projected, and compared with each frame's own measured range."""
+"""Points of the map and the frames that see them: each is projected, and compared with the frame's measured range."""
 
 from dataclasses import dataclass
 
@@ -20,9 +20,10 @@ SAME_RANGE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class Observations:
-    """position: (P, 3) meters, map coordinates. color: (P, 3) uint8. of_frame: for each frame the points it sees and where:
+    """Points of the map and their observations.
 
-    numbers (n,) of points, pixels (n, 2) with (0, 0) in the center of the top left one.
+    position: (P, 3) meters, map coordinates. color: (P, 3) uint8. of_frame: for each frame the numbers (n,) of the points that it
+    sees, and their pixels (n, 2), with (0, 0) in the center of the top left one.
     """
 
     position: NDArray[np.float64]

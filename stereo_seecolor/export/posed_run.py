@@ -1,4 +1,4 @@
-"""What every export is made from: corrected frames, the camera they share, and where it stood for each of them."""
+"""The input of every export: corrected frames, the camera they share, and its pose for each of them."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -38,7 +38,7 @@ class PosedRun:
     T_map_camera: NDArray[np.float64]
 
     def measured_range_m(self, frame: FinishedFrame) -> Map:
-        """(H, W) measured ranges of a frame as the map takes them, NaN where there are none. Raises InputError."""
+        """Read the measured ranges of a frame, scaled as in the map: (H, W), NaN where there are none. Raises InputError."""
         return np.float32(self.map.range_scale) * frame.measured_range_m()
 
     @property
@@ -53,12 +53,12 @@ class PosedRun:
 
     @property
     def offset_m(self) -> NDArray[np.float64]:
-        """(3,), what to add to the map's own coordinates to get those of its world."""
+        """The offset from the map's own coordinates to its world: (3,), to be added."""
         return np.array(self.map.offset_m, np.float64)
 
     @property
     def origin(self) -> GeoOrigin | None:
-        """Where the world's origin lies on Earth."""
+        """The world's origin on Earth, None if unknown."""
         return self.map.origin
 
     @property
@@ -68,7 +68,7 @@ class PosedRun:
 
     @property
     def principal_point_px(self) -> tuple[float, float]:
-        """As most programs count pixels: (0.5, 0.5) is the center of the top left one."""
+        """The principal point as most programs count pixels: (0.5, 0.5) is the center of the top left one."""
         return self.geometry.cx_left_px + 0.5, self.geometry.cy_px + 0.5
 
     @cached_property
@@ -81,7 +81,7 @@ class PosedRun:
 
     @cached_property
     def T_camera_map(self) -> NDArray[np.float64]:
-        """(N, 4, 4), the inverse of T_map_camera."""
+        """The inverse of T_map_camera: (N, 4, 4)."""
         return inverse(self.T_map_camera)
 
 

@@ -33,9 +33,10 @@ POINT_STEP_PX = 2
 
 @dataclass(frozen=True, eq=False)
 class RecordedPair:
-    """stamp_ns: since 1970. picture: content and suffix of the corrected image's file. color: (H, W, 3) uint8, the same pixels.
+    """A corrected pair.
 
-    range_m: measured, NaN unknown. T_map_camera: (4, 4), None where the camera's place is not known.
+    stamp_ns: since 1970. picture: content and suffix of the corrected image's file. color: (H, W, 3) uint8, the same pixels.
+    range_m: measured, NaN unknown. T_map_camera: (4, 4), None where the pose is not known.
     """
 
     stamp_ns: int
@@ -91,7 +92,7 @@ class McapRecording:
 
 
 def messages(pair: RecordedPair, geometry: RectifiedPair) -> Iterator[tuple[str, Any]]:
-    """(topic, message) of a pair, one at a time: each may have some megabytes."""
+    """Make the messages of a pair, (topic, message), one at a time: each may have some megabytes."""
     stamp_ns = pair.stamp_ns
     made: tuple[Callable[[], Any], ...] = (
         lambda: ros.compressed_image(stamp_ns, *pair.picture),

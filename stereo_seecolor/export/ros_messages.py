@@ -50,17 +50,17 @@ def definition(name: str) -> str:
 
 
 def header(stamp_ns: int, frame: str) -> Any:
-    """stamp_ns: nanoseconds since 1970."""
+    """Make a header. stamp_ns: nanoseconds since 1970."""
     return make("Header", make("Time", *divmod(stamp_ns, 10**9)), frame)
 
 
 def compressed_image(stamp_ns: int, content: bytes, suffix: str) -> Any:
-    """content: of a JPEG or PNG file."""
+    """Make a compressed image. content: of a JPEG or PNG file."""
     return make("CompressedImage", header(stamp_ns, LEFT_FRAME), suffix.lstrip(".").replace("jpg", "jpeg"), _bytes(content))
 
 
 def float_image(stamp_ns: int, values: Map) -> Any:
-    """(H, W) float32 as encoding 32FC1, NaN unknown."""
+    """Make an image of (H, W) float32 in encoding 32FC1, NaN unknown."""
     height, width = values.shape
     return make("Image", header(stamp_ns, LEFT_FRAME), height, width, "32FC1", 0, 4 * width, _bytes(values.astype("<f4").tobytes()))
 
@@ -91,7 +91,7 @@ def disparity_image(stamp_ns: int, geometry: RectifiedPair, range_m: Map) -> Any
 
 
 def points(stamp_ns: int, xyz_m: NDArray[np.float32], color: NDArray[np.uint8]) -> Any:
-    """xyz_m: (N, 3) in the left camera's axes. color: (N, 3) RGB, packed into one float as PCL does."""
+    """Make a point cloud. xyz_m: (N, 3) in the left camera's axes. color: (N, 3) RGB, packed into one float as PCL does."""
     fields = [make("PointField", name, 4 * i, FLOAT32, 1) for i, name in enumerate(("x", "y", "z", "rgb"))]
     packed = np.column_stack([xyz_m.astype("<f4").view(np.uint8), color[:, ::-1], np.zeros(len(color), np.uint8)])
     count = len(xyz_m)

@@ -1,4 +1,6 @@
-"""A dive as an item of a SpatioTemporal Asset Catalog (STAC 1.0.0), and dives as its collection: what catalogs of geodata read."""
+"""Catalog entries of geodata: a dive as an item of a SpatioTemporal Asset Catalog (STAC 1.0.0), and several dives as a
+collection.
+"""
 
 import json
 import os

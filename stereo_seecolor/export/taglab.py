@@ -1,4 +1,4 @@
-"""A project of TagLab: orthomosaic and terrain model of one size, and the JSON that names them.
+"""A TagLab project: orthomosaic and terrain model of one size, and the JSON that names them.
 
 Names and limits are those of TagLab's project files; corals outlined there come back by ``metrics --polygons project.json``.
 """

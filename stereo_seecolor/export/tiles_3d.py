@@ -28,7 +28,7 @@ NEAR_M = np.array([[0.0, 0, 0], [100, 0, 0], [0, 100, 0], [0, 0, 100]])
 
 @dataclass(frozen=True)
 class TileLimits:
-    """How much a tile of the finest level holds at most, so that a viewer loads it in a moment."""
+    """The size of a tile of the finest level, which a viewer must load in a moment."""
 
     triangles: int = 50_000
     pixels: int = 4_000_000

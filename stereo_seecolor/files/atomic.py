@@ -1,4 +1,4 @@
-"""Files that are complete or not there at all, also after a kill or a loss of power.
+"""Atomic writes: files are complete or not there at all, also after a kill or a loss of power.
 
 Content goes to a temporary file beside its destination, is flushed to disk, and is renamed into place; then the folder is flushed.
 """
@@ -36,7 +36,9 @@ def write_atomic(path: Path, content: Content) -> None:
 
 
 def write_replaceable(path: Path, content: Content) -> None:
-    """As ``write_atomic``, but the disk is not waited for: for what shows by itself whether it is whole, and can be made again."""
+    """Write a file as ``write_atomic`` does, but without waiting for the disk: for files that show by themselves whether they are
+    complete, and can be made again.
+    """
     with output_errors(path):
         move_into_place(write_temporary(path, content), path)
 
@@ -72,7 +74,7 @@ def output_errors(path: Path) -> Iterator[None]:
 
 
 def holds(path: Path, content: Content) -> bool:
-    """True if the file at ``path`` has this content. Raises OSError where it cannot be read."""
+    """Tell whether the file at ``path`` has this content. Raises OSError where it cannot be read."""
     pieces = [content] if isinstance(content, bytes | memoryview) else content
     with path.open("rb") as file:
         return all(file.read(len(piece)) == piece for piece in pieces) and not file.read(1)
@@ -151,7 +153,7 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def remove_leftovers_below(folder: Path) -> None:
-    """As ``remove_leftovers``, in the folder and in all folders below it."""
+    """Do as ``remove_leftovers`` in a folder and in all folders below it."""
     if folder.is_symlink():
         return
     for root, _, _ in os.walk(folder, followlinks=False):
@@ -159,7 +161,7 @@ def remove_leftovers_below(folder: Path) -> None:
 
 
 def files_below(folder: Path) -> Iterable[Path]:
-    """All files and links below a folder, without following links."""
+    """List all files and links below a folder, without following links."""
     for root, folders, names in os.walk(folder, followlinks=False):
         links = [name for name in folders if (Path(root) / name).is_symlink()]
         yield from (Path(root) / name for name in (*names, *links))

@@ -15,14 +15,14 @@ class Container(Protocol):
 
 @dataclass(frozen=True)
 class ContainedFile:
-    """One file in a container. outer: the file on disk that holds it."""
+    """A file in a container. outer: the file on disk that holds it."""
 
     outer: Path
     name: str
     container: Container
 
     def read(self) -> bytes:
-        """Its content. Raises InputError."""
+        """Read its content. Raises InputError."""
         return self.container.read(self.name)
 
 
@@ -30,12 +30,12 @@ _containers: dict[Path, Container] = {}
 
 
 def open_containers(containers: Mapping[Path, Container]) -> None:
-    """From now on, for as long as the program runs, paths that lead into these files can be read."""
+    """Make paths that lead into these files readable, for as long as the program runs."""
     _containers.update(containers)
 
 
 def contained(path: Path) -> ContainedFile | None:
-    """What ``path`` means inside a container that was opened; None for a path of the disk."""
+    """Find the contained file that ``path`` names; None for a path of the disk."""
     if not _containers:
         return None
     outer = next((parent for parent in path.parents if parent in _containers), None)
@@ -43,5 +43,5 @@ def contained(path: Path) -> ContainedFile | None:
 
 
 def is_there(path: Path) -> bool:
-    """True for a file of the disk, and for a path that leads into one."""
+    """Tell whether ``path`` is a file on disk, or one in an opened container."""
     return path.is_file() or any(parent.is_file() for parent in path.parents)

@@ -1,4 +1,4 @@
-"""Tables as CSV: written with what is not known left empty, read with the line named that cannot be used."""
+"""Tables as CSV: unknown values are written as empty cells; reading names the line that cannot be used."""
 
 import csv
 import io

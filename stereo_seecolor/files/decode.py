@@ -1,4 +1,4 @@
-"""The program's own image files back to arrays."""
+"""Decoding of the program's own image files to arrays."""
 
 import sys
 from itertools import count

@@ -1,4 +1,4 @@
-"""Deflate (RFC 1950), as PNG, TIFF and the page's data hold it; any program inflates what any of these writes."""
+"""Deflate compression (RFC 1950) of PNG, TIFF and the page's data; any program can inflate it."""
 
 import zlib
 from typing import Literal

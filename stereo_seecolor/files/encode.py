@@ -1,4 +1,4 @@
-"""Arrays to file contents. The settings were chosen by measurement: see docs/performance.md."""
+"""Encoding of arrays to file contents. The settings were chosen by measurement: see docs/performance.md."""
 
 import struct
 import zlib
@@ -21,7 +21,7 @@ JPEG_QUALITY = 95  # no blocks are seen; above, files grow fast
 def encode_image(
     rgb: NDArray[np.generic], image_format: ImageFormat, exif: bytes = b"", compression: Compression = "fast"
 ) -> bytes:
-    """(H, W, 3) RGB to a file's content; written as one channel where red, green and blue are equal everywhere.
+    """Encode an RGB image (H, W, 3); it is written as one channel where red, green and blue are equal everywhere.
 
     png and tiff keep 8 or 16 bits; png16 scales 8 bits up to 16; jpg takes 8 bits (16 are scaled down); tiff32 takes float32.
     exif: a Capture's block. It is embedded, and in png and jpg the sRGB profile (of color images).
@@ -41,31 +41,31 @@ def encode_image(
 
 
 def encode_map(values: Map, compression: Compression | None = None) -> bytes:
-    """(H, W) float32, NaN unknown, to the content of a one-page float32 TIFF; uncompressed where no compression is named."""
+    """Encode a map (H, W) float32, NaN unknown, as a one-page float32 TIFF; uncompressed where no compression is named."""
     values = values.astype(np.float32, copy=False)
     return encode_deflated(values, compression) if compression else encode_tiff(values)
 
 
 def rounded(values: Map) -> Map:
-    """(H, W) float32 to 9 significant bits, which deflate to 40 % of the size: standard errors are not known to 0.2 %."""
+    """Round (H, W) float32 to 9 significant bits, which deflate to 40 % of the size: standard errors are not known to 0.2 %."""
     bits = values.astype(np.float32).view(np.uint32)
     nearest = ((bits + np.uint32(1 << 14)) & np.uint32(0xFFFF8000)).view(np.float32)
     return np.where(np.isfinite(values), nearest, values).astype(np.float32)
 
 
 def encode_depth_mm(depth_m: Map) -> bytes:
-    """(H, W) meters, NaN unknown, to a 16-bit PNG in millimeters, 0 where unknown or beyond 65.535 m."""
+    """Encode depths (H, W), meters, NaN unknown, as a 16-bit PNG in millimeters, 0 where unknown or beyond 65.535 m."""
     depth_mm = np.round(1000 * np.nan_to_num(depth_m))
     return encode_png(np.where(depth_mm <= np.iinfo(np.uint16).max, depth_mm, 0).astype(np.uint16))
 
 
 def encode_confidence(confidence: Map, compression: Compression = "fast") -> bytes:
-    """(H, W) in [0, 1] to an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept for what was not measured."""
+    """Encode a confidence (H, W) in [0, 1] as an 8-bit PNG, 255 = 1; rounded up, so that 0 is kept for what was not measured."""
     return encode_codes(np.ceil(confidence * 255).astype(np.uint8), compression)
 
 
 def encode_mask(mask: NDArray[np.uint8], compression: Compression = "fast") -> bytes:
-    """(H, W) uint8 codes to a PNG."""
+    """Encode a mask (H, W) of uint8 codes as a PNG."""
     return encode_codes(mask, compression)
 
 

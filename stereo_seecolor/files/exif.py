@@ -1,4 +1,4 @@
-"""The EXIF of a picture's file replaced, its pixels untouched."""
+"""Replacement of the EXIF block of an image file, with the pixels unchanged."""
 
 import struct
 import zlib
@@ -14,7 +14,7 @@ JPEG_SIGNATURE, JPEG_APP0, JPEG_APP1, JPEG_SCAN = b"\xff\xd8", 0xFFE0, 0xFFE1, 0
 
 
 def with_exif(content: bytes, block: bytes) -> bytes:
-    """The same PNG, JPEG or TIFF, as this program writes them, with an EXIF block (a TIFF structure) in place of its own."""
+    """Replace the EXIF block (a TIFF structure) of a PNG, JPEG or TIFF as this program writes them; return the new content."""
     if content.startswith(PNG_SIGNATURE):
         return _png(content, block)
     if content.startswith(JPEG_SIGNATURE):

@@ -1,4 +1,4 @@
-"""Values as JSON holds them."""
+"""Conversion of values to JSON."""
 
 import dataclasses
 import io
@@ -108,5 +108,5 @@ def plain(value: Any) -> Any:
 
 
 def json_line(content: Mapping[str, Any]) -> str:
-    """One object on one line of ASCII text."""
+    """Write one object as one line of ASCII text."""
     return json.dumps(plain(content), allow_nan=False) + "\n"

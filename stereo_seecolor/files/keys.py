@@ -14,7 +14,7 @@ def content_key(*parts: object) -> str:
 
 
 def content_key_of(parts: Iterable[object]) -> str:
-    """As ``content_key``, of parts that are not all held in memory."""
+    """Hash parts as ``content_key`` does, without holding all of them in memory."""
     key = ContentKey()
     for part in parts:
         key.add(part)
@@ -28,7 +28,7 @@ class ContentKey:
         self._digest = hashlib.sha256()
 
     def add(self, part: object) -> None:
-        """One more part."""
+        """Add one part."""
         content = part if isinstance(part, bytes) else json.dumps(part, sort_keys=True, default=_plain).encode()
         self._digest.update(len(content).to_bytes(8, "little") + content)
 

@@ -1,4 +1,4 @@
-"""File names: their natural order, and the names that outputs get from them."""
+"""File names: their natural order, and the names of frames and outputs that are made from them."""
 
 import hashlib
 import os
@@ -18,7 +18,8 @@ _ALIKE = str.maketrans("123456789", "000000000")
 
 
 def natural_key(name: str) -> str:
-    """Sort key that reads runs of digits as numbers, so that frame2 comes before frame10; ties are broken by the name itself.
+    """Make a sort key that reads runs of digits as numbers, so that frame2 comes before frame10; ties are broken by the name
+    itself.
 
     A number is written as a character that sorts before all others, how many digits it has, and these. One text and no tuple: a
     folder may hold a million names.
@@ -27,7 +28,7 @@ def natural_key(name: str) -> str:
 
 
 def sort_naturally(names: list[str]) -> None:
-    """Sort by ``natural_key``: those that differ in digits alone, as in most folders, in a tenth of the time."""
+    """Sort by ``natural_key``; names that differ in digits alone, as in most folders, are sorted ten times faster."""
     shape = names[0].translate(_ALIKE) if names else ""
     alike = all(name.translate(_ALIKE) == shape for name in names)
     names.sort(key=None if alike else natural_key)
@@ -66,6 +67,6 @@ def stem_of_path(name: str) -> str:
 
 
 def folder_keys(name: str) -> list[str]:
-    """What frames are called whose names begin anew in each folder: ``10h_0001`` and ``left_0001`` of ``10h/left/0001.png``."""
+    """Name frames whose file names begin anew in each folder: ``10h_0001`` and ``left_0001`` of ``10h/left/0001.png``."""
     path = PurePath(name.replace("\\", "/"))
     return [f"{folder}_{path.stem}" for folder in dict.fromkeys(path.parts[:-1])]

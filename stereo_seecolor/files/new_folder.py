@@ -1,4 +1,4 @@
-"""What is written to a place that must be free: a file, or a folder that is written as a whole or not at all."""
+"""Output to a place that must be free: a file, or a folder that is written completely or not at all."""
 
 import shutil
 from collections.abc import Iterator
@@ -10,14 +10,14 @@ from stereo_seecolor.files.atomic import flush_folder, output_errors, temporary_
 
 
 def refuse_existing(*files: Path) -> None:
-    """Raises OutputError if one of ``files`` is there: it may be somebody's only calibration."""
+    """Raise OutputError if one of ``files`` exists: it may be the user's only calibration."""
     for file in files:
         if file.exists() or file.is_symlink():
             raise OutputError(f"{file}: is there already, and is not written over: give another name; nothing was touched")
 
 
 def refuse_filled(folder: Path) -> None:
-    """Raises OutputError if ``folder`` holds anything, or is no folder."""
+    """Raise OutputError if ``folder`` holds anything, or is no folder."""
     if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
         raise OutputError(f"{folder}: is there already: this goes into a new or an empty folder; nothing was touched")
 

@@ -1,4 +1,4 @@
-"""Files of numpy's whose headers are parsed by one thread at a time.
+"""Reading of numpy's files; their headers are parsed by one thread at a time.
 
 Python 3.11 counts the depth of its parser for all threads together: where the collector of garbage lets another thread go on in the
 middle of a header, both end with "SystemError: AST constructor recursion depth mismatch".

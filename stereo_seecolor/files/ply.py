@@ -1,4 +1,4 @@
-"""Binary little-endian PLY: a pair's colored points straight from its range map, and the clouds and meshes of a map."""
+"""Binary little-endian PLY: a pair's colored points, and the clouds and meshes of a map."""
 
 from pathlib import Path
 

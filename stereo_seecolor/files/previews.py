@@ -1,4 +1,4 @@
-"""Images of any output format, and ranges, as pictures that every browser shows."""
+"""Preview pictures of images of any output format, and of ranges, that every browser shows."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,7 +13,7 @@ from stereo_seecolor.records import Map
 
 @dataclass(frozen=True)
 class PreviewSize:
-    """longer_px: longer side in pixels, at the most. quality: of the JPEG."""
+    """The size of a preview. longer_px: longer side in pixels, at the most. quality: of the JPEG."""
 
     longer_px: int
     quality: int
@@ -44,7 +44,8 @@ def preview(pixels: NDArray[Any], size: PreviewSize) -> bytes:
 
 
 def range_picture(range_m: Map) -> tuple[NDArray[np.uint8], float, float]:
-    """(h, w, 3) RGB, near bright, unknown black; and the ranges of its brightest and darkest color, meters, NaN if none is known.
+    """Draw ranges, near bright, unknown black: (h, w, 3) RGB; with the ranges of its brightest and darkest color, meters, NaN if
+    none is known.
 
     Large maps are shown by every second pixel, or fewer.
     """

@@ -1,4 +1,4 @@
-"""PNG of 8 bits, and the program's own TIFF (tiff.py), back to arrays in at most half the time that OpenCV takes."""
+"""Fast decoding of 8-bit PNG and of the program's own TIFF (tiff.py), in at most half the time that OpenCV takes."""
 
 import struct
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ def is_compiled() -> bool:
 
 
 def quickly_decoded(content: bytes) -> NDArray[Any] | None:
-    """(H, W), or (H, W, 3) RGB; None for a file of any other form, and for one that is cut short or damaged."""
+    """Decode to (H, W), or (H, W, 3) RGB; None for a file of any other form, and for one that is truncated or damaged."""
     try:
         if content.startswith(SIGNATURE):
             return _png(content)
@@ -41,7 +41,9 @@ def quickly_decoded(content: bytes) -> NDArray[Any] | None:
 
 
 def has_exif(content: bytes) -> bool:
-    """Whether a PNG has a chunk of EXIF. Its headers are read: a search through the content takes ten times as long."""
+    """Tell whether a PNG has a chunk of EXIF, by the headers of its chunks: a search through the content takes ten times as
+    long.
+    """
     try:
         return any(kind == b"eXIf" for kind, _, _ in _chunks(content))
     except struct.error:  # cut short

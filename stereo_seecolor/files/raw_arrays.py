@@ -1,4 +1,4 @@
-"""Arrays written as they are for a later pass of the same command: what is lost or does not fit is made again."""
+"""Arrays in files as they are in memory, for a later pass of the same command; a lost file reads as None."""
 
 import contextlib
 import mmap
@@ -19,7 +19,7 @@ ALIGNMENT = 64
 
 
 def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
-    """Write a file of arrays as a whole, or nothing where the disk has no room for it; its folder must be there."""
+    """Write arrays to one file, completely or, where the disk has no room for it, not at all; its folder must exist."""
     temporary = temporary_path(path)
     with contextlib.suppress(OSError):
         try:
@@ -33,7 +33,7 @@ def write_arrays(path: Path, arrays: Sequence[NDArray[Any]]) -> None:
 
 
 def read_arrays(path: Path, count: int) -> list[NDArray[Any]] | None:
-    """The ``count`` arrays of a file; None where it was never written, or somebody removed or cut it.
+    """Read the ``count`` arrays of a file; None where it was never written, or was removed or truncated.
 
     They lie in the system's cache of the file, and are read from disk where they are used: a pass that looks at a part of a picture
     costs no more than that. The file may be deleted, not cut, while they are in use; what is written into them stays in memory.

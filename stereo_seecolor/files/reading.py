@@ -1,4 +1,4 @@
-"""Contents of files, with one clear line for what cannot be read."""
+"""Reading of whole files, with one clear line for what cannot be read."""
 
 import os
 import stat
@@ -21,7 +21,7 @@ def read_bytes(path: Path) -> bytes:
 
 
 def special_kind(path: Path) -> str:
-    """What ``path`` is where it is no regular file, "" where it is one: opening a named pipe or a device could wait forever.
+    """Name what ``path`` is where it is no regular file, "" where it is one: opening a named pipe or a device could wait forever.
 
     Raises OSError if the path does not exist.
     """

@@ -1,4 +1,4 @@
-"""Pictures as TIFF with the EXIF of their camera, which OpenCV does not write; maps deflated in an eighth of its time."""
+"""TIFF encoding: images with their camera's EXIF, which OpenCV does not write; maps deflated in an eighth of its time."""
 
 from typing import Literal
 
@@ -29,7 +29,7 @@ UNSIGNED, FLOAT = 1, 3
 
 
 def encode_tiff(image: NDArray[np.generic], exif: bytes = b"") -> bytes:
-    """(H, W) or (H, W, 3) RGB of uint8, uint16 or float32 to a file's content, in one strip. exif: a Capture's block, or b""."""
+    """Encode (H, W), or (H, W, 3) RGB, of uint8, uint16 or float32, in one strip. exif: a Capture's block, or b""."""
     tags = Image.Exif()
     if exif:
         tags.load(EXIF_PREFIX + exif)

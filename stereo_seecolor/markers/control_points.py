@@ -1,4 +1,4 @@
-"""The map brought to surveyed places of markers, by one rigid motion: its scale is the rig's, and is checked, not fitted."""
+"""Rigid alignment of the map to surveyed places of markers; the scale is the rig's, and is checked, not fitted."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,7 +48,9 @@ def read_bars(path: Path) -> dict[tuple[int, int], float]:
 
 
 def control_fit(markers: Sequence[PlacedMarker], points: dict[int, Array]) -> ControlFit:
-    """Raises InputError if fewer than three of the points were found, or they lie in line."""
+    """Fit the rigid motion of the map to the surveyed points. Raises InputError if fewer than three were found, or they lie in
+    line.
+    """
     found = [marker for marker in markers if marker.number in points]
     if len(found) < FEWEST:
         raise InputError(f"control points: {len(found)} of {len(points)} markers were found in two frames; needed: {FEWEST}")

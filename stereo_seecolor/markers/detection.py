@@ -1,4 +1,4 @@
-"""Square markers in an image."""
+"""Detection of square markers in an image."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,9 @@ FAMILIES = {
 
 @dataclass(frozen=True, eq=False)
 class Sighting:
-    """number: of the marker. corners_px: (4, 2) of its black border, clockwise from its own top left, (0, 0) a pixel's center."""
+    """A marker in an image. number: of the marker. corners_px: (4, 2) of its black border, clockwise from its own top left, (0, 0)
+    a pixel's center.
+    """
 
     number: int
     corners_px: NDArray[np.float64]
@@ -41,7 +43,7 @@ class MarkerDetector:
         self._detector = cv2.aruco.ArucoDetector(dictionary, parameters)
 
     def find(self, color: NDArray[np.uint8]) -> list[Sighting]:
-        """In an RGB image (H, W, 3)."""
+        """Find the markers in an RGB image (H, W, 3)."""
         gray = cv2.cvtColor(color, cv2.COLOR_RGB2GRAY)
         corners, numbers, _ = self._detector.detectMarkers(gray)
         if numbers is None:

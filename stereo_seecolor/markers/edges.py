@@ -1,4 +1,4 @@
-"""Corners of a marker to a fiftieth of a pixel: lines along its four sides, met.
+"""Corners of a marker to a fiftieth of a pixel, as intersections of lines fitted to its four sides.
 
 A corner that is looked for at the corner itself lies inside by a tenth of a pixel, since blur rounds corners; it does not move the
 middle of a side.
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class EdgeSettings:
-    """Where the sides are looked for."""
+    """Where the sides are searched."""
 
     samples: int = 32  # along a side
     kept: tuple[float, float] = (0.1, 0.9)  # of it: nearer to the corners blur rounds it
@@ -28,7 +28,7 @@ SETTINGS = EdgeSettings()
 
 
 def refined(gray: NDArray[np.uint8], corners_px: Array) -> Array:
-    """(4, 2) corners of a dark square from rough ones (4, 2); as they were where a side cannot be seen."""
+    """Refine rough corners (4, 2) of a dark square; they are returned unchanged where a side cannot be seen."""
     sides = [_side(gray, corners_px[i], corners_px[(i + 1) % 4]) for i in range(4)]
     if any(side is None for side in sides):
         return corners_px

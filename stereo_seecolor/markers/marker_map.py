@@ -1,4 +1,4 @@
-"""Markers in the map: where each lies, how alike its sightings are, and how large it is against what was given."""
+"""Markers in the map: position, agreement of the sightings, and size compared with the given one."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MarkerSettings:
-    """When sizes disagree."""
+    """When a size disagrees."""
 
     wrong_size: float = 0.02  # off by more than this fraction, and by more than
     wrong_sigmas: float = 5.0  # standard errors: no rig's scale is off so far, so it is the size that was given
@@ -27,8 +27,9 @@ SETTINGS = MarkerSettings()
 
 @dataclass(frozen=True, eq=False)
 class PlacedMarker:
-    """number: of the marker. views: frames behind it. x_m, y_m, z_m: its middle in the map's world. residual_m: RMS distance of the
+    """A marker in the map.
 
+    number: of the marker. views: frames behind it. x_m, y_m, z_m: its middle in the map's world. residual_m: RMS distance of the
     middles of its sightings, through the track, from that. edge_m: mean length of its sides, with its standard error.
     """
 
@@ -43,7 +44,7 @@ class PlacedMarker:
 
     @property
     def place_m(self) -> Array:
-        """(3,) its middle."""
+        """The middle of the marker: (3,)."""
         return np.array([self.x_m, self.y_m, self.z_m])
 
 
@@ -57,13 +58,13 @@ class ScaleCheck:
 
     @property
     def wrong(self) -> bool:
-        """Whether it is further off than any rig is."""
+        """Tell whether the scale is further off than any rig's can be."""
         off = abs(self.ratio - 1)
         return off > SETTINGS.wrong_size and off > SETTINGS.wrong_sigmas * self.std
 
 
 def placed_markers(sightings: Sequence[PlacedSighting], T_world_camera: dict[str, Array]) -> list[PlacedMarker]:
-    """Of all sightings in frames with a pose (4, 4); by number. Markers seen once are left out."""
+    """Place markers from all sightings in frames with a pose (4, 4), by number. Markers seen once are left out."""
     by_number: dict[int, list[PlacedSighting]] = defaultdict(list)
     for sighting in sightings:
         if sighting.frame in T_world_camera:

@@ -1,4 +1,4 @@
-"""Markers in three dimensions: the plane that stereo measured on a marker, met by the rays through its corners.
+"""Markers in three dimensions: rays through the corners meet the plane that stereo measured on the marker.
 
 A corner's own range is as rough as any pixel's; the plane averages all of the marker, and the rays are known to a twentieth of a
 pixel.
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PlacingSettings:
-    """When a marker was measured."""
+    """When a marker counts as measured."""
 
     fewest_px: int = 60  # with a range on it
     covered: float = 0.3  # of its pixels: else the plane hangs on an edge
@@ -35,8 +35,9 @@ SETTINGS = PlacingSettings()
 
 @dataclass(frozen=True, eq=False)
 class PlacedSighting:
-    """corners_m: (4, 3) in the camera's axes. frame: its name. std: (2,) standard errors of a corner's direction (rad) and of its
+    """A marker in one camera.
 
+    corners_m: (4, 3) in the camera's axes. frame: its name. std: (2,) standard errors of a corner's direction (rad) and of its
     inverse depth (1/m).
     """
 
@@ -47,12 +48,12 @@ class PlacedSighting:
 
     @property
     def edges_m(self) -> Array:
-        """(4,) lengths of its sides."""
+        """The lengths of its sides: (4,)."""
         return np.asarray(np.linalg.norm(np.roll(self.corners_m, -1, axis=0) - self.corners_m, axis=1))
 
 
 def place(sighting: Sighting, frame: SurveyFrame, geometry: RectifiedPair) -> PlacedSighting | None:
-    """None where too little of the marker has a measured range."""
+    """Compute a marker's corners in three dimensions; None where too little of it has a measured range."""
     inside = np.zeros(frame.range_m.shape, np.uint8)
     cv2.fillConvexPoly(inside, np.rint(sighting.corners_px).astype(np.int32), 1)
     rows, columns = np.nonzero(inside)

@@ -1,4 +1,4 @@
-"""What decides how a measure is taken; web/src/measure.ts has the same numbers."""
+"""Limits and thresholds of measurements on a frame; web/src/measure.ts has the same numbers."""
 
 from dataclasses import dataclass
 

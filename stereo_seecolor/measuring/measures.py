@@ -1,4 +1,4 @@
-"""Length along a line, area inside one, and height profile, from picked points."""
+"""Measures from picked points: length along a line, area inside it, and height profile."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ def _step_px(surface: Surface, a: Pick, b: Pick) -> float:
 
 
 def profile(line: Sequence[Placed], above: Array | None = None) -> tuple[Array, Array]:
-    """(N,) distance along the straight line from the first to the last point, and height above it, meters.
+    """Compute distance along the straight line from the first to the last point, and height above it: (N,) each, meters.
 
     above: (3,) where up is; by default towards the camera.
     """
@@ -142,7 +142,7 @@ def polygon_area(outline: Array) -> float:
 
 
 def inside(outline: Array, x_px: float, y_px: float) -> bool:
-    """True for a place inside a polygon (N, 2), by the number of edges to its right."""
+    """Tell whether a place lies inside a polygon (N, 2), by the number of edges to its right."""
     found = False
     for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
         if (ay > y_px) != (by > y_px) and x_px < (bx - ax) * (y_px - ay) / (by - ay) + ax:

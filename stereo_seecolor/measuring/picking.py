@@ -1,4 +1,4 @@
-"""A point on the surface where a person clicked, with its covariance."""
+"""The point on the surface where a user clicked, with its covariance."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -41,7 +41,9 @@ class Pick(Placed):
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What a frame shows. range_m: (H, W), measured pixels only. std_blocks_m: standard errors of blocks of 4x4 pixels."""
+    """The surface that a frame shows. range_m: (H, W), measured pixels only. std_blocks_m: standard errors of blocks of 4x4
+    pixels.
+    """
 
     geometry: RectifiedPair
     range_m: Map
@@ -94,7 +96,9 @@ class Surface:
 
 
 def nearest_layer(inverse: Array, relative_std: float) -> NDArray[np.bool_]:
-    """Which values of 1 / depth (N,) belong to the nearest layer that holds enough of them; the largest where none does."""
+    """Select the values of 1 / depth (N,) of the nearest layer that holds enough of them; the largest layer where none does: (N,)
+    bool.
+    """
     order = np.argsort(-inverse, kind="stable")
     ranked = inverse[order]
     gap = max(LIMITS.layer_gap, LIMITS.layer_gap_stds * relative_std)

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class TerrainLimits:
-    """What decides how a measure on a map is taken."""
+    """Limits and thresholds of measurements on a map."""
 
     least_cells: int = 2  # of 3x3: an object's edge shows at least that
     layer_cells: float = 2.0  # step between object and ground, in cells: steeper than 63 degrees
@@ -48,7 +48,7 @@ class Ground:
 
     @property
     def gap_m(self) -> float:
-        """What is farther apart in height than this are two things."""
+        """The difference in height beyond which two points lie on two things."""
         return max(TERRAIN.layer_cells * self.cell_m, TERRAIN.layer_stds * self.std_m)
 
     def cell(self, x_m: float, y_m: float) -> tuple[float, float]:

@@ -1,1 +1,1 @@
-"""What ecologists publish of a reef's structure, with standard errors."""
+"""Metrics of a reef's structure that ecologists publish, with standard errors."""

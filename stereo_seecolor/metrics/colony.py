@@ -1,4 +1,6 @@
-"""A colony, or whatever an outline holds: its planar area, its surface, its height and its volume above the ground around it."""
+"""Measures of a colony, or of anything that an outline encloses: planar area, surface area, height and volume above the ground
+around it.
+"""
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass, replace
@@ -37,7 +39,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Colony:
-    """What an outline holds, with standard errors from the range errors; unseen: fraction of its cells without a surface.
+    """The measures of an outline, with standard errors from the range errors; unseen: fraction of its cells without a surface.
 
     views: mean number of frames behind a cell.
     """
@@ -51,7 +53,7 @@ class Colony:
 
 
 def measure_outlines(outlines: Sequence[Outline], mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[Colony | None]:
-    """What each holds; None where nothing of it was seen."""
+    """Measure each outline; None where nothing of it was seen."""
     masks = [outline.mask(terrain.grid) for outline in outlines]
     seen = [i for i, mask in enumerate(masks) if (mask & terrain.known).any()]
     if not seen:

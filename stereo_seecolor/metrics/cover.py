@@ -1,4 +1,4 @@
-"""What covers the bottom, by label: on the surface itself, and as a plan shows it."""
+"""Cover of the bottom by label, as fractions of the surface area and of the planar area."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -11,7 +11,9 @@ UNLABELED = "unlabeled"
 
 @dataclass(frozen=True)
 class Cover:
-    """All outlines of a label. of_surface, of_planar: fractions of what all outlines cover; _std: from the range errors."""
+    """The cover of one label, over all its outlines. of_surface, of_planar: fractions of what all outlines cover; _std: from the
+    range errors.
+    """
 
     label: str
     outlines: int

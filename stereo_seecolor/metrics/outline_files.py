@@ -1,4 +1,4 @@
-"""Outlines from files: GeoJSON (QGIS, ArcGIS), and the project of TagLab."""
+"""Reading of outlines from files: GeoJSON (QGIS, ArcGIS), and TagLab's project."""
 
 import json
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Outlines drawn on a map: of a colony, of a kind of bottom; meters in the map's own coordinates."""
+"""Outlines drawn on a map, of a colony or of a kind of bottom, in meters in the map's own coordinates."""
 
 from dataclasses import dataclass
 
@@ -16,14 +16,14 @@ SUBCELL_BITS = 4
 
 @dataclass(frozen=True, eq=False)
 class Outline:
-    """name: of this one ("" if it has none). label: what it shows. rings: (N, 2) x and y in meters; holes are rings too."""
+    """One outline. name: "" if it has none. label: what it shows. rings: (N, 2) x and y in meters; holes are rings too."""
 
     name: str
     label: str
     rings: tuple[Ring, ...]
 
     def mask(self, grid: Grid) -> NDArray[np.bool_]:
-        """(H, W) the cells whose centers lie inside; a ring within a ring is a hole."""
+        """Compute which cells have their centers inside: (H, W) bool; a ring within a ring is a hole."""
         mask = np.zeros(grid.shape, np.uint8)
         corners = [np.rint(grid.pixels(ring) * 2**SUBCELL_BITS).astype(np.int32) for ring in self.rings]
         cv2.fillPoly(mask, corners, 1, shift=SUBCELL_BITS)

@@ -1,4 +1,4 @@
-"""Rugosity, fractal dimension and height range of a square: the three that one geometry ties together.
+"""Rugosity, fractal dimension and height range of a square, which are geometrically related.
 
 Torres-Pulliza et al. 2020, Nature Ecology & Evolution 4:1495: the mean height range dh(L) of squares of edge L grows as L^(3 - D).
 Their plane: R^2 = dh(L0)^2 / (2 L0^2) + 1 with L0 the finest edge. Means of ranges and the logarithmic regression are those of the
@@ -17,7 +17,7 @@ Heights = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RdhSettings:
-    """Which scales enter."""
+    """The scales that are used."""
 
     halvings: int = 4  # edges of L, L/2, ... L/16, as habtools' documentation suggests: 2, 1, 0.5, 0.25, 0.125 m
     finest_cells: int = 4  # a height range of fewer cells is too small
@@ -29,9 +29,10 @@ SETTINGS = RdhSettings()
 
 @dataclass(frozen=True)
 class Rdh:
-    """rugosity_hvar: from height ranges at the finest edge. rugosity_area: area of the surface over its planar area (Jenness 2004).
+    """The three metrics of a square.
 
-    fractal_dimension: 2 flat to 3. height_range_m: highest less lowest. NaN where too little was seen.
+    rugosity_hvar: from height ranges at the finest edge. rugosity_area: area of the surface over its planar area (Jenness 2004).
+    fractal_dimension: 2 for flat, to 3. height_range_m: highest less lowest. NaN where too little was seen.
     """
 
     rugosity_hvar: float

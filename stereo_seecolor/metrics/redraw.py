@@ -1,4 +1,4 @@
-"""Standard errors of anything computed from a terrain: it is computed again and again with the terrain's own errors added.
+"""Standard errors of anything computed from a terrain, by repeating the computation with errors drawn from the terrain's own.
 
 The errors are drawn with each cell's standard error, alike over the terrain's correlation length.
 """
@@ -18,7 +18,7 @@ DRAWS = 24
 
 
 def spread_of(measure: Callable[[Array], Array], terrain: Terrain, errors: TerrainErrors) -> Array:
-    """(M,) standard deviation of ``measure`` (heights (H, W) -> (M,)) over DRAWS draws of the terrain's errors.
+    """Compute the standard deviation, (M,), of ``measure`` (heights (H, W) -> (M,)) over DRAWS draws of the terrain's errors.
 
     Cells whose standard error is unknown stay as they are.
     """

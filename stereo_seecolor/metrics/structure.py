@@ -1,4 +1,4 @@
-"""Structure of a site at several scales: squares of an edge, the mean over them, how they differ, and the standard error."""
+"""Structure of a site at several scales: mean over squares of an edge, standard deviation among them, and standard error."""
 
 from collections.abc import Iterator
 from dataclasses import astuple, dataclass, fields
@@ -35,13 +35,15 @@ class Numbers:
 
     @classmethod
     def names(cls) -> tuple[str, ...]:
-        """In the order of the fields."""
+        """The names of the metrics, in the order of the fields."""
         return tuple(field.name for field in fields(cls))
 
 
 @dataclass(frozen=True)
 class StructureAtScale:
-    """All squares of an edge: mean, its standard error from the range errors, and standard deviation among squares (NaN of one)."""
+    """The metrics of all squares of an edge: mean, its standard error from the range errors, standard deviation among squares (NaN
+    of one).
+    """
 
     edge_m: float
     squares: int
@@ -51,7 +53,7 @@ class StructureAtScale:
 
 
 def structure(mesh: SiteMesh, terrain: Terrain, errors: TerrainErrors) -> list[StructureAtScale]:
-    """At each scale of which the site holds a square."""
+    """Compute the structure at each scale of which the site holds a square."""
     squares = {edge_m: windows for edge_m in EDGES_M if (windows := list(_windows(terrain, edge_m)))}
     area, cell_m = _mesh_area(mesh, terrain), terrain.grid.cell_m
 

@@ -1,4 +1,4 @@
-"""All numbers of a site, and as tables: one CSV each, standard errors beside the values."""
+"""All metrics of a site, and their tables: one CSV each, with standard errors beside the values."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,8 +15,9 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class SiteMetrics:
-    """structure: at each scale. colonies: each outline that was seen. cover: by label. unseen: outlines of which nothing was seen.
+    """The metrics of a site.
 
+    structure: at each scale. colonies: each outline that was seen. cover: by label. unseen: outlines of which nothing was seen.
     height_std_m: median standard error of the terrain. files: what was written.
     """
 

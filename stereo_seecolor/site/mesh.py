@@ -1,4 +1,4 @@
-"""A fused run with its mesh in memory, in coordinates that the caller chooses."""
+"""The mesh of a fused run in memory, in coordinates that the caller chooses."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,13 +30,13 @@ class SiteMesh:
 
     @property
     def triangle_areas_m2(self) -> Array:
-        """(T,) area of each triangle."""
+        """The area of each triangle: (T,)."""
         a, b, c = (self.points_m[self.triangles[:, k]] for k in range(3))
         return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
 
     @property
     def triangle_centers_m(self) -> Array:
-        """(T, 3) center of each triangle."""
+        """The center of each triangle: (T, 3)."""
         return np.asarray(self.points_m[self.triangles].mean(axis=1))
 
 

@@ -1,4 +1,4 @@
-"""The bottom as a gray picture from above, fine enough to recognize things: the orthomosaic, without it the mesh's colors."""
+"""A gray picture of the bottom from above, fine enough to recognize things: the orthomosaic, or the mesh's colors without one."""
 
 from dataclasses import dataclass
 
@@ -21,14 +21,14 @@ MOST_PX = 36e6
 
 @dataclass(frozen=True, eq=False)
 class Orthophoto:
-    """gray: (H, W) uint8, 0 where nothing is known. grid: of its pixels, in the map's own coordinates."""
+    """A gray picture. gray: (H, W) uint8, 0 where nothing is known. grid: of its pixels, in the map's own coordinates."""
 
     gray: NDArray[np.uint8]
     grid: Grid
 
 
 def orthophoto(posed: PosedRun, terrain: Terrain) -> Orthophoto:
-    """Of a fused run. Raises InputError if its orthomosaic is damaged."""
+    """Make the gray picture of a fused run. Raises InputError if its orthomosaic is damaged."""
     path = posed.map_folder / MOSAIC
     if not georeference.available() or not path.is_file():
         return Orthophoto(_gray(np.nan_to_num(terrain.color), terrain.known), terrain.grid)

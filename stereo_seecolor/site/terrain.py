@@ -1,4 +1,4 @@
-"""Heights and colors of a mesh seen from straight above, on a grid."""
+"""Terrain of a mesh: heights and colors seen from straight above, on a grid."""
 
 from dataclasses import dataclass
 
@@ -20,18 +20,18 @@ class Terrain:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """(H, W) True where there is a surface."""
+        """Where there is a surface: (H, W) bool."""
         return np.isfinite(self.height_m)
 
     @property
     def slopes(self) -> NDArray[np.float64]:
-        """(2, H, W) rise of the surface to the east and to the north, NaN at holes."""
+        """The rise of the surface to the east and to the north: (2, H, W), NaN at holes."""
         rows, columns = np.gradient(self.height_m, self.grid.cell_m)
         return np.stack([columns, -rows])
 
     @property
     def points_m(self) -> NDArray[np.float64]:
-        """(H, W, 3) of the cells' centers on the surface."""
+        """The cells' centers on the surface: (H, W, 3)."""
         x, y = self.grid.centers(slice(0, self.grid.shape[0]), slice(0, self.grid.shape[1]))
         return np.stack([x, y, self.height_m], axis=-1)
 

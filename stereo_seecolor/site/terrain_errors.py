@@ -1,4 +1,4 @@
-"""Standard errors of a fused terrain, cell by cell: from those of the ranges, and how often each cell was seen.
+"""Standard errors of a fused terrain, cell by cell, from the standard errors of the ranges and the number of views.
 
 Each frame's measured ranges are compared with the terrain along its own rays. A range error dr moves the surface over a cell by
 dz = dr (r_z - p r_x - q r_y), r the ray and p, q the slopes. Independent views weigh 1 / variance; where they differ by more than
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ErrorSettings:
-    """What counts as a view of a cell."""
+    """Which ranges count as a view of a cell."""
 
     gate_sigmas: float = 6.0  # a range further off than this shows something else: a fish, a branch before the cell
     gate_voxels: float = 3.0  # and further than this, since voxels round off what is finer
@@ -36,9 +36,10 @@ SETTINGS = ErrorSettings()
 
 @dataclass(frozen=True, eq=False)
 class TerrainErrors:
-    """std_m: (H, W) standard error of each height, NaN where no frame's range was left. views: (H, W) frames behind each cell.
+    """Standard errors of a terrain.
 
-    correlation_m: over which neighboring errors are alike.
+    std_m: (H, W) standard error of each height, NaN where no frame's range was left. views: (H, W) frames behind each cell.
+    correlation_m: distance over which errors of neighboring cells are correlated.
     """
 
     std_m: Array
@@ -47,7 +48,7 @@ class TerrainErrors:
 
     @property
     def median_m(self) -> float:
-        """Of the cells that are known."""
+        """The median standard error of the cells that are known."""
         return float(np.nanmedian(self.std_m)) if np.isfinite(self.std_m).any() else float("nan")
 
 

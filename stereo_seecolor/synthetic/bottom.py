@@ -1,4 +1,4 @@
-"""The bottom that things grow on: sand, ripples, rock, and the brush that adds to them."""
+"""The bottom that things grow on: sand, ripples, rock; and the operation that adds things to it."""
 
 from dataclasses import dataclass
 

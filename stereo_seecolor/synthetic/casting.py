@@ -1,4 +1,4 @@
-"""Rays against the reef: where each meets it, and what color is there; the same on any number of threads.
+"""Ray casting against the reef: where each ray meets it, and the color there; independent of the number of threads.
 
 Compiled without numba's own threads, whose simplest layer must not be entered twice at once: ``in_rows`` spreads the rows.
 """
@@ -19,7 +19,7 @@ Rays = NDArray[np.float32]
 
 
 def cast(reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays) -> NDArray[np.float32]:
-    """(H, W, S) distance along each ray to the reef, meters, infinite where a ray never meets it."""
+    """Compute the distance along each ray to the reef: (H, W, S) meters, infinite where a ray never meets it."""
     range_m = np.empty(rays.shape[:3], np.float32)
     low, high = float(reef.height_m.min()), float(reef.height_m.max())
     in_rows(_cast, len(rays), reef.height_m, *reef.origin_m, reef.blocks, low, high, T_world_camera, rays, range_m)
@@ -29,7 +29,9 @@ def cast(reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays) -> NDArray
 def look_up(
     reef: Reef, T_world_camera: NDArray[np.float64], rays: Rays, range_m: NDArray[np.float32], sample_angle: float
 ) -> NDArray[np.float32]:
-    """(H, W, S, 3) linear color of the lit reef where each ray meets it, filtered to ``sample_angle``, radians between rays."""
+    """Look up the linear color of the lit reef where each ray meets it: (H, W, S, 3), filtered to ``sample_angle``, radians between
+    rays.
+    """
     out = np.zeros(rays.shape, np.float32)
     in_rows(_look_up, len(rays), reef.color, reef.detail, *reef.origin_m, T_world_camera, rays, range_m, sample_angle, out)
     return out

@@ -1,4 +1,4 @@
-"""What happens to a reef between two dives: corals grow, are removed, bleach; sand moves."""
+"""Changes of a reef between two dives: corals grow, are removed, bleach; sand moves."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ BLEACHED = (0.72, 0.70, 0.64)
 
 @dataclass(frozen=True)
 class Change:
-    """Within ``radius_m`` of (x_m, y_m). amount_m: how much it rises at the most; for ``removed`` what is left above the ground."""
+    """A change within ``radius_m`` of (x_m, y_m). amount_m: the largest rise; for ``removed`` what is left above the ground."""
 
     kind: Literal["grown", "removed", "bleached", "sand"]
     x_m: float

@@ -1,4 +1,4 @@
-"""Fish: things that swim between the cameras and the reef, and are elsewhere in the next frame."""
+"""Fish, which swim between the cameras and the reef, and are elsewhere in the next frame."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +14,7 @@ from stereo_seecolor.synthetic.survey import SurveySpec
 
 @dataclass(frozen=True, eq=False)
 class School:
-    """Where the fish are at one moment.
+    """The positions of the fish at one moment.
 
     centers_m: (n, 3) world. axes: (n, 3, 3), rows along a fish's length, height and width, each over half its extent.
     """

@@ -1,4 +1,4 @@
-"""What lives and lies on the bottom: boulders, corals, sponges, a color chart, a bare patch of sand."""
+"""Things on the bottom: boulders, corals, sponges, a color chart, a bare patch of sand."""
 
 import numpy as np
 from numpy.typing import NDArray

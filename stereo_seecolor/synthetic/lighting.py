@@ -1,4 +1,4 @@
-"""Light that arrives at the reef: of the sun through waves and water, of the rig's own lamps; and what lenses let through."""
+"""Light on the reef, of the sun through waves and water and of the rig's lamps; and the vignetting of the lens."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +16,18 @@ LAMP_RING_RAD, LAMP_SPOKES = 0.12, 9
 
 
 def sunlight(water: LitWater, points_m: Points) -> NDArray[np.float32]:
-    """(..., 3) light of the sun at world points, 1 = full scale from a white surface: each channel falls off with depth."""
+    """Compute the light of the sun at world points: (..., 3), 1 = full scale from a white surface; each channel falls off with
+    depth.
+    """
     depth_m = water.depth_m - points_m[..., 2:3]
     fall_off = np.exp(-water.sun_attenuation.astype(np.float32) * (depth_m - np.float32(water.depth_m)))
     return np.asarray(water.water.white.astype(np.float32) * fall_off)
 
 
 def caustics(spec: SurveySpec, points_m: Points, time_s: float) -> NDArray[np.float32]:
-    """(...,) factor on the sunlight, mean about 1: bright lines where waves of several directions focus it, moving with time."""
+    """Compute a factor on the sunlight, mean about 1: (...,); bright lines where waves of several directions focus it, moving with
+    time.
+    """
     rng = np.random.default_rng([spec.seed, 3])
     total = np.zeros(points_m.shape[:-1], np.float32)
     for _ in range(5):
@@ -36,7 +40,9 @@ def caustics(spec: SurveySpec, points_m: Points, time_s: float) -> NDArray[np.fl
 
 
 def lamplight(spec: SurveySpec, water: LitWater, points_m: Points, T_world_camera: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(..., 3) light of the rig's lamps at world points: beam shape and pattern, 1 / distance squared, and the water on the way."""
+    """Compute the light of the rig's lamps at world points, (..., 3): beam shape and pattern, 1 / distance squared, and the water
+    between.
+    """
     brightness = spec.lamp_intensity * float(water.water.white.max())
     axis = T_world_camera[:3, 2].astype(np.float32)
     total = np.zeros(points_m.shape, np.float32)
@@ -52,7 +58,9 @@ def lamplight(spec: SurveySpec, water: LitWater, points_m: Points, T_world_camer
 
 
 def lamp_pattern(contrast: float, away: Points) -> NDArray[np.float32]:
-    """(...,) factor on a lamp's beam, mean about 1: rings and spokes. away: (..., 3) from the lamp, in the camera's axes."""
+    """Compute a factor on a lamp's beam, mean about 1: (...,), rings and spokes. away: (..., 3) from the lamp, in the camera's
+    axes.
+    """
     across = np.hypot(away[..., 0], away[..., 1])
     rings = np.cos(2 * np.pi * np.arctan2(across, away[..., 2]) / LAMP_RING_RAD)
     spokes = np.cos(LAMP_SPOKES * np.arctan2(away[..., 1], away[..., 0]))
@@ -65,7 +73,7 @@ def strobe_energy(spec: SurveySpec, index: int) -> float:
 
 
 def vignetting(spec: SurveySpec) -> NDArray[np.float32]:
-    """(H, W) fraction of the light that the lens lets through at each pixel of the raw picture."""
+    """Compute the fraction of the light that the lens transmits at each pixel of the raw picture: (H, W)."""
     width, height = spec.image_size
     y, x = np.ogrid[:height, :width]
     squared = ((2 * x + 1 - width) ** 2 + (2 * y + 1 - height) ** 2) / (width**2 + height**2)

@@ -47,7 +47,7 @@ AT_440 = 4
 
 @dataclass(frozen=True)
 class OpticalConstants:
-    """Of the sources above."""
+    """Absorption and scattering of the water's constituents, from the sources above."""
 
     dissolved_slope: float = 0.0176  # 1/nm, mean of European coasts; Babin et al. 2003
     sediment_slope: float = 0.0123  # 1/nm, non-algal particles; the same
@@ -67,9 +67,10 @@ CONSTANTS = OpticalConstants()
 
 @dataclass(frozen=True)
 class Contents:
-    """What a water holds. chlorophyll: mg/m^3. dissolved: its absorption at 440 nm, 1/m. sediment: g/m^3.
+    """The constituents of a water.
 
-    sediment_absorption: m^2/g at 440 nm.
+    chlorophyll: mg/m^3. dissolved: absorption of dissolved matter at 440 nm, 1/m. sediment: g/m^3. sediment_absorption: m^2/g at
+    440 nm.
     """
 
     chlorophyll: float
@@ -126,16 +127,16 @@ class MeasuredWater:
 
     @property
     def white(self) -> PerChannel:
-        """What the channels see of a white scene without water before it."""
+        """The channels' values of a white scene without water."""
         return np.asarray(self.bands @ self.light)
 
     def attenuation(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(..., 3) fraction of a channel's light that is left at a range, meters."""
+        """Compute the fraction of a channel's light that is left after a range, meters: (..., 3)."""
         left = np.exp(-np.asarray(range_m, np.float64)[..., None] * self.beam)
         return np.asarray(left @ (self.bands * self.light / self.white[:, None]).T)
 
     def backscatter(self, range_m: NDArray[np.floating]) -> NDArray[np.float64]:
-        """(..., 3) the water's own light, over a range, meters."""
+        """Compute the backscatter over a range, meters: (..., 3)."""
         gained = -np.expm1(-np.asarray(range_m, np.float64)[..., None] * self.beam)
         return np.asarray(gained @ (self.bands * self.veil).T)
 
@@ -168,7 +169,7 @@ def draw_water(contents: Contents, rng: np.random.Generator) -> MeasuredWater:
 
 
 def camera_bands(rng: np.random.Generator) -> NDArray[np.float64]:
-    """(3, 31) sensitivities of R, G, B, each with sum 1: Gaussians that scatter about the cameras of Jiang et al., WACV 2013."""
+    """Draw sensitivities of R, G, B, (3, 31), each with sum 1: Gaussians around the cameras of Jiang et al., WACV 2013."""
     peaks_nm = np.array([602.0, 535.0, 460.0]) + rng.normal(0, 8.0, 3)
     widths_nm = np.array([30.0, 36.0, 29.0]) + rng.normal(0, 4.0, 3)
     bands = np.exp(-0.5 * ((WAVELENGTH_NM - peaks_nm[:, None]) / widths_nm[:, None]) ** 2)

@@ -1,4 +1,4 @@
-"""The reef: a height field with what lives on it, painted with its own light, ready for ray casting."""
+"""The reef: a height field with the things on it, lit and ready for ray casting."""
 
 from dataclasses import dataclass
 
@@ -55,7 +55,7 @@ def build_reef(spec: SurveySpec) -> Reef:
 
 
 def blocks(height_m: Grid) -> Grid:
-    """(rows, columns, 2) highest point and steepest slope in each block, its neighboring grid points included."""
+    """Compute the highest point and the steepest slope in each block, including neighboring grid points: (rows, columns, 2)."""
     slope_x, slope_y = (np.abs(np.diff(height_m, axis=axis, append=np.nan)) / CELL_M for axis in (1, 0))
     slope = np.nan_to_num(np.hypot(slope_x, slope_y))
     size = [-(-n // BLOCK_CELLS) * BLOCK_CELLS for n in height_m.shape]

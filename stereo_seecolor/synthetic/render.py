@@ -1,4 +1,4 @@
-"""A pair of pictures of the reef through the water, and the truth behind them."""
+"""Rendering of a pair of pictures of the reef through the water, with the truth."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -68,7 +68,7 @@ class _Instant:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """All that a survey's pictures are made of; built once, then ``render(index)`` for each pair."""
+    """A survey's scene: built once, then ``render(index)`` for each pair."""
 
     spec: SurveySpec
     reef: Reef
@@ -96,7 +96,7 @@ class Scene:
         return RenderedPair(frame, rectified, *truth, T_world_camera=pose)
 
     def photograph(self, index: int) -> StereoFrame:
-        """The same pair alone, as the cameras give it: in half the time."""
+        """Render the same pair without the truth, in half the time."""
         pose = self.trajectory.T_world_camera[index]
         time_s = float(self.trajectory.timestamps_s[index])
         instant = _Instant(pose, School.around(self.spec, pose, index), time_s, strobe_energy(self.spec, index))

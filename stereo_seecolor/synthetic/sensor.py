@@ -1,4 +1,4 @@
-"""The camera's sensor: light to electrons to numbers."""
+"""The camera's sensor: from light to electrons to digital values."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""The survey: what is asked for, the rig that takes it, and the track it flies."""
+"""The survey: its specification, its rig, and its track."""
 
 from dataclasses import dataclass
 
@@ -55,7 +55,7 @@ class SurveySpec:
 
     @property
     def line_length_m(self) -> float:
-        """From the first to the last pair of a line."""
+        """The distance from the first to the last pair of a line."""
         return (-(-self.pairs // self.lines) - 1) * self.pair_spacing_m
 
     @property

@@ -1,4 +1,4 @@
-"""Named waters: wide-band attenuation, veiling light and sunlight by depth, from published spectra.
+"""Named waters: wide-band attenuation, backscatter and sunlight by depth, from published spectra.
 
 Diffuse attenuation Kd by wavelength: Jerlov, Marine Optics (1976), table XXVII, with Austin and Petzold's revision (1984) for
 types I to 1C. Beam attenuation c along the line of sight: Kd(535 nm) = 0.2 c(535 nm) + 0.04 (Shannon, Proc. SPIE 64, 1975); the

@@ -1,1 +1,1 @@
-"""The map's surface with the images on it: fewer triangles within a bound, each with its best view, seams leveled."""
+"""Texturing of the map's surface: fewer triangles within a bound, each with its best view, seams leveled."""

@@ -1,4 +1,4 @@
-"""Pages of texture: charts packed as rectangles, each cut out of its image, shelf after shelf."""
+"""Pages of texture: charts packed as rectangles, each cut out of its image, row after row."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,9 +18,12 @@ BLOCK_PX = 4
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """size: (width, height). step: pixels of the images to one of the page. charts (n,), and for each the rectangle of its view,
+    """A page of texture.
+
+    size: (width, height). step: pixels of the images to one of the page. charts (n,), and for each the rectangle of its view,
     source (n, 4) as left, top, width, height, and its place (n, 2) in the page. unseen (m,): triangles without a view, and block
-    (m, 2): their places."""
+    (m, 2): their places.
+    """
 
     size: tuple[int, int]
     step: int

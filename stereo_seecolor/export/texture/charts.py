@@ -29,7 +29,7 @@ class Charts:
     correction: NDArray[np.float32]
 
     def leveled(self, correction: NDArray[np.float32]) -> "Charts":
-        """With another correction."""
+        """Replace the correction."""
         return replace(self, correction=correction)
 
 

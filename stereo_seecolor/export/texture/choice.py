@@ -1,4 +1,4 @@
-"""One view for each triangle: a good one, and the same as its neighbors' where that costs little."""
+"""Choice of one view for each triangle: a good one, and the same as its neighbors' where that costs little."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ SWEEPS = 30
 
 
 def choose(found: Candidates, across: NDArray[np.int64]) -> NDArray[np.int32]:
-    """(F,) the view of each triangle, -1 where none shows it. across: (F, 3), neighbors or -1."""
+    """Choose the view of each triangle: (F,), -1 where none shows it. across: (F, 3), neighbors or -1."""
     with np.errstate(divide="ignore"):
         cost = np.where(found.view >= 0, -np.log(np.maximum(found.value, 1e-9)), np.inf)
     faces = np.arange(len(cost))

@@ -1,4 +1,4 @@
-"""A page of texture painted: pixels of the images, with the corrections that level the seams."""
+"""Painting of a page of texture: pixels of the images, with the corrections that level the seams."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ from stereo_seecolor.export.texture.views import Views
 
 
 def paint(views: Views, surface: Surface, charts: Charts, page: Page, of_chart: Sequence[NDArray[np.int64]]) -> NDArray[np.uint8]:
-    """(H, W, 3) RGB. of_chart: the triangles of each chart. Raises InputError if an image is gone or damaged."""
+    """Paint a page: (H, W, 3) RGB. of_chart: the triangles of each chart. Raises InputError if an image is gone or damaged."""
     width, height = page.size
     result = np.zeros((height, width, 3), np.uint8)
     for i in np.argsort(charts.view[page.charts], kind="stable"):  # each image is read once

@@ -1,4 +1,4 @@
-"""The mesh that gets a texture: the map's, with as few triangles as a bound allows."""
+"""The mesh that is textured: the map's, with as few triangles as a bound allows."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class Surface:
     original: int
 
     def simplified(self, bound_m: float, longest_m: float) -> "Surface":
-        """With still fewer triangles: ``bound_m`` further away at most, no new edge longer than ``longest_m``."""
+        """Simplify further: ``bound_m`` further away at most, no new edge longer than ``longest_m``."""
         found = simplify(self.position, self.triangles, bound_m, longest_m)
         return Surface(
             self.position[found.kept],
@@ -58,12 +58,12 @@ def read_surface(posed: PosedRun) -> Surface:
 
 
 def longest_edge_m(posed: PosedRun) -> float:
-    """Of a triangle that one image can hold."""
+    """The longest edge of a triangle that one image can hold."""
     return LONGEST * min(posed.geometry.image_size) * posed.pixel_m
 
 
 def neighbors(triangles: NDArray[np.int32]) -> NDArray[np.int64]:
-    """(F, 3) the triangle across each edge, k from corner k to k + 1; -1 at the boundary, and where more than two meet."""
+    """Find the triangle across each edge, k from corner k to k + 1: (F, 3); -1 at the boundary, and where more than two meet."""
     ends = np.sort(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=-1).reshape(-1, 2).astype(np.int64), axis=1)
     key = ends[:, 0] << 32 | ends[:, 1]
     order = np.argsort(key, kind="stable")

@@ -1,4 +1,4 @@
-"""The images as views of the surface: where they show it, and how well."""
+"""The images as views of the surface: where each shows it, and how well."""
 
 from dataclasses import dataclass
 from functools import lru_cache
