@@ -61,6 +61,16 @@ def errors_deg(image: np.ndarray, truth: np.ndarray, range_m: np.ndarray, water:
     return score.angle_deg, score.angle_after_gains_deg
 
 
+@pytest.mark.parametrize(("particles", "warned"), [(0.0, False), (0.02, True)])
+def test_lamp_lit_particles_are_named_where_they_are_taken_for_white(particles: float, warned: bool) -> None:
+    """They are redder than anything that daylight reaches: the white point then lacks red, and colors come out green."""
+    rng, range_m = np.random.default_rng(4), slope()
+    image = seen_through(BLUE, reef(rng), range_m, rng)
+    image[rng.random(SHAPE) < particles] = (230, 235, 235)
+    warnings = Corrector(CONFIG).fit_frame(image, range_m).warnings
+    assert warnings == ((robust.RED_HIGHLIGHTS,) if warned else ())
+
+
 @pytest.mark.parametrize("water", [BLUE, GREEN])
 def test_known_water_is_taken_out(water: Water) -> None:
     rng = np.random.default_rng(11)

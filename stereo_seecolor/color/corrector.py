@@ -69,7 +69,7 @@ class Corrector:
 
         if self.config.method == "robust":
             water = robust.fit(table, self.config, start)
-            doubt = () if water.warnings else doubts(table)
+            doubt = doubts(table) if water.warnings in ((), (robust.RED_HIGHLIGHTS,)) else ()
             return replace(water, warnings=doubt) if doubt else water
         doubt = doubts(table)
         if doubt and start is not None:

@@ -15,6 +15,7 @@ from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes, special_kind
+from stereo_seecolor.inputs.compression import compression_notes
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.linear_look import encoding_notes
 from stereo_seecolor.inputs.listing import folders_of
@@ -97,11 +98,12 @@ class StereoInputs:
 def settle_storage(config: RunConfig, pairs: Sequence[Pair]) -> tuple[RunConfig, tuple[str, ...]]:
     """Settle ``input.bayer`` and ``input.significant_bits`` where they are auto, from images spread over the dive.
 
-    Returns the settings, and notes on what was found and on how the images encode light.
+    Returns the settings, and notes on what was found and on how the images encode and compress light.
     """
     facts = stored_facts(config.input, spread(pairs, STORAGE_PAIRS))
     images = as_stored(config.input, facts)
-    return config.model_copy(update={"input": images}), (*stored_notes(config.input, images), *encoding_notes(config.color, facts))
+    notes = (*stored_notes(config.input, images), *encoding_notes(config.color, facts), *compression_notes(pairs))
+    return config.model_copy(update={"input": images}), notes
 
 
 @dataclass(frozen=True, eq=False)

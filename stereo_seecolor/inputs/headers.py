@@ -7,6 +7,7 @@ matched, colored and mapped; so wholeness is checked here, from the file formats
 import re
 import struct
 import zlib
+from collections.abc import Iterator
 
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_FINISHED = (b"\x08\x02", b"\x08\x06")  # bits and color type: RGB and RGBA
@@ -69,16 +70,21 @@ def _png_exif(content: bytes) -> bytes:
 
 
 def _jpeg_exif(content: bytes) -> bytes:
+    for marker, segment in jpeg_segments(content):
+        if marker == JPEG_APP1 and segment.startswith(EXIF_PREFIX):
+            return segment.removeprefix(EXIF_PREFIX)
+    return b""
+
+
+def jpeg_segments(content: bytes) -> Iterator[tuple[int, bytes]]:
+    """Marker and content of each segment of a JPEG before its pixels (ITU T.81, B.1.1.4), as far as they are whole."""
     position = len(JPEG_SIGNATURE)
     while position + 4 <= len(content):
         marker, length = struct.unpack_from(">HH", content, position)
-        segment = content[position + 4 : position + 2 + length]
-        if marker == JPEG_APP1 and segment.startswith(EXIF_PREFIX):
-            return segment.removeprefix(EXIF_PREFIX)
         if marker == JPEG_SCAN or length < 2:
             break
+        yield marker, content[position + 4 : position + 2 + length]
         position += 2 + length
-    return b""
 
 
 def _png_size(content: bytes) -> tuple[int, int]:

@@ -39,9 +39,18 @@ class RobustSettings:
     """Direct signal left at least when the first backscatter is subtracted, fraction of the light: a logarithm needs some."""
     least_light: float = 1e-6
     """Fraction of full scale, a tenth of a value of 16 bits: a black image is scaled by this instead of by 0."""
+    red_highlights: float = 0.55
+    """By how much the brightest hundredth is redder than the middle half, against natural scenes, before a frame is warned of:
+    logarithm of R/B. FLSea and 3374 are at -0.2 to 0.15, with lamp-lit particles or little light mostly at 0.5 to 1.3."""
 
 
 SETTINGS = RobustSettings()
+MIDDLE, HIGHLIGHTS = slice(3, 6), slice(7, 9)
+"""Of the nine quantiles."""
+RED_HIGHLIGHTS = (
+    "the brightest points are redder than the scene (particles in lamp light, strong JPEG compression, little light): "
+    "colors may come out too green; set color.robust.white_point or use a chart"
+)
 
 
 def fit(table: MomentTable, config: ColorConfig, start: Water | None = None) -> Water:
@@ -85,7 +94,7 @@ def fit_quantiles(seen: RangeQuantiles, config: ColorConfig, start: Water | None
         white=white,
         standard_errors=dict(zip(("y", "w", "beta", "gamma_inf", "white"), errors, strict=True)),
         input_encoding=config.input_encoding,
-        warnings=_warnings(seen),
+        warnings=(*_warnings(seen), *_highlight_warnings(x - mean, seen.light.shape[-1])),
     )
 
 
@@ -134,6 +143,13 @@ def _warnings(seen: RangeQuantiles) -> tuple[str, ...]:
     if far_m > SETTINGS.little_relief * near_m:
         return ()
     return (f"little relief, {near_m:.2f} to {far_m:.2f} m: attenuation is dominated by the prior; use color.lock=survey",)
+
+
+def _highlight_warnings(apart: Vector, quantiles: int) -> tuple[str, ...]:
+    """Whether the white point rests on highlights that the scene's colors contradict. apart: parameters less their prior means."""
+    content = apart[WATER : WATER + 3 * quantiles].reshape(3, quantiles)
+    redder = content[:, HIGHLIGHTS].mean(axis=1) - content[:, MIDDLE].mean(axis=1)
+    return (RED_HIGHLIGHTS,) if redder[0] - redder[2] > SETTINGS.red_highlights else ()
 
 
 def trust_in(seen: RangeQuantiles) -> Vector:
