@@ -76,19 +76,19 @@ class ColorConfig(StageConfig):
     lock: Literal["auto", "frame", "sliding", "survey"] = Field(
         default="auto",
         description="auto: one water for all frames that share it; where they do not (several sites, a change of depth), one for "
-        "each stretch of the dive. In correct, whose pictures may be unrelated, as frame. frame: each frame its own water. "
+        "each stretch of the dive. correct, whose pictures may be unrelated, takes auto as frame. frame: each frame its own water. "
         "sliding: the water of the last frames. survey: one water for all frames.",
     )
     sliding_frames: int = Field(default=20, ge=1, description="Frames that share a water where lock is sliding.")
     camera_exposure: Literal["auto", "fixed", "brightness"] = Field(
         default="auto",
         description="auto: a gain for each frame, from spots that several frames of run show, where that makes them agree better. "
-        "fixed: the camera held its exposure through the survey. brightness: it did not; each frame's is taken from its brightness "
-        "at like ranges.",
+        "fixed: the camera held its exposure through the survey. brightness: each frame is brought to one exposure by its "
+        "brightness at equal ranges.",
     )
     device: Literal["auto", "cpu", "cuda"] = Field(
         default="auto",
-        description="cuda: tables, corrections and method paper-adam run there. auto: paper-adam does, where there is one.",
+        description="cuda: tables, corrections and method paper-adam run on it. auto: only paper-adam does, where there is a GPU.",
     )
     input_encoding: Literal["srgb", "linear", "as-is"] = Field(
         default="srgb",
@@ -97,8 +97,8 @@ class ColorConfig(StageConfig):
     )
     lights: Literal["auto", "none"] = Field(
         default="auto",
-        description="auto: what lamps and lens make uneven, over the picture and over range, and sunlight and shadows that move, "
-        "is solved from spots that several frames of run show, and divided out where that makes them agree better. "
+        description="auto: the pattern of lamps and lens over picture and range, and sunlight and shadows that move, are solved "
+        "from spots that several frames of run show, and divided out where that makes them agree better. "
         "none: nothing is divided out.",
     )
     clipped_fraction: float = Field(

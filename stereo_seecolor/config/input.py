@@ -17,13 +17,14 @@ class InputConfig(StageConfig):
     timestamp_tolerance_s: float = Field(0.01, ge=0, description="Largest difference of the two time stamps of a pair, seconds.")
     bayer: Literal["auto", "none", "rggb", "bggr", "gbrg", "grbg"] = Field(
         default="auto",
-        description="Color filter pattern of single-channel raw images, by the first two pixels of the first two rows. auto: found "
-        "out from pairs spread over the dive, red taken for darker than blue; for correct and folders of live as none.",
+        description="Color filter pattern of single-channel raw images, by the first two pixels of the first two rows. auto: "
+        "recognized from pairs spread over the dive, assuming that red is darker than blue; correct, and live with folders, "
+        "take auto as none.",
     )
     significant_bits: Literal["auto", None, 10, 12, 14] = Field(
         default="auto",
-        description="Bits that 16-bit files really use (12 for a 12-bit sensor stored unshifted); scaled to full. auto: the fewest "
-        "that hold the values of pairs spread over the dive, and for correct and folders of live all 16. None: all 16.",
+        description="Bits that 16-bit files really use (12 for a 12-bit sensor stored unshifted); scaled to full. auto: the "
+        "fewest that hold the values of pairs spread over the dive; correct, and live with folders, take all 16. none: all 16.",
     )
     channels: Literal["rgb", "bgr"] = Field(
         default="rgb",
@@ -36,30 +37,32 @@ class InputConfig(StageConfig):
     )
     exposures: FilePath | None = Field(
         default=None,
-        description="CSV with exposure_s and gain of each image by its file's name; what it does not say is read from EXIF.",
+        description="CSV with exposure_s and gain of each image, by its file name; values that it lacks are read from EXIF.",
     )
     refine: bool = Field(
         default=False,
         description="Estimate what has moved in the rig since its calibration from pairs spread over the dive, before the run. "
-        "Used only where rows of pairs left out agree better for it.",
+        "Used only where rows of pairs left out of the estimate agree better.",
     )
     flat_port: str | None = Field(
         default=None,
-        description="For cameras that were calibrated in air and look through flat windows under water: lens to window and its "
-        "thickness, 30mm:10mm; a third length is the range at which ranges are exact (1.5m).",
+        description="For cameras that were calibrated in air and look through flat windows under water: the distance from lens "
+        "to window and the thickness of the window, such as 30mm:10mm; a third length is the range at which ranges are exact "
+        "(1.5m).",
     )
     video_every: int = Field(default=1, ge=1, description="Of a video, take every nth frame.")
     video_overlap: float | None = Field(
         default=None,
         gt=0,
         lt=1,
-        description="Of a video, take a frame where it shows less than this fraction of what the last one showed (0.7 suits maps), "
-        "instead of every nth.",
+        description="Of a video, take a frame as soon as it shows less than this fraction of the last one taken (0.7 suits "
+        "maps), instead of every nth.",
     )
     video_skip_blurred: bool = Field(
         default=False, description="Of a video, leave out frames that are much less sharp than those around them, on either side."
     )
     video_offset_s: float | None = Field(
         default=None,
-        description="What to add to the time of a left frame to get that of the right one, of two videos; found where not given.",
+        description="Of two videos, the time to add to that of a left frame to get that of the right one, seconds. Not set: "
+        "measured.",
     )

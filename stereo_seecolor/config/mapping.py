@@ -25,9 +25,9 @@ class MountConfig(StageConfig):
 class MarkersConfig(StageConfig):
     """Square markers on the bottom of which something is known: they hold the map's scale, shape and place (docs/markers.md)."""
 
-    edge_m: float | None = Field(default=None, gt=0, description="Edge of the black border that all of them have, meters.")
+    edge_m: float | None = Field(default=None, gt=0, description="Edge of the black border of all markers, meters.")
     family: Literal["36h11", "25h9", "16h5", "aruco-4x4", "aruco-5x5", "aruco-6x6", "aruco-original"] = Field(
-        default="36h11", description="What they are of: an AprilTag family, or ArUco."
+        default="36h11", description="Family of the markers: of AprilTag, or ArUco."
     )
     bars: FilePath | None = Field(
         default=None, description="Scale bars, a CSV with first, second, length_m: middles of two markers."
@@ -49,7 +49,7 @@ class MappingConfig(StageConfig):
         default=0.01,
         gt=0,
         allow_inf_nan=False,
-        description="Edge of a fusion voxel, meters. auto: what the images resolve at their range.",
+        description="Edge of a fusion voxel, meters. auto: five pixels of the images at their median range.",
     )
     tile_m: float | None = Field(
         default=None,
@@ -71,13 +71,13 @@ class MappingConfig(StageConfig):
     )
     bundle_adjustment: bool = Field(
         default=True,
-        description="Poses and all points that frames share, adjusted together: truer poses, with standard errors (needs the slam "
-        "extra, GTSAM).",
+        description="Adjust poses and all points that frames share together: more exact poses, with standard errors "
+        "(needs the slam extra, GTSAM).",
     )
     poses: Literal["given", "prior"] = Field(
         default="prior",
         description="How a trajectory is used. prior: frames are placed by its poses and by the pictures, each weighted by its "
-        "errors (needs the slam extra, GTSAM; without it as given). given: its poses are the map's, for poses that are exact.",
+        "errors (needs the slam extra, GTSAM; without it as given). given: its poses are taken as they are, for exact poses.",
     )
     poses_of: Literal["format", "raw", "rectified"] = Field(
         default="format",
@@ -89,7 +89,7 @@ class MappingConfig(StageConfig):
     prior_depth_std_m: float | None = Field(
         default=None,
         gt=0,
-        description="Standard error of a prior's depth, its pressure sensor's. Not set: from the dive.",
+        description="Standard error of a prior's depth, its pressure sensor's. Not set: estimated from the dive.",
     )
     prior_attitude_std_deg: float | None = Field(
         default=None, gt=0, description="Standard error of a prior's roll, pitch and heading. Not set: estimated from the dive."
@@ -98,7 +98,7 @@ class MappingConfig(StageConfig):
         default=None,
         gt=0,
         allow_inf_nan=False,
-        description="Pixel of the orthomosaic, meters. auto: a pixel of the images on the bottom, on large areas half a voxel.",
+        description="Pixel of the orthomosaic, meters. auto: a pixel of the images on the bottom; half a voxel on large areas.",
     )
     dem_m: float | None = Field(
         default=None, gt=0, allow_inf_nan=False, description="Pixel of the terrain model, meters. auto: a voxel."

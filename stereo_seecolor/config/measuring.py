@@ -12,6 +12,6 @@ class MeasuringConfig(StageConfig):
         default=None,
         ge=0,
         lt=1,
-        description="Standard error of a length by the calibration, relative, as a bar of known length shows it. None: what the "
-        "calibration itself states, or else 0.005.",
+        description="Standard error of a length that comes from the calibration, as a fraction; a bar of known length shows it. "
+        "Not set: what the calibration itself states, or else 0.005.",
     )

@@ -28,7 +28,7 @@ class OutputConfig(StageConfig):
         description="small: pictures 5 to 8 % smaller and range maps deflated, for 130 ms a pair of 1.3 megapixels; "
         "no pixel differs.",
     )
-    clouds: bool = Field(default=True, description="Write a colored cloud for each pair, but with preset lean.")
+    clouds: bool = Field(default=True, description="Write a colored cloud for each pair; preset lean writes none.")
     range_std: bool = Field(default=True, description="Write the standard error of each range beside the range maps.")
 
     @property
