@@ -1,4 +1,4 @@
-"""The typer application: every command, by name and in the order of the help."""
+"""The command line as a typer application: every command, by name and in the order of the help."""
 
 import contextlib
 import sys
@@ -64,7 +64,7 @@ COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
 
 
 class _PlainFlags:
-    """Of a command: options that take no value show none in the help."""
+    """A command whose flags show no placeholder for a value in the help."""
 
     def get_params(self, ctx: Any) -> Any:
         params = super().get_params(ctx)  # type: ignore[misc]
@@ -94,7 +94,10 @@ app = typer.Typer(
 
 
 def one_by_one(name: str, command: Callable[..., None]) -> Callable[..., None]:
-    """The command as typer takes it: of a parameter that is a dataclass each field becomes an option. name: for its report."""
+    """The command as a function of options: each field of a parameter that is a dataclass becomes an option of its own.
+
+    name: the command's, for its report.
+    """
     hints = get_type_hints(command, include_extras=True)
     groups: dict[str, type[Any]] = {key: kind for key, kind in hints.items() if isinstance(kind, type) and is_dataclass(kind)}
     options: list[Parameter] = []

@@ -1,14 +1,14 @@
-"""Text for a person: lines and tables without color, the same on a terminal and in a file."""
+"""Lines and tables of text without color, the same on a terminal and in a file."""
 
 import io
 from collections.abc import Iterable, Sequence
 
 _WIDEST = 10_000
-"""Characters of a line: more than any table has. At a terminal's width, names of frames would be cut until all look alike."""
+"""Width of a line in characters: more than any table has. At a terminal's width, names of frames would be cut."""
 
 
 def lines(*texts: str) -> str:
-    """Texts, a line each."""
+    """The texts, each on a line of its own."""
     return "".join(f"{text}\n" for text in texts)
 
 
@@ -27,7 +27,7 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Seconds, minutes, hours or days, as a person says it."""
+    """A duration as text, in seconds, minutes, hours or days."""
     for unit, length in (("days", 86400.0), ("h", 3600.0), ("min", 60.0)):
         if seconds >= 2 * length:
             return f"{seconds / length:.1f} {unit}"

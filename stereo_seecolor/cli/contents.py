@@ -1,4 +1,4 @@
-"""What --json prints of each result (docs/json.md), and the exit code that says the same."""
+"""The JSON content of results for --json (docs/json.md), and their exit codes."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +16,7 @@ Content = dict[str, Any]
 
 
 def run_content(summary: "RunSummary", out: Path) -> Content:
-    """A run: totals, and each pair that failed."""
+    """The content of a run: totals, and each pair that failed."""
     return {
         "out": out,
         **summary.totals(),
@@ -26,15 +26,16 @@ def run_content(summary: "RunSummary", out: Path) -> Content:
 
 
 def run_exit_code(summary: "RunSummary") -> int:
-    """Interrupted, done, or finished with failures."""
+    """The exit code of a run: interrupted, done, or finished with failures."""
     if summary.stopped:
         return EXIT_INTERRUPTED
     return EXIT_DONE if summary.all_done else EXIT_SOME_FAILED
 
 
 def map_exit_code(made: "MapSummary") -> int:
-    """Done; or frames are missing from the map or lie in pieces apart from it, poses were given that contradict the pictures or
-    could not be measured, or lengths of markers that cannot be right."""
+    """The exit code of a map. It is not that of success where frames are missing or lie in separate pieces, where given poses
+    contradict the images or could not be tested, or where given lengths of markers cannot be right.
+    """
     contradicted = made.navigation is not None and not (made.navigation.fits and made.navigation.relative_poses)
     refused = made.markers is not None and made.markers.refused
     apart = len(made.components) > 1
@@ -42,7 +43,7 @@ def map_exit_code(made: "MapSummary") -> int:
 
 
 def calibration_content(result: "CalibrationResult") -> Content:
-    """A new calibration: its files and its quality."""
+    """The content of a new calibration: its files and its quality."""
     report = result.report
     return {
         "calibration": result.calibration,
@@ -60,7 +61,7 @@ def calibration_content(result: "CalibrationResult") -> Content:
 
 
 def check_content(result: "CheckResult") -> Content:
-    """A calibration against a dive."""
+    """The content of a calibration tested on a dive."""
     rows = result.rows
     return {
         "rig": result.rig,

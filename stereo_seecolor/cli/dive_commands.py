@@ -93,7 +93,7 @@ def check_sources(left: str | Path | None, right: str | Path | None, calib: str 
 
 
 def _run(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> "Callable[..., RunSummary]":
-    """The dive that was given, to be run."""
+    """The function that runs the given dive, called with OUT, settings and options."""
     from stereo_seecolor.commands.bag_inputs import BagInputs
     from stereo_seecolor.commands.run import run, run_inputs
 
@@ -183,7 +183,7 @@ def _end_with_page(report: Report, summary: "RunSummary", out: Path, out_mcap: P
 
 
 def _record(out: Path, out_mcap: Path | None) -> str:
-    """Write the recording that was asked for; a line that names it, or "" where none was."""
+    """Write the recording if one was asked for. Returns a line that names it, or ""."""
     if out_mcap is None:
         return ""
     from stereo_seecolor.commands.out_mcap import write_mcap

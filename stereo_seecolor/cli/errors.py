@@ -37,7 +37,7 @@ def exit_code_of(command_line: Callable[[], Any], as_json: bool) -> int:
 
 
 def is_known(error: Exception) -> bool:
-    """True for errors of our own, whose message says all that a user needs."""
+    """True for this program's own errors, whose message suffices for a user."""
     from calibration.errors import CalibrationError
     from stereo_seecolor.errors import SeeColorError
 
@@ -53,7 +53,7 @@ def _fail(message: str, code: int, as_json: bool) -> int:
 
 
 def _is_usage_error(error: Exception) -> bool:
-    """Errors of typer's parser; older versions of typer derive them from click's own."""
+    """True for errors of typer's parser; older versions of typer derive them from click's own."""
     return hasattr(error, "format_message") and getattr(error, "exit_code", None) == EXIT_USAGE
 
 

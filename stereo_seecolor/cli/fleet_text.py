@@ -1,4 +1,4 @@
-"""How far runs are, the outcome of a campaign, and what a dive will cost, as text for a person."""
+"""The status of runs, the outcome of a campaign, and the cost of a dive, as text."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -18,7 +18,7 @@ REMEDY = {
 
 
 def status_text(runs: "Sequence[RunStatus]") -> str:
-    """A row a run, then what went wrong how often in each."""
+    """A table with a row for each run, then a table of errors with their number in each run."""
     rows = [(str(run.out), run.state, run.stage, str(run.done), str(run.failed), str(run.left), _end(run)) for run in runs]
     failures = [(what, str(often), f"{run.out}: {first}") for run in runs for what, often, first in run.failures]
     return table(("run", "state", "pass", "done", "failed", "left", ""), rows) + (
@@ -35,7 +35,7 @@ def _end(run: "RunStatus") -> str:
 
 
 def _run_end(run: "RunStatus") -> str:
-    """When the run ends, and what is not known of it."""
+    """The expected end of a run under way, and what the estimate leaves out; "" for other runs."""
     if run.state != "running":
         return ""
     then = f"then {', '.join(run.to_come)}; " if run.to_come else ""
@@ -45,13 +45,13 @@ def _run_end(run: "RunStatus") -> str:
 
 
 def campaign_text(result: "CampaignResult") -> str:
-    """A row a dive."""
+    """A table with a row for each dive."""
     rows = [(dive.name, dive.state, str(dive.ok), str(dive.failed), duration(dive.seconds), dive.error) for dive in result.dives]
     return table(("dive", "state", "pairs", "failed", "time", ""), rows) + lines(str(result.table))
 
 
 def plan_text(plan: "Plan") -> str:
-    """The costs, and where the time goes."""
+    """The estimated cost of a dive, and a table of time by number of workers."""
     stages = ", ".join(f"{stage} {seconds:.2f}" for stage, seconds in plan.stage_seconds.items())
     hours = [(str(workers), duration(3600 * hours)) for workers, hours in plan.wall_hours.items()]
     return lines(

@@ -1,4 +1,4 @@
-"""Ctrl-C: the first lets a command finish what is under way, the second ends it at once; the exit code is 130 both times."""
+"""Ctrl-C: the first lets a command finish the pairs under way, the second ends it at once; the exit code is 130 both times."""
 
 import contextlib
 import os
@@ -19,8 +19,8 @@ SECOND = "\nstereo-seecolor: stopped at once\n"
 def interrupts() -> Iterator[None]:
     """Raise KeyboardInterrupt at the first Ctrl-C; end the process at the second.
 
-    Output files are whole even then, because each is written under another name first. Does nothing outside the main thread, and
-    where Ctrl-C is ignored: a shell script that runs a program in the background sets that.
+    Output files are complete even then, because each is written under another name first. Does nothing outside the main thread, or
+    where Ctrl-C is ignored, as in a program that a shell script runs in the background.
     """
     before = signal.getsignal(signal.SIGINT)
     if threading.current_thread() is not threading.main_thread() or before is signal.SIG_IGN:
@@ -46,6 +46,6 @@ def interrupts() -> Iterator[None]:
 
 
 def _tell(text: str) -> None:
-    """Write past the buffer of standard error, which the interrupted code may be writing to just now."""
+    """Write to standard error without its buffer, which the interrupted code may be writing to."""
     with contextlib.suppress(OSError, ValueError):
         os.write(sys.stderr.fileno(), text.encode())

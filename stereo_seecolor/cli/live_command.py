@@ -1,4 +1,4 @@
-"""The command that corrects pairs as they arrive."""
+"""The command live, which corrects pairs as they arrive."""
 
 from pathlib import Path
 from typing import Annotated

@@ -1,4 +1,4 @@
-"""Commands that look at a dive before it is run: inspect, bag-info, sync."""
+"""Commands that examine a dive before a run: inspect, bag-info, sync."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -43,7 +43,7 @@ def inspect(places: Places, report: LoggedReport) -> None:
 
 
 def inspection_text(found: "Inspection") -> str:
-    """What was found, and last the command."""
+    """The files found and what sample pairs show, then notes, and last the run command."""
     output = [f"left:  {found.sides.left}{_image_text(found.left)}", f"right: {found.sides.right}{_image_text(found.right)}"]
     if found.pairs:
         every = f", one every {found.interval_s:.3g} s" if found.interval_s else ""
@@ -110,7 +110,7 @@ def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport)
 
 
 def bag_text(found: "BagFacts") -> str:
-    """Topics, then the pairs, then the command."""
+    """The topics of a bag, then its pairs, and last the run command."""
     width = max(len(topic.name) for topic in found.topics)
     output = [f"{found.bag}: {found.seconds:.1f} s, {len(found.topics)} topics, {found.files} file{'s' * (found.files > 1)}"]
     for topic in found.topics:

@@ -26,7 +26,7 @@ def doctor(report: BareReport) -> None:
 
 
 def doctor_text(findings: "Sequence[Finding]") -> str:
-    """What this machine has and what it misses, and at the end whether the program can run."""
+    """A line for each part of the installation, with the remedy for a missing one, and whether the program can run."""
     output = []
     for finding in findings:
         output.append(f"{_state(finding):8}  {finding.what}: {finding.detail}")
@@ -40,7 +40,7 @@ def doctor_text(findings: "Sequence[Finding]") -> str:
 
 
 def _state(finding: "Finding") -> str:
-    """One word: an optional part that is missing stops no run."""
+    """The state of a part in one word: ok, MISSING, or optional for a missing part that a run does not need."""
     if finding.ok:
         return "ok"
     return "MISSING" if finding.needed else "optional"
@@ -55,7 +55,7 @@ def config(show: Show = True, *, settings: opt.Settings, report: BareReport) -> 
 
 
 def _section(entries: "list[tuple[list[str], Setting]]", depth: int) -> list[str]:
-    """Settings as YAML that --config reads again; the origin of each value is a comment."""
+    """Lines of YAML that --config can read, with each setting's origin as a comment. entries: (keys below this depth, setting)."""
     output = []
     for name, group in groupby(entries, key=lambda entry: entry[0][0]):
         inside = list(group)

@@ -110,6 +110,6 @@ def export(
 
 
 def export_text(result: "ExportResult") -> str:
-    """What was written, and where."""
+    """The number and size of exported files, and their folder."""
     size = f"{counted(result.frames, 'frame')}, {counted(result.files, 'file')}, {result.bytes / 1e6:.1f} MB"
     return lines(size, *([result.note] if result.note else []), f"  {result.folder}: {result.format}")

@@ -94,7 +94,7 @@ AsJson = Annotated[bool, flag("--json", "Print the result as one JSON object (do
 
 @dataclass(frozen=True)
 class Settings:
-    """The group of options that name settings."""
+    """Options for settings: a file, and single values."""
 
     config: Annotated[Path | None, option("--config", "FILE", "YAML file of settings (docs/configuration.md).", SETTINGS)] = None
     settings: Annotated[
@@ -102,7 +102,7 @@ class Settings:
     ] = None
 
     def load(self, refine: bool = False, run: Path | None = None) -> "RunConfig":
-        """The configuration that they give. refine: with ``--refine``. run: a folder whose settings hold where no file is named."""
+        """The configuration. refine: --refine was given. run: an output folder whose settings are used if no file is named."""
         from stereo_seecolor.config.file import load_config
 
         file = self.config
@@ -115,7 +115,7 @@ class Settings:
 
 @dataclass(frozen=True)
 class Execution:
-    """The group of options that say how a command over pairs goes about it."""
+    """Options for the execution of a command over pairs."""
 
     overwrite: Overwrite = False
     strict: Annotated[bool, flag("--strict", "Stop at the first pair that fails.", EXECUTION)] = False
@@ -124,14 +124,14 @@ class Execution:
     )
 
     def options(self, workers: int, config_file: Path | None, listener: "Listener") -> "RunOptions":
-        """The same for the command."""
+        """The options as the function of the command takes them."""
         from stereo_seecolor.dive.run_options import RunOptions
 
         return RunOptions(workers, self.overwrite, self.strict, self.verify, config_file, tuple(sys.argv), listener)
 
 
 def shard_of(text: str) -> Shard:
-    """The shard of a command line; all pairs where it names none."""
+    """The shard of --shard; all pairs for "". Raises typer.BadParameter."""
     try:
         return Shard.parse(text) if text else Shard()
     except ValueError as error:

@@ -12,7 +12,7 @@ from stereo_seecolor.records import FrameRow
 
 @contextmanager
 def bar() -> Iterator[Listener]:
-    """A listener that draws a bar a stage on standard error, with rate, time left and the present pair."""
+    """A listener that draws a bar for each stage on standard error, with rate, time left and the current pair."""
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -34,12 +34,12 @@ class _Bar:
         self._task: TaskID | None = None
 
     def begin(self, stage: str, total: int) -> None:
-        """A new line for each stage."""
+        """Draw a new bar for a stage."""
         self._drawn.start()  # not before: its thread would keep workers from being forked
         self._task = self._drawn.add_task(stage, total=total, rate="", pair="")
 
     def advance(self, row: FrameRow) -> None:
-        """One more pair; a failed one is named above the bar at once."""
+        """Advance the bar by a pair; a failed one is named above the bar."""
         if self._task is None:
             return
         if row.status == "failed":

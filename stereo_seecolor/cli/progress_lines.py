@@ -1,4 +1,4 @@
-"""Progress where there is no terminal: plain lines for a log, JSON lines for a program; both on standard error."""
+"""Progress without a terminal: plain lines for a log, or JSON lines for a program; both on standard error."""
 
 import time
 
@@ -7,11 +7,11 @@ from stereo_seecolor.files.json_values import json_line
 from stereo_seecolor.records import FrameRow
 
 LINE_EVERY_S = 10.0
-"""Seconds between two lines of one stage: often enough to see that it is alive, 360 lines an hour at most."""
+"""Seconds between two lines of one stage: often enough to see that it works, 360 lines an hour at most."""
 
 
 class PlainLines:
-    """A line when a stage begins, now and then while it lasts, and when it ends; failed pairs at once."""
+    """A listener that writes a line when a stage begins and ends, every LINE_EVERY_S between, and for each failed pair."""
 
     def __init__(self) -> None:
         self._stage, self._done, self._total = "", 0, 0
@@ -35,7 +35,7 @@ class PlainLines:
 
 
 class JsonLines:
-    """A JSON object a line for each begin of a stage and each finished pair (docs/json.md)."""
+    """A listener that writes a line with a JSON object when a stage begins and for each finished pair (docs/json.md)."""
 
     def __init__(self) -> None:
         self._stage, self._done, self._total = "", 0, 0

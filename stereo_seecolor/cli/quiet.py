@@ -1,4 +1,4 @@
-"""Keep what libraries in C write to standard error, such as libpng's and OpenCV's warnings, off the terminal."""
+"""Suppresses messages that C libraries, such as libpng and OpenCV, write to standard error."""
 
 import contextlib
 import io
@@ -11,9 +11,9 @@ STDERR = 2
 
 @contextlib.contextmanager
 def quiet_libraries() -> Iterator[None]:
-    """Send file descriptor 2 to the null device; Python's own ``sys.stderr`` goes where it went before.
+    """Redirect file descriptor 2 to the null device; Python's own ``sys.stderr`` still writes to standard error.
 
-    Damaged images are named by this program, in its own words. Where standard error is closed, nothing is done.
+    This program itself names damaged images. Does nothing where standard error is closed.
     """
     try:
         kept = os.dup(STDERR)
@@ -38,7 +38,7 @@ def quiet_libraries() -> Iterator[None]:
 
 
 def _is_standard_error(stream: object) -> bool:
-    """Not so where a test or a notebook has put a stream of its own in its place."""
+    """False where a test or a notebook has replaced the stream by its own."""
     try:
         return isinstance(stream, io.TextIOWrapper) and stream.fileno() == STDERR
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""Commands on what a map shows: metrics, compare, markers."""
+"""Commands that measure on a map: metrics, compare, markers."""
 
 from pathlib import Path
 from typing import Annotated

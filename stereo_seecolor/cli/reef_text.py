@@ -1,4 +1,4 @@
-"""Metrics of a reef, and what changed on it, as text for a person."""
+"""Metrics, change and markers of a reef, as text."""
 
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,7 @@ def metrics_text(result: "SiteMetrics") -> str:
 
 
 def comparison_text(found: "Comparison") -> str:
-    """The evidence of the registration, totals, patches, files."""
+    """The quality of the registration, total changes, changed patches, files."""
     change, at = found.change, found.change.registration
     lod_mm = 1000 * change.difference.median_lod_m
     fits = f"{at.stable:.0%} of the ground fits, within {1000 * at.spread_m:.1f} mm"
@@ -57,7 +57,7 @@ def _patches(found: "Comparison") -> str:
 
 
 def _structure(result: "SiteMetrics") -> str:
-    """A column for each scale; in brackets the standard error, in units of the last digit."""
+    """A table with a column for each scale; the standard error in brackets, in units of the last digit."""
     if not result.structure:
         return "no square of 0.25 m or more was seen well enough\n"
     names = tuple(vars(result.structure[0].mean))
@@ -69,7 +69,7 @@ def _structure(result: "SiteMetrics") -> str:
 
 
 def _concise(value: float, error: float) -> str:
-    """1.398(2) is 1.398 +- 0.002."""
+    """A value with its standard error in units of the last digit: 1.398(2) is 1.398 +- 0.002."""
     return f"{value:.3f}({1000 * error:.0f})"
 
 

@@ -1,4 +1,4 @@
-"""How a command reports: progress and log while it works, its result at the end."""
+"""The output of a command: progress and log while it works, and its result at the end."""
 
 import logging
 import sys
@@ -27,9 +27,9 @@ log = logging.getLogger("stereo_seecolor.cli")
 
 @contextmanager
 def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute | None]":
-    """The cluster of --cluster while a command works; None where none is named. notice: called with what is waited for.
+    """The cluster of --cluster, while a command works; None for "". notice: called with a line on what is waited for.
 
-    Raises ClusterError.
+    Raises ClusterError where it cannot be reached.
     """
     if not cluster:
         yield None
@@ -42,7 +42,7 @@ def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute 
 
 @dataclass(frozen=True)
 class Report:
-    """The options of the panel Reporting, for one command."""
+    """The options of the panel Reporting for one command, and the output that follows from them."""
 
     command: str
     as_json: AsJson = False
@@ -60,7 +60,7 @@ class Report:
 
     @contextmanager
     def working(self) -> "Iterator[Listener]":
-        """While the command works: the log is written, and the listener that this gives shows how far it is."""
+        """Write the log while the command works; yields the listener that shows progress."""
         from stereo_seecolor.progress import LoggingListener
 
         with logging_to(self.log_file, self.verbose), self._shown() as listener:
@@ -76,7 +76,7 @@ class Report:
             log.info("%s ended", self.command)
 
     def notice(self, line: str) -> None:
-        """A line on standard error, in the form of the progress, and in the log."""
+        """Write a line to standard error, in the form of the progress, and to the log."""
         log.info(line)
         kind = self._kind()
         if kind != "none":
@@ -88,7 +88,7 @@ class Report:
             write_out(text)
 
     def end(self, content: Mapping[str, Any], text: str, exit_code: int = EXIT_DONE) -> NoReturn:
-        """Print the result, as JSON if that was asked for, and end the command."""
+        """Print the result, as JSON with --json, and end the command."""
         write_out(json_line({"command": self.command, "exit_code": exit_code, **content}) if self.as_json else text)
         raise typer.Exit(exit_code)
 
@@ -118,14 +118,14 @@ class Report:
 
 @dataclass(frozen=True)
 class LoggedReport(Report):
-    """Of a command that shows no progress."""
+    """The output of a command that shows no progress."""
 
     progress: ProgressKind = field(default="none", init=False)
 
 
 @dataclass(frozen=True)
 class BareReport(Report):
-    """Of a command that has no option but ``--json``."""
+    """The output of a command that has no option of the panel but ``--json``."""
 
     progress: ProgressKind = field(default="auto", init=False)
     verbose: bool = field(default=False, init=False)

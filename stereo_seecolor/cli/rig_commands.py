@@ -110,7 +110,7 @@ def convert_calib(
 
 
 def calibration_text(result: "CalibrationResult") -> str:
-    """A new calibration and its quality."""
+    """The quality of a new calibration, and its files."""
     return lines(
         *result.report.lines(),
         f"  {result.calibration}: the calibration",
@@ -119,7 +119,7 @@ def calibration_text(result: "CalibrationResult") -> str:
 
 
 def check_text(result: "CheckResult") -> str:
-    """A calibration against a dive."""
+    """A calibration tested on a dive: numbers of the rig, doubts, rows, and the refined rig."""
     suspicious = (f"suspicious: {text}" for text in result.suspicions)
     output = [*_rig_lines(result.rig), *suspicious, *result.rows.lines()]
     if result.refined is not None:

@@ -1,4 +1,4 @@
-"""The outcome of a run and of a fusion, as text for a person."""
+"""The outcome of a run and of a fusion, as text."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ MOST_NAMED = 20
 
 
 def run_text(summary: "RunSummary", out: Path) -> str:
-    """The outcome of a run: its failures, what went wrong how often, totals, and where the results are."""
+    """The outcome of a run: failed pairs, notes, kinds of errors with their numbers, totals, and results."""
     bad = [row.line for row in summary.rows if row.status != "ok"]
     named = bad[:MOST_NAMED]
     if len(bad) > MOST_NAMED:
@@ -37,7 +37,7 @@ def run_text(summary: "RunSummary", out: Path) -> str:
 
 
 def _plan_text(compared: "Compared") -> str:
-    """What was planned, and what it took."""
+    """A table of the planned and the measured cost."""
     planned, measured = compared.planned, compared.measured
     rows = [
         ("core-hours", f"{planned.core_hours:.3g}", f"{measured.core_hours:.3g}"),
@@ -65,19 +65,19 @@ def _totals(summary: "RunSummary") -> str:
 
 
 def page_text(page: Path) -> str:
-    """Where the page is."""
+    """A line that names the page."""
     return lines(f"{page}: the page of the dive: open it in a browser")
 
 
 def report_text(result: "PageSummary") -> str:
-    """The outcome of a page: frames that it does not show, totals, where it is."""
+    """The outcome of a page: frames that it does not show, totals, and the page."""
     left_out = [f"not shown: {name}: {reason}" for name, reason in result.left_out.items()]
     totals = f"{counted(result.made + result.kept, 'frame')} shown, {result.kept} of them kept from an earlier page"
     return lines(*left_out, totals) + page_text(result.page)
 
 
 def measures_text(results: "list[Measurement]") -> str:
-    """Measures as CSV, meters and square meters."""
+    """Measurements as CSV, in meters and square meters; "" for none."""
     return csv_text(vars(results[0]), (vars(result).values() for result in results)) if results else ""
 
 

@@ -1,4 +1,4 @@
-"""A run against truth, and methods on color targets, as text for a person."""
+"""Scores of a run against truth, of methods on color targets, and of differences between views, as text."""
 
 from typing import TYPE_CHECKING
 
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def truth_text(report: "TruthReport") -> str:
-    """A run against truth."""
+    """Errors of a run against truth: ranges, and colors beside those of the raw images."""
     ranges, color, raw = report.range, report.color, report.raw_color
     measures = (
         ("mean angle to the true color, degrees", "angle_deg", ".2f"),
@@ -38,7 +38,7 @@ def truth_text(report: "TruthReport") -> str:
 
 
 def charts_text(report: "ChartReport") -> str:
-    """Every method on every target, and the means."""
+    """A table of every method on every target, and the means."""
     columns = ("frame", "target", "method", "range m", "psi", "psi linear", "CIEDE2000", "clipped", "chroma")
     rows = []
     for row in (*report.rows, *report.means()):
@@ -53,7 +53,7 @@ def charts_text(report: "ChartReport") -> str:
 
 
 def _ranges_text(report: "ChartReport") -> str:
-    """How alike the same patch comes out at all ranges."""
+    """A table of how much the color of the same patch differs between ranges; "" where it was not measured."""
     if not report.spreads:
         return ""
     columns = ("method", "charts", "range m", "patch angle", "patch luminance")
@@ -73,7 +73,7 @@ def _ranges_text(report: "ChartReport") -> str:
 
 
 def spread_text(report: "SpreadReport") -> str:
-    """The same spots between frames."""
+    """A table of how much the same spots differ between frames."""
     measures = (
         ("brightness of one spot between views, robust spread", "luminance", ".3f"),
         ("brightness between frames, rms", "frame_offsets", ".3f"),

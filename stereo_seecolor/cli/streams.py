@@ -1,4 +1,4 @@
-"""Standard output and standard error: any text on any terminal, and known errors where they cannot be written."""
+"""Writes to standard output and standard error: any text on any terminal, with a known error where that fails."""
 
 import contextlib
 import io
@@ -10,7 +10,7 @@ from stereo_seecolor.errors import OutputError
 
 
 def prepare_streams() -> None:
-    """Let characters that a terminal cannot show be written as escapes; open the null device for a stream that is closed."""
+    """Write characters that a terminal cannot show as escapes, and replace a closed stream by the null device."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:
@@ -20,7 +20,7 @@ def prepare_streams() -> None:
 
 
 def write_out(text: str) -> None:
-    """Write to standard output at once. Raises OutputError where that cannot be, BrokenPipeError where its reader has gone."""
+    """Write to standard output at once. Raises OutputError where that fails, BrokenPipeError where the reader has closed it."""
     try:
         sys.stdout.write(text)
         sys.stdout.flush()
@@ -35,14 +35,14 @@ def write_out(text: str) -> None:
 
 
 def write_error(text: str) -> None:
-    """Write to standard error at once; where that cannot be, nobody is left to be told."""
+    """Write to standard error at once; errors are ignored."""
     with contextlib.suppress(OSError, ValueError):
         sys.stderr.write(text)
         sys.stderr.flush()
 
 
 def discard(stream: TextIO) -> None:
-    """Send what is left in a stream's buffer nowhere, so that the interpreter does not fail on it when it exits."""
+    """Drop what is left in a stream's buffer, so that the interpreter does not fail on it at exit."""
     with contextlib.suppress(OSError, ValueError):
         null = os.open(os.devnull, os.O_WRONLY)
         os.dup2(null, stream.fileno())

@@ -1,4 +1,4 @@
-"""The command water: attenuation and backscatter from places that several frames see, or the white point from charts."""
+"""The command water, which measures attenuation and backscatter from overlapping frames, or the white point from charts."""
 
 import shlex
 from math import isnan
@@ -41,7 +41,7 @@ def water(
 
 
 def water_text(result: "MeasuredWater") -> str:
-    """What was measured, and the option that uses it."""
+    """The measured water, and the option that uses it."""
     use = f"use it with: stereo-seecolor run ... --water {shlex.quote(str(result.path))}"
     if result.charts:
         return lines(*_white_lines(result), use)

@@ -1,7 +1,7 @@
-"""What others do, written from their papers, to compare with: image and ranges in, corrected image out.
+"""Color methods of others, to compare with, written from their papers.
 
-Every method takes an image as it is displayed (H, W, 3) float64 in [0, 1] with a range map (H, W) in meters, NaN where unknown,
-and gives (H, W, 3) float64 in the same encoding, not clipped, NaN where it cannot say. ``expose`` sets all to one exposure.
+Every method takes an image as displayed, (H, W, 3) float64 in [0, 1], with a range map (H, W) in meters, NaN where unknown, and
+returns (H, W, 3) float64 in the same encoding, not clipped, NaN where it has no result. ``expose`` sets all to one exposure.
 """
 
 from collections.abc import Callable
@@ -21,12 +21,12 @@ _GRID_WIDTH, _AVERAGING_STEPS = 160, 600  # pixels, and steps of the local avera
 
 
 def raw(image: Array, range_m: Array) -> Array:
-    """The image as the camera saw it."""
+    """The image unchanged."""
     return image
 
 
 def contrast_stretch(image: Array, range_m: Array) -> Array:
-    """Each channel stretched from its darkest to its brightest hundredth; clips what lies outside, as it is made to."""
+    """Each channel stretched from its darkest to its brightest hundredth, and clipped."""
     low, high = np.quantile(image.reshape(-1, 3), [STRETCHED_FRACTION, 1 - STRETCHED_FRACTION], axis=0)
     return np.asarray(np.clip((image - low) / np.maximum(high - low, 1e-6), 0, 1))
 
@@ -76,7 +76,7 @@ def sea_thru(image: Array, range_m: Array) -> Array:
 
 
 PAPER, OURS = "paper", "stereo-seecolor"
-"""What the paper's method and ours are called beside the others."""
+"""Names of the paper's method and of this program's beside the others."""
 
 METHODS: dict[str, Method] = {
     "raw": raw,
@@ -88,13 +88,13 @@ METHODS: dict[str, Method] = {
 
 
 def expose(image: Array, known: NDArray[np.bool_], fraction: float = CLIPPED_FRACTION) -> Array:
-    """The image at the brightness at which a stated fraction of its known pixels has a channel at full scale."""
+    """The image scaled so that a fraction of its known pixels has a channel at full scale."""
     brightest = float(np.quantile(image[known].max(axis=-1), 1 - fraction))
     return image / brightest if brightest > 0 else image
 
 
 def darkest(pixels: Array, range_m: Array) -> tuple[Array, Array]:
-    """Sea-thru's estimate of backscatter: ranges (K,) and colors (K, 3) of the darkest hundredth of each of ten bins of range."""
+    """Pixels for Sea-thru's estimate of backscatter: ranges (K,), colors (K, 3) of the darkest hundredth of ten range bins."""
     edges = np.linspace(range_m.min(), range_m.max(), DARK_BINS + 1)
     bins = np.clip(np.digitize(range_m, edges) - 1, 0, DARK_BINS - 1)
     ranges, colors = [], []
@@ -142,9 +142,9 @@ def _shifted(padded: Array, dy: int, dx: int) -> Array:
 
 
 def _best_rates(z: Array, values: Array, number: int, basis: Callable[[Array, Array], Array]) -> tuple[Array, Array]:
-    """Least squares of ``values`` on a basis linear but for its rates, which a grid of 0 to 5 per meter is searched for.
+    """Fit ``values`` by least squares on a basis that depends on rates, which are searched on a grid of 0 to 5 per meter.
 
-    Weights are kept in [0, 1], as in the paper.
+    Returns the rates (number,) and the weights of the basis, which are kept in [0, 1], as in the paper.
     """
     grid = np.concatenate([np.linspace(0.02, 1, 25), np.linspace(1.1, 5, 12)])
     best: tuple[float, Array, Array] | None = None

@@ -1,9 +1,9 @@
-"""The camera's color matrix from charts: what brings the patches, once the water and the white point are out, to their colors.
+"""The camera's color matrix from charts: with water and white point removed, it takes patches to their published colors.
 
     published color of a patch = M (I - B(z)) / (A(z) white brightness of the chart),   rows of M sum to 1
 
-Every patch is first averaged over all charts: that its paint and the camera disagree is no accident that more charts would average
-out. Each row of M is then a ridge regression with two unknowns, drawn to the identity.
+Every patch is first averaged over all charts, since the difference of its paint from the published color is the same in all of
+them. Each row of M is then a ridge regression with two unknowns towards the identity.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MatrixSettings:
-    """How patches are weighed, and what of a fit is believed."""
+    """Weights of patches, and limits below which a fit is rejected."""
 
     print_error: float = 0.03
     """Standard error of a patch's color, fraction of its brightest channel: print, fading, tilt."""
@@ -33,11 +33,11 @@ class MatrixSettings:
     """Standard deviation of an entry off the diagonal before a chart is seen. Those of raw cameras' matrices are within 0.8 in
     daylight; where little red arrives, red takes the more of the other channels."""
     most_noise: float = 3.0
-    """Norm of a row, by which it multiplies noise: a row beyond is drawn to the identity."""
+    """Norm of a row, by which it multiplies noise: a row with a larger one is moved towards the identity."""
     covered: float = 2.0
     """Times the median misfit at which a patch counts half: part of a chart may be covered."""
     reweightings: int = 12
-    """Steps of it: enough for the weights to settle."""
+    """Steps of new weights: enough for them to converge."""
     least_patches: int = 12
     """Of different colors, grays included: half a ColorChecker."""
     least_colored: int = 6
@@ -52,9 +52,9 @@ SETTINGS = MatrixSettings()
 
 @dataclass(frozen=True, eq=False)
 class SeenPatches:
-    """A chart once the water and the survey's white point are out. color (N, 3): linear light, 1 = white, NaN for patches that do
-    not count; error (N,): standard error of a channel. haze (3,): backscatter, mean over patches, that was taken out of color.
-    clipped: patches that do not count since the camera clipped them.
+    """A chart with the water and the survey's white point removed. color (N, 3): linear light, 1 = white, NaN for patches that are
+    not used. error (N,): standard error of a channel. haze (3,): backscatter that was subtracted, mean over patches.
+    clipped: number of patches that are not used since the camera clipped them.
     """
 
     type: ChartType
@@ -65,20 +65,21 @@ class SeenPatches:
 
     @property
     def published(self) -> Array:
-        """(N, 3) linear light."""
+        """(N, 3) published colors, linear light."""
         return decode_srgb(self.type.srgb)
 
     def ciede2000(self, matrix: Array) -> float:
-        """Median over the patches, through a matrix."""
+        """Median CIEDE2000 of the patches, multiplied by a matrix, to their published colors."""
         known = np.isfinite(self.error)
         return float(np.median(_differences(self.color[known] @ matrix.T, self.published[known]))) if known.any() else float("nan")
 
 
 @dataclass(frozen=True, eq=False)
 class CameraMatrix:
-    """matrix, errors: (3, 3). patches: how many colors it rests on. noise (3,): factor by which it multiplies that of each channel.
+    """A color matrix. matrix, errors: (3, 3), with standard errors. patches: number of colors that it was fitted to. noise (3,):
+    factor by which it multiplies each channel's noise.
 
-    before, after, left_out: median CIEDE2000 of the patches without it, with it, and with one fitted to all others.
+    before, after, left_out: median CIEDE2000 of the patches without it, with it, and with one fitted to all other patches.
     """
 
     matrix: Array
@@ -91,7 +92,7 @@ class CameraMatrix:
 
 
 def camera_matrix(charts: Sequence[SeenPatches]) -> CameraMatrix | str:
-    """The matrix of all charts together, or in one line why they give none."""
+    """The matrix fitted to all charts together, or a line on why they give none."""
     color, published, error, colored = _patch_means(charts)
     clipped = sum(chart.clipped for chart in charts)
     if len(color) < SETTINGS.least_patches or colored < SETTINGS.least_colored:
@@ -113,7 +114,7 @@ def camera_matrix(charts: Sequence[SeenPatches]) -> CameraMatrix | str:
 
 
 def _patch_means(charts: Sequence[SeenPatches]) -> tuple[Array, Array, Array, int]:
-    """Color, published color (P, 3) and error (P,) of each patch of each kind of chart, over all charts; how many are not gray."""
+    """Mean color, published color (P, 3) and error (P,) of each patch of each kind of chart; and how many are not gray."""
     found, colored = [], 0
     for name in dict.fromkeys(chart.type.name for chart in charts):
         of = [chart for chart in charts if chart.type.name == name]
@@ -134,7 +135,7 @@ def _patch_means(charts: Sequence[SeenPatches]) -> tuple[Array, Array, Array, in
 
 
 def _with_covered(color: Array, published: Array, error: Array) -> Array:
-    """(P,) the errors, larger for patches that do not fit a matrix of all others: covered, shaded, or stained (Cauchy)."""
+    """(P,) the errors, increased for patches that do not fit the matrix (Cauchy): they may be covered, shaded, or stained."""
     weighed = error
     for _ in range(SETTINGS.reweightings):
         left = np.linalg.norm(color @ _fit(color, published, weighed)[0].T - published, axis=1) / error
@@ -150,12 +151,12 @@ def _fit(color: Array, published: Array, error: Array) -> tuple[Array, Array]:
 
 
 def _with_haze(color: Array, haze: Array) -> list[Array]:
-    """The colors with this much light (3,) left in each channel in turn, white as before."""
+    """The colors with an offset ``haze`` (3,) in one channel at a time, scaled so that white stays white."""
     return [(color + left) / (1 + left) for left in np.diag(haze)]
 
 
 def _row(i: int, color: Array, published: Array, error: Array) -> tuple[Array, Array]:
-    """Row i and its errors: published_i - color_i = sum over j of m_ij (color_j - color_i)."""
+    """Row i and its standard errors, from published_i - color_i = sum over j of m_ij (color_j - color_i)."""
     others = [j for j in range(3) if j != i]
     X, y = color[:, others] - color[:, [i]], published[:, i] - color[:, i]
     entries, covariance = _ridge(X, y, error**2)
@@ -170,7 +171,7 @@ def _row(i: int, color: Array, published: Array, error: Array) -> tuple[Array, A
 
 
 def _allowed(i: int, change: Array) -> float:
-    """The largest part of a change, at most all of it, with which row i of the identity keeps noise under its bound."""
+    """The largest fraction of a change to row i of the identity, at most 1, that keeps noise below its limit."""
     own, squared = float(change[i]), float((change**2).sum())
     if 1 + 2 * own + squared <= SETTINGS.most_noise**2:
         return 1.0
@@ -178,7 +179,7 @@ def _allowed(i: int, change: Array) -> float:
 
 
 def _ridge(X: Array, y: Array, variance: Array) -> tuple[Array, Array]:
-    """What of X gives y, of these variances, and its covariance."""
+    """Ridge regression of y, with these variances, on the columns of X: coefficients and covariance."""
     covariance: Array = np.linalg.inv(X.T @ (X / variance[:, None]) + np.eye(X.shape[1]) / SETTINGS.entry**2).astype(np.float64)
     return covariance @ (X.T @ (y / variance)), covariance
 

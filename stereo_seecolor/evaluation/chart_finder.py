@@ -1,4 +1,4 @@
-"""Color charts in an image: whole and partly seen ones by their patches, small ones as a whole."""
+"""Finds color charts in an image: whole and partly seen ones by their patches, small ones by matched filters."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from stereo_seecolor.records import Image
 
 
 def find_charts(image: Image) -> tuple[FoundChart, ...]:
-    """Every chart in an image of 8 or 16 bits, (H, W, 3) RGB, the clearest first; of several outlines that of the most patches."""
+    """Every chart in an image of 8 or 16 bits, (H, W, 3) RGB, by falling score. Of overlapping outlines that with most patches."""
     picture = np.asarray(eight_bit(image) / np.float32(255), np.float32)
     grids = [lattice for patches in flat_patches(picture) for lattice in lattices(patches)]
     read = [read_lattice(picture, lattice, type) for lattice in grids for type in CHART_TYPES]
@@ -23,7 +23,7 @@ def find_charts(image: Image) -> tuple[FoundChart, ...]:
 
 
 def _keep(kept: list[FoundChart], found: list[FoundChart]) -> None:
-    """Add what was found to what is kept, where it is not there yet."""
+    """Add the charts found to those kept, unless they overlap one of them."""
     for chart in sorted(found, key=lambda chart: (-int(chart.seen.sum()), -chart.score)):
         if not any(_overlap(chart, other) for other in kept):
             kept.append(chart)

@@ -1,4 +1,4 @@
-"""Where small color charts may lie: places of many colors that look like a chart in green, over sizes and angles."""
+"""Finds places of small color charts: colorful places that correlate with a chart in green, over sizes and angles."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class PlaceLimits:
-    """What is tried."""
+    """Sizes, angles and places that are tried."""
 
     least_px: float = 15.0
     """Width of the smallest chart: patches of 2.5 pixels."""
@@ -62,8 +62,10 @@ class ChartPlace:
 
 
 def chart_places(picture: Floats, types: Sequence[ChartType]) -> Iterator[tuple[ChartType, ChartPlace]]:
-    """The best places of each size in (H, W, 3) for each of the types, all angles together, none nearer to a better one of its size
-    than a third of its width."""
+    """The best places for a chart of each type and size in an image (H, W, 3), over all angles.
+
+    No place is nearer to a better one of its size than a third of its width.
+    """
     half: Floats = np.asarray(cv2.resize(picture, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), np.float32)
     matched = [_templates(type) for type in types]
     size_px = LIMITS.least_px
@@ -78,7 +80,7 @@ def chart_places(picture: Floats, types: Sequence[ChartType]) -> Iterator[tuple[
 
 
 def many_colors(picture: Floats, size_px: float) -> NDArray[np.bool_]:
-    """(H, W): where the middle of a chart of this width may lie, since two channels of its surroundings are not alike."""
+    """(H, W) True where the middle of a chart of this width may lie, since two channels of its surroundings differ."""
     width = max(3, round(LIMITS.window * size_px))
 
     def mean(values: Floats) -> Floats:
@@ -100,18 +102,18 @@ def many_colors(picture: Floats, size_px: float) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True, eq=False)
 class _Windows:
-    """Surroundings of the colorful places. green: picture in which a chart is of the templates' size. corners: (N,) where each
-    begins in it, all pixels counted. middles: (N, 2) in pixels of the whole picture."""
+    """Surroundings of colorful places. green: image scaled so that a chart has the templates' size. corners: (N,) flat index of the
+    first pixel of each in it. middles: (N, 2) pixels of the whole image.
+    """
 
     green: Floats
     corners: NDArray[np.intp]
     middles: NDArray[np.float64]
 
     def best_angles(self, matched: Sequence[tuple[Floats, Floats]]) -> list[tuple[Floats, NDArray[np.intp]]]:
-        """Of each set of templates: (N,) the correlation with that which they are most like, over the pixels of its weight, and
-        which it is.
+        """For each set of templates: (N,) the highest correlation over the pixels of its weight, and (N,) the angle's number.
 
-        matched: templates (P, K) and weights (P, K / 2): a chart upside down has those of one that is not.
+        matched: templates (P, K) and weights (P, K / 2): a chart upside down has the weights of one that is not.
         """
         offsets = (np.arange(_SIDE)[:, None] * self.green.shape[1] + np.arange(_SIDE)).ravel()
         found = [(np.zeros(len(self.corners), np.float32), np.zeros(len(self.corners), np.intp)) for _ in matched]
@@ -137,7 +139,7 @@ def _windows(green: Floats, colorful: NDArray[np.bool_], size_px: float) -> _Win
 
 
 def _apart(scores: Floats, middles: NDArray[np.float64], distance_px: float) -> Iterator[int]:
-    """The best that are no nearer to a better one."""
+    """Numbers of the best places that are not nearer to a better one than ``distance_px``."""
     left = np.flatnonzero(scores > LIMITS.least_green)
     left = left[np.argsort(-scores[left])][: 100 * LIMITS.candidates]
     for _ in range(LIMITS.candidates):
@@ -149,7 +151,7 @@ def _apart(scores: Floats, middles: NDArray[np.float64], distance_px: float) -> 
 
 
 def _templates(type: ChartType) -> tuple[Floats, Floats]:
-    """(P, K): the green channel of the chart at each angle, of mean 0 and norm 1; and (P, K / 2) which pixels are the chart's."""
+    """(P, K) the green channel of the chart at each angle, of mean 0 and norm 1; and (P, K / 2) True for pixels of the chart."""
     green = type.template[..., 1]
     height, width = green.shape
     scale = LIMITS.template_px / width

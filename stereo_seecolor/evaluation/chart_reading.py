@@ -1,7 +1,7 @@
-"""Which chart a grid of patches is, if any: the place in a chart at which the colors of the patches fit, whole or partly seen.
+"""Identifies a grid of patches as a color chart, seen whole or in part, by the place in the chart at which the colors fit.
 
-Water multiplies each channel of a chart and adds to it. So each channel of the patches that are seen, over all of them, must be
-the published one but for a factor and an offset; and so must be what the channels differ by, which light and shade cannot feign.
+Water multiplies each channel of a chart and adds to it. So over the patches that are seen, each channel must equal the published
+one but for a factor and an offset. The same must hold for the differences between channels, which light and shade cannot imitate.
 """
 
 from collections.abc import Iterator
@@ -21,7 +21,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class ReadingLimits:
-    """What is believed to be a chart."""
+    """Limits for accepting a grid as a chart."""
 
     least_of_grid: int = 6
     """Patches of a grid that are looked at."""
@@ -58,14 +58,14 @@ LIMITS = ReadingLimits()
 
 @dataclass(frozen=True, eq=False)
 class _Place:
-    """Where a grid could lie in a chart. units: (N, 2) middles of its patches there. patches: (N,) which they are, -1 for none."""
+    """A possible place of a grid in a chart. units: (N, 2) middles of its patches. patches: (N,) their numbers, -1 for none."""
 
     units: Array
     patches: NDArray[np.intp]
 
 
 def read_lattice(picture: Floats, lattice: Lattice, type: ChartType) -> FoundChart | None:
-    """The chart of a type that a grid in (H, W, 3) is, or None."""
+    """The chart of this type that a grid in an image (H, W, 3) shows, or None."""
     seen = _middles(picture, onto_pixels(lattice.cells, lattice.pixels), lattice.cells.astype(np.float64)).mean(axis=1)
     inside = np.isfinite(seen).all(axis=1)
     lattice, seen = Lattice(lattice.cells[inside], lattice.pixels[inside]), seen[inside]
@@ -81,7 +81,7 @@ def read_lattice(picture: Floats, lattice: Lattice, type: ChartType) -> FoundCha
 
 
 def _places(lattice: Lattice, type: ChartType) -> Iterator[_Place]:
-    """All turns and shifts of a grid over the patches of a chart that are as wide as high."""
+    """All rotations and shifts of a grid over the square patches of a chart."""
     square = np.flatnonzero(type.cells[:, 2] == type.cells[:, 3])
     middles = type.cells[square, :2] + type.cells[square, 2:] / 2
     first = middles.min(axis=0)
@@ -102,7 +102,7 @@ def _places(lattice: Lattice, type: ChartType) -> Iterator[_Place]:
 
 
 def _first_look(seen: Array, place: _Place, type: ChartType) -> float:
-    """Correlation, times the root of the number of patches: fewer are alike by chance."""
+    """Correlation times the square root of the number of patches: fewer patches correlate by chance."""
     known = place.patches >= 0
     each = correlations(seen[known][None], type.srgb[place.patches[known]])[0]
     return float(each.mean() * np.sqrt(known.sum()))
@@ -128,7 +128,10 @@ def _read_at(picture: Floats, lattice: Lattice, place: _Place, type: ChartType) 
 
 
 def _seen(pixels: Array, first: NDArray[np.bool_], type: ChartType) -> NDArray[np.bool_]:
-    """(N,) patches that lie in the picture, are flat, and have the color that the others, at the beginning ``first``, ask for."""
+    """(N,) True for patches that lie in the image, are flat, and have the color that is expected from the others.
+
+    first: (N,) patches from which the colors of the others are expected at first.
+    """
     means = pixels.mean(axis=1)
     inside = np.isfinite(means).all(axis=1)
     seen: NDArray[np.bool_] = first & inside
@@ -148,7 +151,7 @@ def _seen(pixels: Array, first: NDArray[np.bool_], type: ChartType) -> NDArray[n
 
 
 def _fitted(values: Array, reference: Array, all_references: Array) -> Array:
-    """(N, 3): the published colors with the factor and offset of each channel that fit ``values`` best."""
+    """(N, 3) the published colors, with the factor and offset of each channel that fit ``values`` best."""
     middle, mean = reference.mean(axis=0), values.mean(axis=0)
     centered = reference - middle
     factor = (centered * (values - mean)).sum(axis=0) / np.maximum((centered**2).sum(axis=0), 1e-9)
@@ -156,8 +159,9 @@ def _fitted(values: Array, reference: Array, all_references: Array) -> Array:
 
 
 def _score(pixels: Array, reference: Array) -> float:
-    """Mean correlation of the channels, without one that is absorbed: of the two of most contrast, and of the third where it shows
-    anything. -1 where two do not spread more over the patches than within them, and where what they differ by is not the chart's.
+    """Mean correlation of the channels with the chart's: of the two of most contrast, and of the third unless it is absorbed.
+
+    -1 where fewer than two channels vary more over the patches than within them, or differences of channels are not the chart's.
     """
     if len(pixels) < LIMITS.least_patches:
         return -1.0
@@ -174,13 +178,13 @@ def _score(pixels: Array, reference: Array) -> float:
 
 
 def _differences(values: Array) -> Array:
-    """(N, C) between each channel and the next, each of mean 0 and spread 1 before."""
+    """(N, C) differences of each channel and the next, after each is normalized to mean 0 and spread 1."""
     same = (values - values.mean(axis=0)) / np.maximum(values.std(axis=0), 1e-9)
     return np.asarray(same - np.roll(same, 1, axis=1), np.float64)
 
 
 def _middles(picture: Floats, onto: Array, units: Array) -> Array:
-    """(N, 25, 3): pixels all over the middles of patches, NaN where these leave the picture."""
+    """(N, 25, 3) pixels over the middles of patches, NaN outside of the image. onto: (3, 3) from units to pixels."""
     offsets = np.linspace(-LIMITS.inner, LIMITS.inner, 5)
     points = units[:, None] + np.stack(np.meshgrid(offsets, offsets), axis=-1).reshape(-1, 2)
     return sampled(picture, moved(onto, np.asarray(points, np.float64)))

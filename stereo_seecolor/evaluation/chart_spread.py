@@ -1,4 +1,4 @@
-"""How alike the same patch comes out on charts at several ranges: what a correction is for, and no color needs to be known."""
+"""Differences of the same patch between charts at several ranges, which a correction should remove; needs no known colors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Map
 
 MOST_CLIPPED = 0.1
-"""Fraction of a patch's pixels: more, and its mean is not that of the light."""
+"""Largest fraction of a patch's pixels that may be clipped: with more, its mean is not that of the light."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeenChart:
-    """A chart as a method leaves it. colors: (N, 3) linear means of its patches, NaN where a patch is unknown or clipped."""
+    """A chart corrected by a method. colors: (N, 3) linear means of its patches, NaN where a patch is unknown or clipped."""
 
     method: str
     type: ChartType
@@ -27,11 +27,11 @@ class SeenChart:
 
 @dataclass(frozen=True)
 class SpreadRow:
-    """A method on all charts of a kind. nearest_m, farthest_m: their median ranges.
+    """The differences between all charts of a kind, corrected by a method. nearest_m, farthest_m: of the charts' median ranges.
 
-    angle_deg: mean angle between a patch's color and its mean direction over the charts, in linear light, after one gain a channel
-    that makes the mean of all gray: else what leaves everything blue would look alike. luminance: standard deviation of the
-    logarithm of a patch's luminance over the charts, mean over patches. NaN where no patch is known on two charts.
+    angle_deg: mean angle between a patch's color and its mean direction over the charts, in linear light, after a gain for each
+    channel makes the mean of all gray: else a method that leaves everything blue would score well. luminance: standard deviation of
+    the logarithm of a patch's luminance over the charts, mean over patches. NaN where no patch is known on two charts.
     """
 
     method: str
@@ -46,9 +46,9 @@ class SpreadRow:
 def seen_chart(
     method: str, target: Target, result: NDArray[np.float64], range_m: Map, clipped_by_camera: NDArray[np.bool_]
 ) -> SeenChart | None:
-    """What a method leaves of a chart: result (H, W, 3) in [0, 1] as displayed, NaN where unknown. None for what is no chart.
+    """The patches of a chart in a method's result (H, W, 3), in [0, 1] as displayed, NaN where unknown. None for a white card.
 
-    clipped_by_camera: (H, W). Patches that the camera has clipped have no color that could come out alike.
+    clipped_by_camera: (H, W). Patches that the camera clipped are left out.
     """
     if target.type is None:
         return None

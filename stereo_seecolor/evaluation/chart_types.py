@@ -1,4 +1,4 @@
-"""Color charts: where their patches are, and what colors their makers publish."""
+"""Color charts: the places of their patches, and the colors that their makers publish."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 _PIXELS = 16
-"""Of a unit of the template: a small patch."""
+"""Pixels of the template in a unit, the side of a small patch."""
 _GAP = 0.12
-"""Of a unit: the dark line between patches."""
+"""Width of the dark line between patches, units."""
 _BLUR = 0.15
-"""Of a unit: what water and lens leave sharp."""
+"""Blur of the template by water and lens, standard deviation, units."""
 _FRAME_LEVEL = 0.08
-"""The chart's black frame, as encoded."""
+"""Encoded value of the chart's black frame."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +49,7 @@ class ChartType:
         return np.asarray(cv2.GaussianBlur(picture, (0, 0), _BLUR * _PIXELS), np.float32)
 
     def template_pixels(self, units: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Where points (N, 2) in units lie in the template."""
+        """(N, 2) pixels of the template at points (N, 2) in units."""
         return np.asarray((units + self.frame) * _PIXELS - 0.5, np.float64)
 
 

@@ -1,8 +1,8 @@
-"""The white point of a survey from things of known color in its frames: grays of charts, white cards.
+"""The white point of a survey from targets of known color in its frames: grays of charts, white cards.
 
     (I - B(z)) / A(z) = white * reflectance * brightness of the target
 
-Charts at several ranges also check the water: the color of their white is the same only where A and B are right.
+Charts at several ranges also test the water: the color of their white is the same only if A and B are right.
 """
 
 from collections.abc import Iterator, Sequence
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class WhiteSettings:
-    """What of a target counts."""
+    """Limits for patches and targets that are used."""
 
     least_pixels: int = 12
     """Of a patch, unclipped and of known range: fewer are mostly its border."""
@@ -49,8 +49,8 @@ SETTINGS = WhiteSettings()
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A patch as the camera saw it. light (3,): linear, at no range, NaN where too little of it was seen. haze (3,): what of the
-    light before was backscatter, at no range. range_m: median.
+    """A patch of a target. light (3,): linear, with the water removed, NaN where too little of the patch was seen. haze (3,): the
+    backscatter that was subtracted, divided by attenuation as the light. range_m: median.
     """
 
     light: Array
@@ -60,16 +60,16 @@ class Patch:
 
     @property
     def white(self) -> Array:
-        """(3,) logarithm of the light; NaN where too much of it was haze."""
+        """(3,) logarithm of the light; NaN where too much was backscatter."""
         clear = (self.light >= SETTINGS.least_direct * (self.light + self.haze)).all()
         return np.log(self.light) if clear else np.full(3, np.nan)
 
 
 @dataclass(frozen=True, eq=False)
 class SeenWhite:
-    """What a target says. range_m: median. white (3,): the color of its white, as logarithms of mean 0. error: of one of them.
+    """The white of a target. range_m: median. white (3,): its color, as logarithms of mean 0. error: standard error of each.
 
-    patches: all of a chart's, in the order of its type; none of a card's. type: of the chart.
+    patches: those of a chart, in the order of its type; empty for a card. type: of the chart, None for a card.
     """
 
     frame: str
@@ -82,7 +82,7 @@ class SeenWhite:
 
 
 def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Map, water: Water) -> Iterator[SeenWhite]:
-    """Of each target in a frame that shows enough: image as the camera saw it, with the survey's light taken out."""
+    """The white of each target in a frame that shows enough of it. image: uncorrected, with the survey's light divided out."""
     light = decoded_values(8 * image.dtype.itemsize, water.input_encoding)
     for target in targets:
         patches = tuple(_patch(light, image[patch], range_m[patch], water) for patch in target.patches)
@@ -100,8 +100,8 @@ def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Ma
 
 
 def believed(seen: Sequence[SeenWhite], water: Water) -> list[SeenWhite]:
-    """Of what was found in the frames of a dive, that which tells the white point: charts; without any, what looks like a card and
-    whose white the water's fitted white point allows.
+    """The targets found in the frames of a dive that are used: charts; without any, cards whose white is within the standard errors
+    of the water's white point.
     """
     charts = [one for one in seen if one.type]
     fitted = np.log(water.white) - np.log(water.white).mean()
@@ -110,7 +110,7 @@ def believed(seen: Sequence[SeenWhite], water: Water) -> list[SeenWhite]:
 
 
 def _patch(decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray[np.floating], water: Water) -> Patch:
-    """decoded: linear light of each value; pixels: (N, 3) values of the patch's (N,) ranges."""
+    """A patch from its (N, 3) pixels at (N,) ranges. decoded: linear light of each value."""
     light = np.stack([decoded[pixels[:, c]] for c in range(3)], axis=1)
     bright = np.asarray((light >= SETTINGS.brightest).any(axis=-1))
     clipped = bool(bright.sum() > MOST_CLIPPED * bright.size)
@@ -125,8 +125,8 @@ def _patch(decoded: NDArray[np.floating], pixels: NDArray[Any], range_m: NDArray
 
 @dataclass(frozen=True, eq=False)
 class WhiteTrend:
-    """per_m, error (2,): by how much red and blue of the white change against green with every meter, logarithm; 0 where the
-    water is right. near_m, far_m: of the targets.
+    """The trend of the white with range. per_m, error (2,): change of the logarithm of red and blue over green for every meter; 0
+    where the water is right. near_m, far_m: ranges of the targets.
     """
 
     per_m: Array
@@ -137,18 +137,18 @@ class WhiteTrend:
 
 @dataclass(frozen=True, eq=False)
 class ChartWhite:
-    """white (3,): color of the survey's white point, logarithms of mean 0. error (3,): standard errors. seen: its sources."""
+    """The white point of a survey. white (3,): its color, logarithms of mean 0. error (3,): standard errors. seen: its targets."""
 
     white: Array
     error: Array
     seen: tuple[SeenWhite, ...]
 
     def patches_in(self, water: Water) -> tuple[SeenPatches | None, ...]:
-        """Of each target the patches once ``water``, which has this white point, is out; None of a card."""
+        """The patches of each target with ``water``, which has this white point, removed; None for a card."""
         return tuple(_patches(one.patches, one.type, water) if one.type else None for one in self.seen)
 
     def trend(self) -> WhiteTrend | None:
-        """What the white of targets at several ranges says of the water; None where they are at one."""
+        """The trend of the targets' white with range; None where they are at one range."""
         z_m = np.array([one.range_m for one in self.seen])
         if len(z_m) < 2 or np.ptp(z_m) < SETTINGS.least_relief * z_m.mean():
             return None
@@ -163,13 +163,13 @@ class ChartWhite:
 
     @property
     def residuals_deg(self) -> tuple[float, ...]:
-        """The angle between each target's white and the survey's: what the water leaves, over the ranges."""
+        """The angle between each target's white, with the water removed, and the survey's, degrees."""
         return tuple(_angle_deg(one.white - self.white) for one in self.seen)
 
     def set_in(self, water: Water) -> Water:
-        """The water with this white point, at its own level; every other number as it was.
+        """The water with this white point, at the water's own level; other parameters do not change.
 
-        Its standard errors hold what those of the attenuation are from the charts to no range.
+        Standard errors include those of the attenuation over the range of the charts.
         """
         level = np.exp(np.log(water.white).mean())
         white = level * np.exp(self.white)
@@ -180,7 +180,7 @@ class ChartWhite:
 
 
 def _patches(patches: Sequence[Patch], type: ChartType, water: Water) -> SeenPatches | None:
-    """Patches of a chart against its own brightness, which its grays tell; None where they do not."""
+    """Patches of a chart relative to its own brightness, which its grays give; None where no gray can be used."""
     light = np.stack([patch.light for patch in patches]) / water.white
     haze = np.stack([patch.haze for patch in patches]) / water.white
     published = decode_srgb(type.srgb)
@@ -198,7 +198,7 @@ def _patches(patches: Sequence[Patch], type: ChartType, water: Water) -> SeenPat
 
 
 def survey_white(seen: Sequence[SeenWhite]) -> ChartWhite:
-    """The weighted mean over one target or more; its error from how they differ, and at least from their own."""
+    """The weighted mean of the white of one target or more; its error from their differences, at least from their own errors."""
     weights = np.array([one.error**-2 for one in seen])
     colors = np.stack([one.white for one in seen])
     white = np.average(colors, axis=0, weights=weights)
@@ -208,6 +208,6 @@ def survey_white(seen: Sequence[SeenWhite]) -> ChartWhite:
 
 
 def _angle_deg(difference: Array) -> float:
-    """Between gray and a gray whose channels differ by these logarithms."""
+    """Angle between gray and a gray multiplied by the exponentials of these logarithms, degrees."""
     color = np.exp(difference)
     return float(np.degrees(np.arccos(np.clip(color.sum() / (np.sqrt(3) * np.linalg.norm(color)), -1, 1))))

@@ -1,4 +1,4 @@
-"""How well each method does on targets of known color: rows of a table, and a contact sheet to look at."""
+"""Scores of each color method on targets of known color: rows of a table, and a contact sheet."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -29,12 +29,12 @@ _TILE_WIDTH, _LABEL_HEIGHT = 320, 22
 
 @dataclass(frozen=True)
 class ChartRow:
-    """A method on a target.
+    """Scores of a method on a target.
 
-    range_m: median distance, NaN where unknown. psi_deg: mean angle to gray of its neutral patches as displayed, psi_linear_deg: in
-    linear light, degrees. ciede2000: median over its patches after one exposure gain, against the chart's published colors, or for
-    something merely neutral against gray of the same brightness. clipped_fraction: of its pixels. chroma: median C*ab of the whole
-    frame, without which psi is no score: a picture without colors has psi 0. pixels counted, of the target.
+    range_m: median distance, NaN where unknown. psi_deg: mean angle to gray of its neutral patches as displayed, degrees;
+    psi_linear_deg: the same in linear light. ciede2000: median over its patches after one exposure gain, to the chart's published
+    colors, or for a white object to gray of the same brightness. clipped_fraction: of its pixels. chroma: median C*ab of the whole
+    frame, to be read with psi: an image without colors has psi 0. pixels: number of the target's pixels.
     """
 
     frame: str
@@ -51,7 +51,7 @@ class ChartRow:
 
 @dataclass(frozen=True)
 class ChartReport:
-    """rows: every method on every target. spreads: every method over charts at several ranges. sheet: if one was asked for.
+    """Scores on charts. rows: every method on every target. spreads: every method over charts at several ranges. sheet: if written.
 
     missing: other tool -> frames with targets that it has no image of, so that its means are over fewer targets.
     without_target: frames that had none, and "frame: target" of targets without one pixel to score (clipped, dark, range unknown).
@@ -64,7 +64,7 @@ class ChartReport:
     missing: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     def means(self) -> tuple[ChartRow, ...]:
-        """A row a method: means over the targets on which it left pixels to score (of pixels the sum)."""
+        """A row for each method: means over the targets on which it has pixels to score; pixels are added up."""
         methods = dict.fromkeys(row.method for row in self.rows)
         return tuple(_mean(method, [row for row in self.rows if row.method == method]) for method in methods)
 
@@ -77,11 +77,11 @@ def evaluate_charts(
     sheet: Path | None = None,
     others: Sequence[Path] = (),
 ) -> ChartReport:
-    """Every method on every target in a folder of images with range maps of the same stems.
+    """Score every method on every target in a folder of images with range maps of the same stems.
 
-    targets: JSON of polygons and chart corners (see ``read_targets``), and only images that it names count; without it each image
-    is searched for charts. sheet: where to write the contact sheet (a new PNG). others: folders of what other tools made of the
-    images, under the same names. Raises InputError, also where there is no target; OutputError.
+    targets: JSON of polygons and chart corners (see ``read_targets``); only images that it names are scored. Without it each image
+    is searched for charts. sheet: the contact sheet to write (a new PNG). others: folders of the images as other tools corrected
+    them, under the same names. Raises InputError, also where there is no target; OutputError.
     """
     if sheet:
         refuse_existing(sheet)
@@ -103,7 +103,7 @@ def evaluate_charts(
 
 @dataclass(frozen=True, eq=False)
 class _ScoredFrame:
-    """What one frame adds to the report. without: what of it could not be scored, by name. tiles: method -> what it made of it."""
+    """The scores of one frame. without: names of targets that could not be scored. tiles: method -> its image, for the sheet."""
 
     rows: list[ChartRow] = field(default_factory=list)
     without: list[str] = field(default_factory=list)
@@ -114,7 +114,7 @@ class _ScoredFrame:
 def _scored(
     pair: Pair, named: list[dict[str, NDArray[np.float64]]] | None, results: OtherResults, config: RunConfig
 ) -> _ScoredFrame:
-    """Every method on the targets of a frame. named: those of the file of targets, None where it does not name this frame."""
+    """Score every method on the targets of a frame. named: from the file of targets, None where it does not name this frame."""
     image, range_m = read_image(pair.left, config.input), read_range_map(pair.right)
     if range_m.shape != image.shape[:2]:
         raise InputError(f"{pair.right}: is not of the size of its image {pair.left.name}")
@@ -152,7 +152,7 @@ def correct_by_all(image: Image, range_m: Map, config: RunConfig) -> dict[str, N
 
 
 def score_target(frame: str, target: Target, method: str, result: NDArray[np.float64], range_m: Map) -> ChartRow:
-    """A method's row for a target; patches of which the method knows no pixel are left out, NaN where that is all of them."""
+    """A method's scores on a target. Patches without a known pixel are left out; NaN where all are."""
     colors = [result[patch] for patch in target.patches]
     grays = colors if target.type is None else colors[target.type.grays]
     whole = np.concatenate(colors)
@@ -213,7 +213,7 @@ def _tile(label: str, result: NDArray[np.float64]) -> NDArray[np.uint8]:
 
 
 def _sheet(tiles: Sequence[Mapping[str, NDArray[np.uint8]]]) -> bytes:
-    """PNG: a frame a row, a method a column, empty where it lacks the frame. tiles: of each frame, by method."""
+    """A PNG with a row for each frame and a column for each method, black where one lacks the frame. tiles: by frame and method."""
     methods = dict.fromkeys(method for frame in tiles for method in frame)
     tall = max(tile.shape[0] for frame in tiles for tile in frame.values())
     empty = np.zeros((tall, _TILE_WIDTH, 3), np.uint8)

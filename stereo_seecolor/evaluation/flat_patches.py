@@ -1,4 +1,4 @@
-"""Small flat regions with straight outlines in a picture: what the patches of a color chart look like."""
+"""Finds small flat regions with straight outlines in an image, as the patches of a color chart are."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,23 +14,23 @@ Levels = NDArray[np.uint16]
 
 @dataclass(frozen=True)
 class PatchLimits:
-    """What a patch looks like, in pixels of a picture that is halved until its patches are small."""
+    """Limits of a patch, in pixels of an image that is halved until its patches are small."""
 
     octaves: int = 6
-    """From twice the size of the picture, each half of the one before: patches of 4 to 200 pixels."""
+    """Sizes of the image, from twice its size, each half of the one before: patches of 4 to 200 pixels."""
     window_px: int = 25
-    """In which edges are compared: a patch and its neighbors."""
+    """Window in which edges are compared: a patch and its neighbors."""
     flat: float = 0.6
-    """Of the mean edge in the window: an inner pixel of a patch has less."""
+    """Fraction of the mean edge in the window: inner pixels of a patch have weaker edges."""
     least_area: int = 6
     most_area: int = 600
-    """Flat pixels of a patch. Its own border and what is blurred are not flat."""
+    """Least and most flat pixels of a patch, without its border and blurred pixels."""
     least_fill: float = 0.85
     """Area over that of the parallelogram with the same second moments (1; an ellipse has 1.05, an L 0.8)."""
     most_stretch: float = 3.0
     """Long over short side: a patch of two units, tilted by 50 degrees."""
     border_px: float = 2.5
-    """By which the flat part of a patch is narrower than the patch."""
+    """Pixels by which the flat part of a patch is narrower than the patch."""
 
 
 LIMITS = PatchLimits()
@@ -38,7 +38,7 @@ LIMITS = PatchLimits()
 
 @dataclass(frozen=True, eq=False)
 class FlatPatches:
-    """centers: (N, 2) pixels of the full picture. sides: (N,) pixels of it, of a square of their area."""
+    """Flat regions. centers: (N, 2) pixels of the full image. sides: (N,) side of a square of the same area, in its pixels."""
 
     centers: Array
     sides: Array
@@ -52,7 +52,7 @@ def flat_patches(picture: Floats) -> Iterator[FlatPatches]:
 
 
 def pyramid(picture: Floats) -> Iterator[tuple[Levels, float]]:
-    """(H, W, 3) at twice its size, and then halved again and again; and how many of its pixels one of each is wide."""
+    """The image (H, W, 3) at twice its size, then halved repeatedly; each with the width of its pixels in those of the image."""
     levels = np.asarray(picture * 65535, np.uint16)  # morphology is several times faster on whole numbers
     sized = _resized(levels, 2.0)
     for octave in range(LIMITS.octaves):
@@ -68,7 +68,7 @@ def _resized(levels: Levels, factor: float) -> Levels:
 
 
 def flat_regions(picture: Levels) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """(H, W) number of the flat region that each pixel lies in, 0 in none, and (N, 5) box and area of each."""
+    """(H, W) number of the flat region of each pixel, 0 for none; and (N, 5) box and area of each region."""
     edge = _edges(picture)
     flat = edge < LIMITS.flat * cv2.blur(edge, (LIMITS.window_px, LIMITS.window_px))
     flat[[0, -1]] = flat[:, [0, -1]] = False
@@ -87,7 +87,7 @@ def _of_size(picture: Levels) -> FlatPatches:
 
 
 def _edges(picture: Levels) -> Floats:
-    """(H, W): the largest difference within 3 x 3 pixels in any channel."""
+    """(H, W) largest difference within 3 x 3 pixels in any channel."""
     smooth = cv2.GaussianBlur(picture, (3, 3), 0.7)
     square = np.ones((3, 3), np.uint8)
     red, green, blue = cv2.split(cv2.subtract(cv2.dilate(smooth, square), cv2.erode(smooth, square)))
@@ -95,7 +95,7 @@ def _edges(picture: Levels) -> Floats:
 
 
 def _compact(region: NDArray[np.intp], pixels: Array, count: int) -> FlatPatches:
-    """Of regions of pixels (P, 2), those that could be parallelograms."""
+    """The regions that may be parallelograms. region: (P,) region of each pixel. pixels: (P, 2). count: number of regions."""
     area = np.bincount(region, minlength=count).astype(np.float64)
 
     def mean(values: Array) -> Array:

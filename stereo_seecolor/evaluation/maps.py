@@ -1,4 +1,4 @@
-"""A map against the truth: its track, and its cloud against the true surface."""
+"""Errors of a map against the truth: of its track, and of its cloud against the true surface."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from stereo_seecolor.geometry import rigid_alignment, transformed
 
 @dataclass(frozen=True)
 class TrajectoryError:
-    """rms_m: absolute trajectory error after a rigid alignment (no scale). path_m: length of the true track."""
+    """Error of a track. rms_m: absolute trajectory error after a rigid alignment (no scale). path_m: length of the true track."""
 
     rms_m: float
     path_m: float

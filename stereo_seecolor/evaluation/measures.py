@@ -15,7 +15,7 @@ Pixels = NDArray[np.floating]
 """(..., 3) RGB as a fraction of full scale, NaN = unknown."""
 
 CLIPPED = 254 / 255
-"""A channel at or above this fraction of full scale holds no color any more."""
+"""Fraction of full scale from which a channel counts as clipped."""
 
 _XYZ_FROM_LINEAR = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])  # IEC 61966-2-1
 _WHITE = _XYZ_FROM_LINEAR.sum(axis=1)
@@ -69,10 +69,8 @@ def score_neutral(pixels: Pixels) -> NeutralScore:
     return NeutralScore(float(np.nanmean(angles)), float(clipped(pixels[known]).mean()), int(known.sum()))
 
 
-def score_truth(
-    image: Pixels, truth: Pixels, range_m: NDArray[np.floating] | None = None, darkest: float = 0.06, linear: bool = False
-) -> TruthScore:
-    """Score of an image (..., 3) against its truth (..., 3), both in the same encoding: sRGB, or linear light where so said.
+def score_truth(image: Pixels, truth: Pixels, range_m: NDArray[np.floating] | None = None, darkest: float = 0.06) -> TruthScore:
+    """Score of an image (..., 3) against its truth (..., 3), both sRGB.
 
     range_m (...): meters, for the range consistency. darkest: pixels whose brightest true channel is below this fraction of full
     scale are left out, as their color is noise; so are those that the truth has clipped.
@@ -82,13 +80,13 @@ def score_truth(
     if not lit.any():
         return TruthScore(nan, nan, nan, nan, nan, 0)
     known, true = np.asarray(image[lit], dtype=np.float64), np.asarray(truth[lit], dtype=np.float64)
-    decode = (lambda pixels: pixels) if linear else decode_srgb
-    exposed = decode(known) * exposure_gain(decode(known), decode(true))
+    light, true_light = decode_srgb(known), decode_srgb(true)
+    exposed = light * exposure_gain(light, true_light)
     consistency = range_consistency(known, true, range_m[lit]) if range_m is not None else nan
     return TruthScore(
         angle_deg=float(np.nanmean(angle_deg(known, true))),
         angle_after_gains_deg=float(np.nanmean(angle_deg(known * channel_gains(known, true), true))),
-        ciede2000=float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(decode(true))))),
+        ciede2000=float(np.median(ciede2000(lab_from_linear(exposed), lab_from_linear(true_light)))),
         range_consistency=consistency,
         clipped_fraction=float(clipped(known).mean()),
         pixels=int(lit.sum()),
@@ -96,14 +94,14 @@ def score_truth(
 
 
 def channel_gains(pixels: Pixels, truth: Pixels) -> NDArray[np.float64]:
-    """(3,) the gain a channel that brings an image nearest to its truth: the median ratio, which dark noise does not pull."""
+    """(3,) gain of each channel that brings an image nearest to its truth: the median ratio, robust to noise of dark pixels."""
     with np.errstate(divide="ignore", invalid="ignore"):
         ratios = np.where(pixels > 0, truth / pixels, np.nan).reshape(-1, 3)
     return np.nan_to_num(np.nanmedian(ratios, axis=0), nan=1.0) if np.isfinite(ratios).any(axis=0).all() else np.ones(3)
 
 
 def exposure_gain(pixels: Pixels, truth: Pixels) -> float:
-    """The one gain for all channels that gives an image (linear light) its truth's median brightness: exposure is no error."""
+    """The gain, common to all channels, that gives an image (linear light) the median brightness of its truth."""
     brightness, true = pixels.sum(axis=-1), truth.sum(axis=-1)
     bright = brightness > 0
     return float(np.median(true[bright] / brightness[bright])) if bright.any() else 1.0

@@ -1,4 +1,4 @@
-"""Corrected images of other tools, from plain folders, to be scored beside our own."""
+"""Corrected images of other tools, read from folders, to be scored beside this program's."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -16,15 +16,15 @@ from stereo_seecolor.records import Image
 
 @dataclass(frozen=True, eq=False)
 class OtherResults:
-    """folders: name of a method -> stem of an image -> its corrected image."""
+    """Corrected images of other tools. folders: name of a method -> stem of an image -> its corrected image."""
 
     folders: dict[str, dict[str, Path]]
 
     @classmethod
     def of(cls, folders: Sequence[Path]) -> "OtherResults":
-        """Folders of images; a method is called as its folder.
+        """The images in these folders; a method has the name of its folder.
 
-        Raises InputError where two methods are called alike, or one holds no image, or two of one name.
+        Raises InputError where two methods have the same name, or a folder holds no image, or two of the same name.
         """
         found: dict[str, dict[str, Path]] = {}
         for folder in folders:
@@ -37,12 +37,12 @@ class OtherResults:
         return cls(found)
 
     def missing(self, stems: Sequence[str]) -> dict[str, tuple[str, ...]]:
-        """Method -> which of these images it lacks, of the methods that lack any."""
+        """Method -> the stems of these images that it lacks, for methods that lack any."""
         lacking = {method: tuple(stem for stem in stems if stem not in files) for method, files in self.folders.items()}
         return {method: names for method, names in lacking.items() if names}
 
     def refuse_other_names(self, stems: Sequence[str]) -> None:
-        """Raises InputError where a method has none of these images: its files are called otherwise."""
+        """Raise InputError where a method has none of these images: its files have other names."""
         for method, files in self.folders.items():
             if files.keys().isdisjoint(stems):
                 raise InputError(
@@ -65,7 +65,7 @@ class OtherResults:
         return results
 
     def images(self, stem: str, shape: tuple[int, ...]) -> dict[str, Image]:
-        """Method -> image of that stem, which all must have, as it is. Raises InputError where one is of another size."""
+        """Method -> its image of that stem, unchanged; all methods must have it. Raises InputError where one has another size."""
         return {method: _of_size(files[stem], shape) for method, files in self.folders.items()}
 
 

@@ -1,4 +1,4 @@
-"""Grids among flat patches: rows and columns of a chart, however it is turned and tilted."""
+"""Finds grids among flat patches: the rows and columns of a chart, rotated and tilted in any way."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,23 +17,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LatticeLimits:
-    """What is taken for neighbors in a grid."""
+    """Limits for neighbors in a grid."""
 
     neighbors: int = 8
-    """Of a patch, the nearest that are tried."""
+    """Nearest patches that are tried as neighbors."""
     nearest: float = 0.9
     farthest: float = 2.2
     """Distance of neighbors over the side of a patch: a gap as wide as the patch, and tilts of 50 degrees."""
     least_angle_deg: float = 50.0
-    """Between rows and columns."""
+    """Least angle between rows and columns."""
     likeness: float = 0.6
-    """Side of the smaller over that of the larger neighbor."""
+    """Least ratio of the sides of two neighbors."""
     tolerance: float = 0.17
-    """Distance from where the grid has its next patch, of the shorter of its two steps."""
+    """Distance of a patch from its place in the grid, as a fraction of the shorter of the grid's two steps."""
     least_support: int = 3
-    """Patches about a first one and two neighbors of it that continue their grid: what two rows have."""
+    """Patches that continue the grid of a first patch and two of its neighbors, at least: as two rows have."""
     most_seeds: int = 60
-    """Places of a picture that are tried."""
+    """Places of an image that are tried."""
     least_cells: int = 6
     homography_from: int = 9
     """Patches: fewer are too few to tell perspective from noise."""
@@ -46,7 +46,7 @@ _AROUND = np.array([[-1, 0], [0, -1], [1, 1], [1, -1], [-1, 1], [-1, -1]])
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """cells: (N, 2) whole numbers, columns and rows, turned as in the picture (never mirrored). pixels: (N, 2) of their middles."""
+    """A grid. cells: (N, 2) column and row of each patch, as in the image (never mirrored). pixels: (N, 2) their middles."""
 
     cells: NDArray[np.int64]
     pixels: Array
@@ -67,7 +67,7 @@ def lattices(patches: FlatPatches) -> Iterator[Lattice]:
 
 
 def _seeds(patches: FlatPatches, tree: KDTree) -> list[tuple[int, int, int]]:
-    """A patch, the next in its row, and the next in its column, of each place that others continue."""
+    """Seeds of grids: a patch, the next in its row and the next in its column, at places where other patches continue them."""
     first, second, third = _corners(patches, tree)
     if not len(first):
         return []
@@ -85,7 +85,7 @@ def _seeds(patches: FlatPatches, tree: KDTree) -> list[tuple[int, int, int]]:
 
 
 def _corners(patches: FlatPatches, tree: KDTree) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]:
-    """Every patch with two of its neighbors in about square directions, the second clockwise of the first."""
+    """Every patch with two of its neighbors in about perpendicular directions, the second clockwise of the first."""
     count = len(patches.sides)
     found: Any = tree.query(patches.centers, k=min(LIMITS.neighbors + 1, count))
     distance, near = found[0][:, 1:], found[1][:, 1:]
@@ -104,7 +104,7 @@ def _alike(sides: Array, others: Array) -> NDArray[np.bool_]:
 
 
 def _grown(patches: FlatPatches, tree: KDTree, seed: tuple[int, int, int]) -> dict[tuple[int, int], int]:
-    """Column and row -> patch: the grid of the seed as far as patches continue it."""
+    """The grid of a seed, extended as far as patches continue it: column and row -> patch."""
     of = dict(zip([(0, 0), (1, 0), (0, 1)], seed, strict=True))
     side = patches.sides[list(seed)].mean()
     for _ in range(LIMITS.rounds):
@@ -126,7 +126,7 @@ def _grown(patches: FlatPatches, tree: KDTree, seed: tuple[int, int, int]) -> di
 
 
 def onto_pixels(cells: NDArray[np.number], pixels: Array) -> Array:
-    """(3, 3): where points of a grid lie in the picture, by least squares; affine where they are few or in one line."""
+    """(3, 3) homography from a grid to the image, by least squares; affine where points are few or in one line."""
     cells = np.asarray(cells, np.float64)
     if len(cells) >= LIMITS.homography_from and (np.ptp(cells, axis=0) >= 2).all():
         fitted = cv2.findHomography(cells, pixels)[0]
@@ -137,13 +137,13 @@ def onto_pixels(cells: NDArray[np.number], pixels: Array) -> Array:
 
 
 def moved(onto: Array, points: NDArray[np.number]) -> Array:
-    """(..., 2) of points (..., 2) by a homography."""
+    """(..., 2) points (..., 2) mapped by a homography (3, 3)."""
     homogeneous = np.asarray(points, np.float64) @ onto[:, :2].T + onto[:, 2]
     return np.asarray(homogeneous[..., :2] / homogeneous[..., 2:], np.float64)
 
 
 def _step(onto: Array, cells: NDArray[np.number]) -> float:
-    """The shorter step of the grid in its middle, pixels."""
+    """The shorter step of the grid at its middle, pixels."""
     middle = np.asarray(cells).mean(axis=0)
     around = moved(onto, middle + np.array([[0, 0], [1, 0], [0, 1]]))
     return float(np.hypot(*(around[1:] - around[0]).T).min())

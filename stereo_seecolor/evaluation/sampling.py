@@ -1,4 +1,4 @@
-"""Colors of a picture between its pixels, and how alike they are to others."""
+"""Samples an image between its pixels, and correlates colors."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _NOTHING = 1e-9
-"""A spread of values that is the rounding of one level."""
+"""Spread of values that is only rounding."""
 
 
 def sampled(picture: NDArray[np.float32], pixels: Array) -> Array:
@@ -20,7 +20,7 @@ def sampled(picture: NDArray[np.float32], pixels: Array) -> Array:
 
 
 def correlations(values: Array, reference: Array) -> Array:
-    """(K, 3) of values (K, N, 3), for each channel; -1 where an outline leaves the picture or shows nothing."""
+    """(K, 3) correlation of values (K, N, 3) with a reference (N, 3), by channel; -1 where values are NaN or do not vary."""
     b = reference - reference.mean(axis=0)
     products = np.einsum("knc,nc->kc", values, b)
     sums = np.ones(values.shape[1]) @ values  # several times faster than values.sum(axis=1)

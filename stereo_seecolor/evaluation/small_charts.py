@@ -1,7 +1,7 @@
-"""Whole color charts of few pixels, by matched filters: their patches are too small to be seen one by one.
+"""Finds whole color charts of few pixels by matched filters: their patches are too small to be found one by one.
 
-Water multiplies each channel of a flat chart and adds to it, and normalized correlation is blind to both: a chart's own picture is
-looked for in each channel, over sizes and angles; the best places are refined, and kept where the patches have the right order.
+Water multiplies each channel of a flat chart and adds to it; normalized correlation does not depend on either. A chart's template
+is searched for in each channel, over sizes and angles. The best places are refined, and kept where the patches fit the chart's.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -28,7 +28,7 @@ Agreement = Callable[[Affine], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class SearchLimits:
-    """What is tried at a place, and what is believed.
+    """Outlines that are tried at a place, and limits for accepting a chart.
 
     Measured on four real charts 14 to 36 px wide, at 5 to 10 m; charts of 18 to 36 px drawn into real reefs; and reefs without one.
     """
@@ -91,7 +91,7 @@ def _at(picture: Floats, type: ChartType, places: Sequence[ChartPlace]) -> Itera
     colors = np.repeat(type.srgb, len(patches) // len(type.cells), axis=0)
 
     def inside(outlines: Affine) -> NDArray[np.float64]:
-        """As agreement, the patches counting twice: charts differ in their gaps and frames."""
+        """``agreement``, with the patches counted twice, since charts of a type differ in their gaps and frames."""
         of_patches = correlations(sampled(picture, _mapped(outlines, patches)), colors).mean(axis=1)
         return np.asarray(of_patches + agreement(outlines), np.float64)
 
@@ -114,7 +114,7 @@ def _best_starts(type: ChartType, places: Sequence[ChartPlace], agreement: Agree
 
 
 def _starts(type: ChartType, place: ChartPlace) -> Affine:
-    """(K, 2, 3): where a refinement may begin: turned, wider, less high, beside what green alone found."""
+    """(K, 2, 3) initial outlines of a refinement: rotated, wider, less high and shifted from the place that was found."""
     choices = product(LIMITS.tilts_deg, LIMITS.widths, LIMITS.heights, LIMITS.shifts, LIMITS.shifts)
     tilt_deg, width, height, x, y = np.array(list(choices)).T
     angle = np.radians(place.angle_deg + tilt_deg)
@@ -127,7 +127,7 @@ def _starts(type: ChartType, place: ChartPlace) -> Affine:
 
 
 def _climbed(type: ChartType, outlines: Affine, agreement: Agreement) -> Iterator[Affine]:
-    """What outlines (K, 2, 3) become by steps to better ones, all together; of several of a place the best."""
+    """Improve outlines (K, 2, 3) in steps, all together; yields the best of those at each place, best first."""
     if not len(outlines):
         return
     scores, step = agreement(outlines), np.ones(len(outlines))
@@ -169,7 +169,7 @@ def _refined(type: ChartType, start: Affine, agreement: Agreement) -> Affine:
 
 
 def _judged(picture: Floats, type: ChartType, M: Affine) -> FoundChart | None:
-    """The chart, if its patches have the right order in each channel that shows anything."""
+    """The chart, if its patches correlate with the published colors and its outline is plausible; else None."""
     each = np.sort(correlations(_patch_means(picture, type, M)[None], type.srgb)[0])
     believed = each.mean() > LIMITS.least_of_three or each[1:].mean() > LIMITS.least_of_two
     if not believed or not _is_plausible(M):

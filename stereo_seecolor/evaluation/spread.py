@@ -1,7 +1,7 @@
-"""How evenly a run shows the reef: the same spots compared between frames, without any truth.
+"""Differences of the same spots between the frames of a run; needs no truth.
 
-Frames up to four apart are registered by matched features. Spots of one whose range the other confirms are compared: means of 5x5
-pixels of linear light, once as the camera saw them and once corrected.
+Frames up to four apart are registered by matched features. Spots whose range agrees in both are compared: means of 5x5 pixels of
+linear light, uncorrected and corrected.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SpreadSettings:
-    """What is compared."""
+    """The frames and spots that are compared."""
 
     apart: int = 4
     """Frames apart at most: beyond, few frames of usual surveys overlap."""
@@ -48,7 +48,7 @@ SETTINGS = SpreadSettings()
 
 @dataclass(frozen=True)
 class Spread:
-    """luminance: robust standard deviation (1.4826 MAD) of the logarithm of the ratio of two views of a spot.
+    """Differences between views. luminance: robust standard deviation (1.4826 MAD) of the logarithm of the ratio of two views.
 
     frame_offsets: rms over pairs of frames of its median. angle_deg: median angle between the two views' colors. spots: compared.
     """
@@ -61,9 +61,9 @@ class Spread:
 
 @dataclass(frozen=True)
 class SpreadReport:
-    """raw: as the camera saw them. corrected: as the run shows them. others: method -> as another tool shows them.
+    """Differences between views of the raw images, of the run's corrected ones, and of other tools', by method.
 
-    pairs: of frames that show the same.
+    pairs: number of pairs of frames that show the same spots.
     """
 
     raw: Spread
@@ -86,7 +86,7 @@ class ComparedFrame:
 
 @dataclass(frozen=True, eq=False)
 class _Ready:
-    """views: (H, W, 3) linear light, means of windows: raw, corrected, and each other method's in turn."""
+    """A frame ready to be compared. views: (H, W, 3) linear light, means of windows: raw, corrected, and of each other method."""
 
     views: tuple[NDArray[np.float32], ...]
     range_m: Map
@@ -100,7 +100,10 @@ class _Ready:
 
 
 def measure_spread(frames: Sequence[ComparedFrame], geometry: RectifiedPair, encoding: InputEncoding) -> SpreadReport:
-    """Each frame is asked for once, in order. encoding: of the raw images. Raises InputError where no two frames show the same."""
+    """Compare the frames; each is read once, in order. encoding: of the raw images.
+
+    Raises InputError where no two frames show the same spots.
+    """
     ready = (_Ready.of(frame, geometry, encoding) for frame in frames)
     pairs = list(_compared(ready, geometry))
     if not pairs:
@@ -128,7 +131,7 @@ Pixels = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def _same_spots(range_m: Map, other_m: Map, T_other_this: Array, geometry: RectifiedPair, seed: int) -> tuple[Pixels, Pixels]:
-    """Pixels of a frame and of another that show the same, drawn at random."""
+    """Pixels of a frame and of another that show the same spots. seed: of the random choice."""
     height, width = range_m.shape
     edge = SETTINGS.window_px // 2 + 1
     known = np.isfinite(range_m)

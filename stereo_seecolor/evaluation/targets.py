@@ -1,4 +1,4 @@
-"""Targets of known color in an image: charts, found or given by their corners, or neutral things inside polygons."""
+"""Targets of known color in an image: charts, found or given by their corners, and white objects in given polygons."""
 
 import json
 from dataclasses import dataclass, replace
@@ -17,15 +17,15 @@ from stereo_seecolor.evaluation.white_cards import inner, white_cards
 from stereo_seecolor.records import Image, Map
 
 _INNER = 0.25
-"""Of a patch, this much is left out on each side, where its neighbors bleed in."""
+"""Fraction of a patch that is left out on each side, where its neighbors bleed in."""
 
 CHARTS = {"chart": CLASSIC, "dkk": DKK, "spyder": SPYDER}
-"""What a file of targets calls them."""
+"""Kind of a target in a file of targets -> type of chart."""
 
 
 @dataclass(frozen=True, eq=False)
 class Target:
-    """What has known colors. patches: one (H, W) mask each; type: the kind of chart, or None for something neutral."""
+    """A target. patches: an (H, W) mask of each; type: of a chart, None for a white object."""
 
     name: str
     patches: tuple[NDArray[np.bool_], ...]
@@ -33,7 +33,7 @@ class Target:
 
     @property
     def mask(self) -> NDArray[np.bool_]:
-        """(H, W) all patches."""
+        """(H, W) mask of all patches."""
         return np.asarray(np.any(self.patches, axis=0))
 
 
@@ -49,13 +49,13 @@ def chart(name: str, corners: NDArray[np.floating], shape: tuple[int, ...], type
 
 
 def found_chart(name: str, found: FoundChart, shape: tuple[int, ...]) -> Target:
-    """A chart that was found, without the patches that the picture does not show."""
+    """The target of a chart that was found; patches that the image does not show are empty."""
     target = chart(name, found.corners, shape, found.type)
     return replace(target, patches=tuple(patch & seen for patch, seen in zip(target.patches, found.seen, strict=True)))
 
 
 def neutral(name: str, polygon: NDArray[np.floating], image: Image, range_m: Map) -> Target:
-    """The white things inside a polygon (K, 2): brighter than Otsu's threshold, nowhere at full scale, with a known range."""
+    """White pixels in a polygon (K, 2): brighter than Otsu's threshold, not at full scale, with a known range."""
     inside = _filled(polygon, image.shape[:2])
     gray: NDArray[np.uint8 | np.uint16] = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     if not inside.any():
@@ -86,9 +86,9 @@ def read_targets(path: Path) -> dict[str, list[dict[str, NDArray[np.float64]]]]:
 
 
 def targets_of(given: list[dict[str, NDArray[np.float64]]], image: Image, range_m: Map) -> tuple[Target, ...]:
-    """The given targets of an image as masks; without any, the charts that are found in it, and where there is none, white cards.
+    """The given targets of an image; without any, charts found in it; without any of these, white cards.
 
-    A card may have a range at its border alone: it is too even to be matched.
+    A card may have ranges at its border only, since it has no texture to match; they are carried over to its inside.
     """
     if not given:
         found = find_charts(image)
@@ -108,7 +108,7 @@ def targets_of(given: list[dict[str, NDArray[np.float64]]], image: Image, range_
 
 
 def _card_name(corners: NDArray[np.floating]) -> str:
-    """A found card by its middle, so that it can be looked at."""
+    """The name of a card that was found, with the pixel of its middle."""
     x, y = np.round(corners.mean(axis=0)).astype(int)
     return f"white card at pixel {x}, {y}"
 

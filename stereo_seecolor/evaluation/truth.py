@@ -1,4 +1,4 @@
-"""A finished run against known truth: how far off its ranges and its colors are, beside the raw images' own error."""
+"""Errors of a finished run's ranges and colors against known truth, beside those of the raw images."""
 
 import json
 from collections.abc import Mapping
@@ -25,7 +25,7 @@ NOT_MEASURED = (1, 2)
 
 @dataclass(frozen=True)
 class RangeScore:
-    """Measured ranges against truth; what was filled in counts as not measured.
+    """Errors of measured ranges, without filled-in ones.
 
     median_relative_error: |range - truth| / truth. bad_1_px, bad_2_px: fraction of measured pixels whose disparity is off by more.
     coverage: fraction of the pixels that both cameras see which were measured.
@@ -48,7 +48,7 @@ class FrameFiles:
 
 @dataclass(frozen=True)
 class FrameScore:
-    """One frame against truth. color, raw_color: the corrected and the raw image, over the same pixels."""
+    """Scores of one frame. color, raw_color: of the corrected and the raw image, over the same pixels."""
 
     name: str
     range: RangeScore
@@ -58,7 +58,7 @@ class FrameScore:
 
 @dataclass(frozen=True)
 class TruthReport:
-    """A run against truth. ``range``, ``color`` and ``raw_color`` are means over the frames; missing: frames with no result."""
+    """Scores of a run. range, color, raw_color: means over the frames. missing: names of frames without a result."""
 
     frames: tuple[FrameScore, ...]
     missing: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Plain white or light gray cards in a picture: even regions with four straight sides, brighter than everything beside them."""
+"""Finds plain white or light gray cards in an image: even regions with four straight sides, brighter than their surroundings."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,11 +12,12 @@ from stereo_seecolor.evaluation.flat_patches import Array, Floats, Levels, flat_
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import LUMINANCE, decode_srgb
 from stereo_seecolor.records import Image
+from stereo_seecolor.robust_statistics import deviation_about_zero
 
 
 @dataclass(frozen=True)
 class CardLimits:
-    """What a card looks like. Lengths without a unit are fractions of its side (the root of its area)."""
+    """Limits of a card. Lengths without a unit are fractions of its side (the square root of its area)."""
 
     area_px: tuple[int, int] = (60, 900)
     """Of its flat part, in a picture that is halved until it is so small: cards of 15 to 300 pixels."""
@@ -51,7 +52,7 @@ BLACK = 0.002
 
 
 def white_cards(image: Image) -> tuple[Array, ...]:
-    """(4, 2) corners, pixels, of each card in an image of 8 or 16 bits, (H, W, 3) RGB; nothing on its own says that it is white."""
+    """(4, 2) corners, pixels, of each possible card in an image of 8 or 16 bits, (H, W, 3) RGB; its true color is not known."""
     picture = np.asarray(eight_bit(image) / np.float32(255), np.float32)
     light = np.asarray(decode_srgb(picture) @ LUMINANCE, np.float32)
     found: list[Array] = []
@@ -91,7 +92,7 @@ def _quadrangles_of_size(picture: Levels) -> Iterator[Array]:
 
 
 def _outlined(light: Floats, corners: Array) -> Array | None:
-    """The corners moved onto the edges beside them; None where four sides are not to be seen, or meet in no card's shape."""
+    """The corners moved onto the edges next to them; None where four sides cannot be found, or do not have the shape of a card."""
     for reach in LIMITS.reach:
         if not _has_shape(corners, light.shape):
             return None
@@ -107,12 +108,12 @@ def _outlined(light: Floats, corners: Array) -> Array | None:
 
 
 def _sides(corners: Array) -> Iterator[tuple[Array, Array]]:
-    """Begin and end of each."""
+    """The two ends of each side."""
     return pairwise([*corners, corners[0]])
 
 
 def _has_shape(corners: Array, shape: tuple[int, ...]) -> bool:
-    """Whether it is nearly a parallelogram, not too narrow, and inside the picture."""
+    """Whether the outline is nearly a parallelogram, not too narrow, and inside the image."""
     sides = np.roll(corners, -1, axis=0) - corners
     length = np.hypot(*sides.T)
     if not np.isfinite(length).all() or length.min() < LIMITS.least_side_px or length.max() > LIMITS.most_stretch * length.min():
@@ -126,7 +127,7 @@ def _has_shape(corners: Array, shape: tuple[int, ...]) -> bool:
 
 
 def _side(light: Floats, start: Array, end: Array, reach_px: float) -> Array | None:
-    """(3,) the line a x + b y + c = 0 through the steepest place of each profile across a side; None where they do not agree."""
+    """(3,) the line a x + b y + c = 0 through the steepest point of each profile across a side; None where these do not agree."""
     along = end - start
     across = np.array([-along[1], along[0]]) / np.hypot(*along)
     offsets = np.arange(-max(reach_px, 2), max(reach_px, 2) + 0.25, 0.5)
@@ -143,7 +144,7 @@ def _side(light: Floats, start: Array, end: Array, reach_px: float) -> Array | N
 
 
 def _is_card(light: Floats, corners: Array) -> bool:
-    """Whether it is brighter than what lies beside it all along its four sides, and even inside."""
+    """Whether the region is brighter than its surroundings along all four sides, and even inside."""
     middle, offset_px = corners.mean(axis=0), np.clip(0.06 * _size(corners), 2, 6)
     for start, end in _sides(corners):
         across = np.array([-(end - start)[1], (end - start)[0]]) / np.hypot(*(end - start))
@@ -169,7 +170,7 @@ def _unevenness(light: Floats, corners: Array) -> float:
     values = cv2.GaussianBlur(light, (3, 3), 0.7)[y, x].astype(np.float64)
     plane = np.stack([x - x.mean(), y - y.mean(), np.ones(len(x))], axis=1)
     left = values - plane @ np.linalg.lstsq(plane, values, rcond=None)[0]
-    return float(1.4826 * np.median(np.abs(left)) / max(np.median(values), BLACK))
+    return deviation_about_zero(left) / max(float(np.median(values)), BLACK)
 
 
 def _sampled(light: Floats, points: Array) -> Floats:
@@ -185,7 +186,7 @@ def _size(corners: Array) -> float:
 
 
 def _distance(one: Array, other: Array) -> float:
-    """Between two middles, in sides of the larger one."""
+    """Distance between the middles of two cards, in sides of the larger one."""
     return float(np.hypot(*(one.mean(axis=0) - other.mean(axis=0))) / max(_size(one), _size(other)))
 
 

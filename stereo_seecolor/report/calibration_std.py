@@ -1,4 +1,4 @@
-"""The calibration's part of the standard errors of all measures of a run, where it is known from, and what the page says of it."""
+"""The part of the calibration in the standard errors of a run's measurements, its source, and the page's note on it."""
 
 import math
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from stereo_seecolor.run_folder.finished_run import FinishedRun
 
 @dataclass(frozen=True)
 class CalibrationStd:
-    """Standard errors of a length, relative.
+    """Relative standard errors of a length by the calibration.
 
-    known_from: the setting measuring.length_error; the calibration itself, as stated_by says; or an assumption. length: by that.
-    yaw: by the yaw that the run refined, at range_m; None where it did not, and where the setting says all.
+    known_from: "setting": measuring.length_error; "file": the calibration, as stated_by says; or "assumed". length: from that
+    source. yaw: by the refined yaw, at range_m; None where the run refined none, or the setting includes it.
     """
 
     known_from: Literal["setting", "file", "assumed"]
@@ -28,12 +28,12 @@ class CalibrationStd:
 
     @property
     def total(self) -> float:
-        """By both together."""
+        """Both together."""
         return math.hypot(self.length, self.yaw or 0.0)
 
 
 def calibration_std(run: FinishedRun) -> CalibrationStd:
-    """Of a run, at its median range; of a run whose rig cannot be read, an assumption."""
+    """The standard errors of a run, at its median range; assumed ones where its rig cannot be read."""
     if run.config.measuring.length_error is not None:
         return CalibrationStd("setting", run.config.measuring.length_error, None, None)
     try:
@@ -49,7 +49,9 @@ def calibration_std(run: FinishedRun) -> CalibrationStd:
 
 
 def _yaw(rig: StereoRig, range_m: float | None) -> float | None:
-    """Yaw shifts all disparities by focal length times it, and so ranges by range / baseline times it, relative."""
+    """The relative error by the refined yaw. Yaw shifts disparities by focal length times yaw, and so ranges by the fraction
+    range / baseline times yaw.
+    """
     if rig.refinement is None or range_m is None:
         return None
     std_rad = next((each.std for each in rig.refinement.movements if each.name == "yaw"), None)
@@ -57,7 +59,7 @@ def _yaw(rig: StereoRig, range_m: float | None) -> float | None:
 
 
 def calibration_note(known: CalibrationStd) -> str:
-    """How large it is, where it is known from, and what of it is the refined yaw."""
+    """Sentences on the size of the error, its source, and the part of the refined yaw."""
     sentences = [phrase("measure.calibration", percent=digits(100 * known.total, 2))]
     if known.yaw is not None and known.range_m is not None:
         sentences.append(phrase("measure.calibration_yaw", percent=digits(100 * known.yaw, 2), range=digits(known.range_m, 3)))

@@ -9,9 +9,9 @@ from stereo_seecolor.files.atomic import write_atomic
 from stereo_seecolor.report.templates import filled_in
 
 UNSTABLE = 0.2
-"""Fraction of the ground that may not fit before the page asks for a look at the maps: few reefs change so much."""
+"""Fraction of the ground that may not fit before the page warns: few reefs change so much."""
 BENT = 0.1
-"""Fraction of the cells beyond the level of detection, patches aside, that two unbent maps do not reach: 5 % is what it means."""
+"""Fraction of cells outside of patches beyond the level of detection, above which the page warns: 5 % are expected by chance."""
 
 
 def write_change_page(folder: Path, change: SiteChange, first: str, second: str) -> None:
@@ -25,7 +25,7 @@ def write_change_page(folder: Path, change: SiteChange, first: str, second: str)
 
 
 def _line(change: SiteChange) -> str:
-    """What changed, in one sentence."""
+    """The change in one sentence."""
     kinds = [patch.kind for patch in change.patches]
     if not kinds:
         return f"No change was found on {change.overlap_m2:.1f} m² that both surveys show."
@@ -44,7 +44,7 @@ def _count(patches: int) -> str:
 
 
 def _reasons(change: SiteChange) -> list[str]:
-    """Why to look twice."""
+    """Warnings: reasons to doubt the comparison."""
     found, reasons = change.difference, []
     outside = np.isfinite(found.dz_m) & (change.labels == 0)
     beyond = float((np.abs(found.dz_m) > found.lod_m)[outside].mean()) if outside.any() else 0.0
@@ -58,7 +58,7 @@ def _reasons(change: SiteChange) -> list[str]:
 
 
 def _evidence(change: SiteChange) -> list[tuple[str, str]]:
-    """What the numbers rest on."""
+    """(label, numbers) on the quality of the registration and the level of detection."""
     at, std_mm = change.registration, 1000 * np.sqrt(np.diag(change.registration.covariance))
     return [
         (

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 
 
 def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tuple[SeenChart, ...]]:
-    """The charts of each frame; takes some two seconds of processor time a frame of 1.4 megapixels, all cores together."""
+    """The charts of each frame, searched on all cores; two seconds of processor time for a frame of 1.4 megapixels."""
 
     def of(frame: FinishedFrame) -> tuple[SeenChart, ...]:
         try:
@@ -49,8 +49,10 @@ def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[SeenChart, ...]:
 
 
 def patch_colors(target: Target, image: NDArray[np.uint8]) -> tuple[list[str], float]:
-    """The mean color of each patch of a chart in (H, W, 3) after one exposure gain, as CSS, and the median CIEDE2000; patches that
-    are not seen are transparent and do not count."""
+    """The mean color of each patch of a chart in an image (H, W, 3), after one exposure gain, as CSS, and their median CIEDE2000.
+
+    Patches that are not seen are transparent and left out of the median.
+    """
     assert target.type is not None
     seen = np.array([patch.any() for patch in target.patches])
     if not seen.any():

@@ -1,4 +1,4 @@
-"""Color charts and views of the same spots as the page shows them, kept for later pages of the same frames."""
+"""Color charts and differences between views on the page, kept for later pages of the same frames."""
 
 import json
 from collections.abc import Sequence
@@ -17,9 +17,10 @@ FILE = f"{PAGE}/charts.json"
 
 @dataclass(frozen=True)
 class SeenChart:
-    """A chart in a frame. published, before, after: colors of its patches as CSS writes them, after one exposure gain.
+    """A chart in a frame. published, before, after: colors of its patches as CSS, after one exposure gain; published, and before
+    and after correction.
 
-    before_ciede2000, after_ciede2000: median over patches, None where the image from before is gone.
+    before_ciede2000, after_ciede2000: median over patches, None where the input image is missing.
     """
 
     frame: str
@@ -32,13 +33,13 @@ class SeenChart:
 
 
 def write_charts(folder: RunFolder, charts: Sequence[SeenChart], spread: "SpreadReport | None") -> None:
-    """Keep what was found for this page and later ones of the same corrected frames. Raises OutputError."""
+    """Keep the charts and the spread for pages of the same corrected frames. Raises OutputError."""
     content = plain({"charts": charts, "spread": spread})
     folder.dive.write(FILE, json.dumps(content).encode(), made_from=folder.dive.digest("corrected"))
 
 
 def kept_charts(folder: RunFolder) -> dict[str, Any]:
-    """What ``write_charts`` kept, if it is of the frames as they are now."""
+    """The content that ``write_charts`` kept; empty where it is of other corrected frames."""
     path = folder.root / FILE
     if not path.is_file() or folder.dive.record.made_from.get(FILE) != folder.dive.digest("corrected"):
         return {}

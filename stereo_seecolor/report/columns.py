@@ -1,4 +1,4 @@
-"""What is known of each frame, column by column, as the page's strip, filters and plots take it."""
+"""Columns of numbers, one value for each frame, for the page's strip, filters and plots."""
 
 import math
 from collections.abc import Iterable, Sequence
@@ -57,7 +57,7 @@ def _rounded(column: Iterable[float | None]) -> Column:
 
 
 def _water(facts: DiveFacts) -> dict[str, dict[str, Column]]:
-    """Each frame's own water at 1 m, and the standard error of its attenuation; nothing where all share one."""
+    """Each frame's water at 1 m, and the standard error of its attenuation; empty where all frames share one water."""
     if facts.water is not None or not facts.waters:
         return {}
     near = np.array(1.0)

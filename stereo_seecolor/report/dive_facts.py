@@ -1,4 +1,4 @@
-"""What is known of a run and its map, gathered for the page."""
+"""Facts of a run and its map for the page."""
 
 import math
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ from stereo_seecolor.run_folder.water_file import read_waters
 
 @dataclass(frozen=True)
 class RowFacts:
-    """What rows of frames.csv say of a dive, finished or under way. rows: in the dive's order."""
+    """Facts from the rows of frames.csv, of a finished dive or one under way. rows: in the dive's order."""
 
     rows: tuple[FrameRow, ...]
 
@@ -30,7 +30,7 @@ class RowFacts:
         return tuple(row for row in self.rows if row.status != "unpaired")
 
     def count(self, status: str) -> int:
-        """Rows of that status."""
+        """Number of rows of that status."""
         return sum(row.status == status for row in self.rows)
 
     def typical(self, fact: str) -> float | None:
@@ -46,7 +46,7 @@ class RowFacts:
 
 @dataclass(frozen=True)
 class DiveFacts(RowFacts):
-    """A run for the page. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None where none was made."""
+    """Facts of a finished run. rows: of frames.csv. waters: by frame name, empty where unknown. map, posed: None without a map."""
 
     run: FinishedRun
     waters: Mapping[str, Water]
@@ -55,7 +55,7 @@ class DiveFacts(RowFacts):
 
     @classmethod
     def of(cls, run: FinishedRun) -> "DiveFacts":
-        """Raises InputError if frames.csv or the map is gone or damaged."""
+        """Read the facts of a run. Raises InputError if frames.csv or the map is missing or damaged."""
         rows = read_frames(run.root / FRAMES_TABLE, list(run.totals["stage_seconds"]))
         made = open_map(run.root)
         return cls(rows, run, _waters(run), made, open_posed_run(run.root) if made else None)

@@ -1,4 +1,4 @@
-"""Six frames that stand for a dive: the extremes of what was measured."""
+"""Six example frames of a dive: the extremes of what was measured."""
 
 from collections.abc import Callable
 
@@ -9,7 +9,7 @@ COUNT = 6
 
 
 def example_frames(facts: DiveFacts) -> list[tuple[str, str]]:
-    """(frame, key of the text that says why), at most six: the extremes of what was measured, then frames spread over the dive."""
+    """(frame, key of the text with the reason), at most six: extremes of what was measured, then frames spread over the dive."""
     rows = [row for row in facts.pairs if row.status == "ok"]
     picks: dict[str, str] = {}
     if rows:

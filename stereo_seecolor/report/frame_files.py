@@ -1,4 +1,4 @@
-"""What the page shows of one frame: thumbnail, before, after, and its ranges to measure in."""
+"""The page's files of one frame: thumbnail, image before and after correction, and ranges to measure in."""
 
 import contextlib
 from collections.abc import Callable, Mapping
@@ -26,12 +26,12 @@ Files = dict[str, tuple[str, Content]]
 """Product -> path relative to OUT, content."""
 
 OVERLAY_STEP_PX = 2
-"""Confidence and mask are shown, not measured in: every second pixel of every second row."""
+"""Confidence and mask are only shown, so that every second pixel of every second row suffices."""
 
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """A frame of that name: its products, as the run wrote them, and what gives the pixels of one. read: raises InputError."""
+    """The pixels of a frame. products: by name. read: the array of a product; raises InputError."""
 
     name: str
     products: Mapping[str, object]
@@ -47,16 +47,16 @@ class FrameFiles:
 
     @classmethod
     def of(cls, run: FinishedRun) -> "FrameFiles":
-        """Without a rig, frames are shown without what they were before."""
+        """The maker of a run's files; without a readable rig, images before correction are left out."""
         try:
             return cls(run, Rectification.from_rig(run.rig))
         except (InputError, CalibrationError, OSError):
             return cls(run, None)
 
     def make(self, frame: FinishedFrame) -> Files:
-        """All that the page shows of a frame, without ``page/before`` where the input image is gone.
+        """The page's files of a frame, without ``page/before`` where the input image is missing.
 
-        Raises FrameError if one of the frame's files is gone or damaged.
+        Raises FrameError if one of the frame's files is missing or damaged.
         """
         try:
             contents = self._contents(frame)
@@ -71,7 +71,7 @@ class FrameFiles:
         return contents_of(Pixels(frame.name, frame.products, frame.read), before, self.run.geometry)
 
     def raw(self, frame: FinishedFrame) -> Image:
-        """(H, W, 3), rectified and upright. Raises InputError, CalibrationError."""
+        """(H, W, 3) the frame's left image, rectified and upright, uncorrected. Raises InputError, CalibrationError."""
         image = read_image(frame.left, self.run.config.input)
         if self.run.geometry is None:
             return image
@@ -82,9 +82,9 @@ class FrameFiles:
 
 
 def contents_of(frame: Pixels, before: Image | None, geometry: RectifiedPair | None) -> dict[str, bytes]:
-    """Product -> content of all that the page shows of a frame. before: the rectified image as the camera saw it, if known.
+    """Product -> content of the page's files of a frame. before: its rectified image, uncorrected; None where it is missing.
 
-    Raises InputError if one of the frame's files is gone or damaged.
+    Raises InputError if one of the frame's files is missing or damaged.
     """
     color = frame.read("corrected")
     files = {"page/thumbnails": preview(color, THUMBNAIL), "page/after": preview(color, SCREEN)}
@@ -120,10 +120,10 @@ def _std_m(frame: Pixels, range_m: Map, geometry: RectifiedPair) -> Map:
 
 
 def raw_is_there(frame: FinishedFrame) -> bool:
-    """True if the frame's input image still lies where it was."""
+    """True if the frame's input image is still where the run read it."""
     return frame.left != Path() and is_there(frame.left)
 
 
 def _rounded(confidence: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Confidence in 16 steps, which deflate well; only what is unknown becomes 0."""
+    """Confidence in 16 steps, which compress well; only unknown pixels become 0."""
     return np.where(confidence > 0, np.maximum(confidence & 0xF0, 16), 0).astype(np.uint8)

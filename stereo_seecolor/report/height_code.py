@@ -1,4 +1,4 @@
-"""Heights of a map's terrain as the page holds them: whole steps of a twentieth of a millimeter, in 16 bits, tile by tile.
+"""Heights of a map's terrain for the page: tiles of 16-bit numbers in steps of a twentieth of a millimeter.
 
 Codes are predicted from their neighbors, as those of ranges are (predicted_codes.py), and deflated.
 """
@@ -19,7 +19,7 @@ from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun
 
 @dataclass(frozen=True)
 class HeightCode:
-    """How heights become whole numbers."""
+    """Settings of the code."""
 
     step_m: float = 5e-5  # an error of 0.025 mm; 3.2 m of relief in a tile, and coarser steps where there is more
     tile_px: int = 512  # as the tiles of the mosaic
@@ -30,7 +30,7 @@ CODE = HeightCode()
 
 
 def coded_heights(heights_m: Map) -> dict[str, Any]:
-    """A tile (H, W) as a script carries it, NaN where unknown; its lowest height and its step in meters are in it."""
+    """The content of a script with a tile (H, W) of heights, NaN where unknown; it includes the lowest height and the step."""
     known = np.isfinite(heights_m)
     low_m, high_m = (float(np.nanmin(heights_m)), float(np.nanmax(heights_m))) if known.any() else (0.0, 0.0)
     step_m = max(CODE.step_m, (high_m - low_m) / 65535)
@@ -46,7 +46,7 @@ def coded_heights(heights_m: Map) -> dict[str, Any]:
 
 
 def height_tiles(width: int, height: int, read: Callable[[tuple[int, int, int, int]], Map]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """(COLUMN_ROW, content) of all tiles that hold a height. read: (left, top, width, height) -> heights, NaN where unknown."""
+    """(COLUMN_ROW, content) of all tiles with a known height. read: (left, top, width, height) -> heights, NaN where unknown."""
     for top in range(0, height, CODE.tile_px):
         for left in range(0, width, CODE.tile_px):
             heights_m = read((left, top, min(CODE.tile_px, width - left), min(CODE.tile_px, height - top)))
@@ -55,9 +55,9 @@ def height_tiles(width: int, height: int, read: Callable[[tuple[int, int, int, i
 
 
 def height_std_m(run: FinishedRun) -> float:
-    """The standard error of a height of the map, meters: that of a typical range of the dive, as if one frame had measured it.
+    """The standard error of a height of the map, meters: that of a typical range in one frame of the dive.
 
-    Fusing several frames makes noise less; that they are not placed exactly makes it more. NaN where no frame can be read.
+    Fusing several frames lowers it, and errors of their poses raise it. NaN where no frame can be read.
     """
     frames = run.frames[:: max(1, len(run.frames) // CODE.sampled_frames)]
     known = [value for value in (_typical_std_m(run, frame) for frame in frames) if np.isfinite(value)]

@@ -1,4 +1,4 @@
-"""OUT/index.html while a run is at work: how far it is, what is wrong so far, and its latest pair."""
+"""OUT/index.html while a run works: its progress, problems so far, and its latest pair."""
 
 import base64
 import time
@@ -25,7 +25,7 @@ from stereo_seecolor.run_folder.layout import INDEX, PAGE
 
 ASSETS = ("page.css", "live.js")
 MADE_LIVE = "live"
-"""What the manifest says that the page was made from: the page of a finished run always takes its place."""
+"""Source of the page in the manifest: a finished run always replaces it."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ PACE = LivePace()
 
 @dataclass(eq=False)
 class LivePage:
-    """Hears of every pair of a pass, as a listener does, and writes the page now and then. dive: what to call the dive."""
+    """A listener that writes the page every few seconds. dive: the name of the dive."""
 
     folder: RunFolder
     dive: str
@@ -62,7 +62,7 @@ class LivePage:
         self._next_s = 0.0  # the first pair is shown at once
 
     def advance(self, row: FrameRow) -> None:
-        """One more pair is through the pass. Raises OutputError."""
+        """Count a finished pair; write the page if it is time. Raises OutputError."""
         self._table.add(row)
         self._done += 1
         if time.monotonic() >= self._next_s:
@@ -106,7 +106,7 @@ class LivePage:
         return [Fact(phrase(key), value) for key, value in values.items() if value]
 
     def _pictures(self, row: FrameRow) -> list[tuple[str, str]]:
-        """(label, picture as an address) of what there is of a pair; what cannot be read is left out."""
+        """(label, data address) of the images that a pair has so far; images that cannot be read are left out."""
         made: list[tuple[str, str]] = []
         record = self.folder.manifest.frame(row.name)
         current = [stage for stage in record.stages if self.folder.dive.record.is_current(record, stage)] if record else []
@@ -126,5 +126,5 @@ class LivePage:
 
 
 def _address(pixels: NDArray[Any]) -> str:
-    """A picture inside the page: the file is whole, or it is not there."""
+    """A data address, which holds an image within the page, so that page and image are always written together."""
     return f"data:image/jpeg;base64,{base64.b64encode(preview(pixels, LIVE)).decode('ascii')}"

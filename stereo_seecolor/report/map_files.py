@@ -1,4 +1,4 @@
-"""What the page shows of a map: its mesh, its orthomosaic and its terrain; made again only after another fusion."""
+"""The page's files of a map: mesh, orthomosaic and terrain; made again only after another fusion."""
 
 import csv
 from collections.abc import Iterator
@@ -29,10 +29,10 @@ Files = Iterator[tuple[str, bytes]]
 
 
 def write_map_files(folder: RunFolder, facts: DiveFacts, with_raw: bool) -> None:
-    """Write OUT/page/map; what an earlier page held of another map, or of one that is gone, is deleted. Raises OutputError.
+    """Write OUT/page/map, and delete an earlier page's files of another map. Raises OutputError.
 
-    with_raw: also in the colors that the camera saw, where frames have their pictures from before: painted again once more of them
-    have. What an earlier page has of them is kept.
+    with_raw: also write the map in uncorrected colors, from frames whose image before correction is on the page; it is made again
+    when more of them are. Without it, such files of an earlier page are kept.
     """
     made = facts.map
     key = content_key(FORMAT, False, *_stamps(made)) if made else ""
@@ -68,7 +68,7 @@ class _MapFiles:
         return cls(made, height_std_m(facts.run), terrain, raw)
 
     def contents(self, key: str) -> Files:
-        """(path in page/map, content) of all files; map.js, which says what there is, comes last. key: tells maps apart."""
+        """(path in page/map, content) of all files; map.js, which lists them, comes last. key: identifies the map."""
         about: dict[str, Any] = {
             "id": key[:16],
             "pieces": {},
@@ -118,7 +118,7 @@ def _name(level: int, place: Place) -> str:
 
 
 def _finer(about: dict[str, Any], level: int, place: Place) -> list[str]:
-    """The pieces of the level before that show the same."""
+    """Names of the pieces of the next finer level that cover the same area."""
     around = [_name(level - 1, (2 * place[0] + i, 2 * place[1] + k)) for i in (0, 1) for k in (0, 1)]
     return [name for name in around if name in about]
 

@@ -1,4 +1,4 @@
-"""The map's mesh as the page draws it: coarse as a whole, fine in tiles; packed into scripts."""
+"""The map's mesh for the page: coarse as a whole, fine in tiles; packed into scripts."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ Place = tuple[int, int]
 
 @dataclass(frozen=True)
 class MeshSizes:
-    """How much a browser is given at once."""
+    """Sizes of tiles and steps of the packed numbers."""
 
     first_triangles: int = 100_000  # of the coarsest level: 0.7 MB, drawn at once by any computer
     tile_triangles: int = 150_000  # loaded in a tenth of a second
@@ -43,9 +43,9 @@ class Piece:
         return Piece(self.points_m[used], self.colors[used], triangles.reshape(-1, 3))
 
     def clustered(self, cell_m: float, low: NDArray[np.float32] | None = None) -> "Piece":
-        """Coarser: the vertices in each cube of that edge become one, at their mean (Rossignac and Borrel 1993).
+        """A coarser piece: the vertices in each cube of that edge are replaced by their mean (Rossignac and Borrel 1993).
 
-        low: (2,) x and y of a corner of cubes, so that those of a coarser level hold whole ones of a finer.
+        low: (2,) x and y of a corner of cubes, so that cubes of a coarser level contain whole cubes of a finer one.
         """
         corner = self.points_m.min(axis=0)
         if low is not None:
@@ -62,7 +62,7 @@ class Piece:
         return Piece(means[:, :3].astype(np.float32), np.rint(means[:, 3:]).astype(np.uint8), triangles)
 
     def in_strips(self, strip_m: float) -> "Piece":
-        """The same, triangles in the order of strips across the map, and vertices in the order in which triangles use them."""
+        """The piece with triangles ordered by strips across the map, and vertices in the order in which triangles use them."""
         centers = self.points_m[self.triangles, :2].mean(axis=1)
         strips = np.floor(centers[:, 1] / strip_m).astype(np.int64)
         walked = self._of_vertices(*_by_first_use(self.triangles[np.lexsort((centers[:, 0], strips))]))
@@ -72,7 +72,7 @@ class Piece:
         return Piece(self.points_m[vertices], self.colors[vertices], triangles)
 
     def packed(self, step_m: float) -> dict[str, Any]:
-        """As the page takes it: positions in whole steps, as differences from vertex to vertex; how far back each index lies."""
+        """The piece as the page reads it: differences of positions between vertices, in steps; indices relative to the newest."""
         low = self.points_m.min(axis=0).astype(np.float64)
         positions = np.rint((self.points_m - low) / step_m).astype(np.int64)
         indices = self.triangles.ravel()
@@ -89,7 +89,7 @@ class Piece:
 
 
 def packed_colors(colors: NDArray[np.uint8]) -> str:
-    """Colors (N, 3) as the page takes them, in steps."""
+    """Colors (N, 3) as the page reads them, in steps."""
     steps = (colors // SIZES.color_step) * SIZES.color_step + SIZES.color_step // 2
     return text(deflated(np.diff(steps.T.astype(np.uint8), axis=1, prepend=np.uint8(0)), "small"))
 
@@ -104,7 +104,7 @@ def _by_first_use(triangles: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDAr
 
 
 def _newest_first(triangles: NDArray[np.int64]) -> NDArray[np.int64]:
-    """The same triangles, turned so that each begins at its highest vertex: neighbors then look alike, and deflate better."""
+    """The triangles, each starting at its highest vertex: neighbors are then similar, and compress better."""
     corners = (np.arange(3) + triangles.argmax(axis=1)[:, None]) % 3
     return np.take_along_axis(triangles, corners, axis=1)
 
@@ -119,7 +119,7 @@ def _bytes(numbers: NDArray[np.uint64], count: int) -> NDArray[np.uint8]:
 
 
 def read_mesh(path: Path) -> Piece:
-    """A map's mesh.ply."""
+    """Read a map's mesh.ply."""
     vertices, faces = read_vertices(path), read_triangles(path)
     return Piece(vertices["position"].astype(np.float32), vertices["color"].copy(), faces["indices"].astype(np.int64))
 

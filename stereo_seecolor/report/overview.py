@@ -1,4 +1,4 @@
-"""What the overview says of the dive: facts, methods, settings, citations, as the template takes them."""
+"""The page's overview of the dive: facts, methods, settings and citations, as values of the template."""
 
 import json
 import math
@@ -13,13 +13,13 @@ from stereo_seecolor.report.dive_facts import DiveFacts
 from stereo_seecolor.report.texts import digits, duration, length, phrase
 
 NAMED_FRAMES = 8
-"""Frames of a warning that are named before the rest is counted: a line on a screen."""
+"""Frames of a warning that are named; the others are counted. So many fill a line on a screen."""
 CHANNELS = ("red", "green", "blue")
 
 
 @dataclass(frozen=True)
 class Fact:
-    """A number of the dive and what it is."""
+    """A number of the dive, with its label."""
 
     label: str
     value: str
@@ -45,7 +45,7 @@ def dive_facts(facts: DiveFacts) -> list[Fact]:
 
 
 def _halving(facts: DiveFacts) -> list[Fact]:
-    """Over how much water light of each color halves, at the reef's distance."""
+    """The distance over which light of each channel halves, at the median range."""
     range_m = facts.typical("median_range_m")
     if facts.water is None or range_m is None:
         return []
@@ -125,7 +125,7 @@ def _methods_of_map(facts: DiveFacts) -> list[str]:
 
 
 def citations(facts: DiveFacts) -> list[str]:
-    """What to cite."""
+    """The works to cite."""
     return [phrase("cite.program", version=facts.run.version), phrase("cite.deepseecolor"), phrase("cite.seathru")]
 
 

@@ -45,10 +45,11 @@ class PageSummary:
 
 
 def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progress) -> PageSummary:
-    """Write OUT/index.html and OUT/page; of frames that an earlier page shows already, nothing is read.
+    """Write OUT/index.html and OUT/page. Frames that an earlier page shows are not read again.
 
-    brief: of a dive of many frames only some are shown with all that can be seen of them, so that a run takes hardly longer.
-    Raises OutputError; InputError if what the page is made of is gone or damaged. A frame that is, is named and left out.
+    brief: show only some frames of a long dive in full, so that a run takes hardly longer.
+    Raises OutputError; InputError if files that the page is made from are missing or damaged. A frame whose files are, is named in
+    the summary and left out.
     """
     facts = DiveFacts.of(run)
     settings = content_key(FORMAT)
@@ -71,21 +72,21 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
 
 
 def _spread(facts: DiveFacts) -> set[str]:
-    """The frames that a brief page shows whole: the examples, and others spread over the dive."""
+    """The frames that a brief page shows in full: the examples, and others spread over the dive."""
     names = [frame.name for frame in facts.run.frames]
     return {name for name, _ in example_frames(facts)} | set(spread(names))
 
 
 @dataclass(frozen=True, eq=False)
 class _FrameMaker:
-    """Makes what the page shows of a frame, or finds it made. whole: names of the frames to make."""
+    """Makes the page's files of a frame, unless they exist. whole: names of the frames to show in full."""
 
     folder: RunFolder
     files: FrameFiles
     whole: frozenset[str]
 
     def of(self, frame: FinishedFrame) -> FrameRecord | FrameError | None:
-        """The frame's record; an error that says why it is not shown; None where only its corrected image is."""
+        """The frame's record; a FrameError where it cannot be shown; None where only its corrected image is shown."""
         record = self.folder.manifest.frame(frame.name)
         if record is None or "corrected" not in record.stages:
             return None
@@ -108,7 +109,7 @@ Shown = dict[str, tuple[str, ...]]
 
 
 def _data(facts: DiveFacts, shown: Shown) -> dict[str, Any]:
-    """What the page's program needs to know of the dive."""
+    """The data of the dive for the page's program."""
     run, known = facts.run, calibration_std(facts.run)
     return {
         "format": FORMAT,
@@ -135,7 +136,7 @@ def _poses(facts: DiveFacts) -> dict[str, list[float]]:
 
 
 def _shelves(run: FinishedRun) -> dict[str, str]:
-    """Frame -> the folder in OUT/corrected that holds it, of a dive that has so many frames that they have one."""
+    """Frame -> its folder in OUT/corrected, in a dive with so many frames that they are divided among folders."""
     folders = {frame.name: frame.products["corrected"].parent.name for frame in run.frames if "corrected" in frame.products}
     return {name: folder for name, folder in folders.items() if folder != "corrected"}
 
@@ -145,7 +146,7 @@ def _suffix(run: FinishedRun) -> str:
 
 
 def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
-    """The page itself, with the overview in it. found: charts and spread, where they were looked for."""
+    """The content of index.html, with the overview. found: charts and spread, empty where they were not searched for."""
     run = facts.run
     return filled_in(
         "index.html.j2",
@@ -170,5 +171,5 @@ def render(facts: DiveFacts, shown: Shown, found: Mapping[str, Any]) -> bytes:
 
 
 def dive_name(inputs: Mapping[str, str], root: Path) -> str:
-    """What to call the dive: the folder that its left and right images lie in, else OUT."""
+    """The name of the dive: that of the folder that holds its left images' folder, else that of OUT."""
     return Path(inputs.get("left", "")).parent.name or root.resolve().name

@@ -1,7 +1,7 @@
-"""Whole numbers of a picture as the page holds them, each predicted from left + upper - upper left: two planes of bytes of errors.
+"""Prediction of whole numbers on a pixel grid, for the page: errors of left + upper - upper left, as two planes of bytes.
 
-What is unknown repeats its left neighbor, and a mask of its own says so. The page undoes this with sums along columns and rows
-(web/src/codes.ts).
+Unknown pixels repeat their left neighbor, and are marked in a mask of their own. The page decodes the numbers by sums along columns
+and rows (web/src/codes.ts).
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.compute.compiled import compiled
 
 UNKNOWN = -1
-"""A code that is not known."""
+"""The code of an unknown pixel."""
 
 
 def predicted(codes: NDArray[np.int32]) -> NDArray[np.uint8]:

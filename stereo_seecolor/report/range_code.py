@@ -1,7 +1,7 @@
-"""Range maps as the page holds them: whole numbers of 16 bits, packed into text that a script can carry.
+"""Range maps for the page: 16-bit numbers, compressed and packed into text of a script.
 
-A range is stored as code = 1 / (range step), a whole number: its error grows with the square of the range, as that of stereo does.
-Codes are predicted from their neighbors (predicted_codes.py), and deflated.
+A range is stored as code = 1 / (range step), rounded: its error grows with the square of the range, as that of stereo does. Codes
+are predicted from their neighbors (predicted_codes.py), and deflated.
 """
 
 import base64
@@ -20,7 +20,7 @@ from stereo_seecolor.report.predicted_codes import UNKNOWN, predicted
 
 @dataclass(frozen=True)
 class RangeCode:
-    """How ranges become whole numbers."""
+    """Settings of the code."""
 
     step_per_m: float = 1.9e-4  # half a step is 0.095 mm at 1 m, a tenth of a range's standard error
     std_floor_m: float = 1e-5  # no stereo measures better
@@ -35,7 +35,9 @@ STRIP = 64 * CODE.std_block_px
 
 @dataclass(frozen=True, eq=False)
 class CodedRanges:
-    """step_per_m: of the codes. planes: (2, H, W) uint8, low and high bytes of the prediction's errors. known: (H, W) bool."""
+    """A coded range map. step_per_m: of the codes. planes: (2, H, W) uint8, low and high bytes of the prediction's errors.
+    known: (H, W) bool.
+    """
 
     step_per_m: float
     planes: NDArray[np.uint8]
@@ -43,7 +45,7 @@ class CodedRanges:
 
     @classmethod
     def of(cls, range_m: Map) -> "CodedRanges":
-        """The codes of ranges (H, W), NaN where unknown; with a coarser step where the nearest range needs it."""
+        """Code ranges (H, W), NaN where unknown; the step is coarser if the nearest range requires it."""
         known = range_m > 0
         nearest_m = float(np.min(range_m, where=known, initial=np.inf))
         step = max(CODE.step_per_m, 1 / (65535 * nearest_m))
@@ -52,7 +54,7 @@ class CodedRanges:
         return cls(step, predicted(codes), known)
 
     def range_m(self) -> Map:
-        """The ranges again, NaN where unknown; the page's program does the same."""
+        """The decoded ranges, NaN where unknown, as the page's program decodes them."""
         folded = self.planes[0] | (self.planes[1].astype(np.uint16) << 8)
         errors = (folded >> 1) ^ -(folded & 1)
         codes = errors.cumsum(axis=1, dtype=np.uint16).cumsum(axis=0, dtype=np.uint16)
@@ -86,7 +88,7 @@ def std_from_codes(codes: NDArray[np.uint8]) -> Map:
 
 
 def std_blocks(range_std_m: Map) -> Map:
-    """The median of the known ones of each block of 4x4 pixels, the lower of two, NaN where there is none."""
+    """The median of the known values of each block of 4x4 pixels (the lower of two middle ones); NaN where there is none."""
     strips = range(0, len(range_std_m), STRIP)
     return np.concatenate([_medians(range_std_m[first : first + STRIP]) for first in strips])
 
@@ -131,5 +133,5 @@ def deflated(values: NDArray[Any], compression: Compression = "fast") -> bytes:
 
 
 def text(content: bytes) -> str:
-    """Bytes as a script carries them."""
+    """Bytes as base64, for a script."""
     return base64.b64encode(content).decode("ascii")

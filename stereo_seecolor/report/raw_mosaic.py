@@ -1,7 +1,7 @@
-"""The reef from above in the colors that the camera saw, from the page's own pictures from before correction.
+"""The map in uncorrected colors, from the page's images before correction.
 
-Each cell of the terrain takes its color from the frame that looks down on it most steeply, of those whose range maps say that they
-see it. Unlike the orthomosaic nothing is blended: it is there to compare with, and costs a quarter of its pixels.
+Each cell of the terrain takes its color from the frame that looks down on it most steeply, of those whose range maps confirm that
+they see it. Nothing is blended, unlike in the orthomosaic: it serves for comparison, and has a quarter of its pixels.
 """
 
 import tempfile
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RawLimits:
-    """How views are chosen, as for the orthomosaic."""
+    """Limits for the choice of views, as for the orthomosaic."""
 
     tile_px: int = 512  # painted at a time
     views: int = 24  # nearest to a tile's middle: more never win
@@ -38,14 +38,16 @@ LIMITS = RawLimits()
 
 @dataclass(frozen=True, eq=False)
 class RawMosaic:
-    """rgba: (H, W, 4) uint8 on the terrain's cells, alpha 0 where no frame sees the cell; lies in a file that has no name."""
+    """The map in uncorrected colors. rgba: (H, W, 4) uint8 on the terrain's cells, alpha 0 where no frame sees the cell; in an
+    unnamed temporary file.
+    """
 
     rgba: NDArray[np.uint8]
     terrain: Terrain
 
     @classmethod
     def paint(cls, posed: PosedRun, terrain: Terrain) -> "RawMosaic | None":
-        """None where no frame in the map has its picture from before correction."""
+        """Paint the map; None where the page has no frame's image before correction."""
         views = _Views(posed)
         if not views.names:
             return None
@@ -61,13 +63,13 @@ class RawMosaic:
         return cls(rgba, terrain)
 
     def read(self, box: Box, size: tuple[int, int]) -> NDArray[np.uint8]:
-        """A box at a size, as ``pyramid`` asks for it."""
+        """A box resized to ``size``, for ``pyramid``."""
         left, top, width, height = box
         part = self.rgba[top : top + height, left : left + width]
         return np.asarray(cv2.resize(np.ascontiguousarray(part), size, interpolation=cv2.INTER_AREA), np.uint8)
 
     def colors_of(self, piece: Piece, offset_m: list[float]) -> str:
-        """The colors of a piece's vertices from above, packed as those of the piece itself; gray where no frame saw them."""
+        """The colors of a piece's vertices, packed like those of the piece; gray where no frame sees them."""
         about = self.terrain.about
         x = (piece.points_m[:, 0] + offset_m[0] - about["west_m"]) / about["pixel_m"]
         y = (about["north_m"] - piece.points_m[:, 1] - offset_m[1]) / about["pixel_m"]
@@ -78,7 +80,7 @@ class RawMosaic:
 
 
 def painted_from(posed: PosedRun) -> list[str]:
-    """The frames of a map that the page has from before correction."""
+    """Names of the map's frames whose image before correction is on the page."""
     return [frame.name for frame in posed.frames if (posed.run.root / page_path("page/before", frame.name)).is_file()]
 
 
@@ -92,7 +94,7 @@ def _points(terrain: Terrain, box: Box, offset_m: Floats) -> Floats:
 
 
 class _Views:
-    """The frames of a map whose pictures from before correction the page has."""
+    """The frames of a map whose image before correction is on the page."""
 
     def __init__(self, posed: PosedRun) -> None:
         self._posed, self._geometry = posed, posed.geometry
@@ -135,7 +137,7 @@ class _Views:
         return painted
 
     def _cost(self, points_m: Floats, number: int) -> tuple[Floats, Floats, Floats]:
-        """The tangent of the angle from the vertical, infinite where a cell is not in the picture; and where in it, pixels."""
+        """Tangent of each cell's viewing angle from the vertical, infinite outside of the image; and its pixel u, v."""
         g, T = self._geometry, self._posed.T_map_camera[number]
         local = (points_m - T[:3, 3]) @ T[:3, :3]
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -149,7 +151,7 @@ class _Views:
 
 
 def _is_seen(points_m: Floats, T_map_camera: Floats, range_m: NDArray[Any], u: Floats, v: Floats) -> NDArray[np.bool_]:
-    """False where a frame's own range says that it sees something else there."""
+    """False where a frame's measured range differs from that of a cell, so that it sees something else there."""
     distance = np.linalg.norm(points_m - T_map_camera[:3, 3], axis=-1)
     measured = range_m[np.rint(v).astype(int), np.rint(u).astype(int)]
     with np.errstate(invalid="ignore"):

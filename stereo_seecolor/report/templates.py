@@ -1,4 +1,4 @@
-"""Templates of pages: everything that is filled in is escaped. And their data as scripts."""
+"""Fills templates of pages, with values escaped, and writes their data as scripts."""
 
 import json
 from typing import Any
@@ -10,7 +10,7 @@ from stereo_seecolor.report.texts import STATIC
 
 
 def filled_in(name: str, **values: Any) -> bytes:
-    """A template of static/ with values; one that is missing raises."""
+    """A template of static/, filled in with values. Raises jinja2's UndefinedError for a missing value."""
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["path"] = _path
     template = environment.from_string((STATIC / name).read_text(encoding="utf-8"))

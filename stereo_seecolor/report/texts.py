@@ -1,4 +1,4 @@
-"""All words of the page, from one file, so that it can be translated; and numbers as a person reads them."""
+"""The texts of the page, from one file, so that it can be translated; and numbers as text."""
 
 import json
 from functools import cache
@@ -21,13 +21,13 @@ def phrase(key: str, **values: Any) -> str:
 
 
 def digits(value: float, count: int = 3) -> str:
-    """With that many significant digits, never in powers of ten."""
+    """A number with ``count`` significant digits, never in powers of ten."""
     text = f"{value:.{count}g}"
     return f"{value:.0f}" if "e" in text and abs(value) >= 1 else f"{value:.6f}".rstrip("0") if "e" in text else text
 
 
 def duration(seconds: float) -> str:
-    """In seconds, minutes or hours."""
+    """A duration in seconds, minutes or hours."""
     if seconds < 120:
         return phrase("unit.s", value=digits(seconds))
     if seconds < 7200:
@@ -36,7 +36,7 @@ def duration(seconds: float) -> str:
 
 
 def length(meters: float) -> str:
-    """In millimeters, centimeters or meters."""
+    """A length in millimeters, centimeters or meters."""
     if meters < 0.02:
         return phrase("unit.mm", value=digits(1000 * meters))
     if meters < 1:

@@ -1,4 +1,4 @@
-"""Is the dive good, in plain words: what a person should look at before using the results."""
+"""The page's verdict on a dive: whether it is good, and what to examine before using the results."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from stereo_seecolor.report.texts import phrase
 
 @dataclass(frozen=True)
 class VerdictLimits:
-    """When the page says: look at this."""
+    """Limits beyond which the page tells the user to examine the results."""
 
     warned_fraction: float = 0.1  # single frames of a good dive have warnings: turbid water, a fish before the lens
     coverage: float = 0.6  # a textured reef is measured to 80-95 %; sand or blur leave less
@@ -21,7 +21,7 @@ LIMITS = VerdictLimits()
 
 @dataclass(frozen=True)
 class Verdict:
-    """good: nothing needs a look. line: the verdict in a sentence. reasons: what to look at, a sentence each."""
+    """A verdict. good: nothing needs to be examined. line: the verdict in a sentence. reasons: what to examine, a sentence each."""
 
     good: bool
     line: str
@@ -29,13 +29,13 @@ class Verdict:
 
 
 def judge_so_far(facts: RowFacts) -> Verdict:
-    """The verdict on the pairs that a run came to."""
+    """The verdict on the pairs that a run has processed so far."""
     reasons = (*_of_pairs(facts), *_of_pixels(facts))
     return Verdict(not reasons, phrase("verdict.look_so_far" if reasons else "verdict.good_so_far"), reasons)
 
 
 def judge(facts: DiveFacts) -> Verdict:
-    """The verdict on a run."""
+    """The verdict on a finished run."""
     reasons = (*_of_pairs(facts), *_of_pixels(facts), *_of_map(facts))
     if not facts.run.frames:
         return Verdict(False, phrase("verdict.nothing"), reasons)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.photometry.banded import solve_banded
 from stereo_seecolor.color.photometry.light_model import SHADING, shading_terms
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, Deviations, shading_deviations
-from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
+from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 OWN = 1 + SHADING
@@ -108,7 +108,7 @@ def _solved(parts: Parts, output: int, frames: int, gain: float, about: Deviatio
     least = patches / (patches + SETTINGS.half)
     for _ in range(SETTINGS.rounds):
         off = value[:, output] - _explained(parts, own)
-        scale = max(ROBUST_DEVIATION * float(np.median(np.abs(off))), SETTINGS.floor)
+        scale = max(deviation_about_zero(off), SETTINGS.floor)
         weight = least / (scale**2 + (off / SETTINGS.outlier) ** 2)
         own = solve_banded(*_equations(parts, value[:, output], weight, prior, frames)).reshape(frames, OWN)
     return own[:, 1:]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.light_solver import Solution, Use, Window, explained, pattern_error, solve
-from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
+from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: So
     of_pairs = np.split(difference[np.argsort(pair, kind="stable")], np.cumsum(number)[:-1])
     squares = [float((np.median(several, axis=0) ** 2).mean()) for several in of_pairs]
     size = np.sqrt(((difference - np.median(difference, axis=0)) ** 2).mean(axis=1))
-    return Spread(ROBUST_DEVIATION * float(np.median(size)), float(np.sqrt(np.average(squares, weights=number))))
+    return Spread(deviation_about_zero(size), float(np.sqrt(np.average(squares, weights=number))))
 
 
 def _worth(new: Spread, old: Spread) -> bool:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from stereo_seecolor.color.photometry.light_model import MEAN_SQUARES, PATTERN, SHADING, SHAPE, TERMS, pattern_terms
 from stereo_seecolor.color.photometry.light_prior import LightPrior
 from stereo_seecolor.color.photometry.sightings import Sightings
-from stereo_seecolor.robust_statistics import ROBUST_DEVIATION
+from stereo_seecolor.robust_statistics import deviation_about_zero
 
 Array = NDArray[np.float64]
 
@@ -139,7 +139,8 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
         pulled = slope + trust * (known.precision @ known.mean)[:, None]
         found = np.asarray(np.linalg.solve(matrix + trust * known.precision, pulled), np.float64)
         off = [part.off(found, weight) for part, weight in zip(parts, weights, strict=True)]
-        scale = max(_robust_deviation(np.concatenate(off)), SETTINGS.least_scale)
+        residuals = np.concatenate(off)
+        scale = max(deviation_about_zero(residuals) if residuals.size else 0.0, SETTINGS.least_scale)
         weights = [1.0 / (1.0 + (distance / (SETTINGS.outlier * scale)) ** 2) for distance in off]
         trust = prior.alike * max(scale, prior.systematic) ** 2
     squares = sum(float((weight * distance**2).sum()) for weight, distance in zip(weights, off, strict=True))
@@ -237,8 +238,3 @@ def _design(window: Window, columns: NDArray[np.bool_], of_frame: int) -> tuple[
     own[np.arange(len(design)), index] = np.concatenate([ones, window.terms[:, :SHADING]], axis=1)[:, :of_frame]
     at = number + (seen_by[:, None] * of_frame + np.arange(of_frame)).ravel()
     return np.concatenate([design, own.reshape(len(design), -1)], axis=1), np.concatenate([np.arange(number), at])
-
-
-def _robust_deviation(values: Array) -> float:
-    """Robust standard deviation of errors, from their absolute values; 0 for none."""
-    return ROBUST_DEVIATION * float(np.median(values)) if values.size else 0.0
