@@ -1,4 +1,4 @@
-"""Candidates for loop closure, by the estimated positions of frames; by their appearance: ``place_recognition``.
+"""Candidates for loop closure by the estimated positions of frames, and the check of loops; by appearance: ``place_recognition``.
 
 All pairs here are of positions on the track (FrameIndex.rank), smaller first.
 """
@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from stereo_seecolor.geometry import inverse
+from stereo_seecolor.mapping.track.relative_pose import Edge
+
 Pairs = list[tuple[int, int]]
 
 
@@ -20,13 +23,15 @@ class LoopSettings:
     neighbors: int = 5  # candidates a frame, the nearest ones that overlap
     overlap: float = 0.8  # of the sum of two frames' median radii: nearer centers see common ground
     max_tries: int = 1500  # pairs of frames of different components, some minutes' work
+    drift_fraction: float = 0.05  # of the path: the most that a track may drift, several times what it does (docs/mapping.md)
+    drift_m: float = 0.5  # and so many meters, for short paths
 
 
 SETTINGS = LoopSettings()
 
 
 def by_overlap(points_m: Iterable[tuple[int, NDArray[np.float64]]], window: int) -> Pairs:
-    """Pairs more than ``window`` apart whose points overlap: the nearest few of each.
+    """Find pairs of frames more than ``window`` apart whose points overlap: the nearest few of each frame.
 
     points_m: of each frame its rank and its points (n, 3) in the world.
     """
@@ -50,7 +55,7 @@ def _footprint(points_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], floa
 
 
 def between_components(components: NDArray[np.int64]) -> Pairs:
-    """Pairs of different components (N,), -1 for none, thinned out evenly where there are too many to try."""
+    """List pairs of frames of different components (N,), -1 for none, thinned out evenly where there are too many to try."""
     placed = np.flatnonzero(components >= 0)
     labels = components[placed]
     own = np.zeros(len(placed), np.int64)
@@ -66,3 +71,22 @@ def between_components(components: NDArray[np.int64]) -> Pairs:
         others = np.flatnonzero(labels[k + 1 :] != labels[k]) + k + 1
         pairs.append((int(placed[k]), int(placed[others[number - (ends[k] - partners[k])]])))
     return pairs
+
+
+def lengths_m(T_world_camera: NDArray[np.float64], order: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Compute the length of the track up to each of its positions: (N,) meters. order: (N,) the frame at each position."""
+    centers = T_world_camera[order, :3, 3]
+    placed = np.isfinite(centers).all(axis=1)
+    steps = np.zeros(len(centers))
+    steps[np.flatnonzero(placed)[1:]] = np.linalg.norm(np.diff(centers[placed], axis=0), axis=1)
+    return np.cumsum(steps)
+
+
+def is_plausible(loop: Edge, T_world_camera: NDArray[np.float64], ends_m: NDArray[np.float64]) -> bool:
+    """Tell whether a loop contradicts the track by no more than the track can drift between its ends.
+
+    ends_m: (2,) length of the track at both ends.
+    """
+    expected = inverse(T_world_camera[loop.i]) @ T_world_camera[loop.j]
+    contradiction_m = float(np.linalg.norm(expected[:3, 3] - loop.T_i_j[:3, 3]))
+    return contradiction_m < SETTINGS.drift_m + SETTINGS.drift_fraction * abs(float(ends_m[1] - ends_m[0]))

@@ -1,4 +1,4 @@
-"""Own stereo odometry: poses from what the frames show."""
+"""Stereo odometry: poses of the frames from what they show."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,8 +37,6 @@ class OdometrySettings:
 
     window: int = 3  # frames back that each new frame is measured against: bridges two bad frames
     loop_rounds: int = 2  # of looking for loops: overlap is better known after the first
-    drift_fraction: float = 0.05  # of the way: what a track may drift, several times what it does (docs/mapping.md)
-    drift_m: float = 0.5  # and so many meters: what short ways may
 
 
 SETTINGS = OdometrySettings()
@@ -46,13 +44,13 @@ SETTINGS = OdometrySettings()
 
 @dataclass(frozen=True, eq=False)
 class Guess:
-    """Poses (N, 4, 4) and components (N,) as known so far."""
+    """Poses (N, 4, 4) and components (N,) as they are known so far."""
 
     T: Array
     components: NDArray[np.int64]
 
     def expected(self, frames: NDArray[np.int64], sure: bool) -> Expected | None:
-        """How two frames lie to each other; None for frames of two components."""
+        """The relative pose of two frames; None for frames of two components."""
         i, j = frames
         if self.components[i] < 0 or self.components[i] != self.components[j]:
             return None
@@ -61,7 +59,7 @@ class Guess:
 
 @dataclass(eq=False)
 class Track:
-    """What is known while the track grows. features: of every frame, in the order of time. edges: measured so far.
+    """A track while it is followed. features: of every frame, in the order of time. edges: measured so far.
 
     reasons: why a frame has no edge, by number. links: edges that only say which frames are connected, by navigation.
     found: what was measured between the frames at two positions on the track, None where they do not see the same.
@@ -77,7 +75,8 @@ class Track:
     def measure(
         self, pairs: Iterable[Ends], what: str, loop: bool = False, guess: Guess | None = None, sure: bool = False
     ) -> list[Edge]:
-        """The edges between the frames at two positions on the track; each pair is measured once. what: for the progress.
+        """Measure the relative poses of frames at pairs of positions on the track, each pair once; return their edges. what: for
+        the progress.
 
         guess: where the frames are thought to be, so that features are looked for there first; sure: as ``Expected``.
         """
@@ -96,7 +95,7 @@ class Track:
         self.edges += self.measure(pairs, what, guess=guess, sure=True)
 
     def take_out_image_errors(self) -> None:
-        """Correct all features by the errors that the frames have in common, and measure the edges again by the same points."""
+        """Correct all features for the errors that the images have in common, and measure the edges again from the same points."""
         known = [(ends, relation) for ends, relation in self.found.items() if relation]
         errors = find_image_errors(SeenPairs(self.features, known), self.survey.geometry)
         if errors is None:
@@ -107,7 +106,7 @@ class Track:
         self.edges = [self._edge(*ends, relation, loop=False) for (ends, _), relation in zip(known, again, strict=True)]
 
     def scaled(self, scale: float) -> "Track":
-        """The track by a rig whose ranges are scaled by this factor."""
+        """Scale the ranges of the rig by a factor."""
         return replace(
             self,
             features=ScaledFeatures(self.features, scale),
@@ -116,7 +115,7 @@ class Track:
         )
 
     def relation(self, edge: Edge) -> tuple[Ends, RelativePose]:
-        """What an edge was made from: the positions of its frames, and the points that both show."""
+        """Find what an edge was made from: the positions of its frames, and the points that both show."""
         ends = int(self.survey.index.rank[edge.i]), int(self.survey.index.rank[edge.j])
         relation = self.found[ends]
         assert relation is not None, "it was measured"
@@ -128,10 +127,10 @@ class Track:
 
 
 def follow(survey: Survey, look: Callable[[Placement], None] | None = None) -> Track:
-    """Measure each frame, in the order of time, against the last one, and against those before it around the places that this
-    gives; then without the errors that all images have.
+    """Measure each frame, in the order of time, against the ones before it; then again without the errors that all images have.
 
-    look: called once with the placement by chained relative poses, as soon as all are connected, or after the last of them.
+    The last frame comes first; poses from it tell where features of the frames before that are searched. look: called once with the
+    placement by chained relative poses, as soon as all frames are connected, or after the last of them.
     """
     track = _featured(survey)
     guess: Guess | None = None
@@ -146,7 +145,7 @@ def follow(survey: Survey, look: Callable[[Placement], None] | None = None) -> T
 
 
 def first_places(survey: Survey) -> Placement | None:
-    """Where each frame's pose relative to the one before it places it, one after the other; None if no two show the same."""
+    """Chain the relative poses of neighboring frames; None if no two neighbors show the same."""
     track = _featured(survey)
     track.measure_neighbors(1, None)
     return Placement(*chain(track.edges, survey.index.rank)) if track.edges else None
@@ -213,23 +212,32 @@ def fit(track: Track, given: Placement, priors: Sequence[pose_graph.Prior]) -> P
 
 
 def _close_loops(track: Track, guess: Guess, priors: Sequence[pose_graph.Prior], rounds: int) -> Guess:
-    """Solve; then find loops by appearance and by overlap and solve again, so often, since overlap is better known each time."""
-    rank = track.survey.index.rank
+    """Solve; then find loops by appearance and overlap and solve again, in some rounds: overlap is better known after each."""
     guess = _settle(track, guess, priors)
     for number in range(rounds):
-        loops, way_m = _measure_loops(track, guess, number), _way_m(guess.T, track)
-        same = [guess.components[e.i] == guess.components[e.j] for e in loops]
-        placed = [min(guess.components[e.i], guess.components[e.j]) >= 0 for e in loops]
-        inside = [
-            e for e, s, p in zip(loops, same, placed, strict=True) if s and p and _plausible(e, guess.T, way_m[rank[[e.i, e.j]]])
-        ]
-        joins = [e for e, s, p in zip(loops, same, placed, strict=True) if p and not s]
+        inside, joins = _sorted_loops(track, guess, _measure_loops(track, guess, number))
         joins = agreeing(joins, guess.T, guess.components)
         track.edges += inside + joins
         if joins:
-            guess = Guess(*chain(track.edges, rank))
+            guess = Guess(*chain(track.edges, track.survey.index.rank))
         guess = _settle(track, guess, priors)
     return guess
+
+
+def _sorted_loops(track: Track, guess: Guess, loops: Sequence[Edge]) -> tuple[list[Edge], list[Edge]]:
+    """The plausible loops inside a component, and those that join two; loops of frames without a pose are left out."""
+    index = track.survey.index
+    lengths_m = loop_closure.lengths_m(guess.T, index.order)
+    inside, joins = [], []
+    for edge in loops:
+        first, second = guess.components[edge.i], guess.components[edge.j]
+        if first < 0 or second < 0:
+            continue
+        if first != second:
+            joins.append(edge)
+        elif loop_closure.is_plausible(edge, guess.T, lengths_m[index.rank[[edge.i, edge.j]]]):
+            inside.append(edge)
+    return inside, joins
 
 
 def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
@@ -270,7 +278,7 @@ def _solve(guess: Guess, edges: Sequence[Edge], priors: Sequence[pose_graph.Prio
 
 
 def moved_to(priors: Sequence[pose_graph.Prior], T: Array, frames: Sequence[int]) -> Array:
-    """The frames as a whole brought to where the priors say, so that the solver starts near."""
+    """Move the frames as a whole to where the priors say, so that the solver starts near."""
     if not priors:
         return T
     offsets = np.stack([prior.T_world_camera @ inverse(T[prior.frame]) for prior in priors])
@@ -280,19 +288,3 @@ def moved_to(priors: Sequence[pose_graph.Prior], T: Array, frames: Sequence[int]
     moved = T.copy()
     moved[frames] = pose(R, targets.mean(axis=0) - R @ positions.mean(axis=0)) @ T[frames]
     return moved
-
-
-def _way_m(T: Array, track: Track) -> Array:
-    """(N,) how far the track has gone at each of its positions."""
-    centers = T[track.survey.index.order, :3, 3]
-    placed = np.isfinite(centers).all(axis=1)
-    steps = np.zeros(len(T))
-    steps[np.flatnonzero(placed)[1:]] = np.linalg.norm(np.diff(centers[placed], axis=0), axis=1)
-    return np.cumsum(steps)
-
-
-def _plausible(edge: Edge, T: Array, way_m: Array) -> bool:
-    """Whether a loop contradicts the track by no more than the track can drift on the way. way_m: (2,) path length at both ends."""
-    off = inverse(T[edge.i]) @ T[edge.j]
-    contradiction_m = float(np.linalg.norm(off[:3, 3] - edge.T_i_j[:3, 3]))
-    return contradiction_m < SETTINGS.drift_m + SETTINGS.drift_fraction * abs(float(way_m[1] - way_m[0]))

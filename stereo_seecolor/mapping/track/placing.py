@@ -1,9 +1,8 @@
-"""Where a survey's frames are: by their pictures, by given poses, or by both."""
+"""Placement of a survey's frames: by their pictures, by given poses, or by both."""
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +33,10 @@ WRONG = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A survey's placement; the outcome of given poses, None without any; and each frame's residuals (N,), NaN where unknown.
+    """A survey's placement.
 
-    origin: where the placement's world lies on Earth, None if unknown. markers: how it fits the markers that constrain it.
+    navigation: the outcome of given poses, None without any. position_residual_m, attitude_residual_deg: (N,) of each frame, NaN
+    where unknown. origin: of the placement's world on Earth, None if unknown. markers: how it fits the markers that constrain it.
     """
 
     placement: Placement
@@ -48,12 +48,13 @@ class Placed:
 
     @property
     def range_scale(self) -> float:
-        """How many times as long ranges are than the rig says."""
+        """The factor by which ranges are longer than the rig says; 1 without markers of known size."""
         return self.markers.scale if self.markers and self.markers.before else 1.0
 
 
-class _Used(NamedTuple):
-    """A placement, the outcome of the poses for it, whether its world is theirs, and the markers that constrain it."""
+@dataclass(frozen=True, eq=False)
+class _Used:
+    """How given poses were used. in_their_world: whether the placement's world is that of the poses. markers: as in Placed."""
 
     placement: Placement
     navigation: Navigation
@@ -77,7 +78,7 @@ def place_survey(survey: Survey, config: MappingConfig, trajectory: Trajectory |
 
 
 def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | None, known: Placement | None) -> None:
-    """Show the frames where they are known to be, where their poses say, or where each one's picture lies beside the last.
+    """Show the frames at their known poses, else at the given ones, else at those of a track through neighboring frames.
 
     Raises MappingError if no frame has a pose.
     """
@@ -90,21 +91,41 @@ def show_first(survey: Survey, config: MappingConfig, trajectory: Trajectory | N
 
 
 def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
-    unknown = np.full(len(survey.index.names), np.nan)
     if trajectory is None or trajectory.fixes:
-        track = odometry.follow(survey, lambda placement: _show(survey, placement, "unknown"))
-        own, markers = _upright(track, _own(track, config), config)
-        if trajectory is None or (markers and markers.control):
-            return Placed(own, None, unknown, unknown, markers=markers)
-        return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown, trajectory.origin, markers)
+        return _placed_by_pictures(survey, config, trajectory)
     given = place(survey.index, trajectory, config)
     _show(survey, given, trajectory.up)
+    exact = _placed_exactly(survey, config, trajectory, given)
+    return _placed_by_poses(survey, config, trajectory, given) if exact is None else exact
+
+
+def _placed_by_pictures(survey: Survey, config: MappingConfig, trajectory: Trajectory | None) -> Placed:
+    """Place the frames by the pictures alone; positions without attitudes, if there are any, move the track as a whole."""
+    unknown = np.full(len(survey.index.names), np.nan)
+    track = odometry.follow(survey, lambda placement: _show(survey, placement, "unknown"))
+    own, markers = _upright(track, _own(track, config), config)
+    if trajectory is None or (markers and markers.control):
+        return Placed(own, None, unknown, unknown, markers=markers)
+    return Placed(at_fixes(own, survey.index, trajectory, config), None, unknown, unknown, trajectory.origin, markers)
+
+
+def _placed_exactly(survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement) -> Placed | None:
+    """Take the given poses as they are if a few places of the dive show that they are as exact as the map; None if not."""
     spots = spot_check(survey, given, config.voxel_edge_m)
-    exact = _as_given_or_none(given, survey, trajectory) if spots.exact and not config.markers.known else None
-    if exact is not None:
-        verdict = examine(given, survey, spots.edges, trajectory, config)
-        if not verdict.navigation.advice:
-            return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg, trajectory.origin)
+    if not spots.exact or config.markers.known:
+        return None
+    try:
+        exact = _as_given(given, survey, trajectory)
+    except MappingError:  # poses upside down: these are recognized from the whole track
+        return None
+    verdict = examine(given, survey, spots.edges, trajectory, config)
+    if verdict.navigation.advice:
+        return None
+    return Placed(exact, verdict.navigation, verdict.position_residual_m, verdict.attitude_residual_deg, trajectory.origin)
+
+
+def _placed_by_poses(survey: Survey, config: MappingConfig, trajectory: Trajectory, given: Placement) -> Placed:
+    """Compare the given poses with the whole track, and take them as they are, together with the pictures, or not at all."""
     track = odometry.follow(survey)
     verdict = examine(given, survey, track.edges, trajectory, config)
     if config.poses == "given" or not verdict.navigation.relative_poses:
@@ -114,11 +135,11 @@ def _placed(survey: Survey, config: MappingConfig, trajectory: Trajectory | None
         used = _Used(_as_given(verdict.placement, survey, trajectory).with_warnings(missing), verdict.navigation)
     else:
         used = _fitted(track, verdict, trajectory, config)
-    placement, navigation, in_their_world, markers = used
-    if navigation.advice:
-        placement = placement.with_warnings(navigation.advice)
-    origin = trajectory.origin if in_their_world else None
-    return Placed(placement, navigation, verdict.position_residual_m, verdict.attitude_residual_deg, origin, markers)
+    advice = used.navigation.advice
+    placement = used.placement.with_warnings(advice) if advice else used.placement
+    origin = trajectory.origin if used.in_their_world else None
+    residuals = verdict.position_residual_m, verdict.attitude_residual_deg
+    return Placed(placement, used.navigation, *residuals, origin, used.markers)
 
 
 def _show(survey: Survey, placement: Placement, up: str) -> None:
@@ -132,53 +153,56 @@ def _as_given(given: Placement, survey: Survey, trajectory: Trajectory) -> Place
     return upright(given, survey.index, trajectory.up)
 
 
-def _as_given_or_none(given: Placement, survey: Survey, trajectory: Trajectory) -> Placement | None:
-    """None for poses that are upside down: these are recognized from the whole track."""
-    try:
-        return _as_given(given, survey, trajectory)
-    except MappingError:
-        return None
-
-
 def _fitted(track: odometry.Track, verdict: Verdict, trajectory: Trajectory, config: MappingConfig) -> _Used:
-    """By pictures and poses together, or by pictures alone where the poses contradict them or are upside down."""
-    navigation, index = verdict.navigation, track.survey.index
+    """Place the frames by pictures and poses together, or by pictures alone where the poses contradict them or are upside down."""
     own = _own(track, config)
-    if navigation.fits:
-        try:
-            upright(verdict.placement, index, trajectory.up)
-        except MappingError:
-            down = "the given poses' z axis points down: they would fit as north-east-down, or with z negated"
-            advice = ALIKE if attitudes_alike(verdict.placement.T_world_camera) else down
-            navigation = replace(navigation, fits=False, advice=advice)
+    navigation = _checked_up(verdict, track.survey, trajectory)
     known = priors(own, verdict.placement, config) if navigation.fits else []
-    if known and known[0].attitude_std_rad > MAX_TURN_RAD and misfit(verdict.placement.T_world_camera, track.edges) > WRONG:
-        off_deg = np.degrees(known[0].attitude_std_rad)
-        advice = f"the given attitudes are {off_deg:.0f} degrees off those of the pictures: are they radians, taken for degrees?"
-        navigation = replace(navigation, fits=False, advice=advice)
+    if known:
+        navigation = _checked_attitudes(navigation, verdict.placement, track, known[0].attitude_std_rad)
     if not navigation.fits:
-        alone, (own, markers) = "the map was made by the pictures alone", _upright(track, own, config)
-        return _Used(own.with_warnings(alone), navigation, in_their_world=False, markers=markers)
-    position, _, depth = known[0].position_std_m
+        own, markers = _upright(track, own, config)
+        own = own.with_warnings("the map was made by the pictures alone")
+        return _Used(own, navigation, in_their_world=False, markers=markers)
+    position_m, _, depth_m = known[0].position_std_m
+    attitude_deg = np.degrees(known[0].attitude_std_rad)
     navigation = replace(
-        navigation,
-        position_std_m=float(position),
-        depth_std_m=float(depth),
-        attitude_std_deg=float(np.degrees(known[0].attitude_std_rad)),
+        navigation, position_std_m=float(position_m), depth_std_m=float(depth_m), attitude_std_deg=float(attitude_deg)
     )
-    fitted, markers = _to_marks(
-        track, _adjusted(track, odometry.fit(track, verdict.placement, known), config, known), config, known
-    )
-    return _Used(upright(fitted, index, trajectory.up), navigation, markers=markers)
+    fitted = _adjusted(track, odometry.fit(track, verdict.placement, known), config, known)
+    fitted, markers = _to_marks(track, fitted, config, known)
+    return _Used(upright(fitted, track.survey.index, trajectory.up), navigation, markers=markers)
+
+
+def _checked_up(verdict: Verdict, survey: Survey, trajectory: Trajectory) -> Navigation:
+    """The navigation, which does not fit if its poses are upside down."""
+    if not verdict.navigation.fits:
+        return verdict.navigation
+    try:
+        upright(verdict.placement, survey.index, trajectory.up)
+    except MappingError:
+        down = "the given poses' z axis points down: they would fit as north-east-down, or with z negated"
+        advice = ALIKE if attitudes_alike(verdict.placement.T_world_camera) else down
+        return replace(verdict.navigation, fits=False, advice=advice)
+    return verdict.navigation
+
+
+def _checked_attitudes(navigation: Navigation, given: Placement, track: odometry.Track, std_rad: float) -> Navigation:
+    """The navigation, which does not fit if its attitudes are too far off. std_rad: their standard error against the pictures."""
+    if not (std_rad > MAX_TURN_RAD and misfit(given.T_world_camera, track.edges) > WRONG):
+        return navigation
+    off_deg = np.degrees(std_rad)
+    advice = f"the given attitudes are {off_deg:.0f} degrees off those of the pictures: are they radians, taken for degrees?"
+    return replace(navigation, fits=False, advice=advice)
 
 
 def _own(track: odometry.Track, config: MappingConfig) -> Placement:
-    """By the pictures alone."""
+    """Place the frames by the pictures alone."""
     return _adjusted(track, odometry.solve(track, config.loop_closure), config)
 
 
 def _upright(track: odometry.Track, own: Placement, config: MappingConfig) -> tuple[Placement, MarkersFit | None]:
-    """A track by the pictures, held to markers; z up by the surveyed places of these, if there are any, else by the bottom."""
+    """A track by the pictures, constrained by markers; z is up by their surveyed places, if there are any, else by the bottom."""
     own, markers = _to_marks(track, own, config)
     return own if markers and markers.control else upright(own, track.survey.index, "unknown"), markers
 
@@ -192,7 +216,7 @@ def _adjusted(
 def _to_marks(
     track: odometry.Track, placement: Placement, config: MappingConfig, known: Sequence[pose_graph.Prior] = ()
 ) -> tuple[Placement, MarkersFit | None]:
-    """Held to what is known of markers."""
+    """Constrain a track by what is known of markers."""
     if not config.markers.known or not config.bundle_adjustment or not pose_graph.available():
         return placement, None
     return fitted_to_marks(track, placement, Marks.found(track.survey, config.markers), known)
