@@ -1,1 +1,1 @@
-"""Where the camera stood."""
+"""The camera's track: the pose of each frame."""

@@ -1,4 +1,4 @@
-"""Which pose of a trajectory belongs to which frame."""
+"""Assignment of a trajectory's poses to frames."""
 
 import re
 from collections.abc import Callable, Sequence
@@ -33,7 +33,8 @@ class Assignment:
 
 
 def assign(index: FrameIndex, trajectory: Trajectory, config: MappingConfig) -> Assignment:
-    """By name, or by folder and name (``10h_0001`` of ``10h/left/0001.png``); else by time, interpolated; else by order.
+    """Assign poses by name, or by folder and name (``10h_0001`` of ``10h/left/0001.png``); else by time, interpolated; else by
+    order.
 
     By order where neither says anything; or by the numbers of frames of which only some are here. Raises MappingError.
     """
@@ -102,7 +103,7 @@ def _by_name(index: FrameIndex, trajectory: Trajectory, by_key: dict[str, list[i
 
 
 def from_start(frames_s: NDArray[np.float64], poses_s: NDArray[np.float64]) -> bool:
-    """True where the times of one side, finite, are of a clock and those of the other count from a start."""
+    """Tell whether the times of one side, finite, are of a clock and those of the other count from a start."""
     return bool(len(frames_s) and len(poses_s) and (frames_s.min() > CLOCK_S) != (poses_s.min() > CLOCK_S))
 
 

@@ -1,4 +1,4 @@
-"""Bundle adjustment: the poses of all frames and the places of all points that they share, from every sighting at once.
+"""Bundle adjustment: the poses of all frames and the positions of all points that they share, from all sightings at once.
 
 A sighting is compared with its point in image space, so measured ranges take part, each with its own standard error.
 Levenberg-Marquardt; points are eliminated first (Triggs et al. 2000), and the frames' equations are solved in a sparse order.

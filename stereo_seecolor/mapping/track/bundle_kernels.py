@@ -26,7 +26,7 @@ def robust_cost(
     first: int,
     end: int,
 ) -> float:
-    """Half of the robust sum of squares of the sightings from ``first`` to before ``end``."""
+    """Compute half of the robust sum of squares of the sightings from ``first`` to ``end`` - 1."""
     residual, cost = np.empty(3), 0.0
     for k in range(first, end):
         squared = residual_of(T[frame[k]], points[point[k]], seen[k], weight[k], residual)
@@ -51,7 +51,7 @@ def point_blocks(
     first: int,
     end: int,
 ) -> None:
-    """What sightings say of the points from ``first`` to before ``end``."""
+    """Write the equations of the points from ``first`` to ``end`` - 1."""
     residual, by_pose, by_point, block = np.empty(3), np.empty((3, 6)), np.empty((3, 3)), np.empty((3, 3))
     for p in range(first, end):
         block[:] = 0
@@ -96,7 +96,7 @@ def frame_rows(
     first: int,
     end: int,
 ) -> None:
-    """Add the equations of the blocks from ``first`` to before ``end``, less what their points take of them (Schur complement).
+    """Add the equations of the blocks from ``first`` to ``end`` - 1, less the Schur complement of their points.
 
     Each block is summed up by itself, in the order of its sightings: how the blocks are shared out shows in no result.
     """
@@ -169,7 +169,7 @@ def point_steps(
     first: int,
     end: int,
 ) -> None:
-    """How eliminated points from ``first`` to before ``end`` move when the frames do."""
+    """Write how eliminated points from ``first`` to ``end`` - 1 move when the frames do."""
     left = np.empty(3)
     for p in range(first, end):
         left[:] = own_g[p]
@@ -194,9 +194,9 @@ def own_errors(
     first: int,
     end: int,
 ) -> None:
-    """Residuals in standard errors, as large as if the points' places had not been fitted to them: less their leverage.
+    """Write residuals of the points from ``first`` to ``end`` - 1 in standard errors, corrected for their leverage on the points.
 
-    Of the points from ``first`` to before ``end``.
+    So they are as large as if the points' positions had not been fitted to them.
     """
     residual, by_pose, by_point = np.empty(3), np.empty((3, 6)), np.empty((3, 3))
     V, inverse, own_g = np.empty((3, 3)), np.empty((3, 3)), np.zeros(3)

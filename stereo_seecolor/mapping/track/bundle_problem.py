@@ -1,4 +1,4 @@
-"""Poses and points that every sighting, and all that is known of them, is compared with at once: nonlinear least squares."""
+"""The nonlinear least-squares problem of bundle adjustment: poses and points compared with all sightings and all that is known."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -38,7 +38,7 @@ BLOCKS_AT_ONCE = 4
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """T: (N, 4, 4) world from camera. points: (m, 3) in the world."""
+    """Poses T: (N, 4, 4) world from camera, and points: (m, 3) in the world."""
 
     T: Array
     points: Array
@@ -58,8 +58,10 @@ class Linearized:
 
 @dataclass(frozen=True, eq=False)
 class BundleProblem:
-    """frames: (N,) those that take part, by ascending number; all else is by position among them. point, frame: (n,) sorted by
-    point. seen, weight: (n, 3), what was seen in image space, and inverse standard errors. own: points of which something is known.
+    """Sightings, priors of poses, and knowledge of points.
+
+    frames: (N,) those that take part, by ascending number; all else is by position among them. point, frame: (n,) sorted by point.
+    seen, weight: (n, 3) what was seen in image space, and inverse standard errors. priors: of poses. known: of points.
     """
 
     frames: Integers
@@ -72,7 +74,7 @@ class BundleProblem:
 
     @classmethod
     def of(cls, sightings: Sightings, priors: Sequence[Prior], known: Sequence[Known]) -> "BundleProblem":
-        """Of sightings whose errors are as they say."""
+        """Set up the problem from sightings with their stated errors."""
         order = np.argsort(sightings.point, kind="stable")
         frames = np.union1d(sightings.frame, np.array([prior.frame for prior in priors], np.int64)).astype(np.int64)
         frame, seen = np.searchsorted(frames, sightings.frame[order]), sightings.seen.chosen(order)
@@ -80,18 +82,18 @@ class BundleProblem:
         return cls(frames, sightings.point[order], frame, seen.points, 1 / seen.std, own, known)
 
     def scaled(self, directions: float, depths: float) -> "BundleProblem":
-        """With errors of directions and of inverse depths scaled by this factor."""
+        """Scale the errors of directions and of inverse depths by these factors."""
         return replace(self, weight=self.weight / [directions, directions, depths])
 
     def first_places(self, T: Array) -> Array:
-        """(m, 3) means of what the sightings say."""
+        """Compute the mean position of each point over its sightings: (m, 3)."""
         local = np.column_stack([self.seen[:, :2], np.ones(len(self.seen))]) / self.seen[:, 2:]
         world = np.einsum("nij,nj->ni", T[self.frame, :3, :3], local) + T[self.frame, :3, 3]
         sums = np.stack([np.bincount(self.point, column) for column in world.T], axis=-1)
         return np.asarray(sums / np.diff(self.start)[:, None])
 
     def cost(self, state: State) -> float:
-        """Half of the sum of squares, those of sightings under a Cauchy kernel."""
+        """Compute half of the sum of squares, those of sightings under a Cauchy kernel."""
         seen = inverse(state.T), state.points, self.frame, self.point, self.seen, self.weight, CAUCHY
         sightings = sum(_shared(lambda *part: robust_cost(*seen, *part), len(self.frame)))
         rest = [_prior_off(prior, state.T[prior.frame])[0] for prior in self.priors]
@@ -99,14 +101,14 @@ class BundleProblem:
         return sightings + 0.5 * sum(float(off @ off) for off in rest)
 
     def errors(self, state: State) -> Array:
-        """(n, 3) residuals in standard errors, as large as if no point's place had been fitted to them."""
+        """Compute residuals in standard errors, (n, 3), as large as if no point's position had been fitted to them."""
         found = np.empty_like(self.seen)
         seen = inverse(state.T), state.points, self.start, self.frame, self.seen, self.weight, LEAST_LEFT, found
         _shared(lambda *part: own_errors(*seen, *part), len(state.points))
         return found
 
     def linearized(self, state: State, damping: float = 0.0) -> Linearized:
-        """The equations of a step. damping: by which the diagonal is larger (Marquardt)."""
+        """Set up the equations of a step. damping: by which the diagonal is larger (Marquardt)."""
         layout, blocks, m = self._layout, self._layout.zeros(), len(state.points)
         found = Linearized(blocks, np.empty((len(self.frame), 3, SIDE)), np.empty((m, 3, 3)), np.empty((m, 3)))
         seen = inverse(state.T), state.points, self.start, self.frame
@@ -123,7 +125,7 @@ class BundleProblem:
         return found
 
     def moved(self, state: State, step: Linearized) -> State:
-        """By the solution of the equations. Raises LinAlgError where they say too little."""
+        """Move poses and points by the solution of the equations. Raises LinAlgError where they are singular."""
         moves, points = step.blocks.solve(), np.empty_like(state.points)
         of_frames = np.ascontiguousarray(moves[: len(self.frames)])
         seen = self.start, self.frame, step.W, step.V, step.own_g, of_frames, points
@@ -136,7 +138,7 @@ class BundleProblem:
 
     @cached_property
     def start(self) -> Integers:
-        """(m + 1,) where each point's sightings begin."""
+        """Where each point's sightings begin: (m + 1,)."""
         return np.searchsorted(self.point, np.arange(int(self.point[-1]) + 2)).astype(np.int64)
 
     @cached_property

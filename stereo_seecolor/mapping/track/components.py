@@ -1,4 +1,4 @@
-"""Which frames are connected by relative-pose edges, and a first guess of their poses."""
+"""Connected components of frames by relative-pose edges, with a first estimate of their poses."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ JOIN_M, JOIN_RAD = 0.3, 0.1
 
 
 def chain(edges: Sequence[Edge], rank: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """(N, 4, 4) poses along the strongest edges, and (N,) components; the largest is 0, frames without edges are -1 and NaN.
+    """Chain poses along the strongest edges: (N, 4, 4) and (N,) components; the largest is 0, frames without edges are -1 and NaN.
 
     Each component starts at the identity, in its first frame by ``rank`` (N,).
     """

@@ -1,4 +1,4 @@
-"""What is off in given positions that are read rightly: their scale, and places where they jump against the pictures."""
+"""Deviations in given positions that are read rightly: their scale, and places where they jump against the pictures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class DeviationSettings:
-    """When a deviation is named.
+    """When a deviation is reported.
 
     On a real dive of 20 pairs (steps of 0.13 m) noise of 20 cm gives at most 2.6 times the median between two frames, and a scale
     0.6 standard errors off; a drift of half a meter looks like a scale 2.8 standard errors off.

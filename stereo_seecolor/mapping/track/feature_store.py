@@ -1,4 +1,4 @@
-"""Features of a survey's frames on disk: so that memory is bounded, workers share them, and a track that was stopped goes on."""
+"""Features of a survey's frames on disk: memory stays bounded, workers share them, and a track that was stopped continues."""
 
 import shutil
 import tempfile
@@ -30,7 +30,7 @@ class FeatureStore(Lazy[Features]):
 
     @classmethod
     def of(cls, survey: Survey) -> "FeatureStore":
-        """For a survey's frames; what was found in the same frames before, of the same numbers, is there already."""
+        """Open the store of a survey's frames; features that an earlier run found in the same frames are kept."""
         index = survey.index
         if survey.scratch is None:
             return _Temporary([f"{number}.npz" for number in index.order.tolist()])
@@ -42,15 +42,15 @@ class FeatureStore(Lazy[Features]):
         return len(self._names)
 
     def item(self, number: int) -> Features:
-        """Those of the frame at a position. Raises FileNotFoundError where they were not found yet."""
+        """Read the features of the frame at a position. Raises FileNotFoundError where they were not found yet."""
         return _loaded(self._path(number))
 
     def has(self, number: int) -> bool:
-        """True if they are there."""
+        """Tell whether the features of a frame are stored."""
         return self._path(number).is_file()
 
     def save(self, number: int, features: Features) -> None:
-        """Raises OutputError."""
+        """Write the features of a frame. Raises OutputError."""
         with atomic_path(self._path(number)) as path, path.open("wb") as file:
             np.savez(file, points=features.points, std=features.std, descriptors=features.descriptors)
 

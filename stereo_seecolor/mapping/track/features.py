@@ -1,4 +1,4 @@
-"""What a frame can be recognized by: points with a description, and where they lie in the camera."""
+"""Features of a frame: points with descriptors, and their positions in the camera."""
 
 from dataclasses import dataclass
 
@@ -30,8 +30,9 @@ SETTINGS = FeatureSettings()
 
 @dataclass(frozen=True, eq=False)
 class Features:
-    """points: (n, 3) in image space, x / z, y / z and 1 / z of the camera's coordinates, 1 / z in 1/m. std: (n, 3) their errors.
+    """The features of a frame.
 
+    points: (n, 3) in image space, x / z, y / z and 1 / z of the camera's coordinates, 1 / z in 1/m. std: (n, 3) their errors.
     descriptors: (n, 128) uint8. In image space errors are symmetric; in meters they are not, the less so the farther a point.
     """
 
@@ -41,17 +42,17 @@ class Features:
 
     @classmethod
     def none(cls) -> "Features":
-        """Of a frame that shows nothing."""
+        """Make the features of a frame that shows nothing."""
         return cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 128), np.uint8))
 
     def scaled(self, scale: float) -> "Features":
-        """With ranges scaled by this factor."""
+        """Scale the ranges by a factor."""
         by = np.array([1, 1, 1 / scale])
         return Features(self.points * by, self.std * by, self.descriptors)
 
     @property
     def points_m(self) -> Array:
-        """(n, 3) in the camera."""
+        """The points in the camera: (n, 3) meters."""
         return np.column_stack([self.points[:, :2], np.ones(len(self.points))]) / self.points[:, 2:]
 
 

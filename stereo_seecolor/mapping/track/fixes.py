@@ -1,4 +1,4 @@
-"""A track by the pictures alone, brought to positions that are far less accurate than it is: a buoy's satellite fixes, say.
+"""Alignment of a track by the pictures to positions that are far less accurate than it is, such as a buoy's satellite fixes.
 
 A prior so loose moves and turns a track about the vertical as a whole, and does not bend it.
 """
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class FixSettings:
-    """When fixes tell where a track lies."""
+    """When fixes determine where a track lies."""
 
     fewest: int = 5  # frames with a fix
     rounds: int = 10  # of weighted least squares; it takes 4

@@ -1,4 +1,4 @@
-"""Sparse linear equations in blocks of six numbers, the pose of one frame each; most blocks are coupled with few others.
+"""Sparse linear equations in blocks of six unknowns, the pose of one frame each; a block is coupled with few others.
 
 Reverse Cuthill-McKee (George and Liu 1981) puts coupled blocks near each other. Then parts of as many blocks as the
 bandwidth are coupled with the parts beside them alone: a block tridiagonal matrix, solved by Cholesky's method part by part.
@@ -22,14 +22,14 @@ SIDE = 6
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """place: (N,) where each block comes. size: blocks in a part."""
+    """The order of the blocks. place: (N,) where each block comes. size: blocks in a part."""
 
     place: Integers
     size: int
 
     @classmethod
     def of(cls, joined: csr_array) -> "Layout":
-        """For blocks of which (N, N) ``joined`` says, symmetrically, which have to do with each other."""
+        """Order blocks so that coupled ones are close. joined: (N, N), symmetric, which blocks are coupled."""
         place = np.empty(joined.shape[0], np.int64)
         place[reverse_cuthill_mckee(joined, symmetric_mode=True)] = np.arange(len(place))
         row, column = joined.nonzero()
@@ -47,7 +47,9 @@ class Layout:
 
 @dataclass(frozen=True, eq=False)
 class FrameBlocks:
-    """diagonal: (K, w, w), of which the lower triangles count, below: (K - 1, w, w). g: (K w,) right side."""
+    """A block tridiagonal system. diagonal: (K, w, w), of which the lower triangles count, below: (K - 1, w, w). g: (K w,) right
+    side.
+    """
 
     layout: Layout
     diagonal: Array
@@ -69,7 +71,7 @@ class FrameBlocks:
         self.g[at : at + SIDE] += g
 
     def solve(self) -> Array:
-        """(N, 6). Raises LinAlgError where the equations say too little."""
+        """Solve the system: (N, 6). Raises LinAlgError where it is singular."""
         left = self.g.reshape(len(self.diagonal), -1).copy()
         for k, (L, coupling) in enumerate(self._factors):
             left[k] = solve_triangular(L, left[k], lower=True)
@@ -82,7 +84,7 @@ class FrameBlocks:
         return np.asarray(left.reshape(-1, SIDE)[self.layout.place])
 
     def covariances(self) -> Array:
-        """(N, 6, 6) blocks on the diagonal of the inverse. Raises LinAlgError."""
+        """Compute the blocks on the diagonal of the inverse: (N, 6, 6). Raises LinAlgError."""
         size, after, found = self.layout.size, None, []
         for L, coupling in reversed(self._factors):
             own = cho_solve((L, True), np.eye(len(L)))

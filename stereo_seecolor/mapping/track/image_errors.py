@@ -1,4 +1,4 @@
-"""Errors that every frame has at the same place of its image: what calibration left of the lens, found from the dive itself.
+"""Errors that all frames have at the same place of the image: what calibration left of the lens, estimated from the dive itself.
 
 A flow field that is off by a few tenths of a pixel at the image's borders looks like a turn, and a turn is taken for a part of the
 shift: the track bends a little with each frame, and comes out short or long by a percent (Kreso and Segvic 2015 found the same on
@@ -28,7 +28,7 @@ tangential terms, which look like a turn of the camera's axes.
 
 @dataclass(frozen=True)
 class ImageErrorSettings:
-    """When errors of the image are looked for, and believed."""
+    """When errors of the image are estimated, and when they are used."""
 
     min_pairs: int = 10  # pairs of frames: fewer views of the same places in other parts of the image tell nothing
     max_pairs: int = 60  # spread over the dive: more tell no more
@@ -52,7 +52,7 @@ class Pair:
 
 @dataclass(frozen=True, eq=False)
 class ImageErrors:
-    """values: (k,) pixels at the image's corner, the first k of MODELS' terms."""
+    """Estimated errors of the image. values: (k,) pixels at the image's corner, the first k of MODELS' terms."""
 
     values: Array
     geometry: RectifiedPair

@@ -1,4 +1,6 @@
-"""Points in image space, x / z, y / z and 1 / z, under a rigid motion: a projective map, in which stereo's errors are symmetric."""
+"""Points in image space, x / z, y / z and 1 / z, under a rigid motion: a projective map, in which errors of stereo are
+symmetric.
+"""
 
 from dataclasses import dataclass
 
@@ -10,20 +12,22 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """points: (n, 3) in image space, 1 / z in 1/m. std: (n, 3) their standard errors."""
+    """Observed points: (n, 3) in image space, 1 / z in 1/m. std: (n, 3) their standard errors."""
 
     points: Array
     std: Array
 
     def chosen(self, which: NDArray[np.int64] | NDArray[np.bool_] | slice) -> "Observed":
-        """Some of them."""
+        """Select some points."""
         return Observed(self.points[which], self.std[which])
 
 
 @dataclass(frozen=True, eq=False)
 class Moved:
-    """points: (n, 3) in the other camera. by_point: (n, 3, 3) and by_pose: (n, 3, 6) their derivatives, by the points as they were,
-    and by a turn (rad) and a shift (m) in the axes of the camera that they come from.
+    """Points seen from another camera.
+
+    points: (n, 3) in that camera. by_point: (n, 3, 3) and by_pose: (n, 3, 6) their derivatives, by the points as they were, and by
+    a turn (rad) and a shift (m) in the axes of the camera that they come from.
     """
 
     points: Array
@@ -52,7 +56,7 @@ def _divided(derivative: Array, moved: Array, depth: Array) -> Array:
 
 
 def cross(v: Array) -> Array:
-    """(n, 3, 3) cross product matrices."""
+    """Make the cross product matrices of vectors: (n, 3, 3)."""
     zero = np.zeros(len(v))
     x, y, z = v.T
     return np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], axis=-2)

@@ -1,4 +1,4 @@
-"""What is known of points in the world: how far middles of points are apart, and where they lie."""
+"""Knowledge of points in the world: the distance between means of points, and the position of such a mean."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class KnownLength:
-    """Between the middle of some points and that of others, by their numbers; meters, with its standard error."""
+    """The distance between the mean of some points and that of others, by their numbers; meters, with its standard error."""
 
     first: tuple[int, ...]
     second: tuple[int, ...]
@@ -19,11 +19,11 @@ class KnownLength:
 
     @property
     def points(self) -> tuple[int, ...]:
-        """All of them."""
+        """All points of both means."""
         return self.first + self.second
 
     def off(self, places: Array) -> tuple[Array, Array]:
-        """(1,) what is missing of the length between ``points`` at places (k, 3), in standard errors; its slope (1, 3 k)."""
+        """Compute the error of the length between ``points`` at places (k, 3), (1,) in standard errors, and its slope (1, 3 k)."""
         count = len(self.first)
         apart = places[:count].mean(axis=0) - places[count:].mean(axis=0)
         length = float(np.linalg.norm(apart))
@@ -33,14 +33,14 @@ class KnownLength:
 
 @dataclass(frozen=True, eq=False)
 class KnownPlace:
-    """Of the middle of some points: (3,) meters in the world, with the standard error of each axis."""
+    """The position of the mean of some points: (3,) meters in the world, with the standard error of each axis."""
 
     points: tuple[int, ...]
     place_m: Array
     std_m: float
 
     def off(self, places: Array) -> tuple[Array, Array]:
-        """(3,) from the middle of ``points`` at places (k, 3) to it, in standard errors; the middle's slope (3, 3 k)."""
+        """Compute the error of the mean of ``points`` at places (k, 3), (3,) in standard errors, and the mean's slope (3, 3 k)."""
         slope = np.tile(np.eye(3) / len(places), len(places))
         return (self.place_m - places.mean(axis=0)) / self.std_m, slope / self.std_m
 

@@ -12,6 +12,6 @@ STEP = np.dtype([("i", np.int64), ("j", np.int64), ("T_i_j", np.float32, (4, 4))
 
 
 def placed_by(steps: NDArray[np.void], count: int) -> Placement | None:
-    """Where the strongest steps place the frames, one after the other; None without any. count: of frames."""
+    """Chain the strongest steps to poses of the frames; None without any. count: number of frames."""
     edges = [Edge(int(s["i"]), int(s["j"]), s["T_i_j"].astype(np.float64), np.eye(6), int(s["inliers"])) for s in steps]
     return Placement(*chain(edges, np.arange(count))) if edges else None

@@ -1,4 +1,4 @@
-"""A lever arm between the camera and the point whose positions are given: seen where the camera turns."""
+"""The lever arm between the camera and the point whose positions are given: it shows where the camera turns."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LeverSettings:
-    """When a lever arm is believed."""
+    """When a lever arm is used."""
 
     least_m: float = 0.1  # less is no more than navigation's noise
     sigmas: float = 6.0  # of its own standard error, in the direction that the turns show best
@@ -26,7 +26,8 @@ SETTINGS = LeverSettings()
 
 
 def lever_arm(motions: Motions) -> Array | None:
-    """(3,) from the camera to the point whose positions are given, in the camera's axes, meters; None where none shows.
+    """Estimate the vector from the camera to the point whose positions are given, (3,) in the camera's axes, meters; None where it
+    is not significant.
 
     A point at l moves by t + (R - I) l where the camera moves by R, t.
     """

@@ -1,4 +1,4 @@
-"""An image of local contrast, in which light that falls off, or that travels with the camera, hardly shows."""
+"""Local contrast of an image, which light that falls off, or that moves with the camera, hardly changes."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 
 @dataclass(frozen=True)
 class ContrastSettings:
-    """How contrast is made local. Nothing depends on where in the image a pixel is: a grid of tiles would stay with the camera."""
+    """The neighborhood of local contrast. Nothing depends on the position in the image: a grid of tiles would move with the
+    camera.
+    """
 
     mean_px: float = 8.0  # standard deviation of the window whose mean is taken off: light varies less than the bottom there
     spread_px: float = 16.0  # and of the window that contrast is measured in
@@ -24,7 +26,9 @@ SETTINGS = ContrastSettings()
 
 
 def local_contrast(gray: NDArray[np.uint8], scale: float) -> NDArray[np.uint8]:
-    """(h, w) of a gray image (H, W), reduced by ``scale``: the logarithm less its local mean, over its local spread, around 128."""
+    """Compute the local contrast of a gray image (H, W), reduced by ``scale``: (h, w), the logarithm less its local mean, over its
+    local spread, around 128.
+    """
     filled = _filled(gray)
     if scale < 1:
         filled = cv2.resize(filled, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MarkSettings:
-    """How far to trust what is known."""
+    """How far knowledge of markers is trusted."""
 
     rig_scale_std: float = 0.005  # of a rig's scale: what calibrations leave, as for measures without another statement
     given_std: float = 5e-4  # of a given length, a fraction of it: a printed tag, a bar measured by tape
@@ -45,7 +45,7 @@ SETTINGS = MarkSettings()
 
 @dataclass(frozen=True, eq=False)
 class Marks:
-    """What was found of markers, by frame, and what is known of them: edge, bars by both ends' numbers, places with errors."""
+    """The markers found, by frame, and what is known of them: edge, bars by both ends' numbers, places with errors."""
 
     sightings: dict[int, list[PlacedSighting]]
     edge_m: float | None
@@ -54,7 +54,7 @@ class Marks:
 
     @classmethod
     def found(cls, survey: Survey, config: MarkersConfig) -> "Marks":
-        """In all frames of a survey. Raises InputError for tables that cannot be used."""
+        """Find markers in all frames of a survey. Raises InputError for tables that cannot be used."""
         bars = read_bars(config.bars) if config.bars else {}
         points, stds = (read_control_points(config.points), read_stds(config.points)) if config.points else ({}, {})
         look, sightings, count = _Look(survey.frames, survey.geometry, config.family), {}, len(survey.frames)
@@ -64,7 +64,7 @@ class Marks:
         return cls(sightings, config.edge_m, bars, {number: (points[number], stds[number]) for number in points})
 
     def scaled(self, scale: float) -> "Marks":
-        """By a rig whose ranges are scaled by this factor."""
+        """Scale the ranges of the rig by a factor."""
         moved = {
             frame: [replace(each, corners_m=scale * each.corners_m, std=(each.std[0], each.std[1] / scale)) for each in own]
             for frame, own in self.sightings.items()
@@ -72,7 +72,7 @@ class Marks:
         return replace(self, sightings=moved)
 
     def without(self, lengths: set[str]) -> "Marks":
-        """Less some of what is known, by the names of its checks."""
+        """Drop some of what is known, by the names of its checks."""
         edge_m = None if EDGES in lengths else self.edge_m
         bars = {ends: length for ends, length in self.bars.items() if _name(*ends) not in lengths}
         return replace(self, edge_m=edge_m, bars=bars, places={} if PLACES in lengths else self.places)
@@ -83,7 +83,7 @@ class Marks:
         return placed_markers([replace(each, frame=f"{i}") for i, own in self.sightings.items() for each in own], known)
 
     def checks(self, T_world_camera: Array) -> dict[str, ScaleCheck]:
-        """What is known against what the map says, by its name."""
+        """Compare what is known with the map, by name."""
         markers = self.placed(T_world_camera)
         checks = {_name(*ends): check for ends, check in bar_checks(markers, self.bars).items()}
         size = size_check(markers, self.edge_m) if self.edge_m else None

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 class MarkersFit:
     """How a map fits the markers that constrain it.
 
-    scale: how many times as long the rig's ranges are taken, with its standard error. before, after: what is known against the map
+    scale: factor by which the rig's ranges are taken longer, with its standard error. before, after: what is known against the map
     without and with that, by name. refused: what was not used, since it cannot be right. control: residuals of surveyed places.
     """
 
@@ -47,7 +47,7 @@ class MarkersFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What disagrees."""
+        """The disagreements, one line each."""
         warnings = [
             f"{name}: the map says {self.before[name].ratio:.3f} of what was given, off as no rig is: not used; is it right?"
             if self.before[name].wrong
@@ -83,7 +83,7 @@ def first_fit(marks: Marks, T_world_camera: Array) -> MarkersFit:
 
 
 def final_fit(fit: MarkersFit, marks: Marks, placement: Placement) -> MarkersFit:
-    """The same, with what is left of each disagreement. marks: those that were used, scaled."""
+    """Compute what is left of each disagreement. marks: those that were used, scaled."""
     T = _main(placement)
     after = marks.checks(T)
     return replace(fit, after=after, control=_control(marks, T) if PLACES in after else None)

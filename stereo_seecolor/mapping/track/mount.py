@@ -1,4 +1,4 @@
-"""A constant turn between the camera and the poses' axes: a mount angle that was forgotten, or other camera axes."""
+"""A constant rotation between the camera and the poses' axes: a mount angle that was forgotten, or other camera axes."""
 
 from dataclasses import dataclass
 
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MountSettings:
-    """When a turn is believed."""
+    """When a rotation is used."""
 
     prior_rad: float = 0.17  # standard error before anything is measured, 10 degrees: decides what the motion leaves open
     min_rad: float = 0.026  # 1.5 degrees: less is an installation's tolerance
@@ -37,12 +37,12 @@ class Turn:
 
     @property
     def angle_deg(self) -> float:
-        """How large it is."""
+        """The angle of the rotation, degrees."""
         return float(np.degrees(np.linalg.norm(rotation_vector(self.R))))
 
     @property
     def believed(self) -> bool:
-        """True if it is large and certain."""
+        """Tell whether the rotation is large and significant."""
         vector = rotation_vector(self.R)
         return bool(np.linalg.norm(vector) > SETTINGS.min_rad and (np.abs(vector) / self.std_rad).max() > SETTINGS.min_sigmas)
 

@@ -1,4 +1,4 @@
-"""Navigation measured against the pictures: its residuals, its standard errors, and whether it was read rightly."""
+"""Comparison of navigation with the pictures: its residuals, its standard errors, and whether it was read rightly."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -193,7 +193,7 @@ def _still(T_world_camera: Array, edges: Sequence[Edge], motions: Motions) -> st
 
 
 def attitudes_alike(T_world_camera: Array) -> bool:
-    """True if all known attitudes are the same to the digit, as no vehicle holds them: they were not measured."""
+    """Tell whether all known attitudes are the same to the digit, as no vehicle holds them: they were not measured."""
     R = T_world_camera[np.isfinite(T_world_camera).all(axis=(1, 2)), :3, :3]
     return len(R) > 1 and float(np.abs(R - R[0]).max()) < STILL_RAD
 

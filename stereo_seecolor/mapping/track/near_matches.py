@@ -1,4 +1,4 @@
-"""Which features of two frames look alike, where it is roughly known how the frames lie: each is sought around its place alone."""
+"""Feature matching of two frames whose relative pose is roughly known: each feature is searched around its expected place alone."""
 
 from typing import Any
 
@@ -15,7 +15,8 @@ Descriptors = NDArray[np.uint8]
 def alike_near(
     a: Descriptors, expected: Array, b: Descriptors, places: Array, reach: float, ratio: float
 ) -> tuple[Integers, Integers]:
-    """As ``sift.alike``, but a feature of a (n, 128) is compared with those of b (m, 128) alone that lie where it is expected.
+    """Match features as ``sift.alike`` does, but compare a feature of a (n, 128) only with those of b (m, 128) near its expected
+    place.
 
     expected: (n, 2), NaN for features that b cannot show. places: (m, 2), within ``reach`` of that along both axes. A feature
     around whose place there is but one other matches none.

@@ -1,4 +1,4 @@
-"""Frames that look alike: each is described by one vector, and compared with those in the nearest of many cells of vectors."""
+"""Place recognition: frames that look alike, found by one vector for each frame and an inverted index of cells of vectors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""A trajectory's poses as the places of a survey's frames; frames without a pose are named."""
+"""Placement of frames by a trajectory's poses; frames without a pose are named."""
 
 from collections import Counter
 

@@ -1,4 +1,4 @@
-"""All measured relative poses, brought to agreement: GTSAM's sparse solver, robust against false loops."""
+"""The pose graph of all relative poses, optimized by GTSAM's sparse solver with a kernel against false loops."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,9 @@ UNKNOWN = 1e4
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What navigation says of a frame: T_world_camera (4, 4), and how far to trust it; position_std_m: (3,) in world axes."""
+    """The pose that navigation gives a frame: T_world_camera (4, 4), and its standard errors; position_std_m: (3,) in world
+    axes.
+    """
 
     frame: int
     T_world_camera: NDArray[np.float64]
@@ -33,7 +35,7 @@ class Prior:
 
 
 def available() -> bool:
-    """True if GTSAM can be imported."""
+    """Tell whether GTSAM can be imported."""
     try:
         gtsam_library()
     except DeviceError:

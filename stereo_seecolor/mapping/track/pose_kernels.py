@@ -1,4 +1,4 @@
-"""How well a relative pose fits what two frames measured of the same points, and which way it should move."""
+"""Compiled loops of relative-pose estimation: residuals of a relative pose on matched points, and its normal equations."""
 
 from typing import Any
 

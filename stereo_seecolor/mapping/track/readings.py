@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReadingSettings:
-    """When another reading is believed."""
+    """When another reading is used."""
 
     min_edges: int = 5  # fewer fit anything
     attitude_rad: float = 0.2  # a turn off by this counts as much as a shift off by a whole step
@@ -40,7 +40,9 @@ SETTINGS = ReadingSettings()
 
 
 def misfit(T_world_camera: Array, edges: Sequence[Edge]) -> float:
-    """How badly poses fit the edges: the median, shifts in steps and turns in SETTINGS.attitude_rad; infinite for too few."""
+    """Compute how badly poses fit the edges: the median, shifts in steps and turns in SETTINGS.attitude_rad; infinite for too
+    few.
+    """
     motions = Motions.of(T_world_camera, edges)
     if len(motions.given) < SETTINGS.min_edges:
         return float("inf")
@@ -59,7 +61,7 @@ def better_reading(plain: float, edges: Sequence[Edge], others: Iterator[tuple[s
 def readings(
     T: Array, edges: Sequence[Edge], index: FrameIndex, trajectory: Trajectory, config: MappingConfig
 ) -> Iterator[tuple[str, Array]]:
-    """All that are known; T: (N, 4, 4) as read, edges: as the pictures show them."""
+    """List all other readings of the poses. T: (N, 4, 4) as read. edges: as the pictures show them."""
     if not any(trajectory.names) and np.isfinite(trajectory.timestamps_s).all():
         yield from _at_other_times(index, trajectory, config)
     for turned, start in (("", T), ("the quaternion's w first", w_first(T))):

@@ -1,4 +1,4 @@
-"""A placement made better by bundle adjustment: what its relative poses saw, taken all at once instead of pair by pair."""
+"""Refinement of a placement by bundle adjustment: all points of its relative poses at once, instead of pair by pair."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""The pose of one frame relative to another, from what both show."""
+"""The relative pose of two frames, estimated from the points that both show."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class RelativePoseSettings:
-    """When two frames are taken to see the same, and how their pose is fitted."""
+    """When two frames are taken to show the same, and how their relative pose is fitted."""
 
     ratio: float = 0.8  # Lowe's (2004) ratio of the nearest to the second nearest descriptor
     near_ratio: float = 0.65  # the same among the few that lie where a feature is expected
@@ -57,7 +57,7 @@ class Edge:
     loop: bool = False
 
     def scaled(self, scale: float) -> "Edge":
-        """With all lengths scaled by this factor."""
+        """Scale all lengths by a factor."""
         return replace(self, T_i_j=scaled_pose(self.T_i_j, scale), covariance=_scaled_covariance(self.covariance, scale))
 
 
@@ -71,7 +71,7 @@ class RelativePose:
     index_b: NDArray[np.int64]
 
     def scaled(self, scale: float) -> "RelativePose":
-        """With all lengths scaled by this factor."""
+        """Scale all lengths by a factor."""
         return replace(self, T_a_b=scaled_pose(self.T_a_b, scale), covariance=_scaled_covariance(self.covariance, scale))
 
 
@@ -162,7 +162,7 @@ def fit_pose(T: Array, a: Observed, b: Observed) -> tuple[Array, Array, NDArray[
 
 
 def squared_sigmas(T: Array, a: Observed, b: Observed) -> Array:
-    """(n,) how far points are from each other, in standard errors, squared; infinite for points behind the camera."""
+    """Compute the squared distance of matched points in standard errors: (n,), infinite for points behind the camera."""
     scaled_depth = b.points @ T[2, [0, 1, 3]] + T[2, 2]
     return np.where(scaled_depth * b.points[:, 2] > 0, _residuals(T, a, b)[0], np.inf)
 

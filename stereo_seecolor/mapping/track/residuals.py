@@ -1,4 +1,4 @@
-"""How far given poses are from the relative poses that the pictures show."""
+"""Residuals of given poses against the relative poses that the pictures show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,12 +33,12 @@ class Motions:
 
     @property
     def position_m(self) -> Array:
-        """(E,) distance between the given and the measured shift."""
+        """The distance between the given and the measured shift: (E,) meters."""
         return np.asarray(np.linalg.norm(self.given[:, :3, 3] - self.measured[:, :3, 3], axis=1))
 
     @property
     def attitude_rad(self) -> Array:
-        """(E,) angle between the given and the measured turn."""
+        """The angle between the given and the measured rotation: (E,)."""
         if not len(self.given):
             return np.zeros(0)
         turns = np.swapaxes(self.measured[:, :3, :3], 1, 2) @ self.given[:, :3, :3]
@@ -51,7 +51,7 @@ class Motions:
 
 
 def by_frame(values: Array, edges: Sequence[Edge], count: int) -> Array:
-    """(count,) median over each frame's edges of values (E,); NaN for a frame without edges."""
+    """Compute the median of values (E,) over each frame's edges: (count,), NaN for a frame without edges."""
     ends = np.array([[e.i, e.j] for e in edges], np.int64).reshape(-1, 2)
     result = np.full(count, np.nan)
     for frame in np.unique(ends):

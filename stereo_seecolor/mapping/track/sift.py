@@ -1,4 +1,4 @@
-"""Points that an image can be recognized by, and which of two images' look alike: in the frames of a track, and in whole maps."""
+"""SIFT keypoints and the matching of their descriptors, for frames of a track and for whole maps."""
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ Integers = NDArray[np.int64]
 
 
 def keypoints(contrast: NDArray[np.uint8], mask: NDArray[np.uint8], most: int) -> tuple[Array, NDArray[np.float32]]:
-    """(n, 2) pixels, (0, 0) the middle of the first, and (n, 128) descriptors of the ``most`` strongest (Lowe 2004).
+    """Find the ``most`` strongest keypoints: (n, 2) pixels, (0, 0) the middle of the first, and (n, 128) descriptors (Lowe 2004).
 
     contrast: (H, W) as ``local_contrast`` gives it. mask: (H, W), 0 where none is looked for.
     """
@@ -26,7 +26,8 @@ def keypoints(contrast: NDArray[np.uint8], mask: NDArray[np.uint8], most: int) -
 
 
 def alike(a: NDArray[np.float32], b: NDArray[np.float32], ratio: float) -> tuple[Integers, Integers]:
-    """Indices into descriptors a (n, 128) and b (m, 128): each the other's nearest, and clearly nearer than the second nearest.
+    """Match descriptors a (n, 128) and b (m, 128): indices of those that are each other's nearest, and clearly nearer than the
+    second nearest.
 
     ratio: Lowe's, of the two distances.
     """

@@ -1,4 +1,4 @@
-"""One sighting in bundle adjustment: its residual, what it changes with, and what it adds to the normal equations.
+"""Compiled functions for one sighting of bundle adjustment: its residual, its derivatives, and its part of the normal equations.
 
 A sighting is compared with its point in image space, x / z, y / z, 1 / z. Poses move by a turn (rad) and then a shift (m) in their
 own axes.
@@ -14,7 +14,7 @@ BEHIND = 1e6
 
 @compiled
 def residual_of(T: Any, point: Any, seen: Any, weight: Any, residual: Any) -> float:
-    """Write it, in standard errors; its square."""
+    """Write the residual in standard errors; return its square."""
     z = T[2, 0] * point[0] + T[2, 1] * point[1] + T[2, 2] * point[2] + T[2, 3]
     if z <= 0:
         residual[:] = 0
@@ -31,7 +31,7 @@ def residual_of(T: Any, point: Any, seen: Any, weight: Any, residual: Any) -> fl
 def linearized(
     T: Any, point: Any, seen: Any, weight: Any, outlier_sigmas: float, residual: Any, by_pose: Any, by_point: Any
 ) -> float:
-    """Write the residual and the derivatives of what is predicted, in standard errors; the weight of the Cauchy kernel."""
+    """Write the residual and the derivatives of the prediction, in standard errors; return the weight of the Cauchy kernel."""
     squared = residual_of(T, point, seen, weight, residual)
     if squared == BEHIND:
         by_pose[:] = 0
@@ -55,7 +55,7 @@ def linearized(
 
 @compiled
 def add_point(robust: float, residual: Any, by_point: Any, V: Any, own_g: Any) -> None:
-    """Add what a sighting says of its point: V (3, 3), own_g (3,)."""
+    """Add a sighting to the equations of its point: V (3, 3), own_g (3,)."""
     for i in range(3):
         own_g[i] += robust * (by_point[0, i] * residual[0] + by_point[1, i] * residual[1] + by_point[2, i] * residual[2])
         for j in range(3):
@@ -65,7 +65,7 @@ def add_point(robust: float, residual: Any, by_point: Any, V: Any, own_g: Any) -
 
 @compiled
 def add_pose(robust: float, residual: Any, by_pose: Any, damping: float, H: Any, g: Any) -> None:
-    """Add what a sighting says of its pose: H (6, 6), g (6,)."""
+    """Add a sighting to the equations of its pose: H (6, 6), g (6,)."""
     for i in range(6):
         g[i] += robust * (by_pose[0, i] * residual[0] + by_pose[1, i] * residual[1] + by_pose[2, i] * residual[2])
         for j in range(6):

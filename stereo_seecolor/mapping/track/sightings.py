@@ -1,4 +1,4 @@
-"""Points that frames share: the features of all relative poses, joined where they are of one thing."""
+"""Points that several frames share: features that relative poses match, joined to one point where they are the same."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,12 +27,12 @@ class Sightings:
 
     @property
     def views(self) -> Integers:
-        """(m,) how often each point was seen."""
+        """How often each point was seen: (m,)."""
         return np.bincount(self.point)
 
 
 def sightings(features: Sequence[Features], relations: Sequence[Relation], most: int) -> Sightings:
-    """All that the relations' inliers say, at most so many: of each relation the points that were seen most often.
+    """Join the inliers of all relations to points; at most ``most`` points of each relation are kept, those seen most often.
 
     features: by position on the track. A point of which one frame shows two features is none: one of its matches is wrong.
     """

@@ -1,4 +1,4 @@
-"""The inverse depth around pixels, smoothed; a plane, however it is tilted, stays the plane it is."""
+"""Smoothed inverse depth around pixels, by fitted planes: a plane, however it is tilted, is not changed."""
 
 from dataclasses import dataclass
 
@@ -28,8 +28,10 @@ SETTINGS = SmoothingSettings()
 
 @dataclass(frozen=True, eq=False)
 class SmoothDepth:
-    """Of every so many pixels, along both axes. inverse, std: (h, w) inverse depth and its standard error, 1/m. usable: (h, w),
-    where it is measured and there is no edge.
+    """Smoothed inverse depth at every so many pixels along both axes.
+
+    inverse, std: (h, w) inverse depth and its standard error, 1/m. usable: (h, w), where it is measured and there is no edge.
+    every: pixels from one sample to the next.
     """
 
     inverse: Map
@@ -48,7 +50,7 @@ class SmoothDepth:
 
 
 def smooth_depth(frame: SurveyFrame, geometry: RectifiedPair, every: int) -> SmoothDepth:
-    """A plane fitted to the inverse depths of each window, which are linear in the pixels of a plane; ranges are not.
+    """Fit a plane to the inverse depths of each window; inverse depths of a plane are linear in pixels, ranges are not.
 
     every: that many pixels along each axis are skipped but for one: neighbors have errors in common and tell little more.
     """

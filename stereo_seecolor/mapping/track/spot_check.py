@@ -1,4 +1,4 @@
-"""A look at a few places of the dive: whether given poses are as exact as the map can show, so that no track must be followed."""
+"""A check at a few places of the dive whether given poses are as exact as the map can show, so that no track must be followed."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ QUICK = FeatureSettings(max_width_px=480, max_features=800)
 
 @dataclass(frozen=True)
 class SpotSettings:
-    """How poses are examined, and when they are exact."""
+    """How poses are checked, and when they are exact."""
 
     neighbors: int = 12  # pairs of neighbors, spread over the dive
     crossings: int = 6  # pairs that overlap by the given poses and are no neighbors: lines that lie side by side

@@ -74,7 +74,7 @@ class CorrectedFeatures(Lazy[Features]):
         return len(self._features)
 
     def item(self, number: int) -> Features:
-        """Those of the frame at a position."""
+        """Read the features of the frame at a position."""
         return self._errors.corrected(self._features[number])
 
 
@@ -88,12 +88,12 @@ class ScaledFeatures(Lazy[Features]):
         return len(self._features)
 
     def item(self, number: int) -> Features:
-        """Those of the frame at a position."""
+        """Read the features of the frame at a position."""
         return self._features[number].scaled(self._scale)
 
 
 class SeenPairs(Lazy[Pair]):
-    """What two frames both see, for each pair of a track that was measured."""
+    """The points that both frames see, for each pair of a track that was measured."""
 
     def __init__(self, features: Sequence[Features], known: Sequence[tuple[Ends, RelativePose]]) -> None:
         self._features, self._known = features, known

@@ -1,4 +1,4 @@
-"""Which way is up: checked where the poses know it, taken from the bottom where they do not."""
+"""The upright direction of a track: checked where the poses know it, estimated from the bottom where they do not."""
 
 from dataclasses import replace
 
