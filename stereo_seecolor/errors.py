@@ -1,4 +1,4 @@
-"""What can go wrong, as errors of our own. ``cli`` turns each into one line and exit code 1; all else keeps its traceback."""
+"""The known errors of the program. ``cli`` prints each as one line, with exit code 1; other exceptions keep their traceback."""
 
 import re
 
@@ -27,7 +27,7 @@ class InputError(SeeColorError):
 
 
 class FrameError(InputError):
-    """One frame's files are gone or damaged; the others can go on without it. name: the frame's."""
+    """Missing or damaged files of one frame, without which the other frames can be used. name: the frame's."""
 
     def __init__(self, name: str, message: str) -> None:
         super().__init__(message)
@@ -46,7 +46,7 @@ class OutputError(SeeColorError):
 
 
 class DeviceError(SeeColorError):
-    """A device asked for and absent, or a library that a stage needs and the machine lacks."""
+    """A device that was asked for and is absent, or a missing library that a stage needs."""
 
 
 class ClusterError(SeeColorError):

@@ -1,6 +1,6 @@
-"""Rigid transforms: invert, interpolate, turn, as (..., 4, 4) matrices; rotations by scipy.
+"""Rigid transforms as (..., 4, 4) matrices, and rotations; and the standard error of ranges.
 
-scipy.spatial takes as long to import as a pair to match, so only functions that turn something do.
+scipy.spatial takes as long to import as a pair to match, so that only the functions that need it import it.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ DISPARITY_STD_PX = 0.1
 
 
 def pose(R: ArrayLike, position_m: ArrayLike) -> Array:
-    """(4, 4) of a rotation (3, 3) and a position (3,)."""
+    """The rigid transform (4, 4) of a rotation (3, 3) and a position (3,)."""
     T = np.eye(4)
     T[:3, :3], T[:3, 3] = R, position_m
     return T
@@ -62,7 +62,7 @@ def quaternion(R: Array) -> Array:
 
 
 def interpolate(before: Array, after: Array, fraction: float) -> Array:
-    """The pose at ``fraction`` of the way: straight line, constant turn."""
+    """The pose at ``fraction`` of the way between two poses (4, 4): on a straight line, with constant angular velocity."""
     T = before.copy()
     turn = rotation_vector(before[:3, :3].T @ after[:3, :3])
     T[:3, :3] = before[:3, :3] @ rotation_from_vector(fraction * turn)
@@ -71,14 +71,14 @@ def interpolate(before: Array, after: Array, fraction: float) -> Array:
 
 
 def estimated_range_std_m(range_m: Map, geometry: RectifiedPair) -> Map:
-    """Standard error of ranges (H, W) of which nothing else is known: range depth error / (f B), DISPARITY_STD_PX as the error."""
+    """Standard error of ranges (H, W) whose own is not known: range depth std / (f B), with DISPARITY_STD_PX as std."""
     depth_m = range_m / geometry.ray_length
     scale = np.float32(DISPARITY_STD_PX / (geometry.focal_px * geometry.baseline_m))
     return (range_m * depth_m * scale).astype(np.float32)
 
 
 def rotation_to_z(direction: Array) -> Array:
-    """The smallest rotation (3, 3) that turns ``direction`` (3,) onto +z."""
+    """The rotation (3, 3) by the smallest angle that takes ``direction`` (3,) to +z."""
     unit = direction / np.linalg.norm(direction)
     axis = np.cross(unit, [0.0, 0.0, 1.0])
     sine, cosine = float(np.linalg.norm(axis)), float(unit[2])
@@ -88,7 +88,7 @@ def rotation_to_z(direction: Array) -> Array:
 
 
 def rigid_alignment(points: Array, targets: Array) -> Array:
-    """(4, 4) rigid transform, without scale, that brings points (N, 3) nearest to their targets (N, 3).
+    """The rigid transform (4, 4), without scale, that takes points (N, 3) nearest to their targets (N, 3).
 
     Umeyama 1991, Least-squares estimation of transformation parameters, IEEE PAMI 13(4), eqs. 40 to 43 with c = 1.
     """

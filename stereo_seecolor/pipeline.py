@@ -1,7 +1,7 @@
-"""START HERE: one pair through all stages. ``dive/passes.py`` takes all pairs of a dive through the same steps, twice.
+"""START HERE: one pair through all stages. ``dive/passes.py`` takes all pairs of a dive through the same steps, in two passes.
 
-A pair is read, rectified onto one image plane, and matched to a range map (``measure``); a water is fitted to its colors over
-range; the water is taken out (``correct``). ``process`` is these steps in memory, from two arrays.
+A pair is read, rectified onto one image plane, and matched to a range map (``measure``). A water is fitted to its colors over
+range, and removed (``correct``). ``process`` does these steps in memory, for two arrays.
 """
 
 from collections.abc import Callable
@@ -39,7 +39,10 @@ most while its cloud is written; each further pair beside it adds 32 to 65 in ru
 
 
 class Pipeline:
-    """One pair through all stages. Built once for a rig; every method may be called from many threads."""
+    """Takes a pair through all stages. Made once for a rig; every method may be called from many threads.
+
+    geometry, seen, original, settings: see ``dive.source.Source``.
+    """
 
     makes_ranges = True
 
@@ -61,7 +64,7 @@ class Pipeline:
         return Pipeline, (self.rig, self.config)  # all else is made from these, and some of it is large
 
     def _settings(self) -> str:
-        """Hash of all that a range map depends on besides its two images."""
+        """Hash of everything that a range map depends on besides its two images."""
         maps = (self.rectification.maps_left, self.rectification.maps_right)
         tables = (table.tobytes() for pair in maps if pair for table in pair)
         config = self.config
@@ -70,38 +73,41 @@ class Pipeline:
 
     @property
     def pixels(self) -> int:
-        """Of a rectified image."""
+        """Number of pixels of a rectified image."""
         width, height = self.rectification.matching_pair.image_size
         return width * height
 
     def inputs(self, pair: Pair) -> dict[str, Path]:
-        """The files of a pair, by side; a video or a bag that they lie in is opened."""
+        """The files of a pair, by side. Opens the videos or the bag that hold them."""
         open_around(pair.left)
         open_around(pair.right)
         return {"left": pair.left, "right": pair.right}
 
     def read(self, pair: Pair) -> StereoFrame:
-        """Both images as the cameras gave them. Raises InputError."""
+        """Read both images of a pair, unrectified. Raises InputError."""
         return self.reader.read(pair)
 
     def raw(self, pair: Pair, clock: Clock) -> Image:
-        """The left image as the camera gave it. Raises InputError."""
+        """Read the left image, unrectified. Raises InputError."""
         with clock("read"):
             return read_image(pair.left, self.config.input)
 
     def image(self, pair: Pair, clock: Clock) -> Image:
-        """The rectified left image, upright. Raises InputError, CalibrationError."""
+        """Read and rectify the left image; upright. Raises InputError, CalibrationError."""
         image = self.raw(pair, clock)
         with clock("rectify"):
             return self.rectification.upright(self.rectification.apply_left(image))
 
     def measure(self, pair: Pair, clock: Clock) -> tuple[Image, RangeMap]:
-        """The rectified left image of a pair, upright, and its range map. Raises InputError, MatchingError, CalibrationError."""
+        """Read, rectify and match a pair: the rectified left image, upright, and its range map.
+
+        Raises InputError, MatchingError, CalibrationError.
+        """
         rectified, range_map = self._ranged(partial(self.read, pair), clock, self.match)
         return rectified.left, range_map
 
     def _ranged(self, raw: Callable[[], StereoFrame], clock: Clock, match: Match) -> tuple[StereoFrame, RangeMap]:
-        """Rectify and match a pair as the cameras gave it; both are turned upright, as the left camera saw the scene."""
+        """Rectify and match the unrectified pair that ``raw`` reads; results are upright, as the left camera saw the scene."""
         with clock("read"):
             frame = raw()
         with clock("rectify"):
@@ -116,7 +122,7 @@ class Pipeline:
             return replace(rectified, left=left, right=right), range_map.each(upright)
 
     def rectify(self, frame: StereoFrame) -> StereoFrame:
-        """Both images onto one image plane, turned so that the baseline is +x. Raises CalibrationError for another size."""
+        """Rectify both images onto one plane, with the baseline along +x. Raises CalibrationError for images of another size."""
         left, right = self.rectification.apply_left(frame.left), self.rectification.apply_right(frame.right)
         return replace(frame, left=left, right=right)
 
@@ -130,10 +136,10 @@ class Pipeline:
         water: Water | Callable[[Image, RangeMap], Water] | None = None,
         match: Match | None = None,
     ) -> FrameResult:
-        """A pair as the cameras gave it through all stages.
+        """Take an unrectified pair through all stages.
 
-        water: what is taken out, or what finds it for the rectified left image; None fits it to this one frame. match: instead of
-        the pipeline's own.
+        water: to remove, or a function that finds it for the rectified left image and its range map; None: fit it to this frame.
+        match: in place of the pipeline's own.
         """
         clock = Clock()
         rectified, range_map = self._ranged(lambda: frame, clock, match or self.match)
@@ -147,7 +153,7 @@ class Pipeline:
 
 
 def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: RangeMap, water: Water) -> Correction:
-    """A frame in its true colors; with linear light beside it where ``output.image_format`` asks for that. Raises ColorError.
+    """Remove the water from a frame; with linear light in the result for ``output.image_format: tiff32``. Raises ColorError.
 
     A monochrome camera's frame stays monochrome.
     """
@@ -163,7 +169,7 @@ def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: Ra
 
 
 def _carried_as_measured(correction: Correction, range_map: RangeMap) -> Correction:
-    """Where the range was carried over, colors within those of measured pixels."""
+    """The correction with colors limited to those of measured pixels where the range was carried over."""
     measured = ~(range_map.filled | correction.unknown | correction.unrecoverable)
     image = within_measured(correction.image, range_map.filled, measured)
     linear = None if correction.linear is None else within_measured(correction.linear, range_map.filled, measured)
@@ -171,10 +177,10 @@ def _carried_as_measured(correction: Correction, range_map: RangeMap) -> Correct
 
 
 def ranges_for_color(image: Image, range_map: RangeMap, config: RunConfig, water: Water, seen: Mask | None = None) -> RangeMap:
-    """The range map that a frame is corrected with: where nothing was measured, carried over from neighbors and marked as filled.
+    """The range map that a frame is corrected with: unknown ranges are carried over from neighbors and marked as filled.
 
-    Of a frame without any known range, all of it is the typical range of what the water was fitted to. seen: where the image shows
-    something, None = everywhere.
+    A frame without any known range gets the water's typical range everywhere. seen: where the image shows something, None =
+    everywhere.
     """
     if config.color.unknown_pixels != "interpolate":
         return range_map

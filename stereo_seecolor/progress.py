@@ -1,4 +1,4 @@
-"""Who follows a command's progress."""
+"""Listeners, which are told of a command's progress."""
 
 import logging
 import re
@@ -8,20 +8,20 @@ from typing import Protocol
 from stereo_seecolor.records import FrameRow
 
 LOG_EVERY_S = 60.0
-"""Seconds between two lines of the log on one stage: enough to see after a crash how far a run of hours had come."""
+"""Seconds between two lines of the log on one stage: they show how far a long run had come before a crash."""
 
 log = logging.getLogger(__name__)
 _NUMBER = re.compile(r"[-+]?\d[\d.]*")
 
 
 class Listener(Protocol):
-    """Who follows a command's progress; see cli/."""
+    """Is told of a command's progress: cli/ has listeners that draw it."""
 
     def begin(self, stage: str, total: int) -> None:
         """A pass over ``total`` pairs begins."""
 
     def advance(self, row: FrameRow) -> None:
-        """One more pair is through the pass."""
+        """A pair has finished the pass."""
 
 
 class Silence:
@@ -41,18 +41,18 @@ class Both:
         self._listeners = first, second
 
     def begin(self, stage: str, total: int) -> None:
-        """A pass begins."""
+        """Tell both that a pass begins."""
         for listener in self._listeners:
             listener.begin(stage, total)
 
     def advance(self, row: FrameRow) -> None:
-        """One more pair is through."""
+        """Tell both of a finished pair."""
         for listener in self._listeners:
             listener.advance(row)
 
 
 class LoggingListener:
-    """Writes to the log what a listener hears, then passes it on: stages, failed pairs, each kind of warning once."""
+    """Writes progress to the log, and passes it on: stages, failed pairs, each kind of warning once."""
 
     def __init__(self, then: Listener | None = None) -> None:
         self._then = then or Silence()
@@ -68,7 +68,7 @@ class LoggingListener:
         self._then.begin(stage, total)
 
     def advance(self, row: FrameRow) -> None:
-        """Log what is wrong with a pair, and now and then how far the stage is."""
+        """Log a pair's error and warnings, and every LOG_EVERY_S the progress of the stage."""
         self._done += 1
         if row.status == "failed":
             self._failed += 1

@@ -1,4 +1,4 @@
-"""What the stages exchange: frozen, units and shapes on every field, NaN for unknown."""
+"""The records that stages exchange: frozen dataclasses, with unit and shape of every field, and NaN for unknown values."""
 
 import math
 from collections.abc import Callable
@@ -24,7 +24,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Capture:
-    """What a camera recorded beside the pixels of an image; None = not recorded.
+    """Metadata that a camera recorded with an image; None = not recorded.
 
     exposure_s: seconds. gain: factor, 1 = 0 dB or ISO 100. aperture: f-number. captured_s: seconds since 1970.
     latitude_deg, longitude_deg: WGS84. exif: the EXIF block for the corrected image, upright and without a thumbnail, b"" = none.
@@ -40,9 +40,9 @@ class Capture:
 
     @property
     def relative_exposure(self) -> float | None:
-        """How bright a scene comes out, up to a constant of the camera: exposure_s gain / aperture^2.
+        """Brightness of a scene up to a constant of the camera: exposure_s gain / aperture^2.
 
-        What is not recorded is taken to be constant; None where neither exposure nor gain is.
+        Values that are not recorded are taken to be constant; None where neither exposure nor gain is recorded.
         """
         if self.exposure_s is None and self.gain is None:
             return None
@@ -51,10 +51,10 @@ class Capture:
 
 @dataclass(frozen=True, eq=False)
 class StereoFrame:
-    """One pair: as read, or rectified.
+    """One pair, as read or rectified.
 
-    name: what the outputs are called; left, right: Image; timestamp_s: seconds, or None where the name holds no time.
-    left_capture, right_capture: what the cameras recorded of each.
+    name: also of its outputs. left, right: Image. timestamp_s: seconds, None where the name holds no time.
+    left_capture, right_capture: metadata of the images.
     """
 
     name: str
@@ -75,12 +75,12 @@ def is_monochrome(image: NDArray[np.generic]) -> bool:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RangeMap:
-    """What stereo knows of the distance of each pixel of the rectified left image.
+    """The distance of each pixel of the rectified left image.
 
-    disparity: pixels, x_left - x_right. depth_m: Z along the optical axis. range_m: distance along the ray (what water acts on).
+    disparity: pixels, x_left - x_right. depth_m: Z along the optical axis. range_m: distance along the ray, on which water acts.
     range_std_m: standard error of range_m. confidence: [0, 1], 0 where unknown.
-    filled: True where the value was invented from its neighbors, not measured; such pixels have confidence 0.
-    vertical_px: how far right rows lie below left ones, as rectified; NaN where unknown.
+    filled: True where the value was not measured, but filled in from neighbors; such pixels have confidence 0.
+    vertical_px: offset of right rows below left ones, after rectification; NaN where unknown.
     """
 
     disparity: Map
@@ -94,7 +94,7 @@ class RangeMap:
 
     @classmethod
     def of_ranges(cls, range_m: Map, measured: Mask, warnings: tuple[str, ...] = ()) -> "RangeMap":
-        """A map of which only the ranges are known, and which of them were measured; all else is NaN."""
+        """A map with known ranges only; all other values are NaN. measured: True where a range was measured, not filled in."""
         nothing = np.broadcast_to(np.float32(np.nan), range_m.shape)  # takes no memory
         known = np.isfinite(range_m)
         return cls(nothing, nothing, range_m, nothing, (known & measured).astype(np.float32), known & ~measured, warnings)
@@ -107,14 +107,14 @@ class RangeMap:
         return f"RangeMap({width}x{height}, {known_m.size / max(self.range_m.size, 1):.1%} measured{span})"
 
     def each(self, function: Callable[[NDArray[Any]], NDArray[Any]]) -> "RangeMap":
-        """The range map of ``function`` of every map, such as one that turns them."""
+        """The range map with ``function`` applied to every map, such as a rotation."""
         maps = (self.disparity, self.depth_m, self.range_m, self.range_std_m, self.confidence, self.filled)
         disparity, depth_m, range_m, range_std_m, confidence, filled = (function(values) for values in maps)
         return RangeMap(disparity, depth_m, range_m, range_std_m, confidence, filled, self.warnings, self.vertical_px)
 
     @classmethod
     def unknown(cls, shape: tuple[int, int], warning: str) -> "RangeMap":
-        """The map of (H, W) pixels without a known one, and why."""
+        """The map of (H, W) unknown pixels, with a warning that states the reason."""
         nothing = np.full(shape, np.nan, np.float32)
         none = np.zeros(shape, np.float32)
         return cls(nothing, nothing, nothing, nothing, none, np.zeros(shape, np.bool_), (warning,))
@@ -125,19 +125,18 @@ class RangeMap:
 
     @cached_property  # asked for up to four times a map
     def measured_m(self) -> Map:
-        """range_m with everything that was filled in taken out again."""
+        """range_m without filled-in values."""
         return np.where(self.filled, np.float32(np.nan), self.range_m) if self.filled.any() else self.range_m
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Correction:
-    """A frame in its true colors.
+    """A corrected frame.
 
-    image: J at the input's bit depth; where the range is unknown see ``unknown``.
-    unknown: True where no range was known. unrecoverable: True where a channel's gain hit its noise-tied cap, or the camera had
-    clipped a channel. clipped_fraction: fraction of valid pixels with a channel at full scale. water: the water that was taken out.
-    exposure, highlights: as a Water's.
-    linear: (H, W, 3) float32 linear light, unclipped, where it was asked for.
+    image: J at the input's bit depth. unknown: True where no range was known. unrecoverable: True where noise limits a channel's
+    gain, or the camera clipped a channel. clipped_fraction: fraction of pixels of known range with a channel at full scale.
+    water: the water that was removed. exposure, highlights: as in Water.
+    linear: (H, W, 3) float32 linear light, unclipped; None unless asked for.
     """
 
     image: Image
@@ -158,18 +157,18 @@ class Correction:
         return f"Correction({tuple(self.image.shape)} {self.image.dtype}, {fractions}, exposure {self.exposure:.3g})"
 
     def with_linear(self, linear: NDArray[np.float32]) -> "Correction":
-        """The same correction with its linear light, (H, W, 3) float32."""
+        """The correction with its linear light, (H, W, 3) float32."""
         return replace(self, linear=linear)
 
     def one_band(self) -> "Correction":
-        """The same correction of a monochrome camera's image: green, the middle of its band, in all three channels."""
+        """The correction of a monochrome camera's image: green, in the middle of its band, in all three channels."""
         linear = None if self.linear is None else self.linear[..., [1, 1, 1]]
         return replace(self, image=self.image[..., [1, 1, 1]], linear=linear)
 
 
 @dataclass(frozen=True, eq=False)
 class FrameResult:
-    """A pair through all stages: the rectified pair, its range map, its colors; seconds a stage."""
+    """The result of all stages for a pair. frame: rectified. seconds: of each stage."""
 
     frame: StereoFrame
     range_map: RangeMap
@@ -178,17 +177,17 @@ class FrameResult:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """All that the stages had to say about this pair."""
+        """The warnings of all stages."""
         return self.range_map.warnings + self.correction.warnings
 
 
 @dataclass(frozen=True, eq=False)
 class SurveyFrame:
-    """A finished pair as the map sees it: corrected colors and ranges of the rectified left camera.
+    """A finished pair for the map: corrected colors and ranges of the rectified left camera.
 
     name: as in StereoFrame. color: (H, W, 3) uint8 RGB. range_m, range_std_m: Map, measured pixels only.
     confidence: (H, W) uint8, 0..255 for 0..1 as in its file; 0 where unknown.
-    unrecoverable: True where the water left too little of a color, None where nothing is known of that.
+    unrecoverable: as in Correction; None where it is not known.
     """
 
     name: str
@@ -200,7 +199,7 @@ class SurveyFrame:
     unrecoverable: Mask | None = None
 
     def scaled(self, scale: float) -> "SurveyFrame":
-        """With ranges scaled by this factor: of a rig whose scale is known better than by its calibration."""
+        """The frame with ranges multiplied by ``scale``, for a rig whose scale is known better than by its calibration."""
         factor = np.float32(scale)
         return self if scale == 1 else replace(self, range_m=factor * self.range_m, range_std_m=factor * self.range_std_m)
 
@@ -228,7 +227,7 @@ class GeoOrigin:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Where the left camera stood: p_world = T_world_camera @ p_camera, meters.
+    """Poses of the left camera: p_world = T_world_camera @ p_camera, meters.
 
     names: (N,) frame names ("" where the file names none). timestamps_s: (N,) float64, NaN where the file holds no time.
     T_world_camera: (N, 4, 4) float64; camera axes x right, y down, z forward; world east-north-up when georeferenced.
@@ -248,22 +247,22 @@ class Trajectory:
     fixes: bool = False
 
     def of_rectified(self, T_rectified_left: NDArray[np.float64]) -> "Trajectory":
-        """The same track as the rectified camera's. T_rectified_left: (4, 4), from the raw left camera's axes."""
+        """The poses of the rectified left camera. T_rectified_left: (4, 4), from the axes of the camera as calibrated."""
         if self.camera == "rectified":
             return self
         return replace(self, T_world_camera=self.T_world_camera @ np.linalg.inv(T_rectified_left), camera="rectified")
 
 
 Status = Literal["ok", "failed", "unpaired", "pending"]
-"""pending: a stopped run did not come to it."""
+"""pending: the run was stopped before this pair."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameRow:
-    """The outcome of one pair, or of one file without a partner.
+    """The outcome of one pair, or of one file without a partner: a row of frames.csv.
 
-    kept: an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds: a stage's name -> seconds.
-    facts: fractions and parameters, by column.
+    kept: True where an earlier run had finished it. hashes: SHA-256 of its files, by side. seconds: name of a stage -> seconds.
+    facts: numbers by column, see dive/frame_facts.py.
     """
 
     name: str
@@ -280,11 +279,11 @@ class FrameRow:
 
     @property
     def line(self) -> str:
-        """The outcome, for a person: the name once, also where the error begins with it."""
+        """The outcome as a line of text, with the name once, also if the error begins with it."""
         return f"{self.status}: {self.name}: {self.error.removeprefix(f'{self.name}: ')}"
 
     def then(self, later: "FrameRow") -> "FrameRow":
-        """This row after a later stage: times add up, what a stage says again is said once, kept only if both were."""
+        """This row and that of a later stage as one: seconds are added, repeated warnings dropped; kept only if both were."""
         seconds = {key: self.seconds.get(key, 0.0) + later.seconds.get(key, 0.0) for key in self.seconds | later.seconds}
         return replace(
             later,

@@ -1,1 +1,1 @@
-"""Where work runs: threads on this machine."""
+"""Runs work on threads of this machine or on a cluster, with compiled kernels and bounded memory."""

@@ -1,4 +1,4 @@
-"""What the C library does with freed memory: set once, by a process that makes and frees images without end."""
+"""Sets how the C library reuses freed memory, for a process that allocates and frees many images."""
 
 import ctypes
 import sys
@@ -12,10 +12,10 @@ LARGEST_KEPT, MOST_KEPT = 1 << 25, (1 << 31) - 1
 
 
 def keep_freed_memory() -> None:
-    """Keep what is freed for the next image, in one place for all threads; does nothing without the GNU C library.
+    """Keep freed memory for the next image, in one arena for all threads; does nothing without the GNU C library.
 
-    As it is set up by default, each thread has a place of its own whose end goes back to the system as soon as it is free, and the
-    next image waits until the system has cleared it again.
+    By default each thread has an arena, whose end is returned to the system when it is free, and must be cleared by the system for
+    the next image.
     """
     if not sys.platform.startswith("linux"):
         return

@@ -1,4 +1,4 @@
-"""Work beside the main thread, such as answering a browser, or writing a pair while the next is processed."""
+"""Runs work beside the main thread, such as answering a browser, or writing a pair while the next is processed."""
 
 import os
 import threading
@@ -10,18 +10,18 @@ from functools import cache
 from pathlib import Path
 
 MOST_WAITING = 2
-"""So many pieces of work wait or are under way; the caller waits for a third."""
+"""Most pieces of work that wait or are under way: the caller waits before it adds another."""
 
 MOST_FLUSHED = 8
-"""Files that a disk is waited for at once."""
+"""Most files that are flushed to a disk at the same time."""
 
 NICE = 10
-"""Lower priority than the main thread's, so that what is in a hurry goes first."""
+"""Steps of priority below the main thread, whose work is urgent."""
 
 
 @contextmanager
 def in_background(work: Callable[[], None], stop: Callable[[], None]) -> Iterator[None]:
-    """``work`` runs in a thread of its own while the block does; ``stop`` makes it return. It never keeps the program alive."""
+    """Run ``work`` in a thread of its own while the block runs; ``stop`` makes it return. It never keeps the program alive."""
     thread = threading.Thread(target=work, daemon=True)
     thread.start()
     try:
@@ -32,7 +32,7 @@ def in_background(work: Callable[[], None], stop: Callable[[], None]) -> Iterato
 
 
 class WorkBehind:
-    """Work that one thread of low priority does in its order while the caller goes on.
+    """Does work in order, in one thread of low priority, while the caller goes on.
 
     An error of a piece of work is raised by the next ``put``, or by ``finish``.
     """
@@ -42,13 +42,13 @@ class WorkBehind:
         self._waiting: deque[Future[None]] = deque()
 
     def put(self, work: Callable[[], None]) -> None:
-        """Do this too; waits while ``MOST_WAITING`` pieces are not done."""
+        """Add a piece of work; waits while ``MOST_WAITING`` pieces are not done."""
         while self._waiting and (self._waiting[0].done() or len(self._waiting) >= MOST_WAITING):
             self._waiting.popleft().result()
         self._waiting.append(self._pool.submit(work))
 
     def finish(self) -> None:
-        """Wait until all is done."""
+        """Wait until all work is done."""
         try:
             while self._waiting:
                 self._waiting.popleft().result()
@@ -57,17 +57,17 @@ class WorkBehind:
 
 
 class Alongside:
-    """Work that waits for a disk, each piece in a thread of its own while the caller goes on."""
+    """Does work that waits for a disk, each piece in a thread of its own, while the caller goes on."""
 
     def __init__(self) -> None:
         self._under_way: list[Future[None]] = []
 
     def put(self, work: Callable[[], None]) -> None:
-        """Begin this too."""
+        """Begin a piece of work."""
         self._under_way.append(_waiting_pool().submit(work))
 
     def finish(self) -> None:
-        """Wait until all is done; raises the first error."""
+        """Wait until all work is done; raises the first error."""
         wait(self._under_way)
         for done in self._under_way:
             done.result()

@@ -1,4 +1,4 @@
-"""Machine code made before a first run, by several processes at once: in one process numba compiles one function at a time."""
+"""Compiles kernels before a first run in several processes: in one process numba compiles one function at a time."""
 
 import os
 import subprocess
@@ -11,21 +11,22 @@ from stereo_seecolor.compute.threads import cores
 
 
 def call_in_processes(functions: Sequence[str]) -> Iterator[Sequence[str]]:
-    """Call each ``module:function``, dealt to a process a core; those of a process when it has ended.
+    """Call each ``module:function``, in one process for each core; yields the functions of a process when it has ended.
 
-    What they compile is kept on disk. One that fails says nothing: what it leaves undone is compiled when it is needed.
+    Compiled code is kept on disk. Errors are ignored: missing code is compiled when it is needed.
     """
-    shares = [functions[first :: cores()] for first in range(min(cores(), len(functions)))]
-    with ThreadPoolExecutor(len(shares)) as pool:
-        calls = {pool.submit(_call, share): share for share in shares}
+    groups = [functions[first :: cores()] for first in range(min(cores(), len(functions)))]
+    with ThreadPoolExecutor(len(groups)) as pool:
+        calls = {pool.submit(_call, group): group for group in groups}
         for done in as_completed(calls):
             yield calls[done]
 
 
 def _call(functions: Sequence[str]) -> None:
-    """By this installation's package: -P leaves out the present folder, which may be another copy of it, such as a clone.
+    """Call the functions in a new process, with the modules of this installation.
 
-    Without looking for garbage, which takes a tenth of the time that numba compiles in.
+    -P leaves the current folder out of the search path, which may be another copy of the package. Garbage collection is off: it
+    takes a tenth of numba's time.
     """
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     calls = [f"from {module} import {function}; {function}()" for module, function in (name.split(":") for name in functions)]

@@ -1,23 +1,23 @@
-"""How much memory work can still have."""
+"""The memory that is free for work."""
 
 from contextlib import suppress
 from pathlib import Path
 
-SHARE = 0.75
-"""Of the free memory that work is planned into: the estimates are of typical images, and others use the machine, too."""
+USED_FRACTION = 0.75
+"""Fraction of the free memory that work is planned into: estimates are for typical images, and other programs use memory, too."""
 _MEMINFO, _GROUPS = Path("/proc/meminfo"), Path("/sys/fs/cgroup")
 _LIMITS = ("memory.max", "memory/memory.limit_in_bytes")
-"""Of a container or a batch job, as the two versions of Linux's control groups call it."""
+"""Files of the memory limit of a container or a batch job, in the two versions of Linux's control groups."""
 
 
 def at_once(most: int, bytes_each: float) -> int:
-    """How many of ``most`` pieces of work fit into the free memory, at least 1; ``most`` where the system does not say."""
+    """How many of ``most`` pieces of work fit into the free memory, at least 1; ``most`` where free memory is unknown."""
     free = free_bytes()
-    return most if free is None else max(1, min(most, int(SHARE * free / bytes_each)))
+    return most if free is None else max(1, min(most, int(USED_FRACTION * free / bytes_each)))
 
 
 def free_bytes() -> int | None:
-    """What can be had without swapping, of the machine and of the container that this runs in; None where that is not known."""
+    """Free memory without swapping, of the machine or of this container if that has less; None where it is not known."""
     known = [_available(), *(_limit(_GROUPS / name) for name in _LIMITS)]
     return min((size for size in known if size is not None), default=None)
 

@@ -1,4 +1,4 @@
-"""Something done again and again beside the work, by a thread of its own."""
+"""Calls a function at intervals, in a thread of its own."""
 
 import threading
 from collections.abc import Callable, Iterator

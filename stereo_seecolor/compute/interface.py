@@ -1,4 +1,4 @@
-"""The one interface through which a command's work over pairs and tiles is run, wherever that is."""
+"""The interface through which commands run work on pairs and tiles, on this machine or on a cluster."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -12,10 +12,10 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True)
 class Usage:
-    """What the processes that work for this one have used until now.
+    """The resources that worker processes have used so far.
 
-    cores: that work at once, also where this process works itself. core_seconds: processor time, and memory_bytes: the most that
-    one of them had at once; both 0 where this process works itself.
+    cores: number of cores in use, also where this process works itself. core_seconds: processor time of other processes, and
+    memory_bytes: the largest memory of one of them; both 0 where this process works itself.
     """
 
     cores: int
@@ -24,24 +24,27 @@ class Usage:
 
 
 class Compute(Protocol):
-    """Where work runs. The results are the same wherever that is, whatever the number of workers.
+    """Runs work on many items. The results do not depend on where it runs, or on the number of workers.
 
-    An exception of ``work`` ends the iteration and is raised in the caller; what is under way is finished, and nothing more begun.
+    An exception of ``work`` ends the iteration and is raised in the caller; work under way is finished, and no more is begun.
     """
 
     @property
     def usage(self) -> Usage:
-        """What the work has cost so far."""
+        """The resources used so far."""
 
     @property
     def parts(self) -> int:
-        """Into how many parts work is to be cut that could use all cores of this machine: 1 here, one a core of a cluster."""
+        """Number of parts into which to cut work that uses all cores of a machine: 1 here, one for each core of a cluster."""
 
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> AbstractContextManager[None]:
-        """While work writes into ``folder`` and reads ``inputs``: where it runs, both are seen, or ClusterError is raised."""
+        """Make sure, while the block runs, that workers see the ``folder`` that they write into and their ``inputs``.
+
+        Where one does not, its work raises ClusterError.
+        """
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every item, such as a pair, in the items' order; a bounded number is under way, items are taken as needed."""
+        """``work`` of every item, in order. A bounded number of items is under way; items are taken when they are needed."""
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
-        """As ``each``, for work that fills the memory and uses all cores of a machine, such as a tile of the map."""
+        """``each`` for work that fills the memory and uses all cores of a machine, such as a tile of the map."""

@@ -1,8 +1,9 @@
-"""Where numba keeps machine code between runs, and how it knows that the code is current.
+"""The cache of machine code between runs, for numba.
 
-numba's own cache looks at the file that holds a function. Constants and callees in other files are compiled in, too, so here a
-function's code is current if no source file is changed that its module imports, directly or through others. numba adds its own
-version, the processor and the argument types. Stale entries are overwritten. Where nothing can be written, code is not kept.
+numba's own cache depends on the file that holds a function. But constants and callees in other files are compiled in, too. So here
+a function's code is current as long as no source file has changed that its module imports, directly or through others. numba adds
+its own version, the processor and the argument types. Stale entries are overwritten. Where no folder can be written, code is not
+kept.
 """
 
 import hashlib
@@ -22,15 +23,15 @@ from numba.core.runtime.nrt import rtsys
 from stereo_seecolor.compute.sources import PACKAGES, ROOT, sources_digest
 
 OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
-"""Of numba, for all functions. Wrappers that nobody calls take a seventh of the time that all functions of a run compile in."""
+"""numba's options for all functions. Without wrappers that nobody calls, compilation takes a seventh less time."""
 INSTALLATIONS_KEPT = 8
-"""Folders in the user's cache folder, one an installation whose own folder cannot be written: some 10 MB each."""
+"""Folders kept in the user's cache folder, one for each installation that cannot write into its own: some 10 MB each."""
 
 
 def keep_on_this_machine() -> None:
-    """Keep machine code in this machine's folder for temporary files, begun with what the installation keeps already.
+    """Keep machine code in this machine's folder for temporary files, with a copy of the code that the installation has.
 
-    For workers on other machines, which would all compile into one folder of a shared disk. NUMBA_CACHE_DIR wins, where it is set.
+    For workers on other machines, which would all write into one folder of a shared disk. Does nothing if NUMBA_CACHE_DIR is set.
     """
     if os.environ.get("NUMBA_CACHE_DIR"):
         return
@@ -47,7 +48,7 @@ def keep_on_this_machine() -> None:
 
 
 def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """numba's compiled form of a function; its machine code is kept on disk if it is of this package and there is a place."""
+    """numba's compiled form of a function; its machine code is kept on disk if it is of this package and a folder is writable."""
     found = njit(**OPTIONS, **options)(function)
     if hasattr(found, "enable_caching") and _Locator.from_function(function, function.__code__.co_filename):
         found._cache = _KernelCache(function)  # type: ignore[no-untyped-call]  # as enable_caching() does, with our locator
@@ -55,12 +56,12 @@ def dispatcher(function: Callable[..., Any], options: dict[str, Any]) -> Any:
 
 
 def callee(function: Callable[..., Any], options: dict[str, Any]) -> Any:
-    """The same without what calls from Python take; its machine code becomes part of its callers' and is kept with theirs."""
+    """``dispatcher`` for a function that only compiled code calls; its machine code is kept as a part of its callers'."""
     return njit(**{**OPTIONS, **options, "no_cpython_wrapper": True})(function)
 
 
 def is_missing(found: Any) -> bool:
-    """True if the code that ``dispatcher`` gave can be kept on disk, and is not yet."""
+    """True if the code of a function from ``dispatcher`` can be kept on disk, and is not there yet."""
     try:
         file = found._cache._cache_file
         return not file._load_index() and os.access(file._cache_path, os.W_OK)
@@ -69,7 +70,7 @@ def is_missing(found: Any) -> bool:
 
 
 class _Locator:
-    """Where a function's machine code is kept, in the form that numba's cache asks for."""
+    """The folder of a function's machine code, in the form that numba's cache asks for."""
 
     def __init__(self, function: Callable[..., Any], file: Path, folder: Path) -> None:
         self._py_file = str(file)
@@ -101,12 +102,12 @@ class _KernelCacheImpl(CompileResultCacheImpl):
 
 
 class _KernelCache(FunctionCache):
-    """numba's cache; an entry that cannot be read or written costs a compilation, no more."""
+    """numba's cache, in which an entry that cannot be read or written only causes a compilation."""
 
     _impl_class = _KernelCacheImpl
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Without what only compiling needs: numba's own method first imports all that it can compile, and scipy."""
+        """Load compiled code without the modules that only compilation needs, which numba's own method imports first."""
         try:
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():
@@ -136,7 +137,7 @@ def _folder() -> Path | None:
 
 
 def _installation() -> Path:
-    """What an installation's folder is called where many have one."""
+    """The name of an installation's folder among those of others."""
     return Path("stereo-seecolor") / hashlib.sha256(str(ROOT).encode()).hexdigest()[:16]
 
 

@@ -1,4 +1,4 @@
-"""Sequences whose items are read or made when asked for, since a dive's do not fit in memory."""
+"""Sequences whose items are read or made when asked for, since those of a dive do not fit into memory."""
 
 from abc import abstractmethod
 from collections.abc import Sequence
@@ -8,11 +8,11 @@ Item = TypeVar("Item", covariant=True)
 
 
 class Lazy(Sequence[Item]):
-    """A sequence of what ``item`` gives; a slice of it is a list."""
+    """A sequence whose items ``item`` makes; a slice of it is a list."""
 
     @abstractmethod
     def item(self, number: int) -> Item:
-        """The item of this number, 0 to before the length."""
+        """The item of this number, from 0 to the length less 1."""
 
     @overload
     def __getitem__(self, index: int) -> Item: ...
@@ -25,7 +25,7 @@ class Lazy(Sequence[Item]):
 
 
 class Chosen(Lazy[Item]):
-    """Some items of a sequence. numbers: of them, in order, as an array of numbers."""
+    """Some items of a sequence. numbers: the numbers of these items, in order."""
 
     def __init__(self, items: Sequence[Item], numbers: Sequence[int]) -> None:
         self._items, self._numbers = items, numbers

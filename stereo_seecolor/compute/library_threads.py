@@ -1,4 +1,4 @@
-"""How many threads other libraries use, in a process that does many things at once itself."""
+"""Limits the threads of other libraries, in a process that works on many pairs at once."""
 
 import os
 import sys
@@ -11,11 +11,11 @@ VARIABLES = {PRODUCTS: "numpy", "OPENCV_FOR_THREADS_NUM": "cv2"}
 
 
 def one_thread_in_libraries() -> None:
-    """One thread for OpenCV and for products of matrices, as far as neither is imported yet, unless the environment says another
-    number.
+    """Use one thread in OpenCV and in products of matrices, if these libraries are not imported yet and the environment sets no
+    other number.
 
-    OpenBLAS starts a thread a core for matrices of some dozen rows, and these wait in busy loops: the light of a dive took three
-    times the processor time. OpenCV's threads cost a run 8 %.
+    OpenBLAS starts a thread for each core for matrices of a few dozen rows, and these wait in busy loops: solving the light of a
+    dive took three times the processor time. OpenCV's threads cost a run 8 %.
     """
     for variable, module in VARIABLES.items():
         if module not in sys.modules:
@@ -24,7 +24,7 @@ def one_thread_in_libraries() -> None:
 
 @contextmanager
 def one_thread_in_products() -> Iterator[None]:
-    """The same for products of matrices alone, for a while, in a process of someone else's that has imported numpy before."""
+    """Use one thread in products of matrices while the block runs, in a program that has imported numpy before."""
     if PRODUCTS in os.environ:
         yield
         return

@@ -1,4 +1,4 @@
-"""Names of a dive's frames in little memory, each found by its number, and its number by it."""
+"""Names of a dive's frames in little memory; a name is found by its number, and a number by its name."""
 
 from array import array
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ FREE = -1
 
 
 class Names(Lazy[str]):
-    """Different names in the order they came: 40 bytes each, where a dict takes 200."""
+    """Different names in the order in which they were added: 40 bytes each, while a dict takes 200."""
 
     def __init__(self, names: Iterable[str] = ()) -> None:
         self._text, self._ends = bytearray(), array("q", [0])
@@ -43,12 +43,12 @@ class Names(Lazy[str]):
         return self._text[self._ends[number] : self._ends[number + 1]].decode(errors="surrogateescape")
 
     def number(self, name: str) -> int | None:
-        """The number of this name; None where it is not among them."""
+        """The number of this name; None where it was not added."""
         found = self._slots[self._slot(name)]
         return None if found == FREE else found
 
     def add(self, name: str) -> int:
-        """The number of this name, which is the last one where it is new."""
+        """Add a name unless it is there; returns its number."""
         slot = self._slot(name)
         if self._slots[slot] == FREE:
             self._slots[slot] = len(self)
@@ -60,7 +60,7 @@ class Names(Lazy[str]):
         return self._slots[slot]
 
     def _slot(self, name: str) -> int:
-        """Where the number of this name stands, or is to stand."""
+        """The slot of the hash table for this name."""
         last = len(self._slots) - 1
         slot = hash(name) & last
         while (number := self._slots[slot]) != FREE and self.item(number) != name:
@@ -74,7 +74,7 @@ class Names(Lazy[str]):
 
 
 def _unpickled(text: bytes, ends: bytes) -> Names:
-    """What was pickled; slots are found again, since another process has other hashes."""
+    """The names from a pickle; the hash table is made again, since another process has other hashes."""
     names = Names()
     names._text, names._ends = bytearray(text), array("q", ends)
     names._spread(max(SLOTS, 1 << (2 * len(names)).bit_length()))
@@ -83,7 +83,7 @@ def _unpickled(text: bytes, ends: bytes) -> Names:
 
 @dataclass(frozen=True, eq=False)
 class SomeNames(Collection[str]):
-    """Those of ``names`` that are meant. chosen: (N,) bool, one for each name."""
+    """Some of ``names``. chosen: (N,) bool, True for these."""
 
     names: Names
     chosen: NDArray[np.bool_]
@@ -100,7 +100,7 @@ class SomeNames(Collection[str]):
 
 
 class ByName(Mapping[str, Item]):
-    """An item for each name, of which there are few different objects, such as a water that many frames share."""
+    """A mapping from names to items, with few different items, such as a water that many frames share."""
 
     def __init__(self, pairs: Iterable[tuple[str, Item]] = ()) -> None:
         self._names, self._which = Names(), array("i")
@@ -110,7 +110,7 @@ class ByName(Mapping[str, Item]):
             self.put(name, item)
 
     def put(self, name: str, item: Item) -> None:
-        """The item of a name, new or not."""
+        """Set the item of a name."""
         place = self._places.setdefault(id(item), len(self._items))
         if place == len(self._items):
             self._items.append(item)
@@ -139,7 +139,7 @@ class ByName(Mapping[str, Item]):
 
 
 def _by_name(names: Names, which: bytes, items: list[Item]) -> ByName[Item]:
-    """What was pickled."""
+    """The mapping from a pickle."""
     found = ByName[Item]()
     found._names, found._which, found._items = names, array("i", which), items
     found._places = {id(item): place for place, item in enumerate(items)}

@@ -1,4 +1,4 @@
-"""Sequences of any length in little memory: of a million rows of a dive, at 3 kB each as objects, a few megabytes stay."""
+"""Long sequences in little memory: a million rows of a dive, 3 kB each as objects, take a few megabytes."""
 
 import pickle
 import tempfile
@@ -16,14 +16,14 @@ from stereo_seecolor.errors import OutputError
 Item = TypeVar("Item")
 
 CHUNK = 500
-"""Items that are packed together: unpacking 500 rows takes some 10 ms, and shorter sequences are not packed at all."""
+"""Items that are packed together: unpacking 500 rows takes some 10 ms. Shorter sequences are not packed."""
 IN_MEMORY = 1 << 22
-"""Bytes of packed chunks that stay in memory, 15,000 rows; more go to a temporary file, which ends with the process."""
+"""Bytes of packed chunks that stay in memory, 15,000 rows; more go to a temporary file, which is deleted with the process."""
 
 
 @dataclass
 class _Open(Generic[Item]):
-    """The chunk that is unpacked. which: its number."""
+    """The unpacked chunk. which: its number."""
 
     which: int = 0
     items: list[Item] = field(default_factory=list)
@@ -31,7 +31,7 @@ class _Open(Generic[Item]):
 
 
 class Packed(Lazy[Item]):
-    """Items that can be pickled: added at the end, and read or replaced anywhere; fast for what goes through them in order."""
+    """A sequence of picklable items: appended at the end, and read or replaced anywhere; fast if accessed in order."""
 
     def __init__(self, items: Iterable[Item] = ()) -> None:
         self._file: IO[bytes] = tempfile.SpooledTemporaryFile(IN_MEMORY)  # noqa: SIM115  # the next line closes it
@@ -55,7 +55,7 @@ class Packed(Lazy[Item]):
             return self._chunk(number // CHUNK).items[number % CHUNK]
 
     def append(self, item: Item) -> None:
-        """One more item. Raises OutputError where it fits neither into memory nor onto the disk."""
+        """Append an item. Raises OutputError where it fits neither into memory nor onto the disk."""
         with self._lock:
             chunk = self._chunk(self._length // CHUNK)
             chunk.items.append(item)
@@ -63,14 +63,14 @@ class Packed(Lazy[Item]):
             self._length += 1
 
     def replace(self, number: int, item: Item) -> None:
-        """Another item in the place of one. Raises OutputError as ``append``."""
+        """Replace an item. Raises OutputError as ``append``."""
         with self._lock:
             chunk = self._chunk(number // CHUNK)
             chunk.items[number % CHUNK] = item
             chunk.changed = True
 
     def _chunk(self, which: int) -> _Open[Item]:
-        """A chunk, unpacked; the one that was before is packed again if it was changed."""
+        """Unpack a chunk; the one that was unpacked before is packed again if it was changed."""
         if which != self._open.which:
             if self._open.changed:
                 self._write(self._open.which, zlib.compress(pickle.dumps(self._open.items), 1))

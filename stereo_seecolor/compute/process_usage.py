@@ -1,4 +1,4 @@
-"""What a process has used of its machine."""
+"""Processor time and memory that this process has used."""
 
 import sys
 import time
@@ -10,7 +10,7 @@ def core_seconds() -> float:
 
 
 def peak_bytes() -> int:
-    """The most memory that this process has had; 0 where the system does not say."""
+    """The largest memory that this process has had; 0 where it is not known."""
     if sys.platform == "win32":
         return 0
     import resource

@@ -1,4 +1,4 @@
-"""A part of a dive's pairs, for machines that share the work without knowing of each other."""
+"""A part of a dive's pairs, for machines that divide the work without a connection."""
 
 import re
 from collections.abc import Sequence
@@ -10,14 +10,14 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Shard:
-    """Part ``number`` (from 1) of ``of``: neighbors in the dive's order, and shards differ by one item at most in size."""
+    """Part ``number`` (from 1) of ``of`` parts. A part holds neighbors in the dive's order; sizes differ by one item at most."""
 
     number: int = 1
     of: int = 1
 
     @classmethod
     def parse(cls, text: str) -> "Shard":
-        """``2/8`` as on the command line. Raises ValueError."""
+        """Parse ``2/8``, as on the command line. Raises ValueError."""
         found = re.fullmatch(r"(\d+)/(\d+)", text)
         shard = cls(int(found[1]), int(found[2])) if found else cls(0)
         if not 1 <= shard.number <= shard.of:
@@ -26,11 +26,11 @@ class Shard:
 
     @property
     def whole(self) -> bool:
-        """True if nothing is left to other shards."""
+        """True if this is the only shard."""
         return self.of == 1
 
     def part(self, items: Sequence[Item]) -> Sequence[Item]:
-        """This shard's of all items, which must be in the same order for every shard."""
+        """The items of this shard. items: all items, in the same order for every shard."""
         return items[len(items) * (self.number - 1) // self.of : len(items) * self.number // self.of]
 
     def __str__(self) -> str:

@@ -1,4 +1,4 @@
-"""What code a module runs: a hash of its source and of all that it imports, for what is kept between runs."""
+"""Hashes of a module's source code with all modules that it imports, to tell whether kept results are current."""
 
 import hashlib
 import re

@@ -1,4 +1,4 @@
-"""Work by threads of this process: on many pairs at once, with the results in their order; and on the parts of one picture."""
+"""Runs work in threads of this process: on many pairs at once, with results in order; and on the parts of one image."""
 
 import os
 import threading
@@ -17,23 +17,23 @@ Lock = threading.Lock
 
 
 class Threads:
-    """The ``Compute`` of one machine: ``workers`` threads, and at most two items a worker under way."""
+    """The ``Compute`` of one machine: ``workers`` threads, with at most two items for each under way."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
 
     @property
     def usage(self) -> Usage:
-        """Threads are a part of this process."""
+        """The number of cores; threads use the resources of this process."""
         return Usage(min(self._workers, cores()))
 
     @property
     def parts(self) -> int:
-        """Work that could use all cores here does."""
+        """1: work that uses all cores is not cut."""
         return 1
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every item, in the items' order. Closing the iterator lets what is under way finish, and begins no more."""
+        """``work`` of every item, in order. Closing the iterator finishes work under way, and begins no more."""
         waiting: deque[Future[Result]] = deque()
         with ThreadPoolExecutor(self._workers) as pool:
             try:
@@ -48,7 +48,7 @@ class Threads:
 
     @contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
-        """All threads see what this process sees."""
+        """Do nothing: threads see the same files."""
         yield
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
@@ -60,29 +60,29 @@ _limit: list[int] = []
 
 
 def cores() -> int:
-    """How many this process may use."""
+    """Number of cores that this process may use."""
     found = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return min([found, *_limit])
 
 
 def limit_cores(most: int) -> None:
-    """Use no more from now on for the parts of one image."""
+    """Use at most so many cores from now on for the parts of one image."""
     _limit[:] = [most]
     core_pool.cache_clear()
 
 
 @cache
 def core_pool() -> ThreadPoolExecutor:
-    """A thread a core, for the parts of one image; one pool for all, or many pairs at once would crowd the cores.
+    """A pool with a thread for each core, for the parts of one image; one pool for all pairs, so that they share the cores.
 
-    What runs in it must not wait for anything else that does.
+    Work in it must not wait for other work in it.
     """
     return ThreadPoolExecutor(cores(), "core")
 
 
 @contextmanager
 def beside(work: Callable[[], Result]) -> Iterator[Future[Result]]:
-    """``work``, of one core, while the block runs; both are done at its end."""
+    """Do ``work`` on another core while the block runs; both are done at the end."""
     under_way = core_pool().submit(work)
     try:
         yield under_way
@@ -91,7 +91,7 @@ def beside(work: Callable[[], Result]) -> Iterator[Future[Result]]:
 
 
 def in_parts(work: Callable[[int, int], None], count: int, least: int = 1) -> None:
-    """``work`` on all of ``count`` things from a to before b, in as many parts as there are cores, each of ``least`` or more."""
+    """Call ``work(a, b)`` for parts of ``count`` items, from a to before b: one for each core, with at least ``least`` items."""
     parts = max(1, min(cores(), count // least))
     bounds = list(pairwise(count * i // parts for i in range(parts + 1)))
     others = [core_pool().submit(work, *part) for part in bounds[1:]]
@@ -105,7 +105,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class Clock:
-    """Seconds a stage, for one pair."""
+    """Measures the seconds of each stage of one pair."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}

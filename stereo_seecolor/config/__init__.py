@@ -1,4 +1,4 @@
-"""All settings: one small frozen model a stage, with the reason for each default in its description."""
+"""All settings: a frozen model for each stage, with the reason for each default in its description."""
 
 from stereo_seecolor.config.color import ColorConfig, PaperAdamConfig, PaperConfig, RobustConfig
 from stereo_seecolor.config.input import InputConfig

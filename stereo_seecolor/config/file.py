@@ -1,4 +1,4 @@
-"""Configurations from files and from ``--set``: read, merged in that order, checked, with the origin of every value."""
+"""Reads settings from a file and from ``--set``, merges them in that order, and checks them; with the origin of every value."""
 
 import difflib
 import json
@@ -29,7 +29,7 @@ RENAMED = {
     **{f"color.{key}": f"it is now color.robust.{key}" for key in RobustConfig.model_fields},
     **{f"color.{key}": f"it is now color.paper_adam.{key}" for key in ("first_steps", "next_steps", "learning_rate")},
 }
-"""Keys of earlier versions, and what has taken their place."""
+"""Settings of earlier versions -> what has replaced them."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -70,7 +70,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str] = ()) -> RunC
 
 
 def load_settings(path: Path | None = None, overrides: Sequence[str] = ()) -> tuple[Setting, ...]:
-    """As load_config, as a list of every setting with where its value comes from. Raises ConfigError."""
+    """Every setting of ``load_config`` with the origin of its value. Raises ConfigError."""
     layers = _layers(path, overrides)
     values, defaults = flat(_validated(layers).model_dump()), flat(RunConfig().model_dump())
     return tuple(
@@ -85,7 +85,7 @@ def known_keys() -> list[str]:
 
 
 def descriptions(model: type[BaseModel] = RunConfig, prefix: str = "") -> dict[str, str]:
-    """Every ``section.key`` that holds a value, with its description."""
+    """Every ``section.key`` of a model that holds a value, with its description."""
     found: dict[str, str] = {}
     for name, field in model.model_fields.items():
         if isinstance(field.default, BaseModel):
@@ -111,7 +111,7 @@ def _validated(layers: Sequence[_Layer]) -> RunConfig:
 
 
 def _merge(base: _Content, over: _Content) -> _Content:
-    """Mappings are merged key by key; any other value replaces what was there."""
+    """Two contents merged: mappings key by key; any other value of ``over`` replaces that of ``base``."""
     both = {key: _merge(base[key], over[key]) for key in base.keys() & over.keys() if _are_mappings(base[key], over[key])}
     return {**base, **over, **both}
 
@@ -140,7 +140,7 @@ def _read(path: Path) -> _Content:
 
 
 def _parsed(text: str) -> Any:
-    """JSON if it is JSON, else YAML: the run.json of a long dive would take minutes as YAML."""
+    """The content of JSON or YAML text. JSON is tried first: the run.json of a long dive would take minutes as YAML."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError):
@@ -172,7 +172,7 @@ def flat(content: _Content, prefix: str = "") -> _Content:
 
 
 def _origin(layers: Sequence[_Layer], key: Sequence[str]) -> str | None:
-    """The last layer that holds the key, or a value in place of one of its sections."""
+    """The origin of the last layer that holds the key, or a value in place of one of its sections; None for none."""
     return next((layer.origin for layer in reversed(layers) if _holds(layer.content, key)), None)
 
 

@@ -1,4 +1,4 @@
-"""The settings of what is read: pairs, images, videos, the calibration."""
+"""The settings of the inputs: pairs, images, videos, the calibration."""
 
 from typing import Literal
 
@@ -8,7 +8,7 @@ from stereo_seecolor.config.stage import FilePath, StageConfig
 
 
 class InputConfig(StageConfig):
-    """How files become pairs and images."""
+    """How files are read and paired."""
 
     pairing: Literal["auto", "name", "timestamp"] = Field(
         "auto",

@@ -1,4 +1,4 @@
-"""What the settings of every stage have in common."""
+"""The base of the settings of every stage."""
 
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +10,6 @@ FilePath = Annotated[Path, Strict(False)]
 
 
 class StageConfig(BaseModel):
-    """Strict: true is no number, "1" is none, and neither are infinity and NaN."""
+    """Frozen settings, strictly checked: true, "1", infinity and NaN are no numbers, and unknown keys are refused."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)

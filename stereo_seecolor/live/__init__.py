@@ -1,1 +1,1 @@
-"""Pairs as they arrive: the newest is corrected at once, with the water of the last frames."""
+"""Corrects pairs as they arrive: always the newest, with the water of the last frames."""

@@ -1,4 +1,4 @@
-"""How much work a pair may be, to hold a rate: full matching, or matching at half or a quarter of the size."""
+"""Keeps the time for a pair within a budget: images are matched at full, half or a quarter of their size."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from statistics import median
 
 @dataclass(frozen=True)
 class BudgetConstants:
-    """Decides when the size changes."""
+    """When the size changes."""
 
     pairs: int = 5  # the median of this many decides: one slow pair does not
     smallest: int = 4  # at less than a quarter of the size little is left of a reef's relief
@@ -20,9 +20,9 @@ CONSTANTS = BudgetConstants()
 
 
 class Budget:
-    """shrink: 1, 2 or 4, what images are matched at 1/shrink of.
+    """Chooses the size at which images are matched: 1/shrink, with shrink 1, 2 or 4.
 
-    budget_s: seconds that a pair may take from being read to being corrected; None never shrinks.
+    budget_s: seconds from reading a pair to its corrected image; None for no limit: shrink is then always 1.
     """
 
     def __init__(self, budget_s: float | None) -> None:
@@ -33,7 +33,7 @@ class Budget:
 
     @property
     def text(self) -> str:
-        """What is done less, and why; "" where nothing is."""
+        """A note on the reduced size and its reason; "" at full size."""
         if self.shrink == 1 or self._budget_s is None:
             return ""
         larger = "full size" if self.shrink == 2 else f"1/{self.shrink // 2}"
@@ -43,7 +43,7 @@ class Budget:
         )
 
     def took(self, seconds: float) -> None:
-        """A pair took so long."""
+        """Note the time that a pair took; the size may change."""
         self._recent.append(seconds)
         self._at_this_size += 1
         if self._budget_s is None or len(self._recent) < CONSTANTS.pairs:

@@ -1,4 +1,4 @@
-"""Capture devices and network streams, by OpenCV: each is read by a thread of its own, and opened again when it has vanished."""
+"""Capture devices and network streams, by OpenCV. A thread reads each, and opens it again when it has been lost."""
 
 import os
 import time
@@ -17,16 +17,16 @@ from stereo_seecolor.live.streams import Arrived, Stream
 from stereo_seecolor.records import Image
 
 TIMEOUT_MS = 5000
-"""A network camera that neither answers nor sends for so long has vanished."""
+"""Milliseconds without an answer or an image after which a network camera counts as lost."""
 
 RETRY_S = 1.0
-"""A camera that has vanished is opened again so often."""
+"""Seconds between two attempts to open a lost camera again."""
 
 FFMPEG_OPTIONS = "fflags;nobuffer|flags;low_delay|rtsp_transport;tcp"
-"""Frames are shown as they come, instead of some seconds later; packets of RTSP are not lost."""
+"""Without buffers, which would delay frames by seconds; and RTSP over TCP, which loses no packets."""
 
 FFMPEG_QUIET = "-8"
-"""AV_LOG_QUIET: a stream that is joined between two keyframes would fill the terminal with complaints."""
+"""AV_LOG_QUIET: a stream that is joined between two keyframes would fill the terminal with warnings."""
 
 
 def is_address(text: str) -> bool:
@@ -35,14 +35,14 @@ def is_address(text: str) -> bool:
 
 
 class Camera:
-    """What one address sends: sides, one of its whole picture, or two of its left and its right half."""
+    """The images of one address. sides: one stream of whole images, or two of their left and right halves."""
 
     def __init__(self, address: str, sides: int = 1) -> None:
         self._address, self._is_stopped = address, False
         self.sides = tuple(Stream(address) for _ in range(sides))
 
     def run(self) -> None:
-        """Read until ``stop``."""
+        """Read images until ``stop`` is called."""
         while not self._is_stopped:
             capture = _opened(self._address)
             while not self._is_stopped and capture.grab():
@@ -59,13 +59,13 @@ class Camera:
                 time.sleep(RETRY_S / 20)
 
     def stop(self) -> None:
-        """End soon."""
+        """Make ``run`` return soon."""
         self._is_stopped = True
 
 
 @contextmanager
 def cameras(left: str, right: str) -> Iterator[tuple[Stream, Stream]]:
-    """Read two addresses while the block runs; of the same address twice, the left and the right half of its picture.
+    """Read two addresses while the block runs; for the same address twice, the left and right halves of its images.
 
     Raises DeviceError for a GStreamer pipeline where OpenCV was built without.
     """
@@ -98,7 +98,7 @@ def _opened(address: str) -> Any:
 
 
 def _part(image: NDArray[np.uint8], number: int, count: int) -> Image:
-    """RGB, of a picture that shows ``count`` views side by side the one of that number."""
+    """(H, W, 3) RGB: view ``number`` of an image that shows ``count`` views side by side."""
     width = image.shape[1] // count
     rgb: Image = cv2.cvtColor(image, cv2.COLOR_GRAY2RGB if image.ndim == 2 else cv2.COLOR_BGR2RGB)
     return rgb if count == 1 else rgb[:, number * width : (number + 1) * width].copy()

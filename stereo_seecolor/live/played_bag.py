@@ -13,9 +13,9 @@ from stereo_seecolor.records import StereoFrame
 
 
 class PlayedBag:
-    """Pairs arrive as far apart as they were taken; the newest that has arrived wins.
+    """A source whose pairs arrive at the intervals at which they were taken.
 
-    dropped: pairs passed over. clock: seconds, for the arrival of pairs. Raises InputError for pairs without times.
+    dropped: pairs skipped for newer ones. clock: seconds, for the arrival of pairs. Raises InputError for pairs without times.
     """
 
     waiting = ""
@@ -32,11 +32,11 @@ class PlayedBag:
 
     @property
     def ended(self) -> bool:
-        """All pairs have been taken or passed over."""
+        """True when all pairs have been taken or skipped."""
         return self._next >= len(self._pairs)
 
     def newest(self) -> Pair | None:
-        """The newest pair that has arrived and was not taken; the first arrives when it is asked for."""
+        """The newest pair that has arrived and was not taken; the first arrives with the first call."""
         now_s = self._clock()
         self._began_s = now_s if self._began_s is None else self._began_s
         arrived = bisect_right(self._arrivals_s, now_s - self._began_s)
@@ -47,7 +47,7 @@ class PlayedBag:
         return read_sides(pair, self._config)
 
     def take(self, pair: Pair) -> None:
-        """This pair is done, and all before it."""
+        """Mark this pair and all before it as done."""
         number = self._pairs.index(pair)
         self.dropped += number - self._next
         self._next = number + 1

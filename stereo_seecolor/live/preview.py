@@ -1,4 +1,4 @@
-"""A page on this machine that shows the last corrected pair: picture, range, the water, latency and counts."""
+"""A web page, served by this machine, with the last corrected pair: image, range, water, latency and counts."""
 
 import json
 import secrets
@@ -20,7 +20,7 @@ from stereo_seecolor.live.session import LiveCounts
 
 HOST = "127.0.0.1"
 LOCAL = (HOST, "localhost")
-"""Only this machine: the page needs no token there."""
+"""Addresses that only this machine can reach, so that the page needs no token."""
 
 TOKEN_BYTES = 16
 HEADERS = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"), ("X-Content-Type-Options", "nosniff"))
@@ -33,7 +33,7 @@ PAGE = Path(__file__).with_name("preview.html")
 
 
 class _Shown:
-    """One pair on the page; its pictures are made when a browser asks for them."""
+    """One pair on the page; its images are encoded when a browser asks for them."""
 
     def __init__(self, frame: LiveFrame) -> None:
         self._frame = frame
@@ -60,18 +60,18 @@ class _Shown:
 
 
 class Preview:
-    """What the page shows. ``update`` replaces it as a whole, so that a browser never sees half of a pair."""
+    """The content of the page. ``update`` replaces it at once, so that a browser never sees parts of two pairs."""
 
     def __init__(self, counts: LiveCounts) -> None:
         self._counts = counts
         self._shown: _Shown | None = None
 
     def update(self, frame: LiveFrame) -> None:
-        """The page shows this pair from now on."""
+        """Show this pair from now on."""
         self._shown = _Shown(frame)
 
     def status(self) -> dict[str, Any]:
-        """As the page's script reads it."""
+        """The status that the page's script reads."""
         shown: dict[str, Any] = self._shown.status if self._shown else {"name": "", "facts": {}}
         counts = self._counts.facts()
         kinds = [(kind, text) for kind in ("median", "p95") for text in ("latency", "products")]
@@ -82,7 +82,7 @@ class Preview:
         return {**shown, "facts": {**counted, **times, **shown["facts"]}, **notes}
 
     def content(self, path: str) -> tuple[str, bytes] | None:
-        """(media type, content) of what a browser asks for; None for what there is not."""
+        """(media type, content) of a path that a browser asks for; None for unknown ones."""
         name = path.split("?")[0].lstrip("/")
         if name == "":
             return "text/html; charset=utf-8", PAGE.read_bytes()
@@ -94,10 +94,10 @@ class Preview:
 
 @contextmanager
 def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
-    """Serve the page while the block runs; its address. port: 0 takes any that is free.
+    """Serve the page while the block runs; yields its URL. port: 0 takes any free port.
 
-    host: an address of this machine that the page is bound to. Where others can reach it, its path begins with a random token, and
-    without it there is nothing. Raises OutputError if the port is taken, or the address is none of this machine.
+    host: an address of this machine that the page is bound to. If other machines can reach it, paths begin with a random token, and
+    all others are refused. Raises OutputError if the port is taken, or the address is not one of this machine.
     """
     token = "" if host in LOCAL else f"{secrets.token_urlsafe(TOKEN_BYTES)}/"
 
@@ -115,7 +115,7 @@ def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
             self.wfile.write(content)
 
         def _is_allowed(self) -> bool:
-            """Other sites must not read the page through a name of theirs that leads here."""
+            """True with the token, or from this machine; other sites must not read the page through a host name of theirs."""
             if token:
                 return secrets.compare_digest(self.path[: 1 + len(token)].encode(), f"/{token}".encode())
             return self.headers.get("Host", "").rsplit(":", 1)[0] in LOCAL

@@ -1,4 +1,4 @@
-"""One pair at a time, with the water of the last frames."""
+"""Processes one pair at a time, with the water of the last frames."""
 
 import time
 from collections.abc import Callable
@@ -17,7 +17,7 @@ from stereo_seecolor.records import FrameResult, Image, RangeMap, StereoFrame, W
 
 @dataclass(frozen=True, eq=False)
 class LiveFrame:
-    """A pair that was corrected. result: all that is known of it. seconds: that it took. reduced: what was done less, "" none."""
+    """A corrected pair. seconds: that its processing took. reduced: a note where it was matched at reduced size, else ""."""
 
     pair: Pair
     result: FrameResult
@@ -26,9 +26,9 @@ class LiveFrame:
 
 
 class LiveProcessor:
-    """Measures each pair, adds its colors to those of the last ``color.sliding_frames``, and takes out their water.
+    """Measures each pair, and removes the water that is fitted to the last ``color.sliding_frames`` frames.
 
-    pipeline: belongs to this processor alone. read: a pair's images as the cameras gave them. budget: how much work a pair may be.
+    pipeline: used by this processor alone. read: reads the unrectified images of a pair. budget: the time for a pair.
     """
 
     def __init__(self, pipeline: Pipeline, read: Callable[[Pair], StereoFrame], budget: Budget | None = None) -> None:
@@ -38,7 +38,7 @@ class LiveProcessor:
         self._matchers: dict[int, ReducedMatcher] = {}
 
     def process(self, pair: Pair) -> LiveFrame:
-        """One pair. Raises InputError if it cannot be read; MatchingError, CalibrationError, ColorError as in a run."""
+        """Process a pair. Raises InputError if it cannot be read; MatchingError, CalibrationError, ColorError as in a run."""
         began_s, reduced = time.perf_counter(), self._budget.text
         frame = self._read(pair)
         result = self._pipeline.process(frame, self._water, self._match)
@@ -56,7 +56,7 @@ class LiveProcessor:
         return self._matchers[shrink].match(frame)
 
     def _water(self, image: Image, range_map: RangeMap) -> Water:
-        """Of a reduced pair every second or fourth row and column is counted, as its ranges are known no finer."""
+        """The water with this pair's colors. Of a pair matched at reduced size every second or fourth row and column counts."""
         every = slice(None, None, self._budget.shrink)
         pixels: Image = image[every, every].copy()
         water = self._fitter.water(self._pipeline.corrector.measure(pixels, range_map.measured_m[every, every].copy()))
@@ -66,7 +66,7 @@ class LiveProcessor:
 
 
 def warm_up(pipeline: Pipeline) -> None:
-    """Load and compile all that a pair needs, so that the first one does not wait for it. Raises CalibrationError."""
+    """Load and compile all code that a pair needs, so that the first pair is not delayed. Raises CalibrationError."""
     rng = np.random.default_rng(0)
     width, height = pipeline.rectification.raw_size
     noise = rng.integers(0, 200, (height, width, 3), np.uint8)

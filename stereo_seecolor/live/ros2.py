@@ -1,4 +1,4 @@
-"""ROS 2 topics without ROS: by Cyclone DDS, with the types of rosbags. Messages stay CDR, as ROS 2 sends them.
+"""ROS 2 topics without ROS, by Cyclone DDS, with the types of rosbags. Messages are handled as CDR bytes, as ROS 2 sends them.
 
 Names as ROS 2 maps them: topic ``/a`` is ``rt/a``, type ``sensor_msgs/msg/Image`` is ``sensor_msgs::msg::dds_::Image_``
 (https://design.ros2.org/articles/topic_and_service_names.html).
@@ -21,10 +21,10 @@ from stereo_seecolor.live.streams import Arrived, Stream
 from stereo_seecolor.records import Image
 
 PREFIX = "ros2:"
-"""``--left ros2:/stereo/left/image_raw``: a topic instead of a folder."""
+"""Beginning of a topic in place of a folder: ``--left ros2:/stereo/left/image_raw``."""
 
 HISTORY = 8
-"""Messages that the middleware keeps for a topic: those that came while a pair was processed."""
+"""Messages of a topic that the middleware keeps while a pair is processed."""
 
 
 class Node:
@@ -47,13 +47,13 @@ class Node:
         self._writers: dict[str, Any] = {}
 
     def reader(self, topic: str, msgtype: str) -> Any:
-        """Reads a topic, from reliable and best-effort writers alike."""
+        """A reader of a topic, for reliable and best-effort writers."""
         from cyclonedds.sub import DataReader
 
         return DataReader(self._participant, self._topic(topic, msgtype), qos=_qos(reliable=False))
 
     def publish(self, topic: str, msgtype: str, content: bytes) -> None:
-        """Send a serialized message, reliably to those who ask for that."""
+        """Send a serialized message, reliably to readers that ask for reliability."""
         from cyclonedds.pub import DataWriter
 
         if topic not in self._writers:
@@ -77,7 +77,7 @@ class TopicImages(Stream):
         self._reader = node.reader(topic, self._msgtype)
 
     def receive(self) -> None:
-        """Add what has come; the topic is waited for while nobody publishes it."""
+        """Add the images that have arrived. ``waiting`` names the topic while nobody publishes it."""
         for sample in self._reader.take(N=HISTORY):
             content = getattr(sample, "cdr", b"")
             if len(content) < 12:
@@ -93,7 +93,7 @@ def _image(content: bytes, msgtype: str, name: str, config: InputConfig) -> Imag
 
 
 def _stamp_ns(content: bytes) -> int:
-    """Of the header, which comes first; the second byte tells the order of bytes."""
+    """The stamp in a message's header, which comes first; the second byte gives the byte order."""
     order: Literal["little", "big"] = "little" if content[1] & 1 else "big"
     seconds, nanoseconds = (int.from_bytes(content[start : start + 4], order) for start in (4, 8))
     return seconds * 10**9 + nanoseconds
@@ -120,7 +120,7 @@ def _of_cdr(type_: Any, data: bytes, *_: Any, **__: Any) -> Any:
 
 @lru_cache
 def _idl_type(msgtype: str) -> Any:
-    """The IDL of a ROS type, from rosbags' definition of it. Its samples carry a message as it is serialized, in ``cdr``."""
+    """The IDL type of a ROS type, from rosbags' definition. Its samples hold the serialized message, in ``cdr``."""
     from cyclonedds.idl import IdlStruct
 
     package, _, short = msgtype.split("/")

@@ -1,6 +1,6 @@
-"""The loop of a live dive: take the newest pair, correct it, count what happened; nothing that a pair does ends it.
+"""The loop of a live session: take the newest pair, correct it, count the outcome. An error of a pair does not end it.
 
-What is made of a corrected pair (files, a recording, a page) is made behind, while the next pair is corrected.
+Outputs of a corrected pair (files, a recording, a page) are made by another thread, while the next pair is corrected.
 """
 
 import time
@@ -19,36 +19,36 @@ from stereo_seecolor.live.processing import LiveFrame
 from stereo_seecolor.records import StereoFrame
 
 POLL_S = 0.004
-"""A source is polled at this interval: it adds 2 ms to the latency, and takes 1% of a processor."""
+"""Seconds between two polls of the source: they add 2 ms to the latency, and take 1 % of a processor."""
 
 SETTLE_S = 2.0
-"""A file that cannot be read may still be being written; after so long it counts as failed."""
+"""Seconds after which a file that cannot be read counts as failed: until then it may still be being written."""
 
 LATENCIES = 1000
-"""Latencies are kept of this many of the last pairs."""
+"""Number of the last pairs whose latencies are kept."""
 
 
 class Source(Protocol):
-    """Where pairs come from: the newest one wins."""
+    """A source of pairs, of which only the newest is processed. dropped: pairs skipped for newer ones."""
 
     dropped: int
 
     @property
     def waiting(self) -> str:
-        """What does not come now, "" where all does."""
+        """Names of the sides from which nothing arrives now; "" for none."""
 
     def newest(self) -> Pair | None:
-        """The newest pair that was not taken."""
+        """The newest pair that was not taken; None for none."""
 
     def read(self, pair: Pair) -> StereoFrame:
-        """Its images as the cameras gave them. Raises InputError."""
+        """The unrectified images of a pair. Raises InputError."""
 
     def take(self, pair: Pair) -> None:
-        """This pair, and what came before it, is done."""
+        """Mark this pair and all before it as done."""
 
     @property
     def ended(self) -> bool:
-        """No pair will come any more."""
+        """True when no more pairs will arrive."""
 
     def latency_s(self, pair: Pair) -> float:
         """Seconds since the pair arrived."""
@@ -56,10 +56,11 @@ class Source(Protocol):
 
 @dataclass
 class LiveCounts:
-    """What happened so far.
+    """Counts and latencies of a live session.
 
-    images_s, products_s: of the last pairs, from arrival to the corrected image, and until all that is made of it is out (range,
-    cloud, files, recording). reduced: what is done less of a pair to hold the budget, "" nothing.
+    done, failed: pairs. dropped: pairs skipped. waiting: as of the source. images_s: seconds from the arrival of each of the last
+    pairs to its corrected image; products_s: until all its outputs are written. reduced: a note where pairs are matched at reduced
+    size, else "".
     """
 
     done: int = 0
@@ -72,7 +73,7 @@ class LiveCounts:
     products_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
 
     def facts(self) -> dict[str, Any]:
-        """For a page or JSON; latencies as their median and 95th percentile, None before the first pair."""
+        """The content for a page or JSON; median and 95th percentile of latencies, None before the first pair."""
         content = {name: value for name, value in vars(self).items() if not isinstance(value, deque)}
         for name, seconds in (("latency", self.images_s), ("products", self.products_s)):
             median_s, p95_s = (float(np.quantile(list(seconds), q)) if seconds else None for q in (0.5, 0.95))
@@ -82,9 +83,9 @@ class LiveCounts:
 
 @dataclass
 class LiveSession:
-    """source: pairs. process: corrects one.
+    """A live session. source: of pairs. process: corrects a pair.
 
-    finish: makes what is wanted of each corrected pair, behind; an error of it ends the session.
+    finish: makes the outputs of a corrected pair, in another thread; an error of it ends the session.
     """
 
     source: Source
@@ -95,7 +96,7 @@ class LiveSession:
     _tried: tuple[str, float] = ("", 0.0)
 
     def run(self, ended: Callable[[LiveCounts], bool]) -> LiveCounts:
-        """Until ``ended`` says so, the source ends, or Ctrl-C."""
+        """Process pairs until ``ended`` returns True, the source ends, or Ctrl-C; returns the counts."""
         try:
             while not (ended(self.counts) or self.source.ended):
                 if not self.step():
@@ -107,7 +108,7 @@ class LiveSession:
         return self.counts
 
     def step(self) -> bool:
-        """Process the newest pair; False if there is none, or it is not written yet."""
+        """Process the newest pair; False if there is none, or its files are still being written."""
         pair = self.source.newest()
         self.counts.waiting = self.source.waiting
         if pair is None:

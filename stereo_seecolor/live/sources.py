@@ -1,4 +1,4 @@
-"""What the sources of a live dive mean: folders, cameras, topics, or a bag."""
+"""The sources of live: folders, cameras, topics, or a bag."""
 
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,12 +13,12 @@ from stereo_seecolor.live.streams import StreamPairs
 from stereo_seecolor.live.watch import FolderWatch
 
 SIDES = ("left", "right")
-"""Of a folder that holds both sides, the folders that are filled."""
+"""Folders of the sides in a folder that holds both."""
 
 
 def source_of(source: str) -> tuple[str, str, Path | None]:
-    """Left side, right side and bag that one text names: ``dive.mcap``; ``INCOMING``, with left/ and right/ in it;
-    ``LEFT,RIGHT``; or one camera that shows both sides.
+    """Left side, right side and bag of --source: ``dive.mcap``; ``INCOMING``, with left/ and right/ in it; ``LEFT,RIGHT``; or a
+    camera that shows both sides.
     """
     path = Path(source)
     if is_bag(path):
@@ -30,7 +30,7 @@ def source_of(source: str) -> tuple[str, str, Path | None]:
 
 
 def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) -> Source:
-    """The pairs of two sides, read until ``stack`` ends. Raises InputError where they are of two kinds, DeviceError."""
+    """The source of two sides, read until ``stack`` closes. Raises InputError where they are of two kinds, DeviceError."""
     kinds = [PREFIX if side.startswith(PREFIX) else "address" if is_address(side) else "folder" for side in (left, right)]
     if kinds[0] != kinds[1]:
         raise InputError(f"{left} and {right}: are of two kinds: give two folders, two cameras, or two topics")

@@ -1,4 +1,4 @@
-"""Two streams of images, each with its time, as pairs: what two cameras or two topics send."""
+"""Pairs from two streams of images with times, such as those of two cameras or two topics."""
 
 import time
 from bisect import bisect_left
@@ -16,14 +16,14 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.records import Image, StereoFrame
 
 KEPT = 4
-"""Images of a stream that wait for a partner: the other side may be late by this many."""
+"""Images of a stream that are kept for a partner: the other side may be late by so many."""
 
 NEAR = 0.45
-"""Of the time between images: a partner that is farther off is another pair's."""
+"""Largest difference of the times of a pair, as a fraction of the time between images: beyond, it is another pair's image."""
 
 
 class Arrived(NamedTuple):
-    """An image of a stream. stamp_ns: when it was taken, since 1970. arrived_s: ``time.monotonic``. image: decodes it."""
+    """An image of a stream. stamp_ns: time of capture, since 1970. arrived_s: of ``time.monotonic``. image: decodes it."""
 
     stamp_ns: int
     arrived_s: float
@@ -31,9 +31,9 @@ class Arrived(NamedTuple):
 
 
 class Stream:
-    """The last images of one side as they come; filled by one thread and read by another.
+    """The last images of one side; filled by one thread and read by another.
 
-    waiting: the name, while nothing comes, else "". received: how many came so far.
+    waiting: the name while nothing arrives, else "". received: number of images so far.
     """
 
     def __init__(self, name: str) -> None:
@@ -43,21 +43,21 @@ class Stream:
 
     @property
     def newest(self) -> tuple[Arrived, ...]:
-        """The last few, oldest first."""
+        """The last images, oldest first."""
         return tuple(self._kept)
 
     def add(self, image: Arrived) -> None:
-        """One more has come."""
+        """Add an image that has arrived."""
         self._kept.append(image)
         self.received += 1
         self.waiting = ""
 
     def receive(self) -> None:
-        """Add what has come by now, where no thread does so."""
+        """Add the images that have arrived, for streams that no thread fills."""
 
 
 class StreamPairs:
-    """A live source of two streams: the newest two images that were taken together. dropped: left images passed over."""
+    """A live source of two streams: the newest two images taken at the same time. dropped: left images skipped."""
 
     ended = False
 
@@ -69,7 +69,7 @@ class StreamPairs:
 
     @property
     def waiting(self) -> str:
-        """The streams that do not come, "" where both do."""
+        """Names of the streams from which nothing arrives; "" for none."""
         self._receive()
         return " and ".join(dict.fromkeys(stream.waiting for stream in (self._left, self._right) if stream.waiting))
 
@@ -88,14 +88,14 @@ class StreamPairs:
         return None
 
     def read(self, pair: Pair) -> StereoFrame:
-        """Its two images. Raises InputError if one cannot be decoded."""
+        """The two images of the last pair that was offered. Raises InputError if it was replaced or cannot be decoded."""
         if self._offered is None or stamp_name(self._offered[0].stamp_ns) != pair.name:
             raise InputError(f"{pair.name}: is gone: a newer pair has come")
         left, right = (side.image() for side in self._offered)
         return StereoFrame(pair.name, left, right, pair.timestamp_s)
 
     def take(self, pair: Pair) -> None:
-        """This pair is done, and all before it."""
+        """Mark this pair and all before it as done."""
         assert self._offered is not None
         received = self._left.received - sum(image.stamp_ns > self._offered[0].stamp_ns for image in self._left.newest)
         self.dropped += max(0, received - self._counted - 1)

@@ -1,6 +1,6 @@
-"""Two folders that fill: the newest pair of files that nobody has taken yet.
+"""Pairs from two folders that receive files: the newest pair that was not taken.
 
-Folders are listed again and again instead of asking the system for changes, which network shares do not report.
+Folders are listed repeatedly, since network shares do not notify of changes.
 """
 
 import os
@@ -19,15 +19,15 @@ from stereo_seecolor.inputs.pairing import Pair, pair_files
 from stereo_seecolor.records import StereoFrame
 
 TAIL = 64
-"""Newest files of each side that are paired: right ones may arrive some pairs late."""
+"""Newest files of each side that are paired: those of one side may arrive some pairs late."""
 
 RELIST_S = 1.0
-"""A folder is listed at least so often: its time of change is too coarse for two files in 4 ms."""
+"""Most seconds between two listings of a folder: its modification time is too coarse to show two files in 4 ms."""
 
 
 @dataclass
 class _Side:
-    """One folder. names: as it was listed last. new: those that came since and are waiting."""
+    """One folder. names: at the last listing. new: files that have arrived and were not taken."""
 
     folder: Path
     names: set[str] = field(default_factory=set)
@@ -36,7 +36,7 @@ class _Side:
     listed_s: float = 0.0
 
     def look(self) -> bool:
-        """List the folder if it has changed; False where it cannot be listed now."""
+        """List the folder if it may have changed; False where it cannot be listed."""
         try:
             modified_ns, now_s = self.folder.stat().st_mtime_ns, time.monotonic()
             if modified_ns != self.modified_ns or now_s - self.listed_s > RELIST_S:
@@ -51,7 +51,7 @@ class _Side:
 
 
 class FolderWatch:
-    """The pairs of two folders as they come. dropped: left images passed over for a newer pair. waiting: see ``newest``."""
+    """A live source of two folders. dropped: left images skipped for a newer pair. waiting: see ``newest``."""
 
     def __init__(self, left: Path, right: Path, config: InputConfig) -> None:
         self.dropped = 0
@@ -62,7 +62,7 @@ class FolderWatch:
     def newest(self) -> Pair | None:
         """The newest pair that was not taken, or None.
 
-        Where a folder is missing or cannot be read, ``waiting`` names it until it is there again.
+        ``waiting`` names folders that are missing or cannot be read.
         """
         lost = [str(side.folder) for side in (self._left, self._right) if not side.look()]
         self.waiting = " and ".join(lost)
@@ -78,7 +78,7 @@ class FolderWatch:
         return read_sides(pair, self._config)
 
     def take(self, pair: Pair) -> None:
-        """This pair is done: it, and all that came before it, is not given again."""
+        """Mark this pair and all before it as done."""
         passed = self._left.new.index(pair.left)
         self.dropped += passed
         self._left.new = self._left.new[passed + 1 :]
@@ -86,7 +86,7 @@ class FolderWatch:
 
     @property
     def ended(self) -> bool:
-        """Never: more may come."""
+        """False: more files may always arrive."""
         return False
 
     def latency_s(self, pair: Pair) -> float:
@@ -99,7 +99,7 @@ class FolderWatch:
 
 
 def read_sides(pair: Pair, config: InputConfig) -> StereoFrame:
-    """The images of a pair's two files at once, not rectified: a pair that is waited for uses all cores. Raises InputError."""
+    """Read the images of a pair's two files at the same time, unrectified. Raises InputError."""
     left, right = core_pool().map(lambda path: read_image(path, config), (pair.left, pair.right))
     return StereoFrame(pair.name, left, right, pair.timestamp_s)
 

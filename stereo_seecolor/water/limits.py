@@ -1,4 +1,4 @@
-"""What the parameters of a water can be: all that is read from a file, fitted or given by a program is checked against it."""
+"""Limits of the parameters of a water, against which every water is checked that is read, fitted or given by a program."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,22 +10,22 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Limits:
-    """What no water is beyond; a fit to noise may come near, and arithmetic stays finite within."""
+    """Limits beyond which no water lies. A fit to noise may come near; within them arithmetic stays finite."""
 
     light: float = 1e6
     """Fraction of full scale: more than any bright water at any exposure."""
     least_white: float = 1e-12
-    """Fraction of full scale: below a black image's."""
+    """Fraction of full scale: less than the white point of a black image."""
     rate_per_m: float = 1e4
     """Light lost within 0.1 mm; the most turbid harbors have some 50 per meter."""
     exposure: float = 1e12
-    """Gain of all channels: that which makes the least white point full scale."""
+    """Gain of all channels: the gain that takes the least white point to full scale."""
     row_sum: float = 1e-6
-    """By how much a row of the color matrix may miss 1: rounding."""
+    """Difference of the sum of a row of the color matrix from 1: rounding."""
     mixing: float = 10.0
-    """Of an entry of the color matrix: no camera that sees three colors comes near."""
+    """Size of an entry of the color matrix: far above that of any camera with three colors."""
     fall_off: float = 4.0
-    """Power of the range: light that goes out and comes back from a point falls off by no more."""
+    """Power of the range: light that goes to a surface and comes back falls off by no more."""
 
 
 LIMITS = Limits()
@@ -46,12 +46,12 @@ BOUNDS = {
 """Parameter -> least and greatest, each channel."""
 PARAMETERS = tuple(BOUNDS)
 MATRICES = ("matrix", "matrix_errors")
-"""What has three rows of three numbers."""
+"""Fields with three rows of three numbers."""
 _LEAST, _GREATEST = (np.array([[bounds[end]] for bounds in BOUNDS.values()]) for end in (0, 1))
 
 
 def problem_of(water: Mapping[str, Any]) -> str:
-    """What is wrong with these fields of a water, as "name must be ... (got ...)"; empty where nothing is."""
+    """The first problem of these fields of a water, as "name must be ... (got ...)"; "" for none."""
     problems = [] if _all_inside(water) else [_channels_problem(name, water[name], *bounds) for name, bounds in BOUNDS.items()]
     if not any(problems) and not _light_falls(water):
         problems.append("w and y let light grow with range: w exp(-v z) + y exp(-x z) must not be negative at any range")
@@ -72,13 +72,13 @@ def problem_of(water: Mapping[str, Any]) -> str:
 
 
 def _all_inside(water: Mapping[str, Any]) -> bool:
-    """Whether all parameters are as they should be, at one look: waters are made by the thousand, and few are wrong."""
+    """Whether all parameters are within their limits, by one fast test: thousands of waters are made, and few are wrong."""
     values = [water[name] for name in PARAMETERS]
     return all(map(_is_channels, values)) and bool(((values >= _LEAST) & (values <= _GREATEST)).all())
 
 
 def _errors_inside(errors: list[Any]) -> bool:
-    """The same of standard errors, of which NaN is unknown."""
+    """Whether all standard errors are finite or unknown (NaN), and not negative."""
     return all(map(_is_channels, errors)) and not (np.less(errors, 0.0) | np.isinf(errors)).any()
 
 

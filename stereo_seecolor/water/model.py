@@ -1,4 +1,4 @@
-"""The water between camera and reef: the model's parameters, their limits, and the JSON that holds them."""
+"""The water between camera and reef: the parameters of its model, and their JSON file."""
 
 import json
 from dataclasses import dataclass, field, fields
@@ -36,12 +36,12 @@ class Water:
     standard_errors: name of a parameter -> (3,) standard error, NaN where the data add nothing to the prior. They are marginal:
     each holds what all other parameters leave open. Method robust gives those of y, w, beta, gamma_inf, white (of white the color:
     its level is exposure); the paper's losses those of all eight parameters of their model.
-    input_encoding: how the images were read that it was fitted to. warnings: what the fit had to say.
-    exposure: the brightness that its frames are shown at, None where each frame has its own. highlights: how many times the
-    brightest light shown is rolled off to it at that exposure, 1 = none is.
-    fall_off: power of the range by which the rig's own light falls off, beside A: 0 for daylight, 2 for lamps at the camera.
-    matrix: (3, 3) the camera's colors to those of sRGB, applied to J in linear light; rows sum to 1, so that gray stays gray.
-    matrix_errors: (3, 3) its standard errors; None where it was not measured.
+    input_encoding: encoding of the images that it was fitted to. warnings: of the fit.
+    exposure: gain at which its frames are shown, None where each frame has its own. highlights: light of so many times the
+    brightest light shown is rolled off to it at that exposure, 1 = no roll-off.
+    fall_off: power of the range by which the light of lamps on the rig falls off, beside A: 0 for daylight, 2 for lamps at the
+    camera. matrix: (3, 3) from the camera's colors to those of sRGB, applied to J in linear light; rows sum to 1, so that gray
+    stays gray. matrix_errors: (3, 3) its standard errors; None where it was not measured.
     typical_range_m: median range of the pixels that it was fitted to, at which frames without any known range are corrected; None
     where it is not known.
 
@@ -89,13 +89,13 @@ class Water:
         return np.moveaxis(np.exp(-z * (w * np.exp(-v * z) + y * np.exp(-x * z))), 0, -1)
 
     def content(self) -> dict[str, Any]:
-        """As JSON holds it: lists in the order R, G, B; null for what is not known. A color matrix only where it mixes channels."""
+        """The water as JSON: lists in the order R, G, B, null for unknown values. A color matrix only where it mixes channels."""
         left_out = MATRICES if (self.matrix == np.eye(3)).all() else ()
         return {part.name: plain(getattr(self, part.name)) for part in fields(self) if part.name not in left_out}
 
     @classmethod
     def from_content(cls, content: Any) -> Self:
-        """What ``content`` gave. Raises ColorError where it is something else."""
+        """The water from JSON. Raises ColorError where ``content`` is something else."""
         try:
             values = dict(content)
             errors = {str(key): _channels(value) for key, value in values.pop("standard_errors", {}).items()}
@@ -108,7 +108,7 @@ class Water:
             raise ColorError(f"water: is damaged: {error}") from error
 
     def save(self, path: Path | str) -> None:
-        """Write a water.json with this one water, which ``--water`` takes. Raises OutputError."""
+        """Write a water.json with this water, as ``--water`` reads it. Raises OutputError."""
         write_atomic(Path(path), water_document({"water": self.content()}))
 
     @classmethod
@@ -125,12 +125,12 @@ class Water:
 
 
 def water_document(body: dict[str, Any]) -> JsonText:
-    """A water.json of this body: {"water": content}, or {"frames": {name: content}}."""
+    """The text of a water.json. body: {"water": content}, or {"frames": {name: content}}."""
     return JsonText({"format": FORMAT, "version": VERSION, **body}, indent=1)
 
 
 def read_water_document(path: Path) -> dict[str, Any]:
-    """The body of a water.json. Raises InputError where the file is something else."""
+    """Read the body of a water.json. Raises InputError where the file is something else."""
     try:
         content = json.loads(read_bytes(path))
     except (ValueError, RecursionError) as error:
@@ -141,7 +141,7 @@ def read_water_document(path: Path) -> dict[str, Any]:
 
 
 def _by_channel(range_m: NDArray[np.floating], *numbers: PerChannel) -> list[NDArray[np.float64]]:
-    """Ranges as they are, and numbers of three channels such that products with them are (3, ...): numpy is slow at rows of 3."""
+    """Ranges as float64, and (3,) numbers shaped so that products with them are (3, ...): numpy is slow at rows of 3."""
     z = np.asarray(range_m, dtype=np.float64)
     return [z, *(number.reshape(3, *(1,) * z.ndim) for number in numbers)]
 

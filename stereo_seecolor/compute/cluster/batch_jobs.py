@@ -1,4 +1,4 @@
-"""What a batch system says of the jobs that workers run in: in which state they are, why, and where their logs are."""
+"""Asks a batch system for the state of the jobs that workers run in, the reasons, and their logs."""
 
 import subprocess
 from dataclasses import dataclass
@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Any
 
 QUERY_TIMEOUT_S = 20.0
-"""A batch system that answers later is busy, and asked again."""
+"""Seconds after which a batch system that does not answer counts as busy; it is asked again."""
 NAMED = 3
-"""Jobs that a message names: the others wait for the same."""
+"""Most jobs that a message names: the others wait for the same reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +21,11 @@ class BatchJobs:
 
     @property
     def numbers(self) -> list[str]:
-        """Of the jobs that were submitted."""
+        """Numbers of the jobs that were submitted."""
         return [str(job.job_id) for job in self.started.workers.values() if getattr(job, "job_id", None)]
 
     def states(self) -> dict[str, str]:
-        """Number -> state and reason, of those that are in the queue. Raises OSError where it cannot be asked."""
+        """Number -> state and reason of the jobs in the queue. Raises OSError where the queue cannot be asked."""
         numbers = self.numbers
         if self.kind != "slurm" or not numbers:
             return {}
@@ -39,7 +39,7 @@ class BatchJobs:
         return dict(line.split(" ", 1) for line in found.stdout.splitlines())
 
     def ended(self) -> str:
-        """A number, the log and its last line, where all jobs have left the queue; "" else, and where it cannot be told."""
+        """Where all jobs have left the queue: their numbers, with log and its last line; else, or where it is unknown, ""."""
         try:
             if self.kind != "slurm" or not self.numbers or self.states():
                 return ""
@@ -48,7 +48,7 @@ class BatchJobs:
         return "; ".join(f"job {number} has ended: {self._log(number)}" for number in self.numbers[:NAMED])
 
     def text(self) -> str:
-        """For a message: jobs with their states, and where to look."""
+        """Text for a message: jobs with their states, and the folder of their logs."""
         try:
             states = self.states()
         except OSError as error:

@@ -1,4 +1,4 @@
-"""How many items travel together: enough that a batch takes about a minute, and few enough that all workers have some."""
+"""Cuts items into batches: large enough to take about a minute, and small enough that all workers have some."""
 
 from collections.abc import Iterable, Iterator, Sequence, Sized
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class BatchSettings:
-    """What decides the size of a batch."""
+    """Settings of the size of a batch."""
 
     target_s: float = 60.0
     """Seconds of work a batch: a scheduler spends some 10 ms on it, and a lost worker costs no more than this."""
@@ -19,7 +19,7 @@ class BatchSettings:
     rounds: int = 4
     """Batches a worker at least, where there are enough items, so that none idles long at the end."""
     tail_s: float = 0.5
-    """Seconds of work of the last batches of a pass: shorter ones save no time that a person sees, and each costs 10 ms."""
+    """Seconds of work of the last batches of a pass: shorter ones save no noticeable time, and each costs 10 ms."""
     most: int = 1000
     """Items a batch: their results are in memory together."""
 
@@ -28,10 +28,10 @@ SETTINGS = BatchSettings()
 
 
 class Batches(Generic[Item]):
-    """Items cut into batches as they are asked for. The cut shows in no result, so it may follow the time that batches took."""
+    """Items cut into batches as they are needed. Results do not depend on the cuts, so that these follow the measured time."""
 
     def __init__(self, items: Iterable[Item], most: int | None = None) -> None:
-        """most: items a batch."""
+        """most: items of a batch at most."""
         self._most = most or SETTINGS.most
         self._items: Iterator[Item] = iter(items)
         self._left = self._all = len(items) if isinstance(items, Sized) else None
@@ -43,7 +43,7 @@ class Batches(Generic[Item]):
         self._done += items
 
     def next(self, workers: int) -> list[Item]:
-        """The next items; none at the end. Single ones until it is known how long they take."""
+        """The next batch, empty at the end; of one item until the time of an item is known."""
         batch = list(islice(self._items, self._size(workers)))
         if self._left is not None:
             self._left -= len(batch)
@@ -62,7 +62,7 @@ class Batches(Generic[Item]):
 
 
 def named(batch: Sequence[Any]) -> str:
-    """A batch for a person: by the names of its first and its last pair, where it is of pairs or of groups of them."""
+    """A name for a batch in messages: of its first and last pair, if it holds pairs or groups of pairs."""
     ends = [item[end] if isinstance(item, list) else item for item, end in ((batch[0], 0), (batch[-1], -1))]
     names = list(dict.fromkeys(str(item.name) for item in ends if hasattr(item, "name")))
     return f"the batch of {' to '.join(names)}" if names else "a batch"

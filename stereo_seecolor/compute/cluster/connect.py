@@ -1,4 +1,4 @@
-"""A cluster by its name on the command line: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
+"""Connects to a cluster by its name on the command line: ``local:4``, ``tcp://host:8786``, ``slurm:cluster.yaml``."""
 
 import gc
 import glob
@@ -36,22 +36,22 @@ JOB_CLASSES = {
 """Name on the command line -> class of dask-jobqueue."""
 FORMS = f"local:N, tcp://HOST:PORT, or {', '.join(JOB_CLASSES)} with a file, such as slurm:cluster.yaml"
 SCHEDULER_TIMEOUT_S, LOCAL_TIMEOUT_S = 20, 120
-"""A scheduler of a cluster answers within a second; a worker process of a busy machine needs up to a minute to import all."""
+"""Seconds to wait for a scheduler, which answers within one; and for a worker process, which imports modules for up to a minute."""
 LOOK_S = 10.0
-"""Seconds between two looks at the queue while no worker has come: batch systems are not to be asked every second."""
+"""Seconds between two queries of the queue while no worker is connected: batch systems must not be queried every second."""
 ADAPT_S, IDLE_LOOKS = "10s", 6
-"""How often it is looked whether more or fewer jobs are wanted, and for how many looks a job has nothing to do before it ends."""
+"""Time between two decisions on the number of jobs, and the number of decisions for which a job is idle before it ends."""
 SCRATCH = f"stereo-seecolor-{platform.node()}-"
-"""How the folder of local workers begins, in the one for temporary files; the client's process follows."""
-MEMORY_SHARE = 0.95
-"""Of the machine's memory, divided by the workers of this machine: what one may take."""
+"""Beginning of the name of local workers' folder, among temporary files; the client's process number follows."""
+MEMORY_FRACTION = 0.95
+"""Fraction of the machine's memory that its workers together may take."""
 
 
 @contextmanager
 def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator["DaskCompute"]:
-    """A ``Compute`` on the cluster of that name, for as long as the block runs. notice: called with what is waited for.
+    """A ``Compute`` on the cluster of that name, while the block runs. notice: called with a line on what is waited for.
 
-    Raises ClusterError.
+    Raises ClusterError for an unknown name, or where the cluster cannot be reached.
     """
     opener = _opener(name)
     try:
@@ -82,9 +82,9 @@ def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator[
 
 @dataclass(frozen=True, eq=False)
 class Opened:
-    """A cluster that was begun. where: its scheduler's address, or Dask's object. revive: starts workers in place of those lost.
+    """A cluster that was started. where: its scheduler's address, or Dask's object. revive: starts workers in place of lost ones.
 
-    wait_s: for the first worker. jobs: those that workers run in, where they do.
+    wait_s: seconds to wait for the first worker. jobs: batch jobs that workers run in, None where they run in none.
     """
 
     where: Any
@@ -106,7 +106,7 @@ def _opener(name: str) -> Callable[[], Any]:
 
 @contextmanager
 def _local(workers: int) -> Iterator[Opened]:
-    """Processes of this machine; they end with this one, however it ends."""
+    """Worker processes on this machine; they end with this process, however it ends."""
     remove_abandoned()
     with tempfile.TemporaryDirectory(prefix=f"{SCRATCH}{os.getpid()}-") as scratch, ExitStack() as ends:
         if not CAN_FORK:
@@ -116,12 +116,12 @@ def _local(workers: int) -> Iterator[Opened]:
         start = ends.enter_context(starter())  # before the scheduler, whose threads it must not copy
         started = _scheduler(0, scratch)
         ends.callback(started.close)
-        start(Orders(started.scheduler_address, workers, int(MEMORY_SHARE * _memory_bytes() / workers), scratch))
+        start(Orders(started.scheduler_address, workers, int(MEMORY_FRACTION * _memory_bytes() / workers), scratch))
         yield Opened(started)
 
 
 def remove_abandoned() -> None:
-    """Delete the workers' folders of clients of this machine that were killed together with what would have deleted them."""
+    """Delete the workers' folders of clients on this machine that were killed before they could delete them."""
     import psutil  # comes with Dask
 
     for folder in Path(tempfile.gettempdir()).glob(f"{glob.escape(SCRATCH)}*"):
@@ -131,7 +131,7 @@ def remove_abandoned() -> None:
 
 
 def _scheduler(workers: int, scratch: str) -> Any:
-    """A scheduler in this process, with so many workers of Dask's own."""
+    """A scheduler in this process, with ``workers`` workers started by Dask."""
     from distributed import LocalCluster
 
     return LocalCluster(  # type: ignore[no-untyped-call]
@@ -147,7 +147,7 @@ def _scheduler(workers: int, scratch: str) -> Any:
 
 
 def _memory_bytes() -> int:
-    """Of this machine, or of what this process may have of it."""
+    """Memory of this machine, or the limit of this process, bytes."""
     from distributed.system import MEMORY_LIMIT
 
     return int(MEMORY_LIMIT)
@@ -181,7 +181,7 @@ def _jobs(kind: str, file: Path) -> Iterator[Opened]:
 
 @contextmanager
 def _hushed(*loggers: str) -> Iterator[None]:
-    """Without the messages of these loggers, also those of tasks that nobody asks for any more."""
+    """Suppress the messages of these loggers while the block runs, with those of tasks that are only then garbage-collected."""
     levels = {name: logging.getLogger(name).level for name in loggers}
     for name in loggers:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)
@@ -194,7 +194,7 @@ def _hushed(*loggers: str) -> Iterator[None]:
 
 
 def _submit(started: Any, content: "JobFile", name: str) -> None:
-    """The first jobs, and more as there is work where the file says so. Raises ClusterError where they are refused."""
+    """Submit the first jobs, and, for adaptive files, more as there is work. Raises ClusterError where one is refused."""
     from distributed.core import Status
 
     async def submitted() -> None:
@@ -217,7 +217,7 @@ def _submit(started: Any, content: "JobFile", name: str) -> None:
 
 
 def _check_scheduler(client: Any, name: str) -> None:
-    """The scheduler must be of the client's version of Dask, or it ends with an error that says nothing."""
+    """Raise ClusterError where the scheduler has another version of Dask: it would end with an unclear error."""
     there, here = (client.get_versions()[side]["packages"]["distributed"] for side in ("scheduler", "client"))
     if there != here:
         raise ClusterError(f"{name}: the scheduler has another version (distributed {there} there, {here} here): install the same")

@@ -1,4 +1,4 @@
-"""The ``Compute`` of a Dask cluster: batches of items go out, results come back in the items' order."""
+"""The ``Compute`` of a Dask cluster: batches of items are sent to workers, and results returned in the items' order."""
 
 import logging
 import pickle
@@ -24,18 +24,18 @@ from stereo_seecolor.compute.interface import Item, Result, Usage
 from stereo_seecolor.errors import ClusterError, OutputError
 
 AHEAD = 2
-"""Batches a worker that are under way or wait: it has the next one when it ends one."""
+"""Batches for each worker that are under way or wait, so that the next is there when one ends."""
 LOOK_S = 0.5
-"""Seconds between two looks at how many workers there are: each asks the scheduler."""
+"""Seconds between two requests to the scheduler for the number of workers."""
 REVIVE_S = 15.0
-"""Seconds between two looks at whether all workers are there: a worker of a busy machine needs some to start."""
+"""Seconds between two checks that all workers are connected: on a busy machine a worker takes several to start."""
 
 TEMPORARY_PREFIX = ".writing-"
-"""Of files that the next run deletes where this one is killed (``files/atomic.py``)."""
+"""Beginning of the names of files that the next run deletes if this one is killed (``files/atomic.py``)."""
 UNKNOWN_NAME = "Can't get attribute"
-"""How pickle begins to say that a module of another version lacks a name."""
+"""Beginning of pickle's message for a name that a module of another version lacks."""
 LARGE_BYTES = 1 << 16
-"""Work of more is written to a file that all workers read once, instead of travelling with every batch."""
+"""Bytes of pickled work above which it is written to a file that all workers read once, instead of sent with every batch."""
 
 LOST = (OSError, CommClosedError, FutureCancelledError, AttributeError, UnboundLocalError)
 """What a client raises whose scheduler is gone: AttributeError where Dask asks the connection that it has just dropped (None), the
@@ -51,7 +51,7 @@ log = logging.getLogger(__name__)
 
 
 class DaskCompute:
-    """Work on the workers of a cluster. name: as on the command line. revive: starts workers in place of those that are lost.
+    """Runs work on the workers of a cluster. name: as on the command line. revive: starts workers in place of lost ones.
 
     notice: called with a line when all workers are lost.
     """
@@ -67,7 +67,7 @@ class DaskCompute:
 
     @property
     def usage(self) -> Usage:
-        """Of all workers, those that were lost among them, as of the last batch of each."""
+        """The resources of all workers, including lost ones, as of the last batch of each."""
         used = self._used.values()
         cores = sum(self._threads().values())
         return Usage(cores, sum(seconds for seconds, _ in used), max((peak for _, peak in used), default=0))
@@ -79,7 +79,7 @@ class DaskCompute:
 
     @contextmanager
     def sharing(self, folder: Path, inputs: Sequence[Path]) -> Iterator[None]:
-        """Every worker makes sure that it sees this ``folder`` and the ``inputs`` before it begins."""
+        """Let every worker check, before its first batch, that it sees this ``folder`` and the ``inputs``."""
         file = (folder / f"{TEMPORARY_PREFIX}probe-{secrets.token_hex(4)}").absolute()
         seen = tuple(path.absolute() for path in inputs if path.exists())
         probe = Probe(file, secrets.token_hex(16), seen)
@@ -93,17 +93,20 @@ class DaskCompute:
                 probe.file.unlink(missing_ok=True)
 
     def each(self, work: Callable[[Item], Result], items: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every item, in the items' order. A lost worker's batch is done again by another."""
+        """``work`` of every item, in order. A lost worker's batch is done again by another."""
         return self._ordered(do_batch, work, Batches(items), lambda nthreads: sum(nthreads.values()))
 
     def tiles(self, work: Callable[[Item], Result], tiles: Iterable[Item]) -> Iterator[Result]:
-        """``work`` of every tile, in their order: one at a time on each worker, which gives it all its threads."""
+        """``work`` of every tile, in order: one at a time on each worker, with all its threads."""
         return self._ordered(do_tiles, work, Batches(tiles, most=1), len)
 
     def _ordered(
         self, do: DoBatch, work: Callable[[Item], Result], batches: Batches[Item], at_once: Callable[[dict[str, int]], int]
     ) -> Iterator[Result]:
-        """at_once: from the number of threads of each worker, by address, to the number of batches that are done at once."""
+        """``work`` of every item of ``batches``, in order.
+
+        at_once: the number of batches to do at once, from the number of threads of each worker, by address.
+        """
         waiting: deque[tuple[Future, list[Item]]] = deque()
         done = False
         with ExitStack() as ends:
@@ -126,7 +129,7 @@ class DaskCompute:
 
     @contextmanager
     def _parcel(self, work: Callable[[Item], Result]) -> Iterator[Parcel]:
-        """The pickled work as it travels: in a file of the shared folder where it is large and there is one."""
+        """The pickled work as it is sent: if it is large, in a file of the shared folder, where there is one."""
         content = cloudpickle.dumps(work)
         if len(content) <= LARGE_BYTES or not self._probes:
             yield content
@@ -149,7 +152,7 @@ class DaskCompute:
         return send
 
     def _threads(self) -> dict[str, int]:
-        """Of each worker that was connected at the last look, by its address."""
+        """Threads of each worker, by address, as of the last request to the scheduler."""
         self._look_after_workers()
         if not self._workers or time.monotonic() - self._looked_s >= LOOK_S:
             self._workers, self._looked_s = self._connected(), time.monotonic()
@@ -191,7 +194,7 @@ class DaskCompute:
             self._alone = alone
 
     def _connected(self) -> dict[str, int]:
-        """Threads of each worker, by its address."""
+        """Threads of each connected worker, by address."""
         try:
             return dict(self._client.nthreads())
         except LOST as error:
@@ -209,10 +212,10 @@ class DaskCompute:
 
 @dataclass(frozen=True)
 class _Call:
-    """A call that is made where it is unpickled.
+    """A call that is made when it is unpickled.
 
-    A worker without this program, or with another version of it, then raises an error that the client hears of; of a function that
-    it cannot find, a worker would lose its connection.
+    A worker without this program, or with another version of it, then raises an error that the client receives. If it were sent a
+    function that it cannot find, it would lose its connection.
     """
 
     do: Callable[..., Any]

@@ -3,9 +3,9 @@
 from typing import Any
 
 FAILURES_ALLOWED = 10
-"""Workers that a batch may lose before it is given up: machines are taken away, but a batch that ends every worker ends the run."""
+"""Workers that a batch may lose before it is given up: machines may be withdrawn, but a batch that kills every worker must not."""
 LOST_S = 60
-"""Seconds that a lost worker has to come back by itself, before another is started in its place."""
+"""Seconds for a lost worker to connect again, before another is started in its place."""
 
 DASK_SETTINGS: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": FAILURES_ALLOWED,
@@ -15,4 +15,4 @@ DASK_SETTINGS: dict[str, Any] = {
     "distributed.admin.system-monitor.interval": "5s",
     "distributed.worker.memory.monitor-interval": "500ms",
 }
-"""What Dask does by itself, many times a second on each process, costs a twentieth of a core: here it does so seldom."""
+"""Dask's monitoring, by default many times a second in each process, takes a twentieth of a core: here it is infrequent."""

@@ -1,4 +1,4 @@
-"""The file that says what jobs of a batch system workers run in: ``slurm:cluster.yaml``."""
+"""The file of a batch system's jobs that workers run in: ``slurm:cluster.yaml``."""
 
 from pathlib import Path
 from typing import Any, Self
@@ -10,7 +10,7 @@ from stereo_seecolor.errors import ClusterError
 
 
 class Adaptive(BaseModel):
-    """Jobs come and go with the work."""
+    """A number of jobs that follows the amount of work."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -25,7 +25,7 @@ class Adaptive(BaseModel):
 
 
 class JobFile(BaseModel):
-    """Jobs, each of which is one worker. Every other key (queue, walltime, interface, ...) goes to dask-jobqueue."""
+    """Jobs, each with one worker. All other keys (queue, walltime, interface, ...) are passed to dask-jobqueue."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
 
@@ -44,7 +44,7 @@ class JobFile(BaseModel):
 
     @classmethod
     def read(cls, path: Path) -> "JobFile":
-        """Raises ClusterError."""
+        """Read a YAML file. Raises ClusterError where it cannot be read or is wrong."""
         try:
             return cls.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")) or {})
         except OSError as error:
@@ -59,6 +59,6 @@ class JobFile(BaseModel):
             ) from error
 
     def arguments(self) -> dict[str, Any]:
-        """For a class of dask-jobqueue: one process a job, with a thread a core."""
+        """Arguments for a class of dask-jobqueue: one process for each job, with a thread for each core."""
         own = {"cores": self.cores, "memory": self.memory, "log_directory": self.log_directory, "processes": 1}
         return {**own, **(self.model_extra or {})}

@@ -1,7 +1,7 @@
-"""Worker processes of this machine, forked from one process that has imported all: of two that import by themselves each takes 2 s.
+"""Worker processes of this machine, forked from one process that has imported all modules, which takes each worker 2 s else.
 
-That process, the starter, is forked from the client while the client has one thread, and else as a new program, which imports once
-more. It starts a worker in place of one that ends, and ends all when the client does, however that ends: it sees its pipe close.
+That process, the starter, is forked from the client if the client has only one thread, else started as a new program, which imports
+once more. It starts a new worker for one that ends, and ends all when its pipe from the client closes, however the client ends.
 """
 
 import contextlib
@@ -28,13 +28,13 @@ from stereo_seecolor.compute.sources import ROOT
 from stereo_seecolor.compute.threads import core_pool
 
 IMPORTED_ONCE = ("distributed", "stereo_seecolor.dive.passes")
-"""What all workers need. What lies above this room is named only."""
+"""Modules that all workers need, by name, since they lie in higher layers than this one."""
 LOADED_ONCE = ("stereo_seecolor.matching.first_run:load_search",)
-"""Functions that load the machine code which all workers need: 0.7 s."""
+"""Functions that load the machine code that all workers need, in 0.7 s."""
 LOOK_S = 0.5
-"""Seconds between two looks at the workers."""
+"""Seconds between two checks of the workers."""
 THREADS_END_S = 1.0
-"""Most that threads take to end; those that a library keeps are idle."""
+"""Most seconds to wait for threads to end; the remaining ones, of libraries, are idle."""
 CAN_FORK = hasattr(os, "fork")
 
 log = logging.getLogger(__name__)
@@ -42,7 +42,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Orders:
-    """What workers are started: how many, for which scheduler; one that takes more memory is ended.
+    """The workers to start: number and scheduler's address. memory_bytes: a worker that takes more is ended.
 
     scratch: a folder for their files.
     """
@@ -55,7 +55,7 @@ class Orders:
 
 @contextmanager
 def starter() -> Iterator[Callable[[Orders], None]]:
-    """Gives what starts workers, which serve until the block ends. Raises OSError where no process can be started."""
+    """A function that starts workers, which run until the block ends. Raises OSError where no process can be started."""
     for name in IMPORTED_ONCE:
         importlib.import_module(name)
     orders, end = _forked() if _one_thread() else _started_anew()
@@ -73,7 +73,7 @@ def starter() -> Iterator[Callable[[Orders], None]]:
 
 
 def _one_thread() -> bool:
-    """A process with more than one must not go on as a copy of itself: a lock that another thread held is never let go."""
+    """Whether this process has only one thread, so that it may be forked: a lock held by another thread stays locked in a copy."""
     try:
         return len(list(Path("/proc/self/task").iterdir())) == 1
     except OSError:  # only Linux says it
@@ -99,7 +99,7 @@ def _started_anew() -> tuple[BinaryIO, Callable[[], object]]:
 
 
 def _end_with(work: Callable[[], object]) -> NoReturn:
-    """Do no more in this process than ``work``: nothing of what its parent does at its end."""
+    """Do ``work`` and end this process, without the exit handlers that it has from its parent."""
     code = 1
     try:
         work()
@@ -116,7 +116,7 @@ def _end_with(work: Callable[[], object]) -> NoReturn:
 
 
 def serve(pipe: BinaryIO) -> None:
-    """Keep as many workers as are ordered through the pipe, until it closes; then end them and delete their files."""
+    """Keep the number of workers that was ordered through the pipe, until it closes; then end them and delete their files."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the terminal: the client decides what it means
     for name in IMPORTED_ONCE:
         importlib.import_module(name)
@@ -151,14 +151,14 @@ def _load() -> None:
 
 
 def _wait_for_threads() -> None:
-    """A thread that Python calls ended still frees what OpenCV keeps for it, under a lock: copied while it is held, it stays so."""
+    """Wait until ended threads are gone: they still free OpenCV's data under a lock, which must not be held at a fork."""
     end_s = time.monotonic() + THREADS_END_S
     while not _one_thread() and time.monotonic() < end_s:
         time.sleep(0.001)
 
 
 def _replace_lost(running: set[int], orders: Orders) -> None:
-    """running: the processes of the workers."""
+    """Start workers in place of those that have ended. running: process numbers of the workers; changed."""
     running -= {pid for pid in running if os.waitpid(pid, os.WNOHANG)[0]}
     while len(running) < orders.workers:
         pid = os.fork()

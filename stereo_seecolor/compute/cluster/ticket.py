@@ -1,4 +1,4 @@
-"""What a client sends its workers with every batch, and what a worker checks before its first: that it can do the work."""
+"""The ticket that a client sends with every batch, by which a worker checks before its first batch that it can do the work."""
 
 import os
 import platform
@@ -18,12 +18,12 @@ from stereo_seecolor.errors import ClusterError
 from stereo_seecolor.version import __version__
 
 LIBRARIES = ("numpy", "scipy", "opencv-contrib-python-headless", "torch", "numba", "distributed")
-"""Those whose version shows in results, and the one that sends them."""
+"""Libraries whose version may change results, and the one that sends them."""
 
 
 @cache
 def versions() -> tuple[tuple[str, str], ...]:
-    """Of Python, this program and the libraries, here."""
+    """Versions of Python, this program and the libraries in this process."""
     found = [("python", ".".join(map(str, sys.version_info[:2]))), ("stereo-seecolor", __version__)]
     for library in LIBRARIES:
         try:
@@ -35,7 +35,7 @@ def versions() -> tuple[tuple[str, str], ...]:
 
 @dataclass(frozen=True)
 class Probe:
-    """A file that the client wrote where workers are to write, and what it holds. inputs: what they are to read."""
+    """A file that the client wrote into the folder that workers write into, and its content. inputs: files that they read."""
 
     file: Path
     content: str
@@ -44,7 +44,7 @@ class Probe:
 
 @dataclass(frozen=True)
 class Ticket:
-    """The client's. folder: its working folder, which relative paths start from. host: its machine."""
+    """Facts of the client. versions: see ``versions``. folder: its working folder, for relative paths. host: its machine."""
 
     versions: tuple[tuple[str, str], ...]
     folder: Path
@@ -53,13 +53,13 @@ class Ticket:
 
     @classmethod
     def mine(cls, probes: tuple[Probe, ...] = ()) -> "Ticket":
-        """Of this process."""
+        """The ticket of this process."""
         return cls(versions(), Path.cwd(), platform.node(), probes)
 
 
 @lru_cache(maxsize=8)
 def admit(ticket: Ticket) -> None:
-    """Make sure, once a process, that batches with this ticket can be done here. Raises ClusterError, which names this machine."""
+    """Check, once in a process, that it can do batches with this ticket, and set it up. Raises ClusterError."""
     here = platform.node()
     differing = [
         f"{name} {mine} there, {theirs} here"
@@ -100,7 +100,7 @@ def _invisible(here: str, path: Path, error: OSError) -> str:
 
 
 def _one_core() -> None:
-    """A batch has one core: a worker's threads are as many batches, and what works within one image must not crowd them."""
+    """Use one core for each batch: each thread of a worker does a batch of its own."""
     import cv2
 
     cv2.setNumThreads(1)

@@ -1,4 +1,4 @@
-"""What runs on a worker: batches of items, one after the other."""
+"""The functions that run on a worker: they do batches of items, one after the other."""
 
 import logging
 import os
@@ -19,10 +19,10 @@ from stereo_seecolor.compute.threads import limit_cores
 from stereo_seecolor.errors import DeviceError, OutputError
 
 WORKS_KEPT = 4
-"""Passes whose tables, such as those of rectification, a worker keeps: a few dives at once, some 50 MB each."""
+"""Unpickled works, with tables such as those of rectification, that a worker keeps: for a few dives at once, some 50 MB each."""
 
 Parcel = bytes | Path
-"""Pickled work, or the file that holds it where it is too large to travel with every batch."""
+"""Pickled work, or the file that holds it if it is too large to be sent with every batch."""
 
 _whole_worker = threading.Lock()
 
@@ -31,9 +31,9 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Done:
-    """A batch's results in its items' order, pickled, and how long it took. process: that did it, with what it has used so far.
+    """A batch's results in the items' order, pickled, and the seconds that it took. process: the worker, with its resources so far.
 
-    Items and results travel pickled: of arrays, Dask would make such as cannot be written, or lie askew in memory.
+    Items and results are sent pickled: Dask would make arrays read-only or unaligned in memory.
     """
 
     pickled: bytes
@@ -44,13 +44,13 @@ class Done:
 
     @property
     def results(self) -> list[Any]:
-        """One for each item."""
+        """The result of each item."""
         results: list[Any] = pickle.loads(self.pickled)  # from a worker that serves this client
         return results
 
 
 def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
-    """The pickled ``work`` of all pickled items. Raises ClusterError where this process cannot do it, and what ``work`` raises."""
+    """Do the pickled ``work`` on all pickled items. Raises ClusterError where this process cannot, and as ``work``."""
     admit(ticket)
     start, do = time.perf_counter(), _unpickled(work)
     try:
@@ -68,7 +68,7 @@ def do_batch(ticket: Ticket, work: Parcel, items: bytes) -> Done:
 
 
 def do_tiles(ticket: Ticket, work: Parcel, items: bytes) -> Done:
-    """As ``do_batch``, for work that fills the memory: one at a time in this process, on all threads of the worker."""
+    """``do_batch`` for work that fills the memory: one batch at a time in this process, with all threads of the worker."""
     from distributed import get_worker
 
     with _whole_worker:

@@ -1,4 +1,4 @@
-"""The log of a worker: one file for each process, beside what it works on, wherever the process was started."""
+"""The log of a worker: a file for each process, in the folder that it works on."""
 
 import faulthandler
 import logging
@@ -14,9 +14,9 @@ log = logging.getLogger("stereo_seecolor")
 
 
 def log_below(folder: Path) -> None:
-    """From now on this process writes its log to ``folder``/logs/HOST-PROCESS.log, with where it was if the system ends it.
+    """Write this process's log to ``folder``/logs/HOST-PROCESS.log from now on, with the traceback of a crash.
 
-    Where that cannot be written it keeps none: the work will say why.
+    Writes none where the file cannot be written: the work itself will fail with the reason.
     """
     for handler in [handler for handler in log.handlers if isinstance(handler, WorkerLog)]:
         faulthandler.disable()
@@ -33,4 +33,4 @@ def log_below(folder: Path) -> None:
 
 
 class WorkerLog(logging.FileHandler):
-    """The one that a worker writes to."""
+    """The log file of a worker."""
