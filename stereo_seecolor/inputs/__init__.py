@@ -1,1 +1,1 @@
-"""Folders, images, pairs and trajectories in."""
+"""Input: folders, images, videos, bags, pairs and trajectories."""

@@ -1,4 +1,4 @@
-"""What the camera recorded beside the pixels, in EXIF: exposure, time, position; and the block that a corrected image keeps."""
+"""What the camera recorded in EXIF: exposure, time, position; and the EXIF block that a corrected image keeps."""
 
 import warnings
 from datetime import UTC, datetime

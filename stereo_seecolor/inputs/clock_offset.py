@@ -1,4 +1,4 @@
-"""Two cameras whose clocks were never set to each other: the constant difference at which their time stamps agree."""
+"""The constant difference between two cameras' clocks that were never synchronized, from their time stamps."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,10 +11,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class OffsetLimits:
-    """least_pairs: fewer fit some difference by chance. fitting: of the images of the side that has fewer.
+    """When a difference is accepted.
 
-    more_tried: so many images may be missing at the start of either side, beside those that the other side has more.
-    near: tolerances from a first difference, which one pair gives with its own error, within which others make it better.
+    least_pairs: fewer fit some difference by chance. fitting: fraction of the images of the side that has fewer. more_tried: so
+    many images may be missing at the start of either side, beside those that the other side has more. near: tolerances from a first
+    difference, which one pair gives with its own error, within which others improve it.
     """
 
     least_pairs: int = 3
@@ -33,7 +34,8 @@ DRIFT_S = 1e-3
 
 
 def clock_offset_s(left_s: Sequence[float], right_s: Sequence[float], tolerance_s: float) -> float | None:
-    """What the right clock is ahead of the left one, from all time stamps of both sides, sorted; None if no difference fits.
+    """Estimate how far the right clock is ahead of the left one, from all time stamps of both sides, sorted; None if no difference
+    fits.
 
     The difference at which the most stamps have a partner within the tolerance. Of a steady rhythm several differences fit; that
     which leaves the fewest images without a partner is taken, and the images must confirm it.

@@ -1,4 +1,4 @@
-"""The content of an image file to pixels, as they are stored."""
+"""Decoding of an image file's content to pixels as they are stored."""
 
 import sys
 from pathlib import Path
@@ -22,7 +22,7 @@ def decode_raw(content: bytes, path: Path, flags: int) -> NDArray[np.generic]:
 
 
 def decoded(content: bytes, path: Path, flags: int) -> tuple[NDArray[np.generic], bool]:
-    """The same, and whether they are RGB: colors of OpenCV are BGR."""
+    """Decode to pixels, and tell whether they are RGB: colors of OpenCV are BGR."""
     try:
         width, height = image_size(content)
     except ValueError as error:

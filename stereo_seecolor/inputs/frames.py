@@ -1,4 +1,4 @@
-"""A pair's two files as one StereoFrame: pixels, and what the cameras recorded of them."""
+"""Reading of pairs: two files to one StereoFrame, with what the cameras recorded of them."""
 
 from pathlib import Path
 
@@ -28,14 +28,14 @@ class FrameReader:
         self.settings = content_key(config.model_dump(), rows)
 
     def read(self, pair: Pair) -> StereoFrame:
-        """Both images, not rectified. Raises InputError if one cannot be read."""
+        """Read both images, not rectified. Raises InputError if one cannot be read."""
         contents = {path: read_image_bytes(path) for path in (pair.left, pair.right)}
         images = [decode_image(content, path, self._config) for path, content in contents.items()]
         captures = [self._captured(path, content) for path, content in contents.items()]
         return StereoFrame(pair.name, images[0], images[-1], pair.timestamp_s, captures[0], captures[-1])
 
     def capture(self, path: Path) -> Capture:
-        """What the camera recorded beside the pixels of one image. Raises InputError if it cannot be read."""
+        """Read what the camera recorded beside the pixels of one image. Raises InputError if it cannot be read."""
         is_raw = path.suffix == RAW_SUFFIX and contained(path)
         return self._captured(path, b"" if is_raw else read_image_bytes(path))
 

@@ -25,12 +25,12 @@ SIDES = ("left", "right")
 
 
 def is_image_with_halves(path: Path) -> bool:
-    """True for a file that may be an image of both sides."""
+    """Tell whether a file may be an image of both sides."""
     return path.suffix.lower() in EXTENSIONS and path.is_file()
 
 
 def is_half(path: Path) -> bool:
-    """True for what ``half_path`` made."""
+    """Tell whether ``half_path`` made a path."""
     return path.parent.name in SIDES and is_image_with_halves(path.parent.parent)
 
 

@@ -1,4 +1,4 @@
-"""Look at an image file before decoding it: is it whole, and how large would it be?
+"""Image headers, read before decoding: whether the file is complete, and the size of the image.
 
 OpenCV decodes a truncated PNG or JPEG to a picture that is partly gray or black and says nothing. Such pixels would be
 matched, colored and mapped; so wholeness is checked here, from the file formats' own marks, before any pixel is decoded.
@@ -22,7 +22,7 @@ JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 
 
 def image_size(content: bytes) -> tuple[int, int]:
-    """(width, height) that the file's header states, for a whole PNG, JPEG, TIFF, BMP, PGM or PPM.
+    """Read (width, height) from the header of a complete PNG, JPEG, TIFF, BMP, PGM or PPM.
 
     Raises ValueError, saying what is wrong, if the file is none of these, or is truncated or damaged.
     """
@@ -40,7 +40,7 @@ def image_size(content: bytes) -> tuple[int, int]:
 
 
 def is_finished_color(content: bytes) -> bool:
-    """Whether the header alone says that a camera has made colors of 8 bits: any JPEG, a PNG of several channels and 8 bits.
+    """Tell from the header alone whether a camera has made colors of 8 bits: any JPEG, a PNG of several channels and 8 bits.
 
     Nothing is checked: see image_size.
     """

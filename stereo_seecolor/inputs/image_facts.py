@@ -1,4 +1,4 @@
-"""What kind of image a file holds, as far as its pixels tell."""
+"""The kind of image that a file holds, as far as its pixels tell."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,10 +31,11 @@ LIMITS = MosaicLimits()
 
 @dataclass(frozen=True)
 class ImageFacts:
-    """size: (width, height). bits: a channel, of the file. used_bits: the fewest of 8, 10, 12, 14, 16 that hold its values.
+    """The kind of an image.
 
-    kind: "color", "monochrome", or "mosaic" (one channel with a Bayer pattern). bayer: the pattern, "none" for the others.
-    middle: median of the brightest channel over its brightest thousandth.
+    size: (width, height). bits: a channel, of the file. used_bits: the fewest of 8, 10, 12, 14, 16 that hold its values. kind:
+    "color", "monochrome", or "mosaic" (one channel with a Bayer pattern). bayer: the pattern, "none" for the others. middle: median
+    of the brightest channel over its brightest thousandth.
     """
 
     size: tuple[int, int]

@@ -1,4 +1,4 @@
-"""Image files to RGB arrays at the camera's own bit depth."""
+"""Reading of image files as RGB arrays at the camera's own bit depth."""
 
 from pathlib import Path
 from typing import Any
@@ -31,7 +31,7 @@ def read_image(path: Path, config: InputConfig | None = None) -> Image:
 
 
 def read_image_bytes(path: Path) -> bytes:
-    """The file's content. Raises InputError if it cannot be read or is empty."""
+    """Read a file's content. Raises InputError if it cannot be read or is empty."""
     open_around(path)
     content = read_bytes(path)
     if not content:
@@ -40,7 +40,7 @@ def read_image_bytes(path: Path) -> bytes:
 
 
 def decode_image(content: bytes, path: Path, config: InputConfig) -> Image:
-    """As read_image, from the file's content; ``path`` is for the messages."""
+    """Decode a file's content as ``read_image`` does; ``path`` is for the messages."""
     pixels, is_rgb = decoded(content, path, cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH)
     if pixels.dtype not in (np.uint8, np.uint16):
         raise InputError(

@@ -1,4 +1,6 @@
-"""Deep images that are read as encoded for a screen, and look as if they held linear light, as raw converters write it."""
+"""A warning about deep images that are read as encoded for a screen, but look as if they held linear light, as raw converters write
+it.
+"""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,7 +15,7 @@ and drawn dives by day and night; the same as linear light 0.07 to 0.31.
 
 
 def encoding_notes(config: ColorConfig, facts: Mapping[Path, ImageFacts]) -> tuple[str, ...]:
-    """What the first of a dive's images says against ``input_encoding: srgb``; nothing where it has 8 bits."""
+    """Warn where the first of a dive's images contradicts ``input_encoding: srgb``; nothing where it has 8 bits."""
     first = next(iter(facts), None)
     if config.input_encoding != "srgb" or first is None or facts[first].bits <= 8 or facts[first].middle >= DARK_MEDIAN:
         return ()

@@ -31,7 +31,7 @@ class Unpaired:
 
     @property
     def name(self) -> str:
-        """What its row in frames.csv is called."""
+        """The name of its row in frames.csv."""
         return product_name(self.path.stem)
 
 
@@ -52,14 +52,16 @@ class FolderFiles(Lazy[Path]):
 
 @dataclass(frozen=True)
 class Listing:
-    """files: regular files in natural order of their names. unreadable: named like images, but a folder, a pipe or a lost link."""
+    """The files of a source. files: regular files in natural order of their names. unreadable: named like images, but a folder, a
+    pipe or a broken link.
+    """
 
     files: Sequence[Path]
     unreadable: tuple[Unpaired, ...] = ()
 
 
 def list_images(source: Path, what: str) -> Listing:
-    """The files of a source with the extension of an image; hidden files are none of them.
+    """List the files of a source that have the extension of an image; hidden files are left out.
 
     source: a folder, one image, or a folder and a pattern for the names in it, for rigs whose sides share one: ``DIVE/*_L.png``; or
     several folders, see ``folder_parts``.
@@ -161,7 +163,7 @@ def _in_folder(source: Path, what: str) -> Listing:
 
 
 def unread_hint(names: Iterable[str]) -> str:
-    """What to do with images of kinds that are not read, to end a message with; "" where there are none."""
+    """Say what to do with images of kinds that are not read, to end a message with; "" where there are none."""
     kinds = Counter(suffix for name in names if (suffix := Path(name).suffix.lower()) in UNREAD)
     if not kinds:
         return ""

@@ -1,4 +1,4 @@
-"""What two files of a pair have in common in their names: keys under which left and right files meet."""
+"""Keys of file names, under which the left and the right file of a pair meet."""
 
 import re
 from collections import defaultdict

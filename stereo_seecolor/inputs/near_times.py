@@ -1,4 +1,4 @@
-"""Files by the time stamps in their names, and how far the nearest one of the other side is."""
+"""Time stamps in file names, and the distance to the nearest one of the other side."""
 
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
@@ -11,7 +11,7 @@ FAR_S = 1.0
 
 
 def timed(paths: Iterable[Path]) -> list[tuple[float, Path]]:
-    """Those with a time stamp, seconds, in order of time."""
+    """List the files with a time stamp, (seconds, path), in order of time."""
     return sorted((t, p) for p in paths if (t := timestamp_from_name(p.stem)) is not None)
 
 
@@ -23,7 +23,7 @@ def nearest(times: Sequence[float], time_s: float) -> int | None:
 
 
 def distances_s(paths: Iterable[Path], others: Iterable[Path]) -> dict[Path, float]:
-    """Of paths with a time stamp: seconds to the nearest of the others, where that is less than FAR_S."""
+    """Compute the seconds to the nearest of the others for each path with a time stamp, where that is less than FAR_S."""
     times = [time_s for time_s, _ in timed(others)]
     found = {path: abs(times[i] - time_s) for time_s, path in timed(paths) if (i := nearest(times, time_s)) is not None}
     return {path: off_s for path, off_s in found.items() if off_s < FAR_S}

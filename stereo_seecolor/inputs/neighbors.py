@@ -1,4 +1,4 @@
-"""Do a pair's two images show the same scene, and if not, does the left one fit the right one of a neighbor?"""
+"""A check whether a pair's two images show the same scene, and if not, whether the left one fits the right one of a neighbor."""
 
 import contextlib
 from collections.abc import Collection, Sequence
@@ -35,7 +35,7 @@ _LIMITS = _Limits()
 
 
 def agreeing_points(rectification: Rectification, left: Image, right: Image) -> int:
-    """How many points of the raw left image are found in the raw right one on the same row, and not behind the cameras."""
+    """Count the points of the raw left image that are found in the raw right one on the same row, in front of the cameras."""
     found = find_matches(rectification, left, right)
     disparity_px, row_px = (found.left - found.right).T if len(found.left) else np.zeros((2, 0))
     infinity_px = rectification.matching_pair.cx_left_px - rectification.matching_pair.cx_right_px
@@ -43,7 +43,7 @@ def agreeing_points(rectification: Rectification, left: Image, right: Image) -> 
 
 
 def show_one_scene(rectification: Rectification, left: Image, right: Image) -> bool:
-    """True if enough points of the raw left image are found in the raw right one."""
+    """Tell whether enough points of the raw left image are found in the raw right one."""
     return agreeing_points(rectification, left, right) >= _LIMITS.points
 
 
@@ -63,7 +63,8 @@ def neighbor_that_fits(pair: Pair, pairs: Sequence[Pair], rectification: Rectifi
 
 
 def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification: Rectification, config: InputConfig) -> str | None:
-    """What to say where all left images of ``sample`` fit right ones that lie as many places on in the dive; None where not.
+    """Report a constant shift between the sides, if all left images of ``sample`` fit right ones that lie as many pairs later; else
+    None.
 
     Raises nothing of what a run says of single pairs.
     """
@@ -87,7 +88,7 @@ def constant_shift(sample: Sequence[Pair], pairs: Sequence[Pair], rectification:
 def misfit_notes(
     pairs: Sequence[Pair], failed: Collection[str], rectification: Rectification, config: InputConfig
 ) -> tuple[str, ...]:
-    """Of the pairs of the names ``failed``: where they begin to be out of step; else a line for each of the first few."""
+    """Report where the pairs of the names ``failed`` begin to be out of step; else a line for each of the first few."""
     misfits = [(place, pair) for place, pair in enumerate(pairs) if pair.name in failed]
     if slip := _slip(misfits, pairs, rectification, config):
         return (slip,)

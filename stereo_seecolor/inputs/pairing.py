@@ -1,4 +1,4 @@
-"""Which file of the left folder belongs to which of the right one, and which belong to none."""
+"""Pairing: which file of the left folder belongs to which of the right one, and which files belong to none."""
 
 from array import array
 from collections import Counter
@@ -24,7 +24,7 @@ from stereo_seecolor.inputs.timestamps import timestamp_from_name
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """Two files that belong together. name: what the outputs are called. timestamp_s: from the left name, or None.
+    """Two files that belong together. name: of the outputs. timestamp_s: from the left file's name, or None.
 
     place: number in the dive, and how many pairs the dive has, by which folders of many outputs are cut.
     """
@@ -37,9 +37,8 @@ class Pair:
 
 
 class DivePairs(Lazy[Pair]):
-    """All pairs of a dive in order, each with its place in it: packed without their paths, which take long to unpack.
-
-    A dive may have a million.
+    """All pairs of a dive in order, perhaps a million, each with its number: packed without their paths, which take long to
+    unpack.
     """
 
     def __init__(self) -> None:
@@ -47,14 +46,14 @@ class DivePairs(Lazy[Pair]):
 
     @classmethod
     def of(cls, pairs: Iterable[Pair]) -> "DivePairs":
-        """The same pairs, whatever place they have."""
+        """Pack pairs in their order."""
         found = cls()
         for pair in pairs:
             found.add(pair.name, str(pair.left), str(pair.right), pair.timestamp_s)
         return found
 
     def add(self, name: str, left: str, right: str, timestamp_s: float | None) -> None:
-        """One pair more, after the others: as in ``Pair``. Raises OutputError as ``Packed``."""
+        """Append a pair. Raises OutputError as ``Packed``."""
         self._files.append((name, left, right, timestamp_s))
 
     def __len__(self) -> int:
@@ -70,13 +69,13 @@ class DivePairs(Lazy[Pair]):
 
     @property
     def names(self) -> Iterator[str]:
-        """Of all pairs: ten times as fast as the pairs themselves."""
+        """The names of all pairs: ten times as fast as the pairs themselves."""
         return (name for name, *_ in self._files)
 
 
 @dataclass(frozen=True)
 class Pairing:
-    """All pairs of two folders, by time where every name holds one, else in natural order; and every file that is in none.
+    """All pairs of two folders, by time where every name holds one, else in natural order; and every file without a partner.
 
     notes: what a person should know of the pairing as a whole, such as two clocks that drift apart.
     """
@@ -87,11 +86,11 @@ class Pairing:
 
     @property
     def names(self) -> Iterator[str]:
-        """Of all pairs, in their order."""
+        """The names of all pairs, in their order."""
         return self.pairs.names if isinstance(self.pairs, DivePairs) else (pair.name for pair in self.pairs)
 
     def with_notes(self, notes: tuple[str, ...]) -> "Pairing":
-        """The same pairing with more to say of it."""
+        """Add notes."""
         return replace(self, notes=self.notes + notes)
 
 
@@ -131,13 +130,14 @@ class _Matching:
         self.drop_settled()
 
     def say_how_far(self, tolerance_s: float) -> None:
-        """Of files that are left and have a time stamp: how far the nearest one of the other side is."""
-        lefts, rights = ([*(getattr(pair, side) for pair in self.pairs)] for side in ("left", "right"))
-        for side, alone, others in (("right", self.lefts, rights + self.rights), ("left", self.rights, lefts + self.lefts)):
+        """Give files without a partner that have a time stamp the distance to the nearest file of the other side as the reason."""
+        lefts = [pair.left for pair in self.pairs] + self.lefts
+        rights = [pair.right for pair in self.pairs] + self.rights
+        for side, alone, others in (("right", self.lefts, rights), ("left", self.rights, lefts)):
             for path, off_s in distances_s(alone, others).items():
                 if off_s > tolerance_s:
                     how_far = f"the nearest in time is {off_s:.3f} s away, input.timestamp_tolerance_s is {tolerance_s:g}"
-                    self.unpaired += [Unpaired(path, f"no {side} image matches: {how_far}")]
+                    self.unpaired.append(Unpaired(path, f"no {side} image matches: {how_far}"))
         self.drop_settled()
 
     def drop_settled(self) -> None:
@@ -169,26 +169,26 @@ def _same_stems(lefts: Sequence[Path], rights: Sequence[Path]) -> Sequence[Pair]
     """
     if not isinstance(lefts, FolderFiles) or not isinstance(rights, FolderFiles) or len(lefts) != len(rights):
         return None
-    pairs, folded = DivePairs(), array("q")
-    left_folder, right_folder = (str(side.folder / "_")[:-1] for side in (lefts, rights))
-    timed = timestamp_from_name(stem_of(lefts.names[0])) is not None
-    last_s, last = -inf, ""
+    pairs, name_hashes = DivePairs(), array("q")
+    left_folder, right_folder = (str(side.folder / "_")[:-1] for side in (lefts, rights))  # with the separator at the end
+    has_times = timestamp_from_name(stem_of(lefts.names[0])) is not None
+    last_s, last_name = -inf, ""
     for left, right in zip(lefts.names, rights.names, strict=True):
         stem = stem_of(left)
         time_s, name = timestamp_from_name(stem), product_name(stem)
-        if stem != stem_of(right) or (time_s is not None) != timed:
+        if stem != stem_of(right) or (time_s is not None) != has_times:
             return None
-        at_s = time_s or 0.0
-        if at_s < last_s or (at_s == last_s and natural_key(name) <= natural_key(last)):
+        order_s = time_s or 0.0
+        if order_s < last_s or (order_s == last_s and natural_key(name) <= natural_key(last_name)):
             return None
-        folded.append(hash(name.casefold()))
+        name_hashes.append(hash(name.casefold()))
         pairs.add(name, left_folder + left, right_folder + right, time_s)
-        last_s, last = at_s, name
-    return pairs if len(np.unique(folded)) == len(folded) else None
+        last_s, last_name = order_s, name
+    return pairs if len(np.unique(name_hashes)) == len(name_hashes) else None
 
 
 def pair_files(lefts: Sequence[Path], rights: Sequence[Path], config: InputConfig, where: str) -> Pairing:
-    """As pair_folders, of files that are listed already. where: for messages. Raises InputError if no pair is found."""
+    """Pair files that are listed already, as ``pair_folders`` does. where: for messages. Raises InputError if no pair is found."""
     return _settled(_Matching(list(lefts), list(rights), [], []), config, where)
 
 
@@ -251,9 +251,9 @@ def pair_by_stem(images: Path, ranges: Path) -> Pairing:
 
 
 def in_dive_order(pairs: Sequence[Pair]) -> list[Pair]:
-    """By time where every name holds one, else in natural order of the names."""
-    timed = all(pair.timestamp_s is not None for pair in pairs)
-    return sorted(pairs, key=lambda pair: (pair.timestamp_s or 0.0 if timed else 0.0, natural_key(pair.name)))
+    """Sort by time where every name holds one, else in natural order of the names."""
+    have_times = all(pair.timestamp_s is not None for pair in pairs)
+    return sorted(pairs, key=lambda pair: (pair.timestamp_s or 0.0 if have_times else 0.0, natural_key(pair.name)))
 
 
 def _matching(lefts: Listing, rights: Listing) -> _Matching:
@@ -287,7 +287,7 @@ def _in_order(unpaired: list[Unpaired]) -> tuple[Unpaired, ...]:
 
 
 def with_unique_names(pairs: list[Pair]) -> list[Pair]:
-    """Names that would meet in one output file, also where case does not count, get a hash of the left file's name."""
+    """Append a hash of the left file's name to names that would meet in one output file, also where case does not count."""
     count = Counter(pair.name.casefold() for pair in pairs)
     return [
         pair if count[pair.name.casefold()] == 1 else replace(pair, name=f"{pair.name}~{short_hash(pair.left.name)}")

@@ -21,22 +21,22 @@ def split_pattern(source: Path) -> tuple[Path, tuple[str, ...]]:
 
 
 def is_marked(part: str) -> bool:
-    """True for a name that holds ``*``, ``?`` or ``[``."""
+    """Tell whether a name holds ``*``, ``?`` or ``[``."""
     return any(mark in part for mark in _MARKS)
 
 
 def is_pattern(source: Path) -> bool:
-    """True for ``DIVE/left*.png`` and ``DIVE/*/left``."""
+    """Tell whether a path is a pattern, such as ``DIVE/left*.png`` and ``DIVE/*/left``."""
     return bool(split_pattern(source)[1])
 
 
 def folder_of(source: Path) -> Path:
-    """What a source's files lie in: the folder that a pattern is to be looked for in, else the source itself."""
+    """Find the folder of a source's files: the one that a pattern is to be matched in, else the source itself."""
     return split_pattern(source)[0]
 
 
 def fits(name: str, pattern: str) -> bool:
-    """True for a name that a pattern matches; upper and lower case differ, and hidden names are never matched."""
+    """Tell whether a pattern matches a name; upper and lower case differ, and hidden names are never matched."""
     return not name.startswith(".") and (pattern == "*" or fnmatchcase(name, pattern))
 
 

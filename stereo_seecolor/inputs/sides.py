@@ -1,4 +1,4 @@
-"""Which of the folders, files or videos that came off a boat is the left side, and which the right."""
+"""Which of a dive's folders, files or videos is the left side, and which the right."""
 
 import os
 import re

@@ -1,4 +1,4 @@
-"""How a dive's images store their pixels: raw cameras write color filter patterns, and 10, 12 or 14 bits unshifted."""
+"""How a dive's images store their pixels: color filter patterns of raw cameras, and 10, 12 or 14 bits unshifted."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -18,10 +18,10 @@ UNSHIFTED: tuple[Literal[10, 12, 14], ...] = (10, 12, 14)
 
 
 def stored_facts(config: InputConfig, sample: Sequence[Pair]) -> dict[Path, ImageFacts]:
-    """Of raw and of deep images, in their order; none where one is neither. One that cannot be read is left out, as is a monochrome
-    one on the right of a raw one.
+    """Collect the facts of raw and of deep images, in their order; none where one is neither.
 
-    sample: pairs from all parts of a dive; one of them is read where the settings say how images are stored.
+    One that cannot be read is left out, as is a monochrome one on the right of a raw one. sample: pairs from all parts of a dive;
+    one of them is read where the settings say how images are stored.
     """
     if "auto" not in (config.significant_bits, config.bayer):
         sample = sample[:1]
@@ -41,7 +41,7 @@ def stored_facts(config: InputConfig, sample: Sequence[Pair]) -> dict[Path, Imag
 
 
 def as_stored(config: InputConfig, found: Mapping[Path, ImageFacts]) -> InputConfig:
-    """The same with ``significant_bits`` and ``bayer`` as the images have them, where they are "auto". found: by stored_facts."""
+    """Set ``significant_bits`` and ``bayer``, where they are "auto", to what the images have. found: by stored_facts."""
     facts = list(found.values())
     update: dict[str, object] = {}
     if config.significant_bits == "auto":
@@ -52,7 +52,7 @@ def as_stored(config: InputConfig, found: Mapping[Path, ImageFacts]) -> InputCon
 
 
 def stored_notes(given: InputConfig, found: InputConfig) -> tuple[str, ...]:
-    """What to say of settings that were found out."""
+    """Report the settings that were found."""
     notes = []
     if found.bayer != given.bayer and found.bayer != "none":
         notes.append(

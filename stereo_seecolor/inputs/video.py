@@ -1,4 +1,4 @@
-"""Videos as input: which of their frames are pairs. The frames are read where they lie, and never written to disk."""
+"""Videos as input: which of their frames are pairs. Frames are read from the video when needed, and never written to disk."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +17,7 @@ from stereo_seecolor.inputs.video_streams import recorded_at
 
 @dataclass(frozen=True)
 class Videos:
-    """One video a side; twice the same one that shows both, the left or the right side first. Raises InputError, DeviceError."""
+    """The videos of a dive: one for each side, or twice the same one that shows both. Raises InputError, DeviceError."""
 
     left: Path
     right: Path
@@ -33,7 +33,7 @@ class Videos:
         return choose_frames(self.left, self.right, config, rig)
 
     def pairing(self, choice: FrameChoice) -> Pairing:
-        """Those frames as pairs, called after the number of the left one. Times are those of the left video."""
+        """Make pairs of the chosen frames, named after the number of the left one. Times are those of the left video."""
         halves = SIDES[::-1] if self.right_half_first else SIDES
         sides = halves if self.left == self.right else ("", "")
         times_s = video_file(self.left).index.times_s + (recorded_at(self.left) or 0.0)

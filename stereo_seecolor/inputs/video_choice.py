@@ -1,4 +1,4 @@
-"""Which frames of two videos, or of one that shows both sides, make a dive."""
+"""Choice of the frames that make a dive, of two videos or of one that shows both sides."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +35,7 @@ class FrameChoice:
 
 
 def choose_frames(left: Path, right: Path, config: InputConfig, rig: StereoRig | None = None) -> FrameChoice:
-    """Of two videos the frames that were taken at nearly the same time; of these every nth, or by their overlap.
+    """Choose frames of two videos that were taken at nearly the same time; of these every nth, or by their overlap.
 
     Without any evidence for the offset of the two clocks, frames of the same number are paired, as from hardware-triggered cameras,
     unless the frame rates differ.

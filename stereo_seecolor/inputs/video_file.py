@@ -39,8 +39,10 @@ Times = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class FrameIndex:
-    """pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of keyframes. stated_s: how long it says
-    that it is, 0 where it does not.
+    """The index of a video's frames.
+
+    pts: (n,) times of the frames, rising, in units of unit_s seconds. keys: (k,) those of keyframes. stated_s: duration that the
+    file states, 0 where it states none.
     """
 
     pts: Times
@@ -50,7 +52,7 @@ class FrameIndex:
 
     @property
     def times_s(self) -> NDArray[np.float64]:
-        """(n,) on the file's own clock."""
+        """The times of the frames on the file's own clock: (n,)."""
         return np.asarray(self.pts * self.unit_s, np.float64)
 
     @property
@@ -59,7 +61,7 @@ class FrameIndex:
         return float(np.median(np.diff(self.times_s))) if len(self.pts) > 1 else np.inf
 
     def numbers_at(self, times_s: NDArray[np.float64]) -> Times:
-        """(m,) numbers of the frames that are nearest to these times."""
+        """Find the frames that are nearest to these times: (m,) numbers."""
         middle = (self.times_s[1:] + self.times_s[:-1]) / 2
         return np.searchsorted(middle, times_s)
 
@@ -88,7 +90,7 @@ class VideoFile:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a person should know of it."""
+        """Notes about the file for the user."""
         notes = []
         length_s = float(self.index.times_s[-1] - self.index.times_s[0])
         if self.index.stated_s - length_s > LOST_S:

@@ -21,7 +21,7 @@ FULL_16 = 257 / 256
 
 
 def is_video(path: Path) -> bool:
-    """True for a file with a video's extension."""
+    """Tell whether a file has a video's extension."""
     return path.suffix.lower() in EXTENSIONS and not path.is_dir()
 
 
@@ -32,7 +32,7 @@ def frame_path(video: Path, number: int, side: str = "") -> Path:
 
 @dataclass(frozen=True)
 class VideoImages(Container):
-    """All frames of a video, by their names."""
+    """All frames of a video as contained files, by their names."""
 
     path: Path
 
@@ -46,7 +46,9 @@ class VideoImages(Container):
 
 
 def pixels(frame: Any) -> NDArray[Any]:
-    """(H, W, 3) RGB of a decoded frame (av.VideoFrame), uint8, or uint16 of full scale where it has more than 8 bits; upright."""
+    """Convert a decoded frame (av.VideoFrame), upright, to (H, W, 3) RGB: uint8, or uint16 of full scale where it has more than 8
+    bits.
+    """
     from av.video.reformatter import Interpolation
 
     exact = Interpolation.BILINEAR | Interpolation.ACCURATE_RND | Interpolation.FULL_CHR_H_INT

@@ -43,12 +43,12 @@ class Lag:
     correlation: float = 1.0
 
     def at(self, times_s: Array) -> Array:
-        """The same moments on the second clock."""
+        """Convert times of the first clock to the second."""
         return np.asarray(times_s + self.offset_s + self.drift * (times_s - self.center_s))
 
 
 def coarse_lag(times: tuple[Array, Array], signals: tuple[Array, Array]) -> tuple[float, float] | None:
-    """(offset_s, correlation) where two signals fit best; None where no lag stands out.
+    """Find (offset_s, correlation) where two signals fit best; None where no lag stands out.
 
     times: of either signal's samples, rising. signals: (n, k), the same k quantities. All lags are tried at which enough overlaps.
     """
@@ -68,7 +68,8 @@ def coarse_lag(times: tuple[Array, Array], signals: tuple[Array, Array]) -> tupl
 
 
 def fine_lag(times: tuple[Array, Array], signals: tuple[Array, Array], coarse: tuple[float, float]) -> Lag | None:
-    """Offset and drift that make the second signal fit the first, by least squares from a coarse lag; None where it fails.
+    """Fit offset and drift that make the second signal agree with the first, by least squares from a coarse lag; None where it
+    fails.
 
     A gain and a constant of each quantity are free. The standard error counts neighboring residuals that are alike once.
     """

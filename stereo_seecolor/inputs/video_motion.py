@@ -1,4 +1,4 @@
-"""How a video's picture moves, and how bright it is, from frame to frame: signals that two cameras on one rig share."""
+"""The motion and brightness of a video's picture from frame to frame: signals that two cameras on one rig share."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ class NoEvidence(InputError):
 
 @dataclass(frozen=True, eq=False)
 class VideoSignals:
-    """times_s: (n,) of the frames. brightness: (n,) mean gray, 0..255.
+    """The signals of a video. times_s: (n,) of the frames. brightness: (n,) mean gray, 0..255.
 
     motion_times_s: (n-1,) midway between frames. motion: (n-1, 2) x and y, image widths a second. sharpness: (n, 2) mean step
     from pixel to pixel along x and y, gray values. height: of the picture, in widths.
@@ -52,7 +52,7 @@ class VideoSignals:
 
     @property
     def place(self) -> Array:
-        """(n, 2) where the picture has moved to at each frame, image widths."""
+        """The position to which the picture has moved at each frame: (n, 2) image widths."""
         return np.vstack([np.zeros(2), np.cumsum(self.motion * np.diff(self.times_s)[:, None], axis=0)])
 
 

@@ -1,4 +1,4 @@
-"""What a video file holds beside its pictures' colors: their times, their grays, its sound, its time code. By PyAV (FFmpeg)."""
+"""The streams of a video file beside its colors: times, gray pictures, sound, time code. By PyAV (FFmpeg)."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -64,12 +64,13 @@ def gray_frames(path: Path) -> Iterator[tuple[float, NDArray[np.uint8]]]:
 
 
 def gray(frame: Any) -> NDArray[np.uint8]:
-    """(H, W) of a decoded frame, turned as the file says that players are to turn it."""
+    """Convert a decoded frame to gray, (H, W), turned as the file says that players are to turn it."""
     return np.rot90(frame.to_ndarray(format="gray"), round(frame.rotation / 90))
 
 
 def sound(path: Path) -> tuple[float, NDArray[np.float32]]:
-    """When the sound begins on the file's own clock, seconds, and its samples at SOUND_RATE_HZ; none where it is silent or absent.
+    """Read the time at which the sound begins on the file's own clock, seconds, and its samples at SOUND_RATE_HZ; none where it is
+    silent or absent.
 
     Raises InputError, DeviceError.
     """
@@ -88,7 +89,7 @@ def sound(path: Path) -> tuple[float, NDArray[np.float32]]:
 
 
 def recorded_at(path: Path) -> float | None:
-    """When a recording began by its camera's clock, seconds since 1970; None where the file does not say.
+    """Read when a recording began by its camera's clock, seconds since 1970; None where the file does not say.
 
     Cameras that write their local time are taken to be at UTC. Raises InputError, DeviceError.
     """

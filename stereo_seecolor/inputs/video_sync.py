@@ -1,4 +1,6 @@
-"""Two videos of cameras without a wire: how one clock runs against the other, by sound, a flash, time codes, moving pictures."""
+"""Synchronization of two videos without a wire between the cameras: offset and drift by sound, a flash, time codes, moving
+pictures.
+"""
 
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -36,7 +38,7 @@ LIMITS = SyncLimits()
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one kind of evidence (``sound``, ``flash``, ``motion``, ``time code``, ``rows``) says."""
+    """The lag by one kind of evidence (``sound``, ``flash``, ``motion``, ``time code``, ``rows``)."""
 
     kind: str
     lag: Lag
@@ -44,7 +46,7 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class VideoSync:
-    """How the clocks of two videos run, by the most precise evidence; the others agree with it.
+    """The synchronization of two videos, by the most precise evidence; the others agree with it.
 
     pairs: (n, 2) numbers of the frames that are nearest, left and right. rest_s: (n,) how far apart they are after all, right less
     left. false_disparity: (n,) what the picture moves in that time, image widths. left_out: pairs for which that is too much.
@@ -62,7 +64,7 @@ class VideoSync:
 
     @property
     def text(self) -> str:
-        """One line for a person."""
+        """One line for the user."""
         kinds = " and ".join(item.kind for item in self.evidence) or "what was given"
         return (
             f"the right clock is {self.lag.offset_s:+.4f} s (standard error {1000 * self.lag.std_s:.1f} ms) and runs "

@@ -1,4 +1,4 @@
-"""A bag's files walked once: what topics there are, and where each message that matters lies."""
+"""A bag's files read once: the topics, and the place of each message that matters."""
 
 import os
 import sqlite3
@@ -95,7 +95,7 @@ class _Gathered:
 
 
 def is_bag(path: Path) -> bool:
-    """True for a bag's file, and for a folder that holds some."""
+    """Tell whether a path is a bag's file, or a folder that holds some."""
     return (path.suffix.lower() in SUFFIXES and not path.is_dir()) or (path.is_dir() and any(_bag_files(path)))
 
 
@@ -221,5 +221,5 @@ def _is_named_bag(name: str) -> bool:
 
 
 def needs_library() -> DeviceError:
-    """What is said where rosbags is missing."""
+    """The message where rosbags is missing."""
     return DeviceError("messages of bags need a library that is missing (rosbags): pip install -c constraints.txt '.[bags]'")

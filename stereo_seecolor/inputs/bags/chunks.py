@@ -1,4 +1,4 @@
-"""Compressed parts of bags, decompressed to at most what a bag may hold."""
+"""Decompression of bags' chunks, to at most the size that a bag may hold."""
 
 import bz2
 from typing import Any
@@ -27,7 +27,9 @@ def decompress(content: bytes, chunk: Chunk) -> bytes:
 
 
 def decompressor(compression: str) -> Any:
-    """What decompresses one chunk. Raises Cut for a compression that no bag has, DeviceError if its library is missing."""
+    """Choose the function that decompresses one chunk. Raises Cut for an unknown compression, DeviceError if its library is
+    missing.
+    """
     try:
         if compression == "bz2":
             return bz2.BZ2Decompressor()

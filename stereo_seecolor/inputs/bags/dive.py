@@ -23,7 +23,9 @@ GAP_INTERVALS = 3.5
 
 @dataclass(frozen=True)
 class BagDive:
-    """bag: what was walked. sides: its two image topics. pairing: its pairs; infos: the camera_info of each side, or None."""
+    """The dive of a bag. bag: what was read. sides: its two image topics. pairing: its pairs; infos: the camera_info of each side,
+    or None.
+    """
 
     bag: Bag
     sides: SideTopics
@@ -71,7 +73,7 @@ def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
 
 
 def bag_images(path: Path) -> Container:
-    """All images of one file of a bag. Raises InputError, DeviceError."""
+    """List all images of one file of a bag. Raises InputError, DeviceError."""
     images: dict[Path, dict[str, Entry]] = defaultdict(dict)
     for topic in open_bag(path).topics:
         if topic.msgtype in (IMAGE, COMPRESSED):
@@ -92,7 +94,7 @@ def _files_of(topic: Topic, images: dict[Path, dict[str, Entry]]) -> list[Path]:
 
 
 def stamp_name(stamp_ns: int) -> str:
-    """What an image of that stamp is called: seconds and nanoseconds since 1970, ``1700000000-100000000``."""
+    """Name an image by its stamp: seconds and nanoseconds since 1970, ``1700000000-100000000``."""
     return f"{stamp_ns // 10**9:010d}-{stamp_ns % 10**9:09d}"
 
 
@@ -119,7 +121,7 @@ def _frame_notes(bag: Bag, sides: SideTopics, infos: tuple[Topic | None, Topic |
 
 
 def gap_notes(pairs: Sequence[Pair], path: Path) -> tuple[str, ...]:
-    """One line on the gaps between pairs, and the longest."""
+    """Summarize the gaps between pairs in one line, with the longest."""
     times = [pair.timestamp_s for pair in pairs if pair.timestamp_s is not None]
     intervals = [later - earlier for earlier, later in pairwise(times)]
     if not intervals:

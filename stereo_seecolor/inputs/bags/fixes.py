@@ -1,4 +1,4 @@
-"""Where a vehicle without odometry was: satellite fixes, the attitude of its IMU, and the depth of its pressure sensor.
+"""The track of a vehicle without odometry: satellite fixes, the attitude of its IMU, and the depth of its pressure sensor.
 
 Axes are those of REP 103 and REP 145: attitude turns the body (forward, left, up) to the world (east, north, up).
 """
@@ -35,7 +35,8 @@ CONSTANTS = FixConstants()
 
 @dataclass(frozen=True, eq=False)
 class FixedTrack:
-    """times_s: (N,). T_world_body: (N, 4, 4) of the antenna, turned as the IMU; world east-north-up from ``origin``, z = -depth.
+    """The track of the antenna. times_s: (N,). T_world_body: (N, 4, 4), turned as the IMU; world east-north-up from ``origin``, z =
+    -depth.
 
     fix_frame, imu_frame: what the two are called in the transforms.
     """

@@ -23,7 +23,9 @@ class _Record(NamedTuple):
 
 
 def walk(source: Source, problems: list[str]) -> Iterator[Message]:
-    """All messages in the order of the file, as far as it can be read. What is wrong with it is added to ``problems``."""
+    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong with it is added to
+    ``problems``.
+    """
     channels: dict[bytes, Channel] = {}
     try:
         for record in _records(source, len(MAGIC)):

@@ -1,4 +1,4 @@
-"""Bytes of a bag by their offset, from its file or from a chunk of it that was decompressed; and what is found in them."""
+"""Bytes of a bag by their offset, in its file or in a decompressed chunk of it; and the messages found in them."""
 
 import os
 from collections.abc import Callable
@@ -21,7 +21,9 @@ class Channel(NamedTuple):
 
 
 class Place(NamedTuple):
-    """Where a message lies: ``size`` bytes from ``start``, in the file, or in the chunk that ``chunk`` finds (None = the file)."""
+    """The place of a message: ``size`` bytes from ``start``, in the file, or in the chunk that ``chunk`` finds (None = the
+    file).
+    """
 
     start: int
     size: int
@@ -47,7 +49,7 @@ class Message(NamedTuple):
 
 
 class Source(Protocol):
-    """Bytes by offset."""
+    """A sequence of bytes, read by offset."""
 
     @property
     def size(self) -> int:
@@ -86,7 +88,7 @@ class MemorySource:
 
     @property
     def size(self) -> int:
-        """Bytes."""
+        """The number of bytes."""
         return len(self.content)
 
     def bytes_at(self, start: int, size: int) -> bytes:

@@ -25,7 +25,7 @@ def connect(path: Path) -> sqlite3.Connection:
 
 
 def walk(path: Path, problems: list[str]) -> Iterator[Message]:
-    """All messages in the order of the file, as far as it can be read. What is wrong with it is added to ``problems``.
+    """Iterate over the messages in the order of the file, as far as it can be read. What is wrong with it is added to ``problems``.
 
     place: its start is the number of the row.
     """
@@ -46,7 +46,7 @@ def walk(path: Path, problems: list[str]) -> Iterator[Message]:
 
 
 def read(path: Path, row: int) -> bytes:
-    """One message. Raises sqlite3.Error; KeyError where it is gone."""
+    """Read one message. Raises sqlite3.Error; KeyError where it is gone."""
     with contextlib.closing(connect(path)) as database:
         found = database.execute("SELECT data FROM messages WHERE id = ?", (row,)).fetchone()
     if found is None:

@@ -1,4 +1,4 @@
-"""Which topics of a bag are the left and the right camera, and where the calibration of each is."""
+"""Choice of a bag's topics of the left and the right camera, and of their calibrations."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

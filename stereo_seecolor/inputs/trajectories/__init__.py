@@ -1,4 +1,4 @@
-"""Trajectories as vehicles and other programs write them: one file a format, ``read_trajectory`` finds out which it is."""
+"""Trajectories in the formats of vehicles and other programs: ``read_trajectory`` recognizes the format; each is a module."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -81,7 +81,7 @@ def trajectory_format(path: Path) -> str | None:
 
 
 def rectified_trajectory(path: Path, config: MappingConfig, T_rectified_left: np.ndarray) -> Trajectory:
-    """As read_trajectory, of the rectified left camera, whosever poses the file holds.
+    """Read the trajectory of the rectified left camera, whatever camera or vehicle the file's poses are of.
 
     T_rectified_left: (4, 4), from the axes of the left camera as calibrated; a run's own is in its run.json.
     """

@@ -1,4 +1,4 @@
-"""Navigation's axes to the map's: north-east-down to east-north-up, Euler angles, degrees on Earth to meters."""
+"""Conversion of navigation's axes to the map's: north-east-down to east-north-up, Euler angles, degrees on Earth to meters."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,7 +27,7 @@ def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> ND
 
 
 def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """(N, 4) as x, y, z, w -> (N, 3, 3); normalized first, NaN where it is zero or not finite."""
+    """Convert quaternions (N, 4), x, y, z, w, to rotations (N, 3, 3); they are normalized first, NaN where zero or not finite."""
     from scipy.spatial.transform import Rotation  # see geometry.py
 
     q = np.atleast_2d(np.asarray(quaternion, dtype=np.float64))
@@ -40,7 +40,7 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
 
 
 def poses(R: NDArray[np.float64], position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(N, 4, 4) from rotations (N, 3, 3) and positions (N, 3)."""
+    """Combine rotations (N, 3, 3) and positions (N, 3) to poses (N, 4, 4)."""
     T = np.tile(np.eye(4), (len(position_m), 1, 1))
     T[:, :3, :3] = R
     T[:, :3, 3] = position_m
@@ -53,17 +53,17 @@ def poses_from_ned(R_ned_camera: NDArray[np.float64], position_ned_m: NDArray[np
 
 
 def mount_rotation(mount: MountConfig) -> NDArray[np.float64]:
-    """(3, 3): camera axes to vehicle axes."""
+    """The rotation from camera axes to vehicle axes: (3, 3)."""
     return rotation_from_euler(*np.radians([mount.roll_deg, mount.pitch_deg, mount.yaw_deg]))
 
 
 def mount_offset_m(mount: MountConfig) -> NDArray[np.float64]:
-    """(3,): the camera in vehicle axes."""
+    """The position of the camera in vehicle axes: (3,)."""
     return np.array([mount.surge_m, mount.sway_m, mount.heave_m])
 
 
 def north_east_from_degrees(latitude_deg: ArrayLike, longitude_deg: ArrayLike, origin: GeoOrigin) -> NDArray[np.float64]:
-    """(N, 2) meters north and east of the origin: transverse Mercator at the origin, to second order in longitude.
+    """Convert to meters north and east of the origin, (N, 2): transverse Mercator at the origin, to second order in longitude.
 
     Snyder, Map Projections (USGS 1395), eqs. 8-9 and 8-10; within 1 mm of the full projection over a kilometer.
     """
@@ -118,7 +118,9 @@ def geodetic_from_geocentric(position_m: NDArray[np.float64]) -> tuple[float, fl
 
 
 def geocentric_from_geodetic(latitude_deg: float, longitude_deg: float, height_m: float) -> NDArray[np.float64]:
-    """(3,) meters of latitude and longitude in degrees and height in meters (WGS84): the inverse of the above."""
+    """Convert latitude and longitude in degrees and height in meters (WGS84) to geocentric meters (3,): the inverse of the
+    above.
+    """
     latitude, longitude = np.radians(np.float64(latitude_deg)), np.radians(longitude_deg)
     prime_vertical_m = _SEMI_MAJOR_M / np.sqrt(_flattened(latitude))
     from_axis_m = (prime_vertical_m + height_m) * np.cos(latitude)
@@ -127,7 +129,7 @@ def geocentric_from_geodetic(latitude_deg: float, longitude_deg: float, height_m
 
 
 def east_north_up_axes(latitude_deg: float, longitude_deg: float) -> NDArray[np.float64]:
-    """(3, 3): rows are east, north and up in geocentric axes."""
+    """The directions east, north and up in geocentric axes, as rows: (3, 3)."""
     from scipy.spatial.transform import Rotation  # see geometry.py
 
     return np.asarray(Rotation.from_euler("zx", [-90 - longitude_deg, latitude_deg - 90], degrees=True).as_matrix())

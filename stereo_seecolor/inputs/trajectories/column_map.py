@@ -84,7 +84,7 @@ def recognizes(lines: Lines) -> bool:
 
 
 def read_by_names(lines: Lines, mount: MountConfig) -> Trajectory:
-    """As ``read``, by the usual names of columns."""
+    """Read a table as ``read`` does, by the usual names of columns."""
     return read(lines, _guessed(lines), mount)
 
 

@@ -1,4 +1,4 @@
-"""The text of a trajectory file: lines with their numbers, and numbers that name the line they fail on."""
+"""The text of a trajectory file: lines with their numbers; errors name the line."""
 
 import csv
 import re
@@ -16,7 +16,7 @@ LARGEST = 1e12
 
 
 def is_number(field: str) -> bool:
-    """True if ``field`` reads as a float."""
+    """Tell whether ``field`` reads as a float."""
     try:
         float(field)
     except ValueError:
@@ -26,7 +26,7 @@ def is_number(field: str) -> bool:
 
 @dataclass(frozen=True)
 class Lines:
-    """All lines that are not empty; content: those that are no comment either, each with its line number in the file."""
+    """The lines of a file that are not empty; content: those that are no comment either, each with its line number in the file."""
 
     path: Path
     all: tuple[str, ...]

@@ -32,8 +32,9 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
 
 
 def trajectory_of(times_s: NDArray[np.float64], values: NDArray[np.float64]) -> Trajectory:
-    """Of (N, 7) x y z qx qy qz qw. World z is up unless the first pose is the identity: then the world is the first camera, and up
-    is unknown.
+    """Make a trajectory of (N, 7) x y z qx qy qz qw.
+
+    World z is up unless the first pose is the identity: then the world is the first camera, and up is unknown.
     """
     T = poses(rotation_from_quaternion(values[:, 3:]), values[:, :3])
     starts_at_identity = np.allclose(T[0], np.eye(4), atol=1e-6)

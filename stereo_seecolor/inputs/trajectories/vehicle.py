@@ -1,4 +1,4 @@
-"""From where the vehicle was to where the camera was in the map."""
+"""The camera's poses in the map from the vehicle's."""
 
 from dataclasses import dataclass
 
@@ -43,7 +43,7 @@ class VehicleTrack:
 
 
 def from_degrees(latitude_deg: Column, longitude_deg: Column) -> tuple[NDArray[np.float64], GeoOrigin]:
-    """(N, 2) meters north and east of the first known position; and that position."""
+    """Convert to meters north and east of the first known position, (N, 2); and that position."""
     known = np.flatnonzero(np.isfinite(latitude_deg) & np.isfinite(longitude_deg))
     first = int(known[0]) if known.size else 0
     origin = GeoOrigin(float(latitude_deg[first]), float(longitude_deg[first]))
