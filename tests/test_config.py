@@ -131,7 +131,9 @@ def test_lists_and_paths_are_read() -> None:
 
 
 def test_the_configuration_of_a_run_is_taken_from_its_run_json(tmp_path: Path) -> None:
-    config = load_config(None, ["color.lock=survey", "color.robust.white_point=[1, 0.9, 0.8]", "matching.model=net.onnx"])
+    files = ("matching.model=net.onnx", "input.exposures=exposures.csv", "mapping.markers={bars: bars.csv, points: places.csv}")
+    config = load_config(None, ["color.lock=survey", "color.robust.white_point=[1, 0.9, 0.8]", *files])
+    assert config.mapping.markers.bars == Path("bars.csv")
     run = {"format": "stereo-seecolor/run", "inputs": {}, "config": config.model_dump(mode="json")}
     (tmp_path / "run.json").write_text(json.dumps(run))
     assert load_config(tmp_path / "run.json") == config

@@ -13,9 +13,12 @@ from test_markers import EDGE_M, PLACES, RIG, bottom, cameras, frame
 
 from stereo_seecolor.commands.markers import Known, markers
 from stereo_seecolor.config import MappingConfig, MarkersConfig
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.errors import InputError
 from stereo_seecolor.geometry import pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Survey
+from stereo_seecolor.mapping.survey_map import check
 from stereo_seecolor.mapping.track.known_points import KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.marks import Marks
 from stereo_seecolor.mapping.track.marks_fit import first_fit
@@ -86,6 +89,13 @@ def test_surveyed_places_give_the_world_and_the_scale(survey: Survey, tmp_path: 
     elsewhere = held(survey, given, points=tmp_path / "gcp.csv")
     assert any("they lie elsewhere than the given poses say" in said for said in elsewhere.placement.warnings)
     assert np.abs(elsewhere.placement.T_world_camera[:, :3, 3] - T[:, :3, 3]).max() < 0.05
+
+
+@pytest.mark.parametrize("table", ["bars", "points"])
+def test_a_table_that_cannot_be_read_is_named_before_the_first_frame(tmp_path: Path, table: str) -> None:
+    config = load_config(None, [f"mapping.markers.{table}={tmp_path / 'absent.csv'}"])
+    with pytest.raises(InputError, match=r"absent\.csv"):
+        check(config.mapping, None)
 
 
 @pytest.mark.slow

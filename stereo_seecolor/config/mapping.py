@@ -2,9 +2,9 @@
 
 from typing import Any, Literal, Self
 
-from pydantic import Field, FilePath, model_validator
+from pydantic import Field, model_validator
 
-from stereo_seecolor.config.stage import StageConfig
+from stereo_seecolor.config.stage import FilePath, StageConfig
 
 
 class MountConfig(StageConfig):

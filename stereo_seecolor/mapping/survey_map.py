@@ -41,6 +41,7 @@ from stereo_seecolor.mapping.surface.tiles import Tiling, cut
 from stereo_seecolor.mapping.surface.volume import MIN_WEIGHT
 from stereo_seecolor.mapping.survey import Placement, Survey
 from stereo_seecolor.mapping.track.known_steps import placed_by
+from stereo_seecolor.mapping.track.marks import read_known
 from stereo_seecolor.mapping.track.marks_fit import MarkersFit
 from stereo_seecolor.mapping.track.navigation import Navigation
 from stereo_seecolor.mapping.track.placing import Placed, place_survey, show_first
@@ -96,11 +97,13 @@ class Workspace:
 
 
 def check(config: MappingConfig, trajectory: Trajectory | None) -> None:
-    """Check what a map in UTM needs before the first frame is read; without GTSAM or rasterio other maps are made, with a warning.
+    """Check the tables of markers and what a map in UTM needs, before the first frame is read.
 
-    Raises DeviceError, with the command that installs it, where a library is missing; MappingError where the survey's place on
-    Earth is not known.
+    Other maps are made without GTSAM or rasterio, too, with a warning. Raises InputError for a table that cannot be used;
+    DeviceError, with the command that installs it, where a library is missing; MappingError where the survey's place on Earth is
+    not known.
     """
+    read_known(config.markers)
     if config.crs != "utm":
         return
     if trajectory is None or trajectory.origin is None:

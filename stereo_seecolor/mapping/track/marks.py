@@ -55,13 +55,12 @@ class Marks:
     @classmethod
     def found(cls, survey: Survey, config: MarkersConfig) -> "Marks":
         """Find markers in all frames of a survey. Raises InputError for tables that cannot be used."""
-        bars = read_bars(config.bars) if config.bars else {}
-        points, stds = (read_control_points(config.points), read_stds(config.points)) if config.points else ({}, {})
+        bars, places = read_known(config)
         look, sightings, count = _Look(survey.frames, survey.geometry, config.family), {}, len(survey.frames)
         for number, own in enumerate(survey.compute.each(look, range(count))):
             sightings[number] = own
             survey.progress("looking for markers", number + 1, count)
-        return cls(sightings, config.edge_m, bars, {number: (points[number], stds[number]) for number in points})
+        return cls(sightings, config.edge_m, bars, places)
 
     def scaled(self, scale: float) -> "Marks":
         """Scale the ranges of the rig by a factor."""
@@ -129,6 +128,18 @@ class Marks:
 
 
 EDGES, PLACES = "edges", "surveyed places"
+
+
+def read_known(config: MarkersConfig) -> tuple[dict[tuple[int, int], float], dict[int, tuple[Array, float]]]:
+    """Lengths of scale bars by the markers at their ends, and places (3,) of markers with standard errors, meters.
+
+    Raises InputError for a table that cannot be used.
+    """
+    bars = read_bars(config.bars) if config.bars else {}
+    if not config.points:
+        return bars, {}
+    places, stds = read_control_points(config.points), read_stds(config.points)
+    return bars, {number: (places[number], stds[number]) for number in places}
 
 
 def _name(first: int, second: int) -> str:
