@@ -6,7 +6,7 @@ from pathlib import Path
 from calibration.formats import load_rig
 from stereo_seecolor.commands.bag_inputs import named_inputs
 from stereo_seecolor.commands.dive_job import claim
-from stereo_seecolor.commands.run import KIND, StereoCommand, color, color_with, stereo_job
+from stereo_seecolor.commands.run import KIND, StereoCommand, color, color_with
 from stereo_seecolor.commands.stereo_inputs import Opened
 from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
@@ -51,7 +51,7 @@ def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *
                 folder.frames.adopt(part.root, frame)
         command = StereoCommand(inputs, opened.pipeline.config, options, "range" if fit_only else "corrected")
         with options.compute.sharing(state(folder.root), inputs.paths):
-            return stereo_job(opened, command, passes).conduct(folder, options)
+            return command.conduct(opened, folder, passes)
 
 
 def _opened(parts: Sequence[Part]) -> Opened:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stereo_seecolor.commands.dive_job import claim
 from stereo_seecolor.commands.dive_rig import spread
-from stereo_seecolor.commands.run import KIND, StereoCommand, color, stereo_job
+from stereo_seecolor.commands.run import KIND, StereoCommand, color
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
 from stereo_seecolor.compute.process_usage import peak_bytes
 from stereo_seecolor.config import RunConfig
@@ -164,5 +164,4 @@ def _run(inputs: StereoInputs, opened: Opened, out: Path, clock: PassClock) -> R
     options = RunOptions(workers=1, listener=clock)
     command = StereoCommand(inputs, opened.pipeline.config, options, "corrected")
     with RunFolder(out, claim(inputs.owner(KIND, opened), options, inputs.paths)) as folder:
-        passes = stereo_job(opened, command, lambda dive, held, pairing: color(dive, held, pairing, None))
-        return passes.conduct(folder, options)
+        return command.conduct(opened, folder, lambda dive, held, pairing: color(dive, held, pairing, None))

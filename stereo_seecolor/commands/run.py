@@ -97,7 +97,18 @@ class StereoCommand:
             with options.compute.sharing(state(folder.root), inputs.paths):
                 opened = self._with_room(opened.for_dive(folder, options).part(shard), folder)
                 compile_for(self.config, options)
-                return stereo_job(opened, self, passes).conduct(folder, options)
+                return replace(self, options=options).conduct(opened, folder, passes)
+
+    def conduct(self, opened: Opened, folder: RunFolder, passes: Passes) -> RunSummary:
+        """Write rig.yaml into an output folder that was taken, make ``passes`` over the opened pairs, and write the reports."""
+        pairing, pipeline = opened.pairing, opened.pipeline
+        description = describe(self.inputs.names, pipeline.config, pairing, self.last, self.options, pipeline.rectification)
+
+        def with_rig_file(dive: Dive, folder: RunFolder) -> None:
+            folder.dive.write(RIG, native.to_bytes(pipeline.rig))
+            passes(dive, folder, pairing)
+
+        return Job(pipeline, pairing, description, with_rig_file).conduct(folder, self.options)
 
     def _with_room(self, opened: Opened, folder: RunFolder) -> Opened:
         """Report the disk space that pairs new to OUT need. Returns the inputs, with a note where the disk may be too small."""
@@ -107,19 +118,6 @@ class StereoCommand:
         if new:
             self.options.notice(room.line)
         return replace(opened, pairing=opened.pairing.with_notes((room.line,))) if room.is_tight else opened
-
-
-def stereo_job(opened: Opened, command: StereoCommand, passes: Passes) -> Job:
-    """The job of a command over the pairs that were opened; it writes rig.yaml before its passes."""
-    pairing, pipeline = opened.pairing, opened.pipeline
-    names, options = command.inputs.names, command.options
-    description = describe(names, pipeline.config, pairing, command.last, options, pipeline.rectification)
-
-    def with_rig_file(dive: Dive, folder: RunFolder) -> None:
-        folder.dive.write(RIG, native.to_bytes(pipeline.rig))
-        passes(dive, folder, pairing)
-
-    return Job(pipeline, pairing, description, with_rig_file)
 
 
 def color(dive: Dive, folder: RunFolder, pairing: Pairing, water: Path | None, shard: Shard = WHOLE) -> None:

@@ -183,31 +183,39 @@ class Dive:
         self.notes += (kept.note,) if kept.note else ()
 
     def _solve_light(self, pairs: Sequence[Pair], geometry: RectifiedPair, allowed: Use) -> KeptLight:
+        """Measure all pairs in a first pass, solve the light of the dive, and keep it in OUT. allowed: terms of the light."""
         from stereo_seecolor.dive.light_search import LightSearch, is_short  # loads the search for features
 
         self._begin_ranges()
-        self._ranges = ContentKey()
-        self._ranged, short = True, is_short(len(pairs)) and self._options.compute.parts == 1
-        self._expect(pairs, "ranges", *(() if short else ("light",)), "waters", "colors")
+        self._ranges, self._ranged = ContentKey(), True
+        in_memory = is_short(len(pairs)) and self._options.compute.parts == 1
+        self._expect(pairs, "ranges", *(() if in_memory else ("light",)), "waters", "colors")
         captures: list[Capture] = []
         marks: list[int] = []
-        encoding, read, compute = self._config.color.input_encoding, self._stages.read_pair, self._options.compute
-        search = LightSearch(Named(pairs), read, captures, geometry, encoding, compute, examined=self._examined)
+        search = LightSearch(
+            frames=Named(pairs),
+            read=self._stages.read_pair,
+            captures=captures,
+            geometry=geometry,
+            encoding=self._config.color.input_encoding,
+            compute=self._options.compute,
+            examined=self._examined,
+        )
         with closing(self._measured(pairs, captures, marks)) as measured:
-            if short:
+            if in_memory:  # a short dive's frames are examined while their pixels are in memory
                 search = replace(search, windows=search.windows_of(measured))
             else:
                 deque(measured, maxlen=0)
         frames = Named(self._not_failed(pairs))
-        if not short:
+        if not in_memory:
             self._begin_pass("light", len(frames))
         found = replace(search, frames=frames).solve(allowed)
-        light = found.light
-        content = light.content() if light and light.light else None
-        kept = KeptLight(self._fit_key(pairs) or "", light.note if light else NO_OVERLAP, content, found.linked)
+        KeptSteps.of(geometry, marks, found.steps).save(self._folder.root)
+        content = found.light.content() if found.light and found.light.light else None
+        note = found.light.note if found.light else NO_OVERLAP
+        kept = KeptLight(self._fit_key(pairs) or "", note, content, found.linked)
         if kept.key:
             kept.save(self._folder.root)
-        KeptSteps.of(geometry, marks, found.steps).save(self._folder.root)
         return kept
 
     def _fit_key(self, pairs: Sequence[Pair]) -> str | None:
