@@ -45,7 +45,8 @@ def correct(image: ArrayLike, range_m: ArrayLike, water: Water | None = None, co
     if exposure is None:
         exposure, highlights = choose(_table(corrector, images, ranges), water, corrector.config)
     frames = [
-        corrector.apply(*frame, water, exposure=exposure, highlights=highlights) for frame in zip(images, ranges, strict=True)
+        corrector.apply(one, range_of_one, water, exposure=exposure, highlights=highlights)
+        for one, range_of_one in zip(images, ranges, strict=True)
     ]
     return _like(image, frames)
 
@@ -61,7 +62,7 @@ def _frames(image: Any, range_m: Any) -> tuple[NDArray[Any], NDArray[Any]]:
 
 
 def _table(corrector: Corrector, images: NDArray[Any], ranges: NDArray[Any]) -> MomentTable:
-    tables = [corrector.measure(*frame) for frame in zip(images, ranges, strict=True)]
+    tables = [corrector.measure(image, range_m) for image, range_m in zip(images, ranges, strict=True)]
     return sum(tables[1:], tables[0]) if tables else MomentTable.empty()
 
 

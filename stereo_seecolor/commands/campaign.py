@@ -111,7 +111,7 @@ def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool
     for state in _states(plan, options, earlier if only_failed else {}):
         states[state.name] = state
         save_states(plan.root, states)
-    found = tuple(states[name] for name in begun)
+    found = tuple(states[dive.name] for dive in plan.dives)
     if all(state.state != "stopped" for state in found):
         write_records(plan.root, {state.name: Path(state.out) for state in found if state.ok})
     return CampaignResult(found, plan.root / TABLE)

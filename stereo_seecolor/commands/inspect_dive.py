@@ -107,23 +107,29 @@ def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: Ru
 def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfig) -> Measured | None:
     """Run the sample pairs in memory; None if none of them goes through."""
     pipeline, reader = Pipeline(rig, config), FrameReader(config.input)
-    timed = [one for pair in sample if (one := _processed(pipeline, reader, pair)) is not None]
-    if not timed:
+    results: list[FrameResult] = []
+    seconds: list[float] = []
+    for pair in sample:
+        processed = _processed(pipeline, reader, pair)
+        if processed:
+            results.append(processed[0])
+            seconds.append(processed[1])
+    if not results:
         return None
-    results = [result for result, _ in timed]
-    ranges_m = [result.range_map.range_m[np.isfinite(result.range_map.range_m)] for result in results]
-    median_range_m = float(np.median([float(np.median(found)) for found in ranges_m if found.size] or [np.nan]))
+    known = [np.isfinite(result.range_map.range_m) for result in results]
+    medians_m = [float(np.median(one.range_map.range_m[of])) for one, of in zip(results, known, strict=True) if of.any()]
+    median_range_m = float(np.median(medians_m)) if medians_m else float("nan")
     frame_bytes = int(np.mean([_bytes_written(result, pipeline) for result in results]))
     page_bytes = PAGE_BYTES + int(PAGE_FRACTION * min(pairs, PAGE_FRAMES) * frame_bytes)
     brightness = _center_to_corner([result.frame.left for result in results])
     return Measured(
-        coverage=float(np.mean([np.isfinite(result.range_map.range_m).mean() for result in results])),
+        coverage=float(np.mean([of.mean() for of in known])),
         median_range_m=median_range_m,
         ground_resolution_m=median_range_m / float(pipeline.rectification.pair.focal_px),
         center_to_corner=brightness,
         strobes=brightness > STROBE_CENTER_TO_CORNER,
         disk_bytes=pairs * frame_bytes + page_bytes,
-        seconds=pairs * min(seconds for _, seconds in timed),
+        seconds=pairs * min(seconds),
     )
 
 

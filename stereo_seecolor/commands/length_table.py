@@ -53,10 +53,21 @@ def _label(label: str) -> tuple[str, str, str, str, str]:
 
 
 def _numbers(surface: Surface, places: tuple[tuple[float, float], ...], length_m: float, std_m: float) -> tuple[str, ...]:
+    """The columns of NUMBERS for a length between the first and the last place. length_m, std_m: with its standard error."""
     ends = [surface.pick(*places[number]) for number in (0, -1)]
     middle_m: NDArray[np.float64] = np.mean([end.point_m for end in ends if end], axis=0)
     x, y, z = middle_m
-    angles = np.degrees(np.arctan2([np.hypot(x, y), x, y], z))
-    millimeters = (length_m, std_m, float("nan"), float(np.linalg.norm(middle_m)))
-    lengths = ("" if np.isnan(value) else f"{1000 * value:.2f}" for value in millimeters)
-    return (*lengths, *(f"{angle:.3f}" for angle in angles), *(f"{1000 * value:.2f}" for value in middle_m))
+    direction_deg = np.degrees(np.arctan2([np.hypot(x, y), x, y], z))
+    rms = ""  # not known
+    return (
+        _millimeters(length_m),
+        _millimeters(std_m),
+        rms,
+        _millimeters(float(np.linalg.norm(middle_m))),
+        *(f"{angle:.3f}" for angle in direction_deg),
+        *(_millimeters(value) for value in middle_m),
+    )
+
+
+def _millimeters(value_m: float) -> str:
+    return "" if np.isnan(value_m) else f"{1000 * value_m:.2f}"

@@ -19,7 +19,7 @@ from stereo_seecolor.measuring.measures import (
     straight_length,
     surface_area,
 )
-from stereo_seecolor.measuring.picking import Surface
+from stereo_seecolor.measuring.picking import Pick, Surface
 from stereo_seecolor.measuring.terrain import Ground, Spot
 from stereo_seecolor.report.calibration_std import calibration_std
 from stereo_seecolor.report.height_code import height_std_m
@@ -126,21 +126,23 @@ def ground_of(run: FinishedRun) -> Ground:
 
 def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measurement:
     """Measure one thing on the map. calibration: relative standard error of a length by the calibration."""
-    found = [
-        ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m)
-        for x_m, y_m, z_m, click_m in wanted.spots
-    ]
-    spots = [spot for spot in found if spot is not None]
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
-    if len(spots) < len(found):
-        return Measurement(*about, None, None)
+    spots: list[Spot] = []
+    for x_m, y_m, z_m, click_m in wanted.spots:
+        click_std_m = CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m
+        spot = ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, click_std_m)
+        if spot is None:
+            return Measurement(*about, None, None)
+        spots.append(spot)
     if wanted.kind == "point":
         x_m, y_m, z_m = (float(value) for value in spots[0].point_m)
         return Measurement(*about, z_m, float(np.sqrt(spots[0].covariance[2, 2])), x_m=x_m, y_m=y_m, z_m=z_m)
     straight = straight_length(spots) if wanted.kind == "length" else planar_area(spots)
+    measurement = Measurement(*about, straight.value, straight.total_std(calibration))
     on_ground = _on_ground(ground, wanted.kind, spots)
-    beyond = (on_ground.value, on_ground.total_std(calibration)) if on_ground else (None, None)
-    return Measurement(*about, straight.value, straight.total_std(calibration), *beyond)
+    if on_ground is None:
+        return measurement
+    return replace(measurement, surface=on_ground.value, surface_std=on_ground.total_std(calibration))
 
 
 def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> Measured | None:
@@ -152,11 +154,13 @@ def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> Measured | 
 
 def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measurement:
     """Measure one thing in a frame. calibration: relative standard error of a length by the calibration."""
-    found = [surface.pick(x_px, y_px) for x_px, y_px in wanted.places]
-    picks = [pick for pick in found if pick is not None]
     about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
-    if len(picks) < len(found):
-        return Measurement(*about, None, None)
+    picks: list[Pick] = []
+    for x_px, y_px in wanted.places:
+        pick = surface.pick(x_px, y_px)
+        if pick is None:
+            return Measurement(*about, None, None)
+        picks.append(pick)
     if wanted.kind == "point":
         x_m, y_m, z_m = (float(value) for value in picks[0].point_m)
         value = range_of(picks[0])

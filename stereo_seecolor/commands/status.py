@@ -47,16 +47,20 @@ class RunStatus:
 
 def statuses(outs: Sequence[Path]) -> list[RunStatus]:
     """The status of the runs in these folders, or of the dives of a campaign's. Raises InputError where none holds a run."""
-    folders = [folder for out in outs for folder in ([out / name for name in load_states(out)] or [out])]
-    found = [_known_status(folder) for folder in folders]
-    return found if any(one.state != "no run" for one in found) else [status(folder) for folder in folders]
-
-
-def _known_status(out: Path) -> RunStatus:
-    try:
-        return status(out)
-    except InputError:
-        return RunStatus(out, "no run", "", 0, 0, 0)
+    folders: list[Path] = []
+    for out in outs:
+        dives = [out / name for name in load_states(out)]
+        folders += dives or [out]
+    found, problems = [], []
+    for folder in folders:
+        try:
+            found.append(status(folder))
+        except InputError as error:
+            problems.append(error)
+            found.append(RunStatus(folder, "no run", "", 0, 0, 0))
+    if problems and len(problems) == len(folders):
+        raise problems[0]
+    return found
 
 
 def status(out: Path) -> RunStatus:

@@ -102,15 +102,25 @@ def camera_matrix(charts: Sequence[SeenPatches]) -> CameraMatrix | str:
         )
     error = _with_covered(color, published, error)
     matrix, errors = _fit(color, published, error)
-    others = [np.delete(np.arange(len(color)), patch) for patch in range(len(color))]
-    each = np.stack([_fit(color[seen], published[seen], error[seen])[0] @ color[patch] for patch, seen in enumerate(others)])
-    before, after, left_out = (float(np.median(_differences(c, published))) for c in (color, color @ matrix.T, each))
+    before = float(np.median(_differences(color, published)))
+    after = float(np.median(_differences(color @ matrix.T, published)))
+    left_out = float(np.median(_differences(_left_out(color, published, error), published)))
     if left_out > before - SETTINGS.least_gain:
         return f"patches left out of the fit gain too little by it: CIEDE2000 {left_out:.1f}, {before:.1f} without"
     haze = SETTINGS.backscatter_error * np.mean([chart.haze for chart in charts], axis=0)
     moved = [_fit(hazier, published, error)[0] - matrix for hazier in _with_haze(color, haze)]
     errors = np.sqrt(errors**2 + np.square(moved).sum(axis=0))
     return CameraMatrix(matrix, errors, len(color), np.linalg.norm(matrix, axis=1), before, after, left_out)
+
+
+def _left_out(color: Array, published: Array, error: Array) -> Array:
+    """(P, 3) the color of each patch multiplied by a matrix fitted to all others."""
+    corrected = np.empty_like(color)
+    for patch in range(len(color)):
+        others = np.delete(np.arange(len(color)), patch)
+        matrix, _ = _fit(color[others], published[others], error[others])
+        corrected[patch] = matrix @ color[patch]
+    return corrected
 
 
 def _patch_means(charts: Sequence[SeenPatches]) -> tuple[Array, Array, Array, int]:

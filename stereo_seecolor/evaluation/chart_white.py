@@ -86,17 +86,34 @@ def seen_whites(frame: str, targets: Sequence[Target], image: Image, range_m: Ma
     light = decoded_values(8 * image.dtype.itemsize, water.input_encoding)
     for target in targets:
         patches = tuple(_patch(light, image[patch], range_m[patch], water) for patch in target.patches)
-        grays = patches[target.type.grays] if target.type else patches
-        published = decode_srgb(target.type.srgb[target.type.grays]) if target.type else np.ones((len(grays), 3))
-        counted = [each for each in zip(grays, published, strict=True) if each[1].mean() >= SETTINGS.least_reflectance]
-        seen = [(gray.white - np.log(color), gray.range_m) for gray, color in counted if np.isfinite(gray.white).all()]
-        if seen:
-            colors = np.stack([white - white.mean() for white, _ in seen])
-            scatter = float(colors.std(axis=0, ddof=1).mean()) / np.sqrt(len(seen)) if len(seen) > 1 else 0.0
-            range_of_m = float(np.median([z_m for _, z_m in seen]))
-            middle, error = np.median(colors, axis=0), float(np.hypot(scatter, SETTINGS.least_error))
-            of_chart = patches if target.type else ()
-            yield SeenWhite(frame, target.name, range_of_m, middle - middle.mean(), error, of_chart, target.type)
+        colors, ranges_m = _white_of_grays(patches, target.type)
+        if not colors:
+            continue
+        middle, scatter = np.median(colors, axis=0), 0.0
+        if len(colors) > 1:
+            scatter = float(np.std(colors, axis=0, ddof=1).mean()) / np.sqrt(len(colors))
+        yield SeenWhite(
+            frame=frame,
+            target=target.name,
+            range_m=float(np.median(ranges_m)),
+            white=middle - middle.mean(),
+            error=float(np.hypot(scatter, SETTINGS.least_error)),
+            patches=patches if target.type else (),
+            type=target.type,
+        )
+
+
+def _white_of_grays(patches: Sequence[Patch], type: ChartType | None) -> tuple[list[Array], list[float]]:
+    """The color of white (3,), as logarithms of mean 0, by each usable gray patch, and its range. type: None for a card."""
+    grays = patches[type.grays] if type else patches
+    published = decode_srgb(type.srgb[type.grays]) if type else np.ones((len(grays), 3))
+    colors, ranges_m = [], []
+    for gray, color in zip(grays, published, strict=True):
+        if color.mean() >= SETTINGS.least_reflectance and np.isfinite(gray.white).all():
+            white = gray.white - np.log(color)
+            colors.append(white - white.mean())
+            ranges_m.append(gray.range_m)
+    return colors, ranges_m
 
 
 def believed(seen: Sequence[SeenWhite], water: Water) -> list[SeenWhite]:

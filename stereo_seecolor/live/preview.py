@@ -74,12 +74,14 @@ class Preview:
         """The status that the page's script reads."""
         shown: dict[str, Any] = self._shown.status if self._shown else {"name": "", "facts": {}}
         counts = self._counts.facts()
-        kinds = [(kind, text) for kind in ("median", "p95") for text in ("latency", "products")]
-        latencies = {f"{text}, {kind}": counts[f"{text}_{kind}_s"] for kind, text in kinds}
-        counted = {name: str(counts[name]) for name in ("done", "failed", "dropped")}
-        times = {name: f"{value:.2f} s" for name, value in latencies.items() if value is not None}
+        facts = {name: str(counts[name]) for name in ("done", "failed", "dropped")}
+        for kind in ("median", "p95"):
+            for what in ("latency", "products"):
+                seconds = counts[f"{what}_{kind}_s"]
+                if seconds is not None:
+                    facts[f"{what}, {kind}"] = f"{seconds:.2f} s"
         notes = {name: counts[name] for name in ("waiting", "last_error", "reduced")}
-        return {**shown, "facts": {**counted, **times, **shown["facts"]}, **notes}
+        return {**shown, "facts": {**facts, **shown["facts"]}, **notes}
 
     def content(self, path: str) -> tuple[str, bytes] | None:
         """(media type, content) of a path that a browser asks for; None for unknown ones."""

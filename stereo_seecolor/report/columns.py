@@ -1,7 +1,7 @@
 """Columns of numbers, one value for each frame, for the page's strip, filters and plots."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -78,21 +78,20 @@ def _water(facts: DiveFacts) -> dict[str, dict[str, Column]]:
 def _track(facts: DiveFacts) -> dict[str, dict[str, Column]]:
     if facts.map is None:
         return {}
-    points = {point.name: point for point in facts.map.track}
-    speeds = dict(zip((point.name for point in facts.map.track[1:]), _speeds(facts.map.track), strict=True))
-    residuals = {name: point.position_residual_m for name, point in points.items()}
-    heights = {name: point.z_m for name, point in points.items()}
-    return {
-        "speed_m_s": {"": [speeds.get(row.name) for row in facts.rows]},
-        "height_m": {"": [heights.get(row.name) for row in facts.rows]},
-        "position_residual_m": {"": [residuals.get(row.name) for row in facts.rows]},
+    track = facts.map.track
+    of_frame = {
+        "speed_m_s": _speeds(track),
+        "height_m": {point.name: point.z_m for point in track},
+        "position_residual_m": {point.name: point.position_residual_m for point in track},
     }
+    return {plot: {"": [values.get(row.name) for row in facts.rows]} for plot, values in of_frame.items()}
 
 
-def _speeds(track: Sequence[TrackPoint]) -> list[float | None]:
-    speeds: list[float | None] = []
+def _speeds(track: Sequence[TrackPoint]) -> Mapping[str, float | None]:
+    """Frame -> speed from the frame before it, m/s; None where times are unknown or do not rise. None of the first frame."""
+    speeds: dict[str, float | None] = {}
     for a, b in pairwise(track):
         seconds = b.timestamp_s - a.timestamp_s if a.timestamp_s is not None and b.timestamp_s is not None else 0.0
         distance_m = math.dist((a.x_m, a.y_m, a.z_m), (b.x_m, b.y_m, b.z_m))
-        speeds.append(distance_m / seconds if seconds > 0 else None)
+        speeds[b.name] = distance_m / seconds if seconds > 0 else None
     return speeds

@@ -1,4 +1,4 @@
-"""A frame's camera exposure relative to others', from brightness at equal ranges: exposure scales reef and backscatter alike."""
+"""A frame's camera exposure relative to others, from brightness at equal ranges: exposure scales reef and backscatter alike."""
 
 from dataclasses import dataclass, replace
 
