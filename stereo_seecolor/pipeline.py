@@ -34,8 +34,9 @@ Match = Callable[[StereoFrame], RangeMap]
 AT_TYPICAL_RANGE = "no range is known: its colors are those of the dive's water at {:.2f} m, the typical range"
 
 PAIR_BYTES_A_PIXEL = 68
-"""Of memory, while a pair is measured, corrected and written: of one pair alone 57 to 67 were measured at 5, 12 and 21 megapixels,
-most while its cloud is written; each further pair beside it adds 32 to 65 in runs of at most three, of up to 47 megapixels."""
+"""Bytes of memory for each pixel while a pair is measured, corrected and written. For one pair alone 57 to 67 were measured at 5,
+12 and 21 megapixels, most while its cloud is written; each further pair at the same time adds 32 to 65 in runs of at most three, of
+up to 47 megapixels."""
 
 
 class Pipeline:

@@ -27,7 +27,7 @@ class Sampling:
     pixels: int = 400_000
     """Pixels that are counted at least: of an image with n times as many, every nth row is counted."""
     least_known: int = 65_000
-    """Where these rows have fewer pixels of known range, all rows are counted: quantiles of 20 ranges need some 3,000 each."""
+    """Least pixels of known range in these rows, else all rows are counted: quantiles of 20 ranges need some 3,000 each."""
 
 
 SAMPLING = Sampling()

@@ -18,8 +18,10 @@ def channel_order_notes(waters: Mapping[str, Water]) -> tuple[str, ...]:
     different = list({id(water): water for water in waters.values()}.values())
     if not different:
         return ()
-    veil, attenuation = (np.median([getattr(water, name) for water in different], axis=0) for name in ("gamma_inf", "beta"))
-    if veil[0] <= REDDER * veil[1] or not veil[1] > veil[2] or not attenuation[0] < attenuation[1] < attenuation[2]:
+    red, green, blue = np.median([water.gamma_inf for water in different], axis=0)
+    beta = np.median([water.beta for water in different], axis=0)
+    reddest = red > REDDER * green and green > blue
+    if not (reddest and beta[0] < beta[1] < beta[2]):
         return ()
     found = "the veiling light is reddest, and red is attenuated least, as in brown water alone"
     return (f"water: {found}: if it was not brown, the files hold blue in the place of red: set input.channels=bgr",)

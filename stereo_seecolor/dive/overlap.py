@@ -49,7 +49,7 @@ class Look:
 LOOK = Look()
 
 FEATURES = FeatureSettings(max_features=600, max_width_px=240)
-"""By which a frame is placed against another. A pose among neighbors needs some 50 matches, a map's track many more: on a real dive
+"""Features for relative poses. A pose among neighbors needs some 50 matches, a map's track many more: on a real dive
 the light (logarithm) is the same to 0.03 as with 800 features at 360 pixels, and how much it helps is the same to noise.
 """
 

@@ -64,8 +64,8 @@ def sea_thru(image: Array, range_m: Array) -> Array:
         (beta, alpha), (level, rest) = _best_rates(
             z, dark[:, c], 2, lambda z, rates: np.stack([1 - np.exp(-rates[0] * z), np.exp(-rates[1] * z)], axis=1)
         )
-        veil = level * -np.expm1(-beta * range_m[known]) + rest * np.exp(-alpha * range_m[known])
-        direct[known, c] = np.maximum(image[known, c] - veil, 0)
+        backscatter = level * -np.expm1(-beta * range_m[known]) + rest * np.exp(-alpha * range_m[known])
+        direct[known, c] = np.maximum(image[known, c] - backscatter, 0)
     coarse = local_space_average(direct, range_m)
     result = np.full(image.shape, np.nan)
     for c in range(3):

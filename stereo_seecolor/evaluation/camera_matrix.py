@@ -26,7 +26,7 @@ class MatrixSettings:
     print_error: float = 0.03
     """Standard error of a patch's color, fraction of its brightest channel: print, fading, tilt."""
     least_error: float = 0.01
-    """The same, fraction of white: gloss, and light from neighboring patches."""
+    """Least standard error of a patch's color, fraction of white: gloss, and light from neighboring patches."""
     backscatter_error: float = 0.1
     """Fraction by which the fitted backscatter is off (docs/color-experiments.md: 10 to 25 % in haze)."""
     entry: float = 1.0
@@ -35,13 +35,13 @@ class MatrixSettings:
     most_noise: float = 3.0
     """Norm of a row, by which it multiplies noise: a row with a larger one is moved towards the identity."""
     covered: float = 2.0
-    """Times the median misfit at which a patch counts half: part of a chart may be covered."""
+    """Misfit at which a patch weighs half, in median misfits: part of a chart may be covered."""
     reweightings: int = 12
     """Steps of new weights: enough for them to converge."""
     least_patches: int = 12
-    """Of different colors, grays included: half a ColorChecker."""
+    """Least patches of different colors, grays included: half a ColorChecker."""
     least_colored: int = 6
-    """Of those that are not gray."""
+    """Least patches that are not gray."""
     least_gain: float = 1.0
     """CIEDE2000, a difference that is just seen, that a matrix must take away from patches left out of its fit: what little is left
     of the backscatter looks like a camera, too (0.7 on the sample dive, whose camera is sRGB's)."""

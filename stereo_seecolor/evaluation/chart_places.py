@@ -22,7 +22,7 @@ class PlaceLimits:
     most_px: float = 32.0
     """Widths that are searched: of larger charts the patches are seen one by one."""
     size_step: float = 1.2
-    """From one size to the next; between them the correlation falls by less than a tenth."""
+    """Ratio of one size to the next; between them the correlation falls by less than a tenth."""
     angles_deg: tuple[float, ...] = tuple(90.0 * turn + tilt for turn in range(4) for tilt in (-15, 0, 15))
     template_px: int = 12
     """Width of the chart in the picture that is searched."""
@@ -34,7 +34,7 @@ class PlaceLimits:
     window: float = 0.66
     """Width of what is compared, of the chart's: the height of its patches."""
     reach: float = 0.15
-    """Of the chart's width, from its middle to a place of many colors."""
+    """Distance from the middle of a chart to a colorful place, as a fraction of its width."""
     least_green: float = 0.4
     """Correlation in green alone below which no place is examined."""
     candidates: int = 30
@@ -47,7 +47,7 @@ class PlaceLimits:
 
 LIMITS = PlaceLimits()
 _SIDE = 15
-"""Of a template, pixels: a chart of the width above, turned."""
+"""Side of a template, pixels: it holds a rotated chart of the width above."""
 
 
 @dataclass(frozen=True)

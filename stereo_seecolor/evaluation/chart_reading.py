@@ -40,17 +40,17 @@ class ReadingLimits:
     fits: float = 0.5
     """Root mean square misfit of a patch, of the spread of all patches, that is not covered by something else."""
     fits_unseen: float = 0.25
-    """The same where the grid has no patch: the outline of a dark one is lost in the frame, or something lies on it."""
+    """The same for a place without a patch of the grid: a dark patch has no outline in the frame, or something covers it."""
     inner: float = 0.3
-    """Half the side of the middle of a patch that is read, units."""
+    """Half the side of the part of a patch that is read, units."""
     flat: float = 0.25
     """Spread within the middle of a patch, of that over all patches."""
     most_off: float = 0.15
     """Units from a patch of the grid to its place in the chart."""
     least_part: float = 0.5
-    """Of the patches in the picture, those that must be seen and fit."""
+    """Fraction of the patches in the image that must be seen and fit."""
     most_beyond: float = 0.25
-    """Of the patches of the grid, those outside of the chart: more, and it is another pattern."""
+    """Largest fraction of the grid's patches outside of the chart: with more, it is another pattern."""
 
 
 LIMITS = ReadingLimits()

@@ -29,7 +29,7 @@ class WhiteSettings:
     """Limits for patches and targets that are used."""
 
     least_pixels: int = 12
-    """Of a patch, unclipped and of known range: fewer are mostly its border."""
+    """Least unclipped pixels of known range of a patch: fewer are mostly its border."""
     brightest: float = 0.95
     """Light of full scale beyond which a channel may be clipped."""
     least_reflectance: float = 0.05
@@ -37,7 +37,7 @@ class WhiteSettings:
     least_direct: float = 0.2
     """Fraction of a patch's light that is not backscatter, in each channel: below, errors of the backscatter are multiplied."""
     least_relief: float = 0.1
-    """Of the mean range, from the nearest target to the farthest: below, they say nothing of a trend with range."""
+    """Least difference of the farthest and the nearest target's range, fraction of their mean, for a trend with range."""
     likely: float = 3.0
     """Standard errors by which the white of something found, which looks like a card, may differ from the fitted one."""
     least_error: float = 0.02

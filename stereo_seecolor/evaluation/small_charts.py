@@ -34,15 +34,15 @@ class SearchLimits:
     """
 
     widths: tuple[float, ...] = (0.95, 1.15, 1.4, 1.7)
-    """Times the width that green found: some columns of patches can look like all of them."""
+    """Factors of the width that was found in green: some columns of patches can look like all of them."""
     heights: tuple[float, ...] = (1.0, 0.85)
-    """Times the chart's own height: charts stand tilted."""
+    """Factors of the chart's own height: charts stand tilted."""
     shifts: tuple[float, ...] = (-0.8, 0.0, 0.8)
     """Units along both sides, for the same reason."""
     tilts_deg: tuple[float, ...] = (-7.0, 0.0, 7.0)
-    """Between the angles of the search."""
+    """Angles between those of the search."""
     starts: int = 5
-    """Of a place, so many of the outlines that agree best ..."""
+    """Outlines of each place that agree best ..."""
     refined: int = 45
     """... and of those of all places, so many are refined ..."""
     least_start: float = 0.5
@@ -66,7 +66,7 @@ _MOVES = np.vstack(
 )
 """Longest steps to better outlines: each side, each shear, along both sides; turned, and in size."""
 _BORDER = 0.1
-"""Of a patch, where gap and blur begin."""
+"""Fraction of a patch at its sides with gap and blur."""
 
 
 def small_charts(picture: Floats, types: Sequence[ChartType]) -> Iterator[FoundChart]:

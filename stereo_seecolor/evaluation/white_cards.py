@@ -20,26 +20,27 @@ class CardLimits:
     """Limits of a card. Lengths without a unit are fractions of its side (the square root of its area)."""
 
     area_px: tuple[int, int] = (60, 900)
-    """Of its flat part, in a picture that is halved until it is so small: cards of 15 to 300 pixels."""
+    """Least and largest area of its flat part, in an image that is halved until it is so small: cards of 15 to 300 pixels."""
     least_fill: float = 0.85
-    """Of the convex hull of its flat part, and of that hull in four corners."""
+    """Least fraction of its convex hull that is flat, and of the hull that its four corners fill."""
     corner: float = 0.06
-    """Of the hull's length: it may differ from four corners by so much."""
+    """Largest distance of the hull from its four corners' outline, as a fraction of the hull's length."""
     least_side_px: float = 12.0
     most_stretch: float = 3.5
     """Long over short side: A4, tilted by 65 degrees."""
     parallel: float = 0.25
     """Sine between opposite sides, and logarithm of their lengths' ratio: perspective."""
     least_corner_sine: float = 0.66
-    """Of the angle between sides that meet: a card tilted by 45 degrees."""
+    """Least sine of the angle between sides that meet: a card tilted by 45 degrees."""
     reach: tuple[float, float] = (0.22, 0.055)
-    """How far from where a side is expected it is looked for: twice."""
+    """Distance from its expected place within which a side is searched for, in each of two rounds."""
     samples: int = 32
-    """Along a side."""
+    """Profiles along a side."""
     step: float = 0.15
     """Logarithm by which a card is brighter than what lies beside it."""
     least_brighter: float = 0.8
-    """Of the places along each side. In 31 real pictures without a card no region of this shape has more than 0.54."""
+    """Least fraction of the places along each side that must be brighter. In 31 real pictures without a card no region of this
+    shape has more than 0.54."""
     uneven: float = 0.06
     """Robust spread of its light about a plane, fraction: more is no card, or one with writing."""
     apart: float = 3.0

@@ -14,9 +14,9 @@ FIRST_LEVEL = 8
 """At most 256 pixels: coarser levels are never viewed."""
 WEBP_QUALITY = 80
 SAMPLE_PX = 2400
-"""Longer side at which the terrain's lowest and highest heights are looked for."""
+"""Longer side, pixels, of the reduced terrain whose lowest and highest heights are found."""
 LIGHT = np.array([-0.5, 0.5, 0.7071])
-"""From the north-west, 45 degrees high, as relief is drawn on maps."""
+"""Direction of the light: from the north-west, 45 degrees high, as relief is drawn on maps."""
 
 Box = tuple[int, int, int, int]
 """Left, top, width, height in pixels."""

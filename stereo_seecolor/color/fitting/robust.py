@@ -40,13 +40,13 @@ class RobustSettings:
     least_light: float = 1e-6
     """Fraction of full scale, a tenth of a value of 16 bits: a black image is scaled by this instead of by 0."""
     red_highlights: float = 0.55
-    """By how much the brightest hundredth is redder than the middle half, against natural scenes, before a frame is warned of:
+    """Least excess of red of the brightest hundredth over the middle half, against natural scenes, before a frame is warned of:
     logarithm of R/B. FLSea and 3374 are at -0.2 to 0.15, with lamp-lit particles or little light mostly at 0.5 to 1.3."""
 
 
 SETTINGS = RobustSettings()
 MIDDLE, HIGHLIGHTS = slice(3, 6), slice(7, 9)
-"""Of the nine quantiles."""
+"""The middle half and the brightest hundredth, among the nine quantiles."""
 RED_HIGHLIGHTS = (
     "the brightest points are redder than the scene (particles in lamp light, strong JPEG compression, little light): "
     "colors may come out too green; set color.robust.white_point or use a chart"

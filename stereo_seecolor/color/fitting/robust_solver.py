@@ -33,9 +33,9 @@ class Steps(NamedTuple):
     less_damping: float = 0.2
     """Factor after one that did."""
     most_damping: float = 1e6
-    """Beyond, steps are too short to matter."""
+    """Largest damping: beyond, steps are too short to matter."""
     least_damping: float = 1e-6
-    """Below, a step is nearly Gauss-Newton's."""
+    """Least damping: below, a step is nearly Gauss-Newton's."""
     inner_converged: float = 1e-3
     """Fraction of the cost by which a step with the same weights must lower it."""
     outer_converged: float = 3e-4
@@ -46,15 +46,15 @@ STEPS = Steps()
 BRIGHTEST = np.exp(20.0)
 """Light above this counts as this: it is finite, and far above that of any image."""
 LEAST_PIVOT = 1e-300
-"""Of Cholesky's factors: a matrix that rounding made singular gives a huge step, which ``largest_move`` bounds."""
+"""Least pivot of Cholesky's factors: a matrix that rounding made singular gives a huge step, which ``largest_move`` bounds."""
 
 
 class Noise(NamedTuple):
     """Errors of a quantile; chosen on the synthetic scenes and reefs of seeds below 100 (docs/color-experiments.md)."""
 
     content: tuple[float, ...] = (0.6, 0.6, 0.6, 0.5, 0.4, 0.25, 0.1, 0.1, 0.1)
-    """Of each quantile, dark to bright, fraction of the direct signal: content differs from range to range, dark content most. In
-    photographs with measured depth by 0.4 to 0.6 at the dark end, 0.1 to 0.2 at the bright one."""
+    """Standard deviation of each quantile, dark to bright, as a fraction of the direct signal: content differs from range to range,
+    dark content most. In photographs with measured depth by 0.4 to 0.6 at the dark end, 0.1 to 0.2 at the bright one."""
     all: float = 0.05
     """Fraction of all light, backscatter included."""
     outlier: float = 2.0

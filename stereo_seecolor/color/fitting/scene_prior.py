@@ -26,7 +26,7 @@ class ScenePrior:
     """Natural scenes are warm: sand, rock, algae and coral reflect more red than blue (logarithm against green). Coral sand is at
     0.16, 0, -0.27; the mean of photographs in daylight, ImageNet's sRGB 0.485, 0.456, 0.406, at 0.13, 0, -0.25."""
     natural_fraction: tuple[float, ...] = (1, 1, 1, 1, 1, 1, 0.9, 0.6, 0.25)
-    """How much of that: the brighter, the nearer to gray. What is brightest is white, or a specular reflection."""
+    """Fraction of ``natural`` at each quantile: brighter things are nearer to gray; the brightest are white, or reflections."""
     color: tuple[float, ...] = (0.8, 0.7, 0.75, 0.7, 0.42, 0.3, 0.17, 0.15, 0.14)
     """Standard deviation of a channel about that: dark things have any color, bright ones less."""
     alike: float = 0.2
@@ -51,9 +51,9 @@ class SetByUser:
     """Variances of logarithms that the configuration sets."""
 
     value: float = 1e-6
-    """Of each: a thousandth of the parameter, which keeps the covariance invertible."""
+    """Variance of each value: a thousandth of the parameter, which keeps the covariance invertible."""
     white_brightness: float = 4.0
-    """Of the brightness of a white point whose color is set: a factor of 7 up or down, as exposure is free."""
+    """Variance of the brightness of a white point whose color is set: a factor of 7 up or down, as exposure is free."""
 
 
 SET = SetByUser()

@@ -34,7 +34,7 @@ class Search(NamedTuple):
     least_curvature: float = 1e-14
     """Cosine of a step and the change of the gradient below which the inverse Hessian is not updated."""
     least_gradient: float = 1e-12
-    """Against division by zero at a stationary point."""
+    """Least norm of the gradient that is divided by: avoids division by zero at a stationary point."""
 
 
 SEARCH = Search()

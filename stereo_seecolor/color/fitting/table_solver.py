@@ -38,7 +38,7 @@ class ErrorSettings:
     most_unconstrained: float = 0.01
     """Squared cosine of a weight with such directions, above which its error is unknown."""
     most_error: float = 3.0
-    """Of a raw weight: a factor of twenty of the parameter, which is no measurement."""
+    """Largest standard error of a raw weight: a factor of twenty of the parameter, which is no measurement."""
 
 
 ERRORS = ErrorSettings()

@@ -33,21 +33,21 @@ class Ensemble:
     samples: int = 256
     """Twice as many move no mean by more than a fiftieth of its standard deviation."""
     deepest_m: float = 15.0
-    """Of the scene below the surface, where that is not known, and"""
+    """Largest depth of the scene below the surface, where it is not known,"""
     most_optical_depth: float = 2.0
-    """of daylight in the clearest part of the spectrum: deeper, dives bring lamps."""
+    """if daylight has at most this optical depth there in the clearest part of the spectrum: deeper, dives bring lamps."""
     least_scattering_per_m: float = 0.02
-    """Of the clearest water type, whose table gives nearly none."""
+    """Scattering of the clearest water type, whose table gives nearly none."""
     beam_scattering: float = 0.4
     """Largest fraction of scattering that is lost to an image: most goes on nearly straight."""
     peaks_nm: tuple[float, float, float] = (605.0, 535.0, 460.0)
-    """Of the filters R, G, B (Jiang et al., WACV 2013, their 28 cameras)."""
+    """Peaks of the filters R, G, B (Jiang et al., WACV 2013, their 28 cameras)."""
     widths_nm: tuple[float, float, float] = (30.0, 35.0, 30.0)
     """Standard deviations of the filters (the same)."""
     peak_nm: float = 15.0
-    """By how much a camera's peaks differ from these at most: a choice."""
+    """Largest difference of a camera's peaks from these: a choice."""
     width_fraction: float = 0.2
-    """By what fraction a camera's widths differ from these at most: a choice."""
+    """Largest difference of a camera's widths from these, as a fraction: a choice."""
     lit_above_m: float = 1.0
     """The water between is lit at a depth within this of the bottom's."""
     scattering_reference_nm: float = 535.0

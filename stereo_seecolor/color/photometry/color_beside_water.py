@@ -26,7 +26,7 @@ from stereo_seecolor.records import Water
 
 Array = NDArray[np.float64]
 LEFT = replace(COLOR, coefficient=0.02, ranged=0.005, trend=1e-5)
-"""What the first solution leaves of the pattern: a few percent, and no trend with range, which was taken with the water. With 0.05
+"""Prior of the pattern's remaining color: a few percent, and no trend with range, which was removed with the water. With 0.05
 two of eight drawn dives gain less and one loses; with 0.2 the evidence is for no dive."""
 USES = Use(gains=True), Use(pattern=True, gains=True), Use(pattern=True, ranged=True, gains=True)
 """Frames keep gains of their own here, which are not used: else a slope along the track follows what the water is off by from one

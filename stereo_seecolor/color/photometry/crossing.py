@@ -15,9 +15,9 @@ class CrossingSettings:
     """
 
     alike: float = 10.0
-    """So many sightings count as one: neighbors are under the same caustic, and share errors of range and pose."""
+    """Number of sightings that count as one: neighbors are under the same caustic, and have the same errors of range and pose."""
     whole: float = 1.5
-    """Where less is crossed, more sightings count as one, in proportion. Three neighboring frames cross 0.3: their pattern of
+    """Motion below which more sightings count as one, in inverse proportion. Three neighboring frames cross 0.3: their pattern of
     luminance left 0.84 to 1.22 of the spread of other frames with 10 alike, with 50 it leaves 0.84 to 0.94."""
     color: float = 1.0
     """Least for a pattern of color. With less, it made other frames worse (up to 1.5 times at 0.3, 1.3 at 0.7)."""

@@ -18,7 +18,7 @@ DARKEST = -12.0
 """Logarithm of the darkest light that is distinguished from black: 0.4 of the least linear value of 16 bits."""
 
 MOST = SHAPE.most
-"""As a plain number, which compiled functions can read."""
+"""``SHAPE.most`` as a plain number, which compiled functions can read."""
 
 
 class _Scale(NamedTuple):

@@ -39,7 +39,7 @@ class ShadingSettings:
     floor: float = 0.005
     """Least standard deviation of a part, logarithm."""
     rounds: int = 5
-    """Of new weights."""
+    """Rounds with new weights."""
     at_once: int = 50_000
     """Parts whose equations are in memory at once."""
 

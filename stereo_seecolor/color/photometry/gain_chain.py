@@ -29,7 +29,7 @@ class ChainSettings:
     least_patches: int = 20
     """Seen by both frames, for the fit and for judging it each: the median of fewer follows single caustics."""
     alike: float = 10.0
-    """So many patches count as one, as in the solver of the pattern."""
+    """Number of patches that count as one, as in the solver of the pattern."""
     gain: float = 0.3
     """Prior standard deviation of a frame's gain of luminance, logarithm. Twice that of the joint solution: a slope of the pattern
     can no longer be taken for a drift. On half of the patches of a real dive, 0.15 leaves offsets of 0.082 on the others, 0.3 and
@@ -40,7 +40,7 @@ class ChainSettings:
     outlier: float = 2.0
     """Standard errors beyond which a difference weighs less than half (Cauchy): a wrong pose, a cloud of sand."""
     rounds: int = 5
-    """Of new weights."""
+    """Rounds with new weights."""
     offset: float = 0.03
     """Offsets between frames (rms, logarithm) that are worth a gain for each frame,"""
     left: float = 0.8
@@ -54,7 +54,7 @@ _LUMINANCE, _COLOR = slice(0, 1), slice(1, 4)
 DIFFERENCE = np.dtype(
     [("i", "<i4"), ("j", "<i4"), ("patches", "<i4")] + [(what, "<f4", 4) for what in ("whole", "fitted", "judged", "spread")]
 )
-"""Between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B) over patches, and the number of these.
+"""Difference between frames i > j: medians of the logarithm of i over j (luminance, color R, G, B) over patches, and their number.
 
 whole: of all patches. fitted, judged: of each half of them. spread: robust standard deviation of one patch's. 76 bytes: a dive of a
 million frames has three million of these.

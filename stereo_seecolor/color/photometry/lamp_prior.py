@@ -22,19 +22,19 @@ class LampSettings:
     """The random rigs; pairs are the ends of uniform distributions."""
 
     rigs: int = 400
-    """Some nine for each number of the pattern: the covariance is stable to a few percent."""
+    """Number of rigs, nine for each coefficient of the pattern: the covariance is stable to a few percent."""
     sideways_m: float = 0.8
     """Lamps are up to this far from the camera, to both sides (or above and below): arms longer than that are rare."""
     up_m: float = 0.5
-    """The same across, each way."""
+    """Distance of lamps from the camera in the direction across, each way."""
     ahead_m: float = 0.3
-    """The same in front of the camera and behind it."""
+    """Distance of lamps in front of the camera and behind it."""
     beam: tuple[float, float] = (0.5, 6.0)
     """Power of the cosine from the lamp's axis: half the light at 75 and at 27 degrees."""
     aim_rad: float = 0.3
     """Standard deviation of a lamp's axis against the camera's, each way."""
     attenuation: tuple[float, float] = (0.05, 0.5)
-    """Of luminance, 1/m: clear ocean to harbor. The light takes the way twice."""
+    """Attenuation of luminance, 1/m: clear ocean to harbor. The light passes the water twice."""
     alone: float = 0.3
     """Fraction of rigs with one lamp."""
     half_width: tuple[float, float] = (0.4, 0.9)
@@ -44,14 +44,14 @@ class LampSettings:
     rest: float = 0.05
     """Standard deviation of what is not drawn (shading, reflectors), of a coefficient of the pattern; of its change a fifth."""
     rest_trend: float = 0.04
-    """The same of the trend, for a range that is a fifth longer."""
+    """Standard deviation of the same in the trend, for a range that is a fifth longer."""
 
 
 SETTINGS = LampSettings()
 CORNER = (0.4, 1.0)
 """Light that lenses leave in the corners; ends of an even distribution."""
 SIZE = (400, 300)
-"""Of the pictures that are worked out: only the shape counts."""
+"""Width and height of the computed images: only their ratio matters."""
 _GRID = 9
 _STEPS = np.linspace(-2, 2, 5)
 """Ranges that are worked out, in steps of the polynomial: 0.67 to 1.5 times the reference."""

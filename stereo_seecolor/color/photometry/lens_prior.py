@@ -20,10 +20,10 @@ class LensSettings:
     """Standard deviations, of logarithms."""
 
     rest: float = 0.03
-    """Of a coefficient of the pattern, of what is not radial: housings and ports are mounted askew by little; of its change where
-    the range changes by a fifth a fifth, as for lamps."""
+    """Of the part of a coefficient of the pattern that is not radial: housings and ports are mounted nearly centered. Its change
+    for a range that is a fifth longer has a fifth of this, as for lamps."""
     gain: float = 0.5
-    """Of a frame's gain: clouds, the sun's height and automatic exposure change it by a stop, and more."""
+    """Of a frame's gain: clouds, the sun's height and automatic exposure change it by a stop and more."""
 
 
 SETTINGS = LensSettings()

@@ -31,9 +31,9 @@ class PatternShape:
     """The polynomial. On 20 frames of a strobe-lit reef, half of its sightings left out, degrees 6 and 8 gain nothing more."""
 
     degree: int = 4
-    """In both directions of the picture together: lamps and lenses are as smooth as that."""
+    """Total degree over the image: lamps and lenses are as smooth as that."""
     range_degree: int = 2
-    """In the logarithm of the range."""
+    """Degree in the logarithm of the range."""
     range_step: float = 0.2
     """Logarithm of range that is 1 in the polynomial: keeps its terms of like size at usual relief."""
     most: float = 1.6

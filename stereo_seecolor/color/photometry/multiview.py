@@ -50,13 +50,13 @@ class StepSettings:
     """Damped Gauss-Newton steps (Levenberg 1944; Marquardt 1963)."""
 
     most_steps: int = 40
-    """Of new weights; the fit ends before, once it has converged or no step lowers the cost."""
+    """Most steps with new weights; the fit ends before if it has converged or no step lowers the cost."""
     least_steps: int = 6
     """The robust weights have settled by then."""
     first_damping: float = 1e-2
-    """Of the diagonal."""
+    """Initial damping, as a fraction of the diagonal."""
     least_damping: float = 1e-8
-    """Below, a step is nearly Gauss-Newton's."""
+    """Least damping: below, a step is nearly Gauss-Newton's."""
     less_damping: float = 0.3
     """Factor after a step that lowered the cost."""
     more_damping: float = 5.0
@@ -64,9 +64,9 @@ class StepSettings:
     most_trials: int = 8
     """Dampings tried before the fit ends where it is: then the damping is 5**8 times the first."""
     longest_step: float = 0.7
-    """Of a logarithm in one step: a factor of 2."""
+    """Largest change of a logarithm in one step: a factor of 2."""
     converged: float = 1e-4
-    """Of a logarithm: a hundredth of a percent of a parameter."""
+    """Change of a logarithm below which the fit has converged: a hundredth of a percent of a parameter."""
 
 
 SETTINGS = MultiviewSettings()

@@ -19,13 +19,13 @@ class SightingNoise:
     noise_floor: float = 0.001
     """Least standard deviation of a sighting's light, fraction of full scale: a quarter of a step of 8 bits."""
     outlier: float = 3.0
-    """Beyond this many standard deviations a sighting weighs less than half (Cauchy)."""
+    """Standard deviations beyond which a sighting weighs less than half (Cauchy)."""
     first_scatter: float = 0.05
     """Relative scatter of the direct signal before any residual is known."""
     scatter_each: tuple[float, float] = (0.003, 0.3)
     """Limits of the relative scatter of a channel by itself: below it is quantization of 8 bits, above it is no measurement."""
     scatter_together: tuple[float, float] = (0.003, 0.5)
-    """The same for what all channels scatter together: moving light makes it larger."""
+    """Limits of the relative scatter that all channels have in common: moving light makes it larger."""
 
 
 NOISE = SightingNoise()

@@ -1,4 +1,4 @@
-"""Colors where a range was carried over, held within those that measured pixels of the same picture show.
+"""Limits colors where a range was carried over to those of measured pixels of the same image.
 
 Where the carried range is too large, too much backscatter is taken off, and red, of which water leaves least, gets far too much
 gain: rims and caves before open water come out red. Open water has no range at all: what it scatters is taken for a surface, cyan,
@@ -20,34 +20,35 @@ RED, GREEN = 0, 1
 
 @dataclass(frozen=True)
 class BoundSettings:
-    """What counts as shown by measured pixels."""
+    """Settings of the limits."""
 
     quantile: float = 0.97
-    """Of measured pixels within the bounds: wrong matches and the noise of far ones are a few percent. With 0.95, holes drawn into
-    photographs under water come out 0.1 degrees worse; with 0.97 no open water that was looked at is red."""
+    """Fraction of measured pixels within the bounds: wrong matches and the noise of far ones are a few percent. With 0.95, holes
+    drawn into photographs under water come out 0.1 degrees worse; with 0.97 no open water that was looked at is red."""
     green: float = 0.5
-    """Of measured pixels that are shorter of green than carried ones may be: less than half of a reef is violet or pink, and open
+    """Fraction of measured pixels with less green than carried ones may have: less than half of a reef is violet or pink, and open
     water often came out so."""
     least_light: float = 0.007
-    """Of full scale, the channels divided by, in linear light: darker pixels' ratios are noise."""
+    """Least light of the channels that are divided by, linear, as a fraction of full scale: ratios of darker pixels are noise."""
     every_px: int = 8
-    """Rows and columns that are examined."""
+    """Every so many rows and columns are examined."""
     fewest: int = 100
-    """Measured pixels that say something."""
+    """Least measured pixels for which bounds are set."""
 
 
 SETTINGS = BoundSettings()
 
 
 class Bounds(NamedTuple):
-    """most (3,), least (3,): R, G, B, a channel over the greater of the others at most, and over the lesser at least."""
+    """Bounds of R, G, B. most (3,): of a channel over the greater of the other two. least (3,): over the lesser of the other
+    two."""
 
     most: NDArray[np.float32]
     least: NDArray[np.float32]
 
 
 def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArray[Any]:
-    """The corrected (H, W, 3) image, its colors held within those of measured pixels where the range was carried over.
+    """The corrected image (H, W, 3), with colors limited to those of measured pixels where the range was carried over.
 
     image: encoded uint8 or uint16, or float32 in linear light.
     """
@@ -57,14 +58,14 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
     at = np.flatnonzero(carried)
     full = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else np.inf
     pixels = np.maximum(image.reshape(-1, 3)[at].T.astype(np.float32, order="C"), 0)
-    held = pixels.copy()
+    limited = pixels.copy()
     for c in range(3):
         a, b = _others(c)
         least, most = np.minimum(pixels[a], pixels[b]) * bounds.least[c], np.maximum(pixels[a], pixels[b]) * bounds.most[c]
-        held[c] = np.clip(pixels[c], least, np.minimum(most, full))
-    changed = (held != pixels).any(axis=0)
+        limited[c] = np.clip(pixels[c], least, np.minimum(most, full))
+    changed = (limited != pixels).any(axis=0)
     out = image.copy()
-    out.reshape(-1, 3)[at[changed]] = held[:, changed].T
+    out.reshape(-1, 3)[at[changed]] = limited[:, changed].T
     return out
 
 
@@ -73,7 +74,7 @@ def _others(c: int) -> list[int]:
 
 
 def _bounds(image: NDArray[Any], measured: Mask) -> Bounds | None:
-    """What measured pixels show; None where too few are measured."""
+    """The bounds from measured pixels; None where there are too few."""
     every, encoded = SETTINGS.every_px, np.issubdtype(image.dtype, np.integer)
     dark = encode_srgb(np.array(SETTINGS.least_light)) * np.iinfo(image.dtype).max if encoded else SETTINGS.least_light
     seen = image[::every, ::every][measured[::every, ::every]].astype(np.float32)

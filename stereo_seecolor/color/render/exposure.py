@@ -22,7 +22,7 @@ STRAY_GAIN = 8.0
 MOST_LIFT = 4.0
 """Most a scene is brightened, two stops: a cave should still look dark, and noise is brightened, too."""
 _MANTISSA_BITS = 16
-"""Of float32, dropped for a histogram over octaves: 128 bins each."""
+"""Bits of float32's mantissa that are dropped for a histogram of 128 bins an octave."""
 _OCTAVES = int(np.float32(np.inf).view(np.int32)) >> _MANTISSA_BITS
 """Bins of such a histogram, up to all finite light."""
 

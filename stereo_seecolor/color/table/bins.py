@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 RANGE_BINS = 256
 VALUE_BINS = {8: 256, 16: 4096}
-"""By bit depth of the image; 16-bit images are counted to 12 bits (more than a camera's sensor gives)."""
+"""Value bins by bit depth of the image; 16-bit images are counted to 12 bits (more than a camera's sensor gives)."""
 
 NEAREST_M = 0.125
-"""Where the first bin begins; the last one ends at 32 m. Ranges outside are counted in these two."""
+"""Near edge of the first bin; the last one ends at 32 m. Ranges outside are counted in these two."""
 
 LOW_BITS = 18
 """A range bin is what remains of a float32 range's bits, counted from those of NEAREST_M, after a shift by this many."""

@@ -38,13 +38,12 @@ LARGE_BYTES = 1 << 16
 """Bytes of pickled work above which it is written to a file that all workers read once, instead of sent with every batch."""
 
 LOST = (OSError, CommClosedError, FutureCancelledError, AttributeError, UnboundLocalError)
-"""What a client raises whose scheduler is gone: AttributeError where Dask asks the connection that it has just dropped (None), the
-last where it cancels its own question, and then returns the answer that it never had (``distributed.utils.sync``, which catches no
-CancelledError).
-"""
+"""Exceptions of a client whose scheduler is gone: AttributeError where Dask asks the connection that it has just dropped (None),
+the last where it cancels its own question, and then returns the answer that it never had (``distributed.utils.sync``, which catches
+no CancelledError). """
 
 Future = Any
-"""Of Dask, whose classes carry no types."""
+"""A future of Dask, whose classes have no types."""
 DoBatch = Callable[[Ticket, Parcel, bytes], Done]
 
 log = logging.getLogger(__name__)
