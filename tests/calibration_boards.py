@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration import Camera, StereoRig
 from calibration.printing import print_target
+from calibration.refraction import CameraInWater, cameras_in_water
 from calibration.targets import Chessboard, Corners, parse_target
 from calibration.views import View
 
@@ -29,6 +30,28 @@ def fisheye_rig() -> StereoRig:
     left = Camera(K, np.array([0.03, -0.012, 0.004, -0.001]), SIZE, "fisheye")
     right = Camera(K + np.diag([4.0, 3.5, 0]), np.array([0.028, -0.01, 0.003, -0.0008]), SIZE, "fisheye")
     return StereoRig(left, right, _pose([0.01, -0.02, 0.005], [-0.1, -0.001, 0.003]))
+
+
+def seen_by(rig: StereoRig, count: int, noise_px: float, rng: np.random.Generator) -> list[np.ndarray]:
+    """Raw pixels (n, 2), with noise, of ``count`` random points 0.6 to 4 m before the rig, less those beside the right image."""
+    left, right, _ = cameras_in_water(rig)
+    size = np.array(rig.left.image_size)
+    points = left.rays(rng.uniform([0, 0], size - 1, (count, 2))) * rng.uniform(0.6, 4, (count, 1))
+    if isinstance(left, CameraInWater) and isinstance(right, CameraInWater):
+        points += left.center_m
+        pixels = [left.project_points(points), right.project_points(points @ rig.R.T + rig.T_right_left[:3, 3])]
+    else:
+        pixels = [rig.left.project(points), rig.right.project(points @ rig.R.T + rig.T_right_left[:3, 3])]
+    inside = ((pixels[1] > 0) & (pixels[1] < size - 1)).all(axis=1)
+    return [p[inside] + rng.normal(0, noise_px, (inside.sum(), 2)) for p in pixels]
+
+
+def mismatched(pixels: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """A tenth of the pixels (n, 2) moved by some 8 px."""
+    wrong = rng.random(len(pixels)) < 0.1
+    moved = pixels.copy()
+    moved[wrong] += rng.normal(0, 8, (wrong.sum(), 2))
+    return moved
 
 
 def poses(

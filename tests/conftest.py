@@ -15,6 +15,7 @@ from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -28,6 +29,9 @@ from stereo_seecolor.commands import demo
 from stereo_seecolor.commands.demo import DemoResult
 from stereo_seecolor.records import FrameRow
 from stereo_seecolor.synthetic.survey import SurveySpec
+
+if TYPE_CHECKING:
+    from mapping_scene import ReefFrames
 
 settings.register_profile("untimed", deadline=None)  # a busy machine is no failure
 settings.load_profile("untimed")
@@ -44,6 +48,21 @@ def contents(out: Path) -> dict[str, bytes]:
     products = ("corrected", "range", "range_std", "confidence", "mask", "clouds")
     found = {str(path.relative_to(out)): path.read_bytes() for product in products for path in (out / product).glob("*")}
     return found | {"water.json": (out / "water.json").read_bytes()}
+
+
+def read_pixels(path: Path) -> np.ndarray:
+    """The pixels of an image file as they are stored."""
+    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    assert image is not None, path
+    return image
+
+
+def make_files(root: Path, *names: str) -> Path:
+    """Make empty files below ``root``, and the folders that they lie in; returns ``root``."""
+    for name in names:
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
+        (root / name).touch()
+    return root
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -122,6 +141,14 @@ def finished_demo(tmp_path_factory: pytest.TempPathFactory) -> DemoResult:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo, "SurveySpec", partial(SurveySpec, image_size=(256, 192)))
         return demo.demo(tmp_path_factory.mktemp("demo"))
+
+
+@pytest.fixture(scope="session")
+def flown_reef() -> "ReefFrames":
+    """Twelve frames with known ranges and poses, in two lines over a synthetic reef; to be read only."""
+    from mapping_scene import ReefFrames
+
+    return ReefFrames(SurveySpec(pairs=12, lines=2, image_size=(256, 208), seed=3), noise_px=0.1)
 
 
 @pytest.fixture

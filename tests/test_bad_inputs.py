@@ -9,17 +9,12 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from conftest import read_pixels
 
 from calibration import CalibrationError
 from calibration.formats import load_rig
 from calibration.quick_look import QuickLook
 from stereo_seecolor.commands import first_look
-
-
-def read(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    assert image is not None, path
-    return image
 
 
 def test_more_lefts_than_rights(make_dive, cli, tmp_path) -> None:
@@ -252,7 +247,7 @@ def test_a_dive_that_begins_with_black_frames_settles_its_calibration_later(make
     for number in range(3):
         for side in "LR":
             black = dive.root / side / f"{number:04d}.png"
-            cv2.imwrite(str(black), np.zeros_like(read(black)))
+            cv2.imwrite(str(black), np.zeros_like(read_pixels(black)))
     rig = load_rig(dive.root / "cam.yaml")
     lens = np.array([0.001, 0, 0, 0])
     content = {"K1": rig.left.K, "K2": rig.right.K, "D1": lens, "D2": lens, "R": rig.R, "T": rig.T_right_left[:3, 3]}

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from calibration_boards import fisheye_rig, pinhole_rig
+from calibration_boards import fisheye_rig, mismatched, pinhole_rig, seen_by
 from test_calibration_port import port_rig
 
 from calibration import CalibrationError, Camera, Rectification, StereoRig
@@ -16,7 +16,6 @@ from calibration.formats import load_rig
 from calibration.matches import Matches, MatchLimits, find_matches
 from calibration.plan import rectified_points
 from calibration.quick_look import quick_look
-from calibration.refraction import CameraInWater, cameras_in_water
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]
@@ -25,20 +24,8 @@ GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]
 def matches_of(truth: StereoRig, seen_as: StereoRig, noise_px: float = 0.1, seed: int = 0) -> Matches:
     """Random points 0.6 to 4 m before the rig, a tenth of them mismatched, as rectified with ``seen_as``."""
     rng = np.random.default_rng(seed)
-    size = np.array(truth.left.image_size)
-    left, right, _ = cameras_in_water(truth)
-    directions = left.rays(rng.uniform([0, 0], size - 1, (600, 2)))
-    points = directions * rng.uniform(0.6, 4, (600, 1))
-    if isinstance(left, CameraInWater) and isinstance(right, CameraInWater):
-        points += left.center_m
-        pixels = [left.project_points(points), right.project_points(points @ truth.R.T + truth.T_right_left[:3, 3])]
-    else:
-        pixels = [truth.left.project(points), truth.right.project(points @ truth.R.T + truth.T_right_left[:3, 3])]
-    inside = ((pixels[1] > 0) & (pixels[1] < size - 1)).all(axis=1)
-    pixels = [p[inside] + rng.normal(0, noise_px, (inside.sum(), 2)) for p in pixels]
-    wrong = rng.random(inside.sum()) < 0.1
-    pixels[1][wrong] += rng.normal(0, 8, (wrong.sum(), 2))
-    return Matches(*rectified_points(seen_as, *pixels))
+    left, right = seen_by(truth, 600, noise_px, rng)
+    return Matches(*rectified_points(seen_as, left, mismatched(right, rng)))
 
 
 @pytest.mark.parametrize("rig", GOOD, ids=["pinhole", "fisheye", "port"])

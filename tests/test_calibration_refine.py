@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from calibration_boards import fisheye_rig, pinhole_rig
+from calibration_boards import fisheye_rig, mismatched, pinhole_rig, seen_by
 from scipy.optimize import least_squares
 from test_calibration_port import port_rig
 from test_calibration_rectification import rig_at
@@ -16,7 +16,6 @@ from calibration.checks import vertical_disparity
 from calibration.formats import load_rig
 from calibration.matches import Matches, raw_matches
 from calibration.refine import PARAMETERS, moved_rig, refine_matches
-from calibration.refraction import CameraInWater, cameras_in_water
 
 RIGS = {"pinhole": pinhole_rig(), "fisheye": fisheye_rig(), "flat port": port_rig(), "vertical": rig_at(91.0)}
 
@@ -24,22 +23,11 @@ RIGS = {"pinhole": pinhole_rig(), "fisheye": fisheye_rig(), "flat port": port_ri
 def dive(truth: StereoRig, pairs: int = 8, noise_px: float = 0.1) -> list[Matches]:
     """Raw matches of points 0.6 to 4 m before the rig; a tenth of them mismatched, and each pair with an error of its own."""
     rng = np.random.default_rng(3)
-    size = np.array(truth.left.image_size)
-    left, right, _ = cameras_in_water(truth)
     found = []
     for _ in range(pairs):
-        points = left.rays(rng.uniform([0, 0], size - 1, (500, 2))) * rng.uniform(0.6, 4, (500, 1))
-        if isinstance(left, CameraInWater) and isinstance(right, CameraInWater):
-            points += left.center_m
-            pixels = [left.project_points(points), right.project_points(points @ truth.R.T + truth.T_right_left[:3, 3])]
-        else:
-            pixels = [truth.left.project(points), truth.right.project(points @ truth.R.T + truth.T_right_left[:3, 3])]
-        inside = ((pixels[1] > 0) & (pixels[1] < size - 1)).all(axis=1)
-        pixels = [p[inside] + rng.normal(0, noise_px, (inside.sum(), 2)) for p in pixels]
-        pixels[1] += rng.normal(0, 0.03, 2)
-        wrong = rng.random(inside.sum()) < 0.1
-        pixels[1][wrong] += rng.normal(0, 8, (wrong.sum(), 2))
-        found.append(Matches(*pixels))
+        left, right = seen_by(truth, 500, noise_px, rng)
+        right = right + rng.normal(0, 0.03, 2)
+        found.append(Matches(left, mismatched(right, rng)))
     return found
 
 

@@ -99,7 +99,7 @@ def run_as_folders_and_bags(
 
 @pytest.mark.slow
 def test_the_sample_dive_in_a_bag(cli, tmp_path) -> None:
-    left, right = (sorted((REEF / side).glob("*.png")) for side in ("left", "right"))
+    left, right = (sorted((REEF / side).glob("*.png"))[::2] for side in ("left", "right"))
     run_as_folders_and_bags(left, right, REEF / "cam.yaml", (".mcap",), cli, tmp_path)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import make_files
 from PIL import Image
 
 from calibration.mistakes import _EXCHANGE
@@ -20,18 +21,11 @@ from stereo_seecolor.live.sources import live_source
 RNG = np.random.default_rng(0)
 
 
-def make(root: Path, *files: str) -> Path:
-    for name in files:
-        (root / name).parent.mkdir(parents=True, exist_ok=True)
-        (root / name).touch()
-    return root
-
-
 HOURS = [f"{hour}/{side}/{number}.png" for hour in ("9h", "10h") for side in ("left", "right") for number in (2, 10)]
 
 
 def test_a_pattern_takes_the_folders_of_each_hour(tmp_path: Path) -> None:
-    root = make(tmp_path, *HOURS, "11h/left/2.png", "logs/nav.txt", ".old/left/2.png")
+    root = make_files(tmp_path, *HOURS, "11h/left/2.png", "logs/nav.txt", ".old/left/2.png")
     found = pair_sides(root / "*/left", root / "*/right", InputConfig())
     assert [pair.name for pair in found.pairs] == ["9h_2", "9h_10", "10h_2", "10h_10"]
     assert all(pair.left.parts[-3:] == (*pair.name.split("_")[:1], "left", pair.right.name) for pair in found.pairs)
@@ -41,7 +35,7 @@ def test_a_pattern_takes_the_folders_of_each_hour(tmp_path: Path) -> None:
 
 
 def test_names_that_go_on_are_kept(tmp_path: Path) -> None:
-    root = make(tmp_path, "a/left/1.png", "a/right/1.png", "b/left/2.png", "b/right/2.png")
+    root = make_files(tmp_path, "a/left/1.png", "a/right/1.png", "b/left/2.png", "b/right/2.png")
     assert [pair.name for pair in pair_sides(root / "?/left", root / "?/right", InputConfig()).pairs] == ["1", "2"]
 
 
@@ -55,19 +49,19 @@ def test_names_that_go_on_are_kept(tmp_path: Path) -> None:
     ],
 )
 def test_folders_of_each_transect(tmp_path: Path, left: str, right: str, files: list[str]) -> None:
-    root = make(tmp_path, *files)
+    root = make_files(tmp_path, *files)
     pairs = pair_sides(root / left, root / right, InputConfig()).pairs
     assert [pair.name[:3] for pair in pairs] == ["t1_", "t2_"]
     assert all(pair.name[:2] in str(pair.left) and pair.name[:2] in str(pair.right) for pair in pairs)
 
 
 def test_times_that_begin_anew_are_none_of_the_dive(tmp_path: Path) -> None:
-    root = make(tmp_path, *(f"{hour}/{side}/1000000000.500.png" for hour in "ab" for side in ("left", "right")))
+    root = make_files(tmp_path, *(f"{hour}/{side}/1000000000.500.png" for hour in "ab" for side in ("left", "right")))
     assert [pair.timestamp_s for pair in pair_sides(root / "*/left", root / "*/right", InputConfig()).pairs] == [None, None]
 
 
 def test_patterns_that_fit_nothing_or_both_sides(tmp_path: Path) -> None:
-    root = make(tmp_path, *HOURS)
+    root = make_files(tmp_path, *HOURS)
     with pytest.raises(InputError, match=r"matches folders of both sides \(9h_left, 9h_right.*write one side's name"):
         list_images(root / "*/*", "left images")
     with pytest.raises(InputError, match=r"\*/links: no folder of images, and no image, in .* fits this pattern"):
@@ -75,9 +69,9 @@ def test_patterns_that_fit_nothing_or_both_sides(tmp_path: Path) -> None:
 
 
 def test_inspect_says_how_to_take_all_hours(tmp_path: Path) -> None:
-    root = make(tmp_path, *HOURS)
+    root = make_files(tmp_path, *HOURS)
     assert find_sides([root]).together == (root / "*/left", root / "*/right")
-    assert find_sides([make(root, "x/y/left/1.png")]).together is None
+    assert find_sides([make_files(root, "x/y/left/1.png")]).together is None
 
 
 @pytest.mark.parametrize("axis", [0, 1])

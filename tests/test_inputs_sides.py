@@ -5,19 +5,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from conftest import make_files
 
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.image_facts import image_facts
 from stereo_seecolor.inputs.sides import find_sides
 
 RNG = np.random.default_rng(0)
-
-
-def make(root: Path, *files: str) -> Path:
-    for name in files:
-        (root / name).parent.mkdir(parents=True, exist_ok=True)
-        (root / name).touch()
-    return root
 
 
 @pytest.mark.parametrize(
@@ -48,18 +42,18 @@ def make(root: Path, *files: str) -> Path:
     ],
 )
 def test_sides_in_one_folder(tmp_path: Path, files: list[str], left: str, right: str, guessed: bool) -> None:
-    found = find_sides([make(tmp_path, *files)])
+    found = find_sides([make_files(tmp_path, *files)])
     assert (found.left, found.right, found.guessed) == (tmp_path / left, tmp_path / right, guessed)
 
 
 def test_folders_of_the_same_names_are_said(tmp_path: Path) -> None:
-    root = make(tmp_path, "10h/left/1.png", "10h/right/1.png", "11h/left/2.png", "11h/right/2.png", "notes/3.png")
+    root = make_files(tmp_path, "10h/left/1.png", "10h/right/1.png", "11h/left/2.png", "11h/right/2.png", "notes/3.png")
     assert find_sides([root]).others == (root / "11h/left", root / "11h/right")
     assert find_sides([root / "10h"]).others == ()
 
 
 def test_sides_given_as_two_folders(tmp_path: Path) -> None:
-    make(tmp_path, "rc/1.png", "lc/1.png")
+    make_files(tmp_path, "rc/1.png", "lc/1.png")
     assert find_sides([tmp_path / "rc", tmp_path / "lc"]).left == tmp_path / "lc"
 
 
@@ -76,7 +70,7 @@ def test_sides_given_as_two_folders(tmp_path: Path) -> None:
 )
 def test_no_two_sides(tmp_path: Path, files: list[str], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        find_sides([make(tmp_path, *files)])
+        find_sides([make_files(tmp_path, *files)])
 
 
 def test_a_missing_place(tmp_path: Path) -> None:

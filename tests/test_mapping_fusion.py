@@ -72,7 +72,8 @@ def test_ground_seen_at_a_grazing_angle_has_no_stripes(tmp_path: Path) -> None:
     frames = [dataclasses.replace(flat_frame(i), range_m=range_m, range_std_m=np.full_like(range_m, 0.02)) for i in range(4)]
     poses = track(4, altitude_m=1.65, step_m=0.7)
     poses.T_world_camera[:, :3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
-    build_map(frames, PAIR, tmp_path, CONFIG.model_copy(update={"voxel_m": 0.1, "tile_m": 100.0}), poses)
+    large = {"voxel_m": 0.1, "tile_m": 100.0, "dem_m": 0.1, "mosaic_m": 0.1, "metrics_m": 1.0}
+    build_map(frames, PAIR, tmp_path, CONFIG.model_copy(update=large), poses)
     position = read_cloud(tmp_path / "cloud.ply")["position"]
     x, y, z = position.T
     seen = (x > 6) & (x < 10) & (abs(y) < 1)

@@ -26,7 +26,6 @@ from stereo_seecolor.mapping.track.placing import Placed, place_survey
 from stereo_seecolor.mapping.track.residuals import Motions, depth_difference_m
 from stereo_seecolor.mapping.track.spot_check import spot_check
 from stereo_seecolor.records import GeoOrigin, SurveyFrame, Trajectory
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 Poses = NDArray[np.float64]
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
@@ -34,8 +33,8 @@ ORIGIN = GeoOrigin(-23.5, 152.0)
 
 
 @pytest.fixture(scope="module")
-def reef() -> ReefFrames:
-    return ReefFrames(SurveySpec(pairs=12, lines=2, image_size=(256, 208), seed=3), noise_px=0.1)
+def reef(flown_reef: ReefFrames) -> ReefFrames:
+    return flown_reef
 
 
 @pytest.fixture(scope="module")

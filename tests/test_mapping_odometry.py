@@ -26,8 +26,8 @@ ALONE = MappingConfig(loop_closure=False)
 
 
 @pytest.fixture(scope="module")
-def reef() -> ReefFrames:
-    return ReefFrames(SurveySpec(pairs=12, lines=2, image_size=(256, 208), seed=3), noise_px=0.1)
+def reef(flown_reef: ReefFrames) -> ReefFrames:
+    return flown_reef
 
 
 @pytest.fixture(scope="module")

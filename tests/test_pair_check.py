@@ -47,7 +47,8 @@ def test_a_pair_that_matches_well_passes_without_more_matching() -> None:
 
 
 def test_a_pair_of_which_little_matches_passes() -> None:
-    PairCheck(Swapped(0.05))("a", matched(0.2), partial(pair, "a"))
+    little = matched(0.2)
+    assert PairCheck(Swapped(0.05))("a", little, partial(pair, "a")) is little
 
 
 def test_images_of_different_scenes_fail() -> None:
@@ -104,7 +105,8 @@ def test_frames_half_in_the_dark_can_still_be_two_scenes() -> None:
 
 
 def test_water_of_which_something_matches_passes() -> None:
-    PairCheck(lambda raw: matched(0.05))("a", matched(0.2), lambda: StereoFrame("a", water(0), water(1)))
+    little = matched(0.2)
+    assert PairCheck(lambda raw: matched(0.05))("a", little, lambda: StereoFrame("a", water(0), water(1))) is little
 
 
 def test_an_image_that_cannot_be_matched_fails_with_the_reason() -> None:

@@ -1,21 +1,13 @@
 """Runs after runs: what is current is kept, what is lost, damaged or changed is made again, a water serves another dive."""
 
 import json
-from pathlib import Path
 
 import cv2
-import numpy as np
 import pytest
-from conftest import contents
+from conftest import contents, read_pixels
 
 from stereo_seecolor.errors import SeeColorError
 from stereo_seecolor.run_folder.finished_run import open_run
-
-
-def read(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    assert image is not None, path
-    return image
 
 
 @pytest.mark.slow
@@ -36,7 +28,7 @@ def test_only_what_depends_on_a_change_is_done_again(make_dive, cli, tmp_path) -
     ranges = {path: path.stat().st_mtime_ns for path in (out / "range").iterdir()}
     cli(*dive.command(out, "--set", "color.clipped_fraction=0.1"))
     assert ranges == {path: path.stat().st_mtime_ns for path in ranges}, "ranges do not depend on color settings"
-    cv2.imwrite(str(dive.root / "R" / "0001.png"), read(dive.root / "R" / "0001.png") // 2)
+    cv2.imwrite(str(dive.root / "R" / "0001.png"), read_pixels(dive.root / "R" / "0001.png") // 2)
     cli(*dive.command(out))
     changed = {path.stem for path, then in ranges.items() if path.stat().st_mtime_ns != then}
     assert changed == {"0001"}

@@ -2,18 +2,11 @@
 
 import csv
 import json
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from conftest import contents
-
-
-def read(path: Path) -> np.ndarray:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
-    assert image is not None, path
-    return image
+from conftest import contents, read_pixels
 
 
 def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:
@@ -25,16 +18,16 @@ def test_run_writes_the_whole_folder(make_dive, cli, tmp_path) -> None:
     names = {"0000", "0001", "0002"}
     for product, suffix in (("corrected", "png"), ("range", "tiff"), ("range_std", "tiff"), ("clouds", "ply"), ("mask", "png")):
         assert {path.name for path in (out / product).iterdir()} == {f"{name}.{suffix}" for name in names}
-    range_m = read(out / "range" / "0001.tiff")
+    range_m = read_pixels(out / "range" / "0001.tiff")
     known = np.isfinite(range_m)
     assert range_m.dtype == np.float32
     assert known.mean() > 0.6
     error_px = 15 * np.abs(1 / range_m - 1 / dive.range_m)[known]  # f B = 15 px m
     assert np.median(error_px) < 0.2
-    corrected = read(out / "corrected" / "0001.png")
+    corrected = read_pixels(out / "corrected" / "0001.png")
     assert corrected.dtype == np.uint8
     assert corrected[known].any(axis=1).mean() > 0.9
-    mask = read(out / "mask" / "0001.png")
+    mask = read_pixels(out / "mask" / "0001.png")
     assert (mask[~known] != 0).all()
     assert corrected[mask == 2].any(axis=1).mean() > 0.9
     rows = list(csv.DictReader((out / "frames.csv").read_text().splitlines()))
@@ -52,18 +45,18 @@ def test_cloud_holds_the_measured_points_in_the_corrected_colors(make_dive, cli,
     cli(*make_dive(1).command(tmp_path / "out"))
     _, _, body = (tmp_path / "out/clouds/0000.ply").read_bytes().partition(b"end_header\n")
     vertices = np.frombuffer(body, np.dtype([("xyz", "<f4", 3), ("rgb", "u1", 3)]))
-    range_m = read(tmp_path / "out/range/0000.tiff")
-    measured = np.isfinite(range_m) & (read(tmp_path / "out/confidence/0000.png") > 0)
+    range_m = read_pixels(tmp_path / "out/range/0000.tiff")
+    measured = np.isfinite(range_m) & (read_pixels(tmp_path / "out/confidence/0000.png") > 0)
     assert len(vertices) == measured.sum()
     np.testing.assert_allclose(np.linalg.norm(vertices["xyz"], axis=1), range_m[measured], rtol=1e-5)
-    np.testing.assert_array_equal(vertices["rgb"], read(tmp_path / "out/corrected/0000.png")[..., ::-1][measured])
+    np.testing.assert_array_equal(vertices["rgb"], read_pixels(tmp_path / "out/corrected/0000.png")[..., ::-1][measured])
     assert (vertices["xyz"][:, 2] > 0).all()
 
 
 @pytest.mark.slow
 def test_sixteen_bits_in_sixteen_bits_out(make_dive, cli, tmp_path) -> None:
     assert cli(*make_dive(1, dtype=np.uint16).command(tmp_path / "out"))[0] == 0
-    corrected = read(tmp_path / "out/corrected/0000.png")
+    corrected = read_pixels(tmp_path / "out/corrected/0000.png")
     assert corrected.dtype == np.uint16
     assert len(np.unique(corrected)) > 1000
 
@@ -73,7 +66,7 @@ def test_sixteen_bits_in_sixteen_bits_out(make_dive, cli, tmp_path) -> None:
 def test_image_formats(make_dive, cli, tmp_path, image_format) -> None:
     assert cli(*make_dive(1).command(tmp_path / "out", "--set", f"output.image_format={image_format}"))[0] == 0
     suffix = {"png16": "png", "tiff32": "tiff", "jpg": "jpg"}[image_format]
-    image = read(tmp_path / "out/corrected" / f"0000.{suffix}")
+    image = read_pixels(tmp_path / "out/corrected" / f"0000.{suffix}")
     assert image.dtype == {"png16": np.uint16, "tiff32": np.float32, "jpg": np.uint8}[image_format]
     assert np.isfinite(image).all()
     assert image.any()
@@ -82,7 +75,7 @@ def test_image_formats(make_dive, cli, tmp_path, image_format) -> None:
 def test_gray_images_go_through(make_dive, cli, tmp_path) -> None:
     dive = make_dive(1)
     for path in dive.root.glob("?/*.png"):
-        cv2.imwrite(str(path), read(path)[..., 1])
+        cv2.imwrite(str(path), read_pixels(path)[..., 1])
     assert cli(*dive.command(tmp_path / "out"))[0] == 0
 
 
@@ -117,6 +110,6 @@ def test_range_alone_and_correct_alone_give_the_same_images(make_dive, cli, tmp_
 def test_rectified_images_need_no_more_rectification(make_dive, cli, tmp_path) -> None:
     dive, out = make_dive(1), tmp_path / "out"
     assert cli(*dive.command(out, command="rectify"))[0] == 0
-    np.testing.assert_array_equal(read(out / "rectified_left/0000.png"), read(dive.root / "L/0000.png"))
+    np.testing.assert_array_equal(read_pixels(out / "rectified_left/0000.png"), read_pixels(dive.root / "L/0000.png"))
     again = ["run", "--left", str(out / "rectified_left"), "--right", str(out / "rectified_right")]
     assert cli(*again, "--calib", str(out / "rectified.yaml"), "--out", str(tmp_path / "out2"))[0] == 0
