@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.photometry.light_model import MEAN_SQUARES, PATTERN, SHADING, SHAPE, TERMS, pattern_terms
-from stereo_seecolor.color.photometry.light_prior import LightPrior
+from stereo_seecolor.color.photometry.light_prior import Gaussian, LightPrior
 from stereo_seecolor.color.photometry.sightings import Sightings
 from stereo_seecolor.robust_statistics import deviation_about_zero
 
@@ -130,32 +130,55 @@ def solve(windows: Sequence[Window], values: Sequence[Array], use: Use, frames: 
     columns = np.zeros(TERMS + 1, np.bool_)
     columns[:PATTERN], columns[PATTERN:TERMS], columns[TERMS:] = use.pattern, use.ranged, True
     of_frame = (1 + SHADING if use.shading else 1) if use.gains else 0
-    known = prior.of(columns, frames, of_frame)
+    known, outputs = prior.of(columns, frames, of_frame), values[0].shape[1]
     parts = [_Part.of(window, columns, of_frame, value) for window, value in zip(windows, values, strict=True)]
-    weights = [np.ones(len(window.patch)) for window in windows]
-    trust = SETTINGS.first_prior
-    for _ in range(SETTINGS.rounds):
-        matrix, slope = _sums(parts, weights, len(known.mean), values[0].shape[1])
-        pulled = slope + trust * (known.precision @ known.mean)[:, None]
-        found = np.asarray(np.linalg.solve(matrix + trust * known.precision, pulled), np.float64)
-        off = [part.off(found, weight) for part, weight in zip(parts, weights, strict=True)]
-        residuals = np.concatenate(off)
-        scale = max(deviation_about_zero(residuals) if residuals.size else 0.0, SETTINGS.least_scale)
-        weights = [1.0 / (1.0 + (distance / (SETTINGS.outlier * scale)) ** 2) for distance in off]
-        trust = prior.alike * max(scale, prior.systematic) ** 2
-    squares = sum(float((weight * distance**2).sum()) for weight, distance in zip(weights, off, strict=True))
-    number, outputs = int(columns.sum()), found.shape[1]
+    fit = _robust_fit(parts, known, prior, outputs)
+    number = int(columns.sum())
     coefficients = np.zeros((TERMS + 1, outputs))
-    coefficients[columns] = found[:number]
+    coefficients[columns] = fit.found[:number]
     own = np.zeros((frames, 1 + SHADING, outputs))
-    own[:, :of_frame] = found[number:].reshape(frames, of_frame, outputs)
-    gains = own[:, 0] - own[:, 0].mean(axis=0)
-    apart = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike
-    misfit = known.misfit(found, outputs * (squares / trust + apart * np.log(trust)), matrix / trust)
-    inverse = np.linalg.inv(matrix / trust + known.precision)
-    covariance = np.asarray(inverse[:PATTERN, :PATTERN], np.float64) if use.pattern else np.zeros((PATTERN, PATTERN))
-    trend_error = float(np.sqrt(inverse[number - 1, number - 1]))
-    return Solution(coefficients[:TERMS], coefficients[TERMS:], gains, own[:, 1:], trend_error, misfit, covariance)
+    own[:, :of_frame] = fit.found[number:].reshape(frames, of_frame, outputs)
+    independent = sum(len(part.patch) - len(part.first) for part in parts) / prior.alike
+    squares = outputs * (fit.squares / fit.variance + independent * np.log(fit.variance))
+    covariance = np.linalg.inv(fit.matrix / fit.variance + known.precision)
+    return Solution(
+        coefficients=coefficients[:TERMS],
+        trend=coefficients[TERMS:],
+        gains=own[:, 0] - own[:, 0].mean(axis=0),
+        shading=own[:, 1:],
+        trend_error=float(np.sqrt(covariance[number - 1, number - 1])),
+        misfit=known.misfit(fit.found, squares, fit.matrix / fit.variance),
+        covariance=np.asarray(covariance[:PATTERN, :PATTERN], np.float64) if use.pattern else np.zeros((PATTERN, PATTERN)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A robust fit. found (n, Q): the unknowns. matrix (n, n): its normal equations, without the prior. squares: weighted sum of
+    squared residuals. variance: of a measurement against the prior: of a sighting, times the number that count as one.
+    """
+
+    found: Array
+    matrix: Array
+    squares: float
+    variance: float
+
+
+def _robust_fit(parts: "Sequence[_Part]", known: Gaussian, prior: LightPrior, outputs: int) -> _Fit:
+    """Solve for the unknowns in rounds, each with Cauchy weights from the residuals of the round before."""
+    weights = [np.ones(len(part.patch)) for part in parts]
+    variance = SETTINGS.first_prior
+    for _ in range(SETTINGS.rounds):
+        matrix, slope = _sums(parts, weights, len(known.mean), outputs)
+        right = slope + variance * (known.precision @ known.mean)[:, None]
+        found = np.asarray(np.linalg.solve(matrix + variance * known.precision, right), np.float64)
+        residuals = [part.residuals(found, weight) for part, weight in zip(parts, weights, strict=True)]
+        every = np.concatenate(residuals)
+        scale = max(deviation_about_zero(every) if every.size else 0.0, SETTINGS.least_scale)
+        weights = [1.0 / (1.0 + (own / (SETTINGS.outlier * scale)) ** 2) for own in residuals]
+        variance = prior.alike * max(scale, prior.systematic) ** 2
+    squares = sum(float((weight * own**2).sum()) for weight, own in zip(weights, residuals, strict=True))
+    return _Fit(found, matrix, squares, variance)
 
 
 def pattern_error(solution: Solution, others: Sequence[Solution]) -> float:
@@ -190,7 +213,7 @@ class _Part:
         first = np.flatnonzero(np.diff(window.patch, prepend=-1))
         return cls(np.concatenate([design, value], axis=1), at, window.patch, first)
 
-    def off(self, found: Array, weight: Array) -> Array:
+    def residuals(self, found: Array, weight: Array) -> Array:
         """(N,) rms over the outputs of the residuals: differences from the weighted mean of the patch, the solution removed."""
         number, squares = len(self.at), np.zeros(len(self.patch))
         for output in range(found.shape[1]):
