@@ -14,7 +14,7 @@ from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.evaluation.truth import FrameFiles, evaluate_truth
+from stereo_seecolor.evaluation.truth import ResultFiles, evaluate_truth
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 TRUTH = SAMPLES / "truth"
@@ -31,11 +31,11 @@ def perfect(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def files_of(folder: Path) -> dict[str, FrameFiles]:
+def files_of(folder: Path) -> dict[str, ResultFiles]:
     """The two frames of such a folder, with their masks where it has any."""
     mask = folder / "mask"
     return {
-        name: FrameFiles(
+        name: ResultFiles(
             folder / "range" / f"{name}.tiff",
             folder / "corrected" / f"{name}.png",
             mask / f"{name}.png" if mask.is_dir() else None,

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from stereo_seecolor.commands.bag_info import BagFacts
     from stereo_seecolor.commands.inspect import Inspection
     from stereo_seecolor.commands.inspect_calibration import CalibrationFacts
-    from stereo_seecolor.commands.inspect_dive import Measured
+    from stereo_seecolor.commands.inspect_dive import SampleMeasures
     from stereo_seecolor.commands.inspect_poses import FoundPoses
     from stereo_seecolor.inputs.image_facts import ImageFacts
 
@@ -86,7 +86,7 @@ def _poses_line(found: "FoundPoses", pairs: int) -> str:
     return f"poses: {found.path} ({found.format}): {counted(found.poses, 'pose')}{of_pairs}; for a map with them add --fuse --poses"
 
 
-def _measured_lines(measured: "Measured") -> list[str]:
+def _measured_lines(measured: "SampleMeasures") -> list[str]:
     light = "strobes or lamps" if measured.strobes else "daylight"
     return [
         f"range: {measured.median_range_m:.2f} m (median), known for {measured.coverage:.0%} of the pixels; "

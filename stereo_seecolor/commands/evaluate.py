@@ -11,7 +11,7 @@ from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.others import OtherResults
 from stereo_seecolor.evaluation.spread import ComparedFrame, SpreadReport, measure_spread
-from stereo_seecolor.evaluation.truth import FrameFiles, TruthReport, evaluate_truth
+from stereo_seecolor.evaluation.truth import ResultFiles, TruthReport, evaluate_truth
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
@@ -71,8 +71,8 @@ def _refuse_missing(others: OtherResults, names: Sequence[str]) -> None:
         raise InputError(f"{method}: holds no image called {missing[0]}: give a folder with the rectified image of every frame")
 
 
-def _files(frame: FinishedFrame) -> FrameFiles:
-    return FrameFiles(frame.products["range"], frame.products["corrected"], frame.products.get("mask"))
+def _files(frame: FinishedFrame) -> ResultFiles:
+    return ResultFiles(frame.products["range"], frame.products["corrected"], frame.products.get("mask"))
 
 
 def _check_geometry(found: RectifiedPair, out: Path, truth: Path) -> None:

@@ -12,7 +12,7 @@ from calibration.port import FLAT_PORT
 from calibration.resizing import wrong_size
 from stereo_seecolor.commands.dive_rig import spread
 from stereo_seecolor.commands.inspect_calibration import NOTHING_TESTED, CalibrationFacts, Tested, tested_calibration
-from stereo_seecolor.commands.inspect_dive import Measured, Misfit, alike
+from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, alike
 from stereo_seecolor.commands.inspect_images import problems_of_images
 from stereo_seecolor.commands.inspect_poses import FoundPoses, find_poses
 from stereo_seecolor.commands.inspect_rig import FoundCalibration, find_calibration, refused_calibrations
@@ -58,7 +58,7 @@ class Inspection:
     calibrations: tuple[Path, ...]
     calibration: CalibrationFacts | None
     poses: tuple[FoundPoses, ...]
-    measured: Measured | None
+    measured: SampleMeasures | None
     misfits: tuple[Misfit, ...]
     problems: tuple[str, ...]
     run_command: str

@@ -15,7 +15,7 @@ from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from stereo_seecolor.commands.check import RigFacts, rig_facts
 from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS
-from stereo_seecolor.commands.inspect_dive import Measured, Misfit, measure, misfits
+from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits
 from stereo_seecolor.commands.inspect_rig import FoundCalibration
 from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
 from stereo_seecolor.config import RunConfig
@@ -49,7 +49,7 @@ class Tested:
 
     facts: CalibrationFacts | None = None
     misfits: tuple[Misfit, ...] = ()
-    measured: Measured | None = None
+    measured: SampleMeasures | None = None
     fitting: bool = True
     limits: tuple[RangeLimits, ...] = ()
     mistake: Mistake | None = None

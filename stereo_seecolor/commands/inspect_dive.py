@@ -40,7 +40,7 @@ class Misfit:
 
 
 @dataclass(frozen=True)
-class Measured:
+class SampleMeasures:
     """Measures of sample pairs. coverage: fraction of pixels with a range. ground_resolution_m: a pixel's size at the median range.
 
     center_to_corner: mean brightness of the middle over that of the corners (linear light). strobes: center_to_corner is that of
@@ -104,7 +104,7 @@ def misfits(rig: StereoRig, pairing: Pairing, sample: Sequence[Pair], config: Ru
     return () if rig_is_wrong else tuple(found)
 
 
-def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfig) -> Measured | None:
+def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfig) -> SampleMeasures | None:
     """Run the sample pairs in memory; None if none of them goes through."""
     pipeline, reader = Pipeline(rig, config), FrameReader(config.input)
     results: list[FrameResult] = []
@@ -122,7 +122,7 @@ def measure(rig: StereoRig, sample: Sequence[Pair], pairs: int, config: RunConfi
     frame_bytes = int(np.mean([_bytes_written(result, pipeline) for result in results]))
     page_bytes = PAGE_BYTES + int(PAGE_FRACTION * min(pairs, PAGE_FRAMES) * frame_bytes)
     brightness = _center_to_corner([result.frame.left for result in results])
-    return Measured(
+    return SampleMeasures(
         coverage=float(np.mean([of.mean() for of in known])),
         median_range_m=median_range_m,
         ground_resolution_m=median_range_m / float(pipeline.rectification.pair.focal_px),

@@ -17,7 +17,7 @@ from stereo_seecolor.live.budget import Budget
 from stereo_seecolor.live.played_bag import PlayedBag
 from stereo_seecolor.live.preview import HOST, Preview, served
 from stereo_seecolor.live.processing import LiveFrame, LiveProcessor, warm_up
-from stereo_seecolor.live.session import LiveCounts, LiveSession, Source
+from stereo_seecolor.live.session import LiveCounts, LiveSession, LiveSource
 from stereo_seecolor.live.sources import live_source
 from stereo_seecolor.pipeline import Pipeline
 
@@ -78,7 +78,7 @@ class LiveInputs:
     topics: str = ""
     calib: str | Path = ""
 
-    def open(self, config: RunConfig, stack: ExitStack) -> tuple[Source, Pipeline]:
+    def open(self, config: RunConfig, stack: ExitStack) -> tuple[LiveSource, Pipeline]:
         """Open the source, until ``stack`` closes, and the pipeline. Raises CalibrationError, InputError, DeviceError."""
         if self.bag is not None:
             opened = BagInputs(self.bag, self.calib, self.topics).open(config)

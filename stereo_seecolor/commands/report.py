@@ -5,7 +5,7 @@ from pathlib import Path
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.progress import Listener, Silence
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.charts import SeenChart, write_charts
+from stereo_seecolor.report.charts import ShownChart, write_charts
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.page import PageSummary, write_page
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
@@ -35,7 +35,7 @@ def _look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) ->
     from stereo_seecolor.commands.evaluate import evaluate_spread  # loads scipy
     from stereo_seecolor.report.chart_search import find_all
 
-    found: list[SeenChart] = []
+    found: list[ShownChart] = []
     listener.begin("charts", len(run.frames))
     for frame, charts in zip(run.frames, find_all(FrameFiles.of(run), run.frames), strict=True):
         found += charts

@@ -39,9 +39,9 @@ class RunPage:
             return None
         if not self.options.shard.whole:
             return None
-        from stereo_seecolor.report.early_frames import EarlyFrames, spread
+        from stereo_seecolor.report.early_frames import EarlyFrames, frames_in_full
 
-        return EarlyFrames(frozenset(spread(self.run.names)), self.run.rectification.pair)
+        return EarlyFrames(frozenset(frames_in_full(self.run.names)), self.run.rectification.pair)
 
     def keep(self) -> None:
         """Keep the live page until the final one replaces it: a browser that finds no page stops reloading."""

@@ -38,7 +38,7 @@ class RangeScore:
 
 
 @dataclass(frozen=True)
-class FrameFiles:
+class ResultFiles:
     """The results of one frame. mask: its codes, as run writes them; None: every known range counts as measured."""
 
     range_m: Path
@@ -67,7 +67,7 @@ class TruthReport:
     raw_color: TruthScore
 
 
-def evaluate_truth(results: Mapping[str, FrameFiles], truth: Path) -> TruthReport:
+def evaluate_truth(results: Mapping[str, ResultFiles], truth: Path) -> TruthReport:
     """Compare results, by frame name, with the truth of a dive (docs/synthetic.md), whose left/ and cam.yaml lie beside ``truth``.
 
     Colors are compared as displayed (sRGB), over pixels whose range was measured and whose true color is neither clipped nor so
@@ -107,7 +107,7 @@ def score_range(range_m: Map, true_m: Map, visible: Mask, geometry: RectifiedPai
     )
 
 
-def _score_frame(result: FrameFiles, truth: Path, name: str, rectification: Rectification, linear: bool) -> FrameScore:
+def _score_frame(result: ResultFiles, truth: Path, name: str, rectification: Rectification, linear: bool) -> FrameScore:
     true_m = read_range_map(truth / "range" / f"{name}.tiff")
     range_m = read_range_map(result.range_m)
     if range_m.shape != true_m.shape:

@@ -28,7 +28,7 @@ LATENCIES = 1000
 """Number of the last pairs whose latencies are kept."""
 
 
-class Source(Protocol):
+class LiveSource(Protocol):
     """A source of pairs, of which only the newest is processed. dropped: pairs skipped for newer ones."""
 
     dropped: int
@@ -88,7 +88,7 @@ class LiveSession:
     finish: makes the outputs of a corrected pair, in another thread; an error of it ends the session.
     """
 
-    source: Source
+    source: LiveSource
     process: Callable[[Pair], LiveFrame]
     finish: Callable[[LiveFrame], None]
     counts: LiveCounts = field(default_factory=LiveCounts)

@@ -8,7 +8,7 @@ from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.bags.bag import is_bag
 from stereo_seecolor.live.cameras import cameras, is_address
 from stereo_seecolor.live.ros2 import PREFIX, Node, TopicImages
-from stereo_seecolor.live.session import Source
+from stereo_seecolor.live.session import LiveSource
 from stereo_seecolor.live.streams import StreamPairs
 from stereo_seecolor.live.watch import FolderWatch
 
@@ -29,7 +29,7 @@ def source_of(source: str) -> tuple[str, str, Path | None]:
     return left, right if comma else left, None
 
 
-def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) -> Source:
+def live_source(left: str, right: str, config: InputConfig, stack: ExitStack) -> LiveSource:
     """The source of two sides, read until ``stack`` closes. Raises InputError where they are of two kinds, DeviceError."""
     kinds = [PREFIX if side.startswith(PREFIX) else "address" if is_address(side) else "folder" for side in (left, right)]
     if kinds[0] != kinds[1]:

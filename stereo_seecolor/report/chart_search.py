@@ -13,17 +13,17 @@ from stereo_seecolor.evaluation.measures import ciede2000, exposure_gain, lab_fr
 from stereo_seecolor.evaluation.targets import Target, found_chart
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
-from stereo_seecolor.report.charts import SeenChart
+from stereo_seecolor.report.charts import ShownChart
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.run_folder.finished_run import FinishedFrame
 
 Floats = NDArray[np.float64]
 
 
-def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tuple[SeenChart, ...]]:
+def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tuple[ShownChart, ...]]:
     """The charts of each frame, searched on all cores; two seconds of processor time for a frame of 1.4 megapixels."""
 
-    def of(frame: FinishedFrame) -> tuple[SeenChart, ...]:
+    def of(frame: FinishedFrame) -> tuple[ShownChart, ...]:
         try:
             return _seen(files, frame)
         except InputError:
@@ -32,7 +32,7 @@ def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tup
     yield from Threads(cores()).each(of, frames)
 
 
-def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[SeenChart, ...]:
+def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[ShownChart, ...]:
     corrected = eight_bit(frame.read("corrected"))
     found = find_charts(corrected)
     try:
@@ -44,7 +44,7 @@ def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[SeenChart, ...]:
         target = found_chart("chart", one, corrected.shape[:2])
         after, after_difference = patch_colors(target, corrected)
         before, difference = patch_colors(target, raw) if raw is not None else ([], None)
-        made.append(SeenChart(frame.name, one.type.name, _css(one.type.srgb), before, after, difference, after_difference))
+        made.append(ShownChart(frame.name, one.type.name, _css(one.type.srgb), before, after, difference, after_difference))
     return tuple(made)
 
 

@@ -16,7 +16,7 @@ FILE = f"{PAGE}/charts.json"
 
 
 @dataclass(frozen=True)
-class SeenChart:
+class ShownChart:
     """A chart in a frame. published, before, after: colors of its patches as CSS, after one exposure gain; published, and before
     and after correction.
 
@@ -32,7 +32,7 @@ class SeenChart:
     after_ciede2000: float
 
 
-def write_charts(folder: RunFolder, charts: Sequence[SeenChart], spread: "SpreadReport | None") -> None:
+def write_charts(folder: RunFolder, charts: Sequence[ShownChart], spread: "SpreadReport | None") -> None:
     """Keep the charts and the spread for pages of the same corrected frames. Raises OutputError."""
     content = plain({"charts": charts, "spread": spread})
     folder.dive.write(FILE, json.dumps(content).encode(), made_from=folder.dive.digest("corrected"))

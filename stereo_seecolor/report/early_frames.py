@@ -28,7 +28,7 @@ def page_stage(corrected_key: str, with_before: bool) -> StageRecord:
     return StageRecord(content_key(settings, corrected_key, with_before), settings)
 
 
-def spread(names: Sequence[str]) -> list[str]:
+def frames_in_full(names: Sequence[str]) -> list[str]:
     """The frames of a dive that a brief page shows in full, besides the examples."""
     return list(names[:: -(-len(names) // BRIEF_FRAMES) or 1])
 

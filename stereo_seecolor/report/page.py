@@ -12,7 +12,7 @@ from stereo_seecolor.report.calibration_std import calibration_note, calibration
 from stereo_seecolor.report.charts import kept_charts
 from stereo_seecolor.report.columns import columns
 from stereo_seecolor.report.dive_facts import DiveFacts
-from stereo_seecolor.report.early_frames import FORMAT, page_stage, spread
+from stereo_seecolor.report.early_frames import FORMAT, frames_in_full, page_stage
 from stereo_seecolor.report.example_frames import example_frames
 from stereo_seecolor.report.frame_files import FrameFiles, raw_is_there
 from stereo_seecolor.report.map_files import write_map_files
@@ -74,7 +74,7 @@ def write_page(folder: RunFolder, run: FinishedRun, brief: bool, progress: Progr
 def _spread(facts: DiveFacts) -> set[str]:
     """The frames that a brief page shows in full: the examples, and others spread over the dive."""
     names = [frame.name for frame in facts.run.frames]
-    return {name for name, _ in example_frames(facts)} | set(spread(names))
+    return {name for name, _ in example_frames(facts)} | set(frames_in_full(names))
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from torch import Tensor, nn
 
 from stereo_seecolor.color.device import find_device
 from stereo_seecolor.color.fitting.losses import attenuation_loss, backscatter_loss, clamp_direct
-from stereo_seecolor.color.fitting.model import AttenuationNet, BackscatterNet, Scale, Spread
+from stereo_seecolor.color.fitting.model import AttenuationNet, BackscatterNet, RangeScale, Scale
 from stereo_seecolor.color.fitting.parameters import ATTENUATION, BACKSCATTER, cold_water, raw_fractions, raw_rates, water_of
 from stereo_seecolor.color.table.encoding import decoded_values
 from stereo_seecolor.config import ColorConfig
@@ -57,7 +57,7 @@ def load(network: nn.Module, water: Water) -> None:
     """Set the network's raw weights to give the water's parameters."""
     with torch.no_grad():
         for name, layer in network.named_children():
-            if isinstance(layer, Scale | Spread):
+            if isinstance(layer, Scale | RangeScale):
                 fraction = isinstance(layer, Scale) and layer.fraction
                 raw = (raw_fractions if fraction else raw_rates)(getattr(water, name))
                 layer.weight.copy_(torch.from_numpy(raw).reshape(3, 1, 1, 1))

@@ -26,7 +26,7 @@ class ComplementaryGatedExponentialDecay(nn.Module):
         return -torch.expm1(-x.clamp(min=0))
 
 
-class Spread(nn.Module):
+class RangeScale(nn.Module):
     """A 1x1 convolution without bias from the range to three channels: rate_c z. weight: (3, 1, 1, 1) before a softplus, 1/m."""
 
     def __init__(self) -> None:
@@ -57,7 +57,12 @@ class BackscatterNet(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.gamma_inf, self.beta, self.eta, self.alpha = Scale(fraction=True), Spread(), Scale(fraction=True), Spread()
+        self.gamma_inf, self.beta, self.eta, self.alpha = (
+            Scale(fraction=True),
+            RangeScale(),
+            Scale(fraction=True),
+            RangeScale(),
+        )
         self.ged, self.cged = GatedExponentialDecay(), ComplementaryGatedExponentialDecay()
 
     def forward(self, range_m: Tensor) -> Tensor:
@@ -72,7 +77,7 @@ class AttenuationNet(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.w, self.v, self.y, self.x = Scale(fraction=False), Spread(), Scale(fraction=False), Spread()
+        self.w, self.v, self.y, self.x = Scale(fraction=False), RangeScale(), Scale(fraction=False), RangeScale()
         self.ged = GatedExponentialDecay()
 
     def forward(self, range_m: Tensor) -> Tensor:

@@ -36,7 +36,7 @@ class Shown(NamedTuple):
     unrecoverable: NDArray[np.bool_]
 
 
-class Table(NamedTuple):
+class LookUpTable(NamedTuple):
     """A look-up table. curve: displayed value of each node of light. rows (1025 * 768,): displayed value of each 8-bit value of
     each channel in each fine range bin. filled (1024,): True for bins whose rows have been computed.
     """
@@ -73,7 +73,7 @@ def linear(image: NDArray[Any], bits: NDArray[np.int32], gains: Gains, decoded: 
 
 def code_table(gains: Gains, shown: Display) -> NDArray[np.uint16]:
     """(1025 * 768,) code of each 8-bit value of each channel in each fine range bin; the last bin, of unknown range, is black."""
-    table: Table = _new_table(shown.codes)
+    table: LookUpTable = _new_table(shown.codes)
     _tabulate((0, FINE_BINS - 1), gains, shown.decoded, table)
     return table.rows
 
@@ -83,7 +83,7 @@ def _new_table(curve: Any) -> Any:
     """A look-up table with only the row of unknown range, which is black. Rows take memory when they are written."""
     rows = np.empty((FINE_BINS + 1) * ROW, curve.dtype)
     rows[FINE_BINS * ROW :] = curve[0] if curve.size else 0
-    return Table(curve, rows, np.zeros(FINE_BINS, np.bool_))
+    return LookUpTable(curve, rows, np.zeros(FINE_BINS, np.bool_))
 
 
 @compiled

@@ -81,7 +81,7 @@ def cluster(name: str, notice: Callable[[str], None] = log.warning) -> Iterator[
 
 
 @dataclass(frozen=True, eq=False)
-class Opened:
+class OpenedCluster:
     """A cluster that was started. where: its scheduler's address, or Dask's object. revive: starts workers in place of lost ones.
 
     wait_s: seconds to wait for the first worker. jobs: batch jobs that workers run in, None where they run in none.
@@ -105,19 +105,19 @@ def _opener(name: str) -> Callable[[], Any]:
 
 
 @contextmanager
-def _local(workers: int) -> Iterator[Opened]:
+def _local(workers: int) -> Iterator[OpenedCluster]:
     """Worker processes on this machine; they end with this process, however it ends."""
     remove_abandoned()
     with tempfile.TemporaryDirectory(prefix=f"{SCRATCH}{os.getpid()}-") as scratch, ExitStack() as ends:
         if not CAN_FORK:
             started = ends.enter_context(_scheduler(workers, scratch))
-            yield Opened(started, revive=lambda: started.scale(workers))
+            yield OpenedCluster(started, revive=lambda: started.scale(workers))
             return
         start = ends.enter_context(starter())  # before the scheduler, whose threads it must not copy
         started = _scheduler(0, scratch)
         ends.callback(started.close)
         start(Orders(started.scheduler_address, workers, int(MEMORY_FRACTION * _memory_bytes() / workers), scratch))
-        yield Opened(started)
+        yield OpenedCluster(started)
 
 
 def remove_abandoned() -> None:
@@ -154,12 +154,12 @@ def _memory_bytes() -> int:
 
 
 @contextmanager
-def _running(address: str) -> Iterator[Opened]:
-    yield Opened(address)
+def _running(address: str) -> Iterator[OpenedCluster]:
+    yield OpenedCluster(address)
 
 
 @contextmanager
-def _jobs(kind: str, file: Path) -> Iterator[Opened]:
+def _jobs(kind: str, file: Path) -> Iterator[OpenedCluster]:
     """Jobs of a batch system, each with a worker."""
     from stereo_seecolor.compute.cluster.job_file import JobFile
 
@@ -176,7 +176,7 @@ def _jobs(kind: str, file: Path) -> Iterator[Opened]:
         with _hushed("tornado.application", "asyncio"):  # who tell of a refused job at length, before it is said in one line
             _submit(started, content, f"{kind}:{file}")
         revive = (lambda: None) if content.adaptive else lambda: started.scale(jobs=content.jobs)
-        yield Opened(started, content.wait_s, revive, BatchJobs(kind, started, Path(content.log_directory)))
+        yield OpenedCluster(started, content.wait_s, revive, BatchJobs(kind, started, Path(content.log_directory)))
 
 
 @contextmanager
@@ -223,7 +223,7 @@ def _check_scheduler(client: Any, name: str) -> None:
         raise ClusterError(f"{name}: the scheduler has another version (distributed {there} there, {here} here): install the same")
 
 
-def _wait(client: Any, opened: Opened, name: str, notice: Callable[[str], None]) -> None:
+def _wait(client: Any, opened: OpenedCluster, name: str, notice: Callable[[str], None]) -> None:
     """For the first worker. Raises ClusterError with what the batch system says of the jobs, as soon as none of them can come."""
     jobs, end_s, noticed = opened.jobs, time.monotonic() + opened.wait_s, False
     while True:
