@@ -161,6 +161,45 @@ def test_the_fall_off_of_lamps_is_told_from_frames_that_were_lit_less() -> None:
     assert found.light.fade == pytest.approx(2.0, abs=0.5)
 
 
+def lines_apart(lit: bool) -> list[SeenWindow]:
+    """Two lines at two heights of which no spot is seen from both; the first in even light, or ``lit`` as the second by lamps."""
+    near_m, windows = 1.0, [seen for seen in night_windows(np.zeros((FRAMES, 3))) if seen.frames[0] < 3 or seen.frames[0] > 5]
+    for window in (window for window in windows if window.frames[0] < 3 and not lit):
+        seen = window.seen
+        lamps = lamplight(seen.pixel, seen.range_m) - lamplight(np.array([SIZE]) / 2.0, np.array([near_m]))
+        seen.light[:] = np.exp(np.log(seen.light) - lamps[:, None])
+    return windows
+
+
+@pytest.mark.slow
+def test_lamps_switched_on_between_lines_that_share_no_spot_are_not_taken_out_of_the_first() -> None:
+    names = [f"{i:02d}" for i in range(FRAMES)]
+    found = solve_light(lines_apart(lit=False), names, SIZE, ALL)
+    assert found is not None
+    assert found.light is not None
+    assert found.light.fade == 0
+    assert "were lit differently" in found.note
+    assert found.content()["parts_lit_differently"] is True
+    throughout = solve_light(lines_apart(lit=True), names, SIZE, ALL)
+    assert throughout is not None
+    assert throughout.light is not None
+    assert throughout.light.fade > 1
+    assert "parts_lit_differently" not in throughout.content()
+
+
+def test_frames_that_differ_no_more_than_caustics_explain_get_no_gains() -> None:
+    """Neighboring spots lie under one caustic, those that judge and those of the fit alike."""
+    rng, even = np.random.default_rng(8), windows(False, np.zeros((FRAMES, 3)), 0.05)
+    for window in even:
+        seen = window.seen
+        caustics = 0.25 * rng.standard_normal((1 + seen.patch.max() // 10, FRAMES))[seen.patch // 10, seen.frame]
+        seen.light[:] = np.exp(np.log(seen.light) + caustics[:, None])
+    found = solve_light(even, [f"{i:02d}" for i in range(FRAMES)], SIZE, Use(gains=True))
+    assert found is not None
+    assert found.luminance.before.between_frames > 0.03
+    assert not found.luminance.use.gains
+
+
 def two_lines(gains: NDArray[np.float64], pattern: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> list[SeenWindow]:
     """Spots under two lines that a camera flies to and fro without turning, so that these overlap by a third of a picture."""
     rng = np.random.default_rng(5)

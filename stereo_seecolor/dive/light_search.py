@@ -118,7 +118,7 @@ class LightSearch:
         links = _Links(len(names))
         for window in windows:
             links.add(window.frames, window.steps)
-        light, recorded = self._pattern(windows, names, allowed)
+        light, recorded = self._pattern(windows, names, allowed, is_sampled)
         if light and is_sampled and allowed.gains:
             every = self._looked(range(len(names)), _DifferenceLook(self._frame_look, light), self.compute.parts)
             light = self._with_gains(light, names, every, links, recorded, None)
@@ -134,9 +134,11 @@ class LightSearch:
         """(width, height) of the reduced images in which spots are found."""
         return reduced(self.geometry).image_size
 
-    def _pattern(self, windows: Sequence[PlacedWindow], names: Names, allowed: Use) -> tuple[SurveyLight | None, Array | None]:
+    def _pattern(
+        self, windows: Sequence[PlacedWindow], names: Names, allowed: Use, is_sampled: bool
+    ) -> tuple[SurveyLight | None, Array | None]:
         """The light solved from ``windows``, and the (F,) recorded exposures (logarithms) if they explain differences of frames."""
-        light = solve_light(windows, names, self._size, allowed)
+        light = solve_light(windows, names, self._size, allowed, is_sampled=is_sampled)
         if light is None:
             return None, None
         recorded, used = log_exposures(self.captures), None
@@ -144,7 +146,7 @@ class LightSearch:
             offsets = self._offsets_about(recorded, light, windows)
             if offsets and explain(offsets):
                 used = recorded
-                light = solve_light(windows, names, self._size, allowed, used)
+                light = solve_light(windows, names, self._size, allowed, used, is_sampled)
             else:
                 light = replace(light, refused=offsets)
         return light and beside_water(light, windows, names, self._size, used), used
@@ -171,10 +173,12 @@ class LightSearch:
         for frames, differing, steps in windows:
             links.add(frames, steps)
             table.add(*differing)
+        judged = shading is not None and light.luminance.judged  # a sample does not judge other frames
+        luminance, color = (True if one.use.gains else False if judged else None for one in (light.luminance, light.color))
         if shading is None:
             shading = solve_shading(table.parts, len(names), (light.luminance.use.shading, light.color.use.shading))
         found, known = without_shading(table.whole, table.parts, shading), np.zeros(len(names))
-        chosen = light.luminance.use.gains, light.color.use.gains
+        chosen = luminance, color
         solved = solve_chain(found, known, chosen) if recorded is None else solve_recorded(found, recorded, chosen)
         measured = solved.measured & solved.gains.any()
         gains = ByFrame(names, np.where(measured[:, None], solved.gains, np.nan))

@@ -124,8 +124,12 @@ class Chain:
     offsets: tuple[float, float]
 
 
-def solve_chain(found: Differences, known: Array, chosen: tuple[bool, bool] = (False, False)) -> Chain:
-    """Solve the gains of luminance and of color; each is used if it helps, or was ``chosen`` with the pattern.
+Chosen = tuple[bool | None, bool | None]
+"""Whether gains of luminance and of color are used; None: if they help."""
+
+
+def solve_chain(found: Differences, known: Array, chosen: Chosen = (None, None)) -> Chain:
+    """Solve the gains of luminance and of color.
 
     known: (F,) logarithms of known gains of luminance, which are subtracted first.
     """
@@ -133,7 +137,7 @@ def solve_chain(found: Differences, known: Array, chosen: tuple[bool, bool] = (F
     measured[found["i"]] = measured[found["j"]] = True
     halves, outputs = (_outputs(found, known, part) for part in ("fitted", "whole"))
     luminance, color = (_offsets(found, halves[:, part], known, part) for part in (_LUMINANCE, _COLOR))
-    used = chosen[0] or _helps(luminance), chosen[1] or _helps(color)
+    used = [_helps(offsets) if use is None else use for use, offsets in zip(chosen, (luminance, color), strict=True)]
     gains = outputs[:, _LUMINANCE] * used[0] + outputs[:, _COLOR] * used[1]
     return Chain(gains, measured, luminance)
 

@@ -27,6 +27,8 @@ class ChoiceSettings:
     """Offsets between frames (rms, logarithm) that are worth a gain for each frame, which may then hardly change the spread,"""
     offset_left: float = 0.8
     """if at most this fraction of them is left."""
+    sure: float = 2.0
+    """Standard errors of the offset of a pair of frames, by the scatter of its patches, beyond which frames differ."""
     robust_error: float = 1.17
     """Relative standard error of a robust standard deviation, times the root of the size of its sample; of Gaussian values."""
     least_patches: int = 300
@@ -42,10 +44,12 @@ class Spread:
 
     between_views: robust standard deviation of the difference of two views.
     between_frames: rms of the medians of pairs of frames, weighted by their sightings.
+    by_chance: standard error of such a median, if each difference were a measurement of its own.
     """
 
     between_views: float
     between_frames: float
+    by_chance: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +83,8 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
     """Choose the candidate with most evidence among those that lower the spread on patches left out enough.
 
     These are the candidates that are worth using (ChoiceSettings) and within one standard error of the least spread (Breiman et al.
-    1984, "Classification and regression trees"). Shading also needs more evidence than the same terms without it: its many
-    coefficients follow caustics a little in all dives.
+    1984, "Classification and regression trees"). Shading, and gains of frames that differ no more than caustics explain, also need
+    more evidence than the same terms without them: patches left out lie under the same caustics as their neighbors in the fit.
     values: as in ``solve``. candidates: the first is no correction. frames: number of frames.
     """
     fit, judge = ([window.part(held) for window in windows] for held in (False, True))
@@ -95,15 +99,19 @@ def choose(windows: Sequence[Window], values: Sequence[Array], candidates: Seque
         return solve(windows, values, candidate.use, frames, candidate.prior)
 
     def evident(candidate: Candidate) -> bool:
-        without = candidate._replace(use=candidate.use._replace(shading=False))
-        return not candidate.use.shading or whole(candidate).misfit < whole(without).misfit
+        use = candidate.use
+        if not use.gains or (frames_differ and not use.shading):
+            return True
+        without = use._replace(shading=False) if use.shading else use._replace(gains=False)
+        return whole(candidate).misfit < whole(candidate._replace(use=without)).misfit
 
     nothing, *others = candidates
     before = left(nothing)
+    frames_differ = before.between_frames > SETTINGS.sure * before.by_chance * np.sqrt(nothing.prior.alike)
+    chance = 1 + SETTINGS.robust_error * float(np.sqrt(nothing.prior.alike / max(judging, 1)))
     tried = [(candidate, left(candidate)) for candidate in others if judging >= SETTINGS.least_patches and evident(candidate)]
-    worth = [(candidate, spread) for candidate, spread in tried if _worth(spread, before)]
-    least = min((spread.between_views for _, spread in worth), default=0.0)
-    most = least * (1 + SETTINGS.robust_error * np.sqrt(nothing.prior.alike / max(judging, 1)))
+    worth = [(candidate, spread) for candidate, spread in tried if _worth(spread, before, chance)]
+    most = chance * min((spread.between_views for _, spread in worth), default=0.0)
     good = [(candidate, spread) for candidate, spread in worth if spread.between_views <= most] or [(nothing, before)]
     solved = [(whole(one), one.use, spread) for one, spread in good]
     solution, use, after = min(solved, key=lambda found: found[0].misfit)
@@ -122,16 +130,18 @@ def spread_left(windows: Sequence[Window], values: Sequence[Array], solution: So
         pairs.append(window.frame[again] * frames + window.frame[again + 1])
     difference, pair = np.concatenate(differences), np.concatenate(pairs)
     if not len(difference):
-        return Spread(0.0, 0.0)
+        return Spread(0.0, 0.0, 0.0)
     number = np.unique(pair, return_counts=True)[1]
     of_pairs = np.split(difference[np.argsort(pair, kind="stable")], np.cumsum(number)[:-1])
     squares = [float((np.median(several, axis=0) ** 2).mean()) for several in of_pairs]
     size = np.sqrt(((difference - np.median(difference, axis=0)) ** 2).mean(axis=1))
-    return Spread(deviation_about_zero(size), float(np.sqrt(np.average(squares, weights=number))))
+    between_views, between_frames = deviation_about_zero(size), float(np.sqrt(np.average(squares, weights=number)))
+    return Spread(between_views, between_frames, between_views * float(np.sqrt(len(number) / len(difference))))
 
 
-def _worth(new: Spread, old: Spread) -> bool:
+def _worth(new: Spread, old: Spread, chance: float) -> bool:
+    """chance: factor by which the spread between views may grow without being worse."""
     lowered = old.between_views - new.between_views
     evener = lowered > max(SETTINGS.better * old.between_views, SETTINGS.visible)
     steadier = old.between_frames > SETTINGS.offset and new.between_frames < SETTINGS.offset_left * old.between_frames
-    return evener or (steadier and new.between_views <= old.between_views)
+    return evener or (steadier and new.between_views <= chance * old.between_views)

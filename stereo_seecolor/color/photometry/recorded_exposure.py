@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stereo_seecolor.color.photometry.gain_chain import Chain, Differences, offset_between, solve_chain
+from stereo_seecolor.color.photometry.gain_chain import Chain, Chosen, Differences, offset_between, solve_chain
 from stereo_seecolor.records import Capture
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ def explain(offsets: tuple[float, float]) -> bool:
     return offsets[1] < SETTINGS.left * offsets[0]
 
 
-def solve_recorded(found: Differences, recorded: Array, chosen: tuple[bool, bool]) -> Chain:
+def solve_recorded(found: Differences, recorded: Array, chosen: Chosen) -> Chain:
     """Solve the gains of all frames about the (F,) records; one without overlap gets its record. chosen: see ``solve_chain``."""
     chain = solve_chain(found, recorded, chosen)
     left = chain.offsets[1] if np.abs(chain.gains.mean(axis=1)).max() > SETTINGS.no_gain else chain.offsets[0]

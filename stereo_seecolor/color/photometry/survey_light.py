@@ -13,6 +13,7 @@ from stereo_seecolor.color.photometry.light_choice import Candidate, Choice, cho
 from stereo_seecolor.color.photometry.light_model import SHAPE, Light
 from stereo_seecolor.color.photometry.light_prior import COLOR, LUMINANCE, LightPrior
 from stereo_seecolor.color.photometry.light_solver import Use, Views, Window
+from stereo_seecolor.color.photometry.one_light import under_one_light
 from stereo_seecolor.color.photometry.sightings import SeenWindow, Sightings
 
 
@@ -34,6 +35,7 @@ ANGLE = 0.8165
 """Radians of angle between two colors of a difference of 1 in the rms of their logarithms, near gray: sqrt(2/3)."""
 
 
+PARTS_DIFFER = "lines that share no spot were lit differently (lamps switched on between them?): the lamps' light is not corrected"
 _ByName = Mapping[str, NDArray[np.float64]]
 
 
@@ -45,7 +47,8 @@ class SurveyLight:
     crossed: motion of the reef through the images, in image sizes. offsets: rms of luminance between neighbors, without and with
     the gains of all frames; None where these were not solved. recorded: True if the gains have recorded exposures as their prior.
     refused: like offsets, without and with recorded exposures, where these do not explain differences between frames and are not
-    used; None where nothing was refused.
+    used; None where nothing was refused. parts_differ: True if lines that share no spot were lit differently, so that the lens
+    alone is corrected.
     """
 
     solved: Light
@@ -55,6 +58,7 @@ class SurveyLight:
     offsets: tuple[float, float] | None = None
     recorded: bool = False
     refused: tuple[float, float] | None = None
+    parts_differ: bool = False
 
     @property
     def light(self) -> Light | None:
@@ -74,11 +78,13 @@ class SurveyLight:
 
     def _why_not(self) -> str:
         """The note where no term is used: too few spots; "" where the light was found to be even."""
+        if self.parts_differ:
+            return f"light: {PARTS_DIFFER}"
         few = f"only {self.luminance.judging} spots are seen by two frames and can judge a correction"
         return "" if self.luminance.judged else f"light: {few}: too few, nothing is corrected"
 
     def _used(self) -> list[str]:
-        parts = []
+        parts = [PARTS_DIFFER] if self.parts_differ else []
         luminance, color = self.luminance, self.color
         if any(luminance.use):
             before, after = luminance.before, luminance.after
@@ -134,6 +140,7 @@ class SurveyLight:
             **({"pattern_error": self.luminance.error} if self.luminance.use.pattern else {}),
             **({} if self.offsets is None else {"spread_between_neighbors": list(self.offsets)}),
             **({"recorded_exposures": True} if self.recorded else {}),
+            **({"parts_lit_differently": True} if self.parts_differ else {}),
             **({} if self.light is None else self.light.content()),
         }
 
@@ -144,12 +151,13 @@ def solve_light(
     size: tuple[int, int],
     allowed: Use,
     recorded: NDArray[np.float64] | None = None,
+    is_sampled: bool = False,
 ) -> SurveyLight | None:
     """Solve the light of a dive; None where no spot is seen from two frames.
 
     names: of all frames of the dive. size: (width, height) of the images that the sightings' pixels are of.
     allowed: the terms that may be used. recorded: (F,) logarithms of the exposures that the camera recorded; they are subtracted
-    first, so that the gains are relative to them.
+    first, so that the gains are relative to them. is_sampled: the windows are of a part of the frames.
     """
     ranges = np.concatenate([window.seen.range_m for window in windows]) if windows else np.zeros(0)
     if not ranges.size:
@@ -162,26 +170,34 @@ def solve_light(
         return None
     crossed = pictures_crossed(windows, size)
     made, measured = numbered(made)
-    luminance = _choose_luminance(made, allowed, alike(crossed), views.reference_m, len(measured))
+    priors = LightPrior.lens(alike(crossed)), LightPrior.lamps(views.reference_m, alike(crossed))
+    candidates = _candidates_of_luminance(allowed, priors)
+    luminances = [_luminance(window) for window in made]
+    differ = not is_sampled and not under_one_light(made, luminances, candidates, len(measured))
+    if differ:
+        candidates = _candidates_of_luminance(allowed, priors[:1])
+    luminance = choose(made, luminances, candidates, len(measured))
     of_color = allowed._replace(
-        pattern=allowed.pattern and crossed >= SETTINGS.color,
+        pattern=allowed.pattern and crossed >= SETTINGS.color and not differ,
         shading=luminance.use.shading,  # a shadow that changes color also changes brightness
     )
     color = _choose_color(made, of_color, alike(crossed), len(measured))
     light = _light(luminance, color, made, [names[frame] for frame in measured], views)
-    return SurveyLight(light, luminance, color, crossed, recorded=recorded is not None)
+    light = replace(light, fade=0.0) if differ else light
+    return SurveyLight(light, luminance, color, crossed, recorded=recorded is not None, parts_differ=differ)
 
 
-def _choose_luminance(windows: Sequence[Window], allowed: Use, one: float, reference_m: float, frames: int) -> Choice:
-    """one: number of correlated sightings that count as one. frames: number of frames in the windows."""
-    priors = LightPrior.lens(one), LightPrior.lamps(reference_m, one)
-    patterns = [Use(pattern=True, ranged=allowed.ranged)]
-    candidates = _candidates(allowed, LightPrior.unknown(LUMINANCE, one), priors, patterns)
-    return choose(windows, [_luminance(window) for window in windows], candidates, frames)
+def _candidates_of_luminance(allowed: Use, priors: Sequence[LightPrior]) -> list[Candidate]:
+    """priors: of patterns."""
+    unknown = LightPrior.unknown(LUMINANCE, priors[0].alike)
+    return _candidates(allowed, unknown, priors, [Use(pattern=True, ranged=allowed.ranged)])
 
 
 def _choose_color(windows: Sequence[Window], allowed: Use, one: float, frames: int) -> Choice:
-    """As ``_choose_luminance``, of the color: the logarithms of R, G, B less their mean."""
+    """Choose the terms of color, the logarithms of R, G, B less their mean.
+
+    one: number of correlated sightings that count as one. frames: number of frames in the windows.
+    """
     unknown = LightPrior.unknown(COLOR, one)
     patterns = [Use(pattern=True), Use(pattern=True, ranged=True)]
     candidates = _candidates(allowed, unknown, [unknown], patterns)
