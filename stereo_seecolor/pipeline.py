@@ -162,7 +162,7 @@ def correct(corrector: Corrector, config: RunConfig, image: Image, range_map: Ra
     correction = corrector.apply(image, range_map.range_m, water, table)
     if config.output.image_format == "tiff32":
         linear = corrector.apply_linear(image, range_map.range_m, water, exposure=correction.exposure)
-        correction = correction.with_linear(linear)
+        correction = replace(correction, linear=linear)
     correction = _carried_as_measured(correction, range_map)
     if range_map.filled.any() and not np.isfinite(range_map.measured_m).any():
         correction = replace(correction, warnings=(*correction.warnings, AT_TYPICAL_RANGE.format(water.typical_range_m)))

@@ -156,10 +156,6 @@ class Correction:
         fractions = f"{known:.1%} known, {self.clipped_fraction:.2%} clipped, {lost:.1%} unrecoverable"
         return f"Correction({tuple(self.image.shape)} {self.image.dtype}, {fractions}, exposure {self.exposure:.3g})"
 
-    def with_linear(self, linear: NDArray[np.float32]) -> "Correction":
-        """The correction with its linear light, (H, W, 3) float32."""
-        return replace(self, linear=linear)
-
     def one_band(self) -> "Correction":
         """The correction of a monochrome camera's image: green, in the middle of its band, in all three channels."""
         linear = None if self.linear is None else self.linear[..., [1, 1, 1]]

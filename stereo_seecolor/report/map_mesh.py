@@ -42,14 +42,13 @@ class Piece:
         used, triangles = np.unique(self.triangles[chosen], return_inverse=True)
         return Piece(self.points_m[used], self.colors[used], triangles.reshape(-1, 3))
 
-    def clustered(self, cell_m: float, low: NDArray[np.float32] | None = None) -> "Piece":
+    def clustered(self, cell_m: float, low: NDArray[np.float32]) -> "Piece":
         """A coarser piece: the vertices in each cube of that edge are replaced by their mean (Rossignac and Borrel 1993).
 
         low: (2,) x and y of a corner of cubes, so that cubes of a coarser level contain whole cubes of a finer one.
         """
         corner = self.points_m.min(axis=0)
-        if low is not None:
-            corner[:2] = low - np.ceil((low - corner[:2]) / cell_m) * cell_m
+        corner[:2] = low - np.ceil((low - corner[:2]) / cell_m) * cell_m
         cells = np.floor((self.points_m - corner) / cell_m).astype(np.int64)
         span = cells.max(axis=0) + 1
         keys = (cells[:, 2] * span[1] + cells[:, 1]) * span[0] + cells[:, 0]
