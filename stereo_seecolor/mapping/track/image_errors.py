@@ -33,7 +33,8 @@ class ImageErrorSettings:
     min_pairs: int = 10  # pairs of frames: fewer views of the same places in other parts of the image tell nothing
     max_pairs: int = 60  # spread over the dive: more tell no more
     max_points: int = 1000  # of a pair
-    rounds: int = 6  # of Gauss-Newton; it takes 4
+    rounds: int = 6  # of Gauss-Newton; it takes 2 to 4
+    tolerance: float = 1e-4  # of the cost, when to stop: far below what decides
     prior_px: float = 1.0  # standard deviation of each term at the image's corner before anything is seen: of a calibrated rig
     better: float = 0.995  # of the cost of pairs left out of the fit, at most this must be left: 0.999 is, of a perfect lens
 
@@ -89,9 +90,13 @@ def _solve(pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: 
     terms = len(values)
     poses = [pair.T_a_b for pair in pairs]
     fields = [(_field(pair.a.points, geometry, terms), _field(pair.b.points, geometry, terms)) for pair in pairs]
+    cost = np.inf
     for _ in range(SETTINGS.rounds):
         H, g = np.eye(terms) / SETTINGS.prior_px**2, -values / SETTINGS.prior_px**2
         normals = [_normal(*item, values) for item in zip(pairs, fields, poses, strict=True)]
+        before, cost = cost, sum(normal.cost for normal in normals)
+        if before - cost < SETTINGS.tolerance * cost:
+            break
         for normal in normals:
             H += normal.H_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.H_mixed)
             g += normal.g_values - normal.H_mixed.T @ np.linalg.solve(normal.H_pose, normal.g_pose)
@@ -101,7 +106,7 @@ def _solve(pairs: Sequence[Pair], geometry: RectifiedPair, values: Array, free: 
             move_by = np.asarray(np.linalg.solve(normal.H_pose, normal.g_pose - normal.H_mixed @ step), np.float64)
             poses[number] = poses[number] @ pose(rotation_from_vector(move_by[:3]), move_by[3:])
     points = sum(len(pair.a.points) for pair in pairs)
-    return values, sum(normal.cost for normal in normals) / points
+    return values, cost / points
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,16 +127,11 @@ def _normal(pair: Pair, fields: tuple[Array, Array], T: Array, values: Array) ->
     residual, weight = pair.a.points - field_a @ values - moved.points, _weights(moved, pair.a, pair.b)
     ratio = np.einsum("ni,nij,nj->n", residual, weight, residual) / POSE.outlier_sigmas**2
     weight = weight / (1 + ratio)[:, None, None]
-    by_values = field_a - moved.by_point @ field_b
-    weighted_pose, weighted_values = weight @ moved.by_pose, weight @ by_values
-    return _Normal(
-        H_pose=np.einsum("nki,nkj->ij", moved.by_pose, weighted_pose),
-        H_mixed=np.einsum("nki,nkj->ij", weighted_pose, by_values),
-        H_values=np.einsum("nki,nkj->ij", by_values, weighted_values),
-        g_pose=np.einsum("nki,nk->i", weighted_pose, residual),
-        g_values=np.einsum("nki,nk->i", weighted_values, residual),
-        cost=float(np.log1p(ratio).sum()),
-    )
+    slope = np.concatenate([moved.by_pose, field_a - moved.by_point @ field_b], axis=2)
+    weighted, both = weight @ slope, slope.shape[2]
+    H = slope.reshape(-1, both).T @ weighted.reshape(-1, both)
+    g = weighted.reshape(-1, both).T @ residual.ravel()
+    return _Normal(H[:6, :6], H[:6, 6:], H[6:, 6:], g[:6], g[6:], float(np.log1p(ratio).sum()))
 
 
 def _weights(moved: Moved, a: Observed, b: Observed) -> Array:

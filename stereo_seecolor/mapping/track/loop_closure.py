@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from stereo_seecolor.geometry import inverse
+from stereo_seecolor.geometry import inverse, transformed
+from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.track.relative_pose import Edge
 
 Pairs = list[tuple[int, int]]
@@ -88,5 +89,22 @@ def is_plausible(loop: Edge, T_world_camera: NDArray[np.float64], ends_m: NDArra
     ends_m: (2,) length of the track at both ends.
     """
     expected = inverse(T_world_camera[loop.i]) @ T_world_camera[loop.j]
-    contradiction_m = float(np.linalg.norm(expected[:3, 3] - loop.T_i_j[:3, 3]))
-    return contradiction_m < SETTINGS.drift_m + SETTINGS.drift_fraction * abs(float(ends_m[1] - ends_m[0]))
+    return float(np.linalg.norm(expected[:3, 3] - loop.T_i_j[:3, 3])) < _drift_m(ends_m)
+
+
+def possible(pairs: Pairs, index: FrameIndex, T_world_camera: NDArray[np.float64], components: NDArray[np.int64]) -> Pairs:
+    """Leave out pairs of one component whose frames do not overlap, as far as the track may have drifted between them."""
+    ends_m = lengths_m(T_world_camera, index.order)
+
+    def may_overlap(first: int, second: int) -> bool:
+        i, j = index.order[[first, second]]
+        if components[i] < 0 or components[i] != components[j] or not len(index.points_m[i]) or not len(index.points_m[j]):
+            return True
+        (a, a_m), (b, b_m) = (_footprint(transformed(T_world_camera[k], index.points_m[k])) for k in (i, j))
+        return float(np.linalg.norm(a - b)) < SETTINGS.overlap * (a_m + b_m) + _drift_m(ends_m[[first, second]])
+
+    return [pair for pair in pairs if may_overlap(*pair)]
+
+
+def _drift_m(ends_m: NDArray[np.float64]) -> float:
+    return SETTINGS.drift_m + SETTINGS.drift_fraction * abs(float(ends_m[1] - ends_m[0]))

@@ -243,7 +243,8 @@ def _sorted_loops(track: Track, guess: Guess, loops: Sequence[Edge]) -> tuple[li
 def _measure_loops(track: Track, guess: Guess, number: int) -> list[Edge]:
     """The edges of all candidates that were not tried yet; by appearance in round 0 only, which poses do not change."""
     index, rank = track.survey.index, track.survey.index.rank
-    candidates = set(by_appearance(track.features, track.survey.compute)) if number == 0 else set()
+    alike = by_appearance(track.features, track.survey.compute) if number == 0 else []
+    candidates = set(loop_closure.possible(alike, index, guess.T, guess.components))
     candidates |= set(loop_closure.between_components(guess.components[index.order]))
     for component in range(guess.components.max() + 1):
         frames = np.flatnonzero(guess.components == component)

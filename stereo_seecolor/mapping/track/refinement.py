@@ -25,7 +25,8 @@ Array = NDArray[np.float64]
 class RefinementSettings:
     """How much is adjusted at once."""
 
-    most_sightings: int = 1_000_000  # 0.95 GiB, half a minute; frames have some 1,000 each, and with fewer than 400 nothing is won
+    most_sightings: int = 1_000_000  # 0.95 GiB, half a minute; with fewer than 400 a frame nothing is won
+    most_a_frame: int = 1200  # on average: what views of more overlap have beyond that leaves no less error
     most_frames: int = 2500  # so many have 400 each; longer tracks are adjusted by windows
     window: int = 1000  # frames, which then keep all of their sightings
     overlap: int = 50  # frames that two windows share, several times the reach of an edge between neighbors
@@ -73,7 +74,8 @@ def _part(track: Track, frames: Sequence[int], edges: Sequence[Edge], priors: Se
 
 def _adjusted(T: Array, part: _Part) -> Adjusted:
     relations = [part.track.relation(edge) for edge in part.edges]
-    found = sightings(part.track.features, relations, SETTINGS.most_sightings)
+    most = min(SETTINGS.most_sightings, SETTINGS.most_a_frame * len(part.frames))
+    found = sightings(part.track.features, relations, most)
     found = replace(found, frame=part.track.survey.index.order[found.frame])
     known: list[Known] = []
     if part.marks:
