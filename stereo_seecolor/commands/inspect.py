@@ -79,6 +79,7 @@ def inspect(places: Sequence[Path]) -> Inspection:
 
 
 def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
+    """Inspect a dive of images: pair them, find and test a calibration on sample pairs, and find trajectories."""
     pairing = pair_sides(sides.left, sides.right, RunConfig().input)
     config, notes = settle_storage(RunConfig(), pairing.pairs)
     sample, unlike = alike(spread(pairing.pairs, SAMPLE_PAIRS), config)
@@ -160,6 +161,7 @@ def command_line(sides: Sides, found: Sequence[FoundCalibration], tested: Tested
 
 
 def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
+    """Inspect a dive of videos, of which only the size of a frame is read."""
     size = _video_size(sides)
     found = find_calibration(places, size)
     paths = tuple(one.path for one in found)
@@ -206,6 +208,7 @@ def _missing_calibration(places: Sequence[Path], found: Sequence[FoundCalibratio
 
 
 def _problems_of_calibration(found: Sequence[FoundCalibration], tested: Tested) -> tuple[str, ...]:
+    """A line on each problem of the calibrations found, and of the one that was tested."""
     problems = []
     if len(found) > 1:
         names = ", ".join(one.path.name for one in found[:5])

@@ -44,6 +44,7 @@ def rectify(
 
 
 def _rectified(pipeline: Pipeline, folder: RunFolder, pair: Pair, clock: Clock) -> FrameRow:
+    """Rectify and write a pair, unless an earlier run has with the same inputs; returns its row."""
     inputs = folder.frames.inputs(pair.name, pipeline.inputs(pair), verify=False)
     key = content_key({side: file.sha256 for side, file in inputs.items()}, pipeline.settings)
     if folder.frames.finished("rectified", pair.name, key):

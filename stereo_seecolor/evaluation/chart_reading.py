@@ -109,6 +109,7 @@ def _first_look(seen: Array, place: _Place, type: ChartType) -> float:
 
 
 def _read_at(picture: Floats, lattice: Lattice, place: _Place, type: ChartType) -> FoundChart | None:
+    """The chart that a grid shows at a place, if enough patches lie where the chart has them and have its colors; else None."""
     good = place.patches >= 0
     for _ in range(2):
         onto = onto_pixels(place.units[good], lattice.pixels[good])

@@ -73,6 +73,7 @@ def spread_over_charts(seen: Sequence[SeenChart]) -> tuple[SpreadRow, ...]:
 
 
 def _row(charts: Sequence[SeenChart]) -> SpreadRow:
+    """The differences between charts of one kind, corrected by one method."""
     colors = np.stack([chart.colors for chart in charts])
     colors = colors / np.maximum(np.nanmean(colors.reshape(-1, 3), axis=0), 1e-9)
     ranges_m = [chart.range_m for chart in charts if np.isfinite(chart.range_m)] or [float("nan")]

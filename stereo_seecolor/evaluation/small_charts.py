@@ -77,6 +77,7 @@ def small_charts(picture: Floats, types: Sequence[ChartType]) -> Iterator[FoundC
 
 
 def _at(picture: Floats, type: ChartType, places: Sequence[ChartPlace]) -> Iterator[FoundChart]:
+    """The charts of a type at these places: the best initial outlines are improved in steps, then refined and judged."""
     units = _sample_points(type)
     reference = sampled(type.template, type.template_pixels(units)[None])[0]
 

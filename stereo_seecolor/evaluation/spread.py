@@ -156,6 +156,7 @@ def _light(image: Image, encoding: InputEncoding) -> NDArray[np.float32]:
 
 
 def _spread(pairs: Sequence[Array]) -> Spread:
+    """The differences between views. pairs: of each pair of frames, (N, 2, 3) linear light of its spots in both."""
     ratios, angles, squares = [], [], []
     for views in pairs:
         usable = views[((views > SETTINGS.darkest) & (views < SETTINGS.brightest)).all(axis=(1, 2))]

@@ -108,6 +108,7 @@ def score_range(range_m: Map, true_m: Map, visible: Mask, geometry: RectifiedPai
 
 
 def _score_frame(result: ResultFiles, truth: Path, name: str, rectification: Rectification, linear: bool) -> FrameScore:
+    """The scores of one frame. linear: the dive's images are linear light. Raises InputError for a result of another size."""
     true_m = read_range_map(truth / "range" / f"{name}.tiff")
     range_m = read_range_map(result.range_m)
     if range_m.shape != true_m.shape:

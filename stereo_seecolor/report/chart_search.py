@@ -33,6 +33,7 @@ def find_all(files: FrameFiles, frames: Sequence[FinishedFrame]) -> Iterator[tup
 
 
 def _seen(files: FrameFiles, frame: FinishedFrame) -> tuple[ShownChart, ...]:
+    """The charts in a frame's corrected image, with their colors before correction where the input image is there."""
     corrected = eight_bit(frame.read("corrected"))
     found = find_charts(corrected)
     try:

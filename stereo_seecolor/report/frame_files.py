@@ -96,6 +96,7 @@ def contents_of(frame: Pixels, before: Image | None, geometry: RectifiedPair | N
 
 
 def _ranges(frame: Pixels, geometry: RectifiedPair) -> bytes:
+    """The script with a frame's coded ranges, their standard errors, confidence and mask."""
     confidence = frame.read("confidence")
     range_m = np.where(confidence > 0, frame.read("range"), np.float32(np.nan))
     ranges = CodedRanges.of(range_m)

@@ -64,6 +64,7 @@ def _scale(bit_depth: int, encoding: InputEncoding) -> _Scale:
 
 @compiled
 def _even(image: Any, log_range: Any, maps: Any, log_gain: Any, log_shading: Any, scale: Any, clipped: int, out: Any) -> None:
+    """Divide pattern, gain and shading out of every pixel, into ``out``. clipped: least value that the camera may have clipped."""
     most, last = np.float32(MOST), scale.values.size - 1
     step = np.float32(last / -DARKEST)
     for row in range(image.shape[0]):

@@ -153,6 +153,7 @@ def _check(sightings: Sightings) -> None:
 
 
 def _water(x: Array, error: Array, before: Array, encoding: InputEncoding) -> Water:
+    """The water of (9,) logarithms with their standard errors, after the fit and ``before`` it (the prior's)."""
     far, beta, gamma_inf = np.exp(x).reshape(3, 3)
     fall = near_against_far()
     learned = (error < SETTINGS.nothing_learned * before).reshape(3, 3)
