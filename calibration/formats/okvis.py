@@ -34,7 +34,7 @@ def matches(document: Section) -> bool:
 
 
 def is_lens(document: Section) -> bool:
-    """True for one lens of CamOdoCal."""
+    """Tell whether the document is one lens of CamOdoCal."""
     return document.has("model_type")
 
 

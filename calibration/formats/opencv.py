@@ -51,7 +51,7 @@ Size = tuple[int, int]
 
 
 def has_intrinsics(document: Section) -> bool:
-    """True if the file holds both camera matrices."""
+    """Tell whether the file holds both camera matrices."""
     return keys_of(document, K_NAMES, MATRIX) is not None
 
 
@@ -79,12 +79,12 @@ def _pose_keys(document: Section) -> tuple[str, str] | None:
 
 
 def has_extrinsics(document: Section) -> bool:
-    """True if the file says where the second camera stands."""
+    """Tell whether the file says where the second camera stands."""
     return _has_pose(document) or document.has("R1", "R2", "P1", "P2")
 
 
 def is_rectified(document: Section) -> bool:
-    """True for the projections of images that are rectified already, and nothing of the cameras before."""
+    """Tell whether the file holds the projections of rectified images alone, and nothing of the cameras before."""
     return document.has("P1", "P2") and not document.has("R1") and not has_intrinsics(document)
 
 

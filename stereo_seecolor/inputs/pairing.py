@@ -116,7 +116,7 @@ class _Matching:
         self.drop_settled()
 
     def add(self, name: str, left: Path, right: Path) -> None:
-        """One pair."""
+        """Add a pair."""
         self.pairs.append(Pair(product_name(name), left, right, timestamp_from_name(left.stem)))
 
     def settle_by_time(self, tolerance_s: float, offset_s: float = 0.0) -> None:

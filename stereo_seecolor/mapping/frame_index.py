@@ -93,7 +93,7 @@ class FrameIndex:
 
     @cached_property
     def rank(self) -> NDArray[np.int64]:
-        """(N,) the position of each frame in ``order``: neighbors on the track differ by one, however the files are named."""
+        """The position of each frame in ``order``: (N,); neighbors on the track differ by one, however the files are named."""
         rank = np.empty(len(self.names), np.int64)
         rank[self.order] = np.arange(len(self.names))
         return rank
@@ -109,7 +109,7 @@ class _CoarsePoints:
 
     @classmethod
     def none(cls) -> "_CoarsePoints":
-        """Of a frame that cannot be read."""
+        """Make the points of a frame that cannot be read."""
         return cls(np.zeros((0, 3), np.float32), np.zeros(0, np.bool_), np.zeros((0, 3), np.uint8))
 
 

@@ -50,7 +50,7 @@ class Network:
         return MatchedDisparity(checked, checked, np.full_like(disparity, FIXED_UNIQUENESS))
 
     def disparity(self, left: Image, right: Image) -> Map:
-        """(H, W) disparity of the left image, as the network gives it."""
+        """Run the network on two images; return the disparity of the left one as the network gives it: (H, W)."""
         try:
             (found,) = self._session.run(["disparity"], {"left": _tensor(left), "right": _tensor(right)})
         except Exception as error:

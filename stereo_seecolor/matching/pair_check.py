@@ -15,10 +15,11 @@ from stereo_seecolor.records import RangeMap, StereoFrame
 
 @dataclass(frozen=True)
 class PairCheckConstants:
-    """least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach 0.01 to 0.02 (synthetic reef).
+    """Thresholds of the check.
 
-    swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs reach 0.6 and more.
-    swap_tries: so many pairs of a dive are matched the other way round, since that costs as much as matching itself.
+    least_coverage: below this fraction of the pixels a pair fails; pairs off by one frame reach 0.01 to 0.02 (synthetic reef).
+    swap_coverage: below this fraction it is worth matching the pair the other way round; good pairs reach 0.6 and more. swap_tries:
+    so many pairs of a dive are matched the other way round, since that costs as much as matching itself.
     """
 
     least_coverage: float = 0.05

@@ -13,7 +13,7 @@ from stereo_seecolor.mapping.voxel_size import rounded
 
 @dataclass(frozen=True)
 class MosaicCellSettings:
-    """How fine is sensible."""
+    """How the cell size is chosen."""
 
     cells: float = 16e6  # of the ground that was seen: a minute's work on two cores, 4000 x 4000 on a screen
 

@@ -26,7 +26,7 @@ class TileStore:
         return cls(kept_folder(folder, _key(tiling, component)))
 
     def has(self, tile: Tile) -> bool:
-        """True if the tile is finished."""
+        """Tell whether the tile is finished."""
         return self._path(tile).is_file()
 
     def save(self, tile: Tile, surface: Surface) -> None:

@@ -13,7 +13,7 @@ from stereo_seecolor.matching.sgm.layout import TILE
 
 @dataclass(frozen=True)
 class Penalties:
-    """In bits of the census, of which 22 can differ (Hirschmueller 2008, eq. 13). A path's costs must stay below 128.
+    """Penalties in bits of the census, of which 22 can differ (Hirschmueller 2008, eq. 13). A path's costs must stay below 128.
 
     p2: a change by more than one pixel of disparity where the image is even. p2_least: the same on a strong edge. A change by one
     pixel costs P1, a quarter of this (layout.P1_SHIFT).
