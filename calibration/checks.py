@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from calibration.enlargement import NOT_ENLARGED, best_enlargement
 from calibration.errors import CalibrationError
+from calibration.keystone import find_keystone
 from calibration.matches import Matches, find_matches
 from calibration.plan import plan_rectification
 from calibration.quick_look import BEHIND_PX, MIN_MATCHES
@@ -36,9 +37,10 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
     plan = plan_rectification(rig)
     pair, R_left, R_right = plan.matching_pair, plan.R_left_matching, plan.R_right_matching
     left, right = (np.concatenate([np.zeros((0, 2)), *(getattr(m, side) for m in found)]) for side in ("left", "right"))
+    numbers = np.repeat(np.arange(len(found)), [len(matches.left) for matches in found])
     if len(left) >= MIN_MATCHES:
         kept = row_inliers(left, right, pair)
-        left, right = left[kept], right[kept]
+        left, right, numbers = left[kept], right[kept], numbers[kept]
     if len(left) < MIN_MATCHES:
         raise CalibrationError(
             f"only {len(left)} points were found in both images of {counted(len(found), 'pair')}, {MIN_MATCHES} are needed: "
@@ -48,7 +50,9 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
     left, right = left - [pair.cx_left_px, pair.cy_px], right - [pair.cx_right_px, pair.cy_px]
     rows = right[:, 1] - left[:, 1]
     model, unexplained = explain(rows, left)
-    index, index_unexplained = _best_index([(R_left, left), (R_right, right)], pair.focal_px)
+    has_distortion = rig.left.distortion.any() or rig.right.distortion.any()
+    sides = [(R_left, left), (R_right, right)]
+    index, index_unexplained = _best_index(sides, pair.focal_px) if has_distortion else (1.0, np.inf)  # lenses would look like air
     row_error_px = float(np.median(np.abs(rows)))
     agree = row_error_px <= LIMITS.acceptable_px or rig.port is not None or rig.is_rectified
     return RowCheck(
@@ -63,6 +67,7 @@ def judge_matches(rig: StereoRig, found: list[Matches]) -> RowCheck:
         index=index,
         index_unexplained_px=index_unexplained,
         enlargement=NOT_ENLARGED if agree else best_enlargement(rig, *raw),
+        keystone=find_keystone(left, right, numbers, pair.focal_px),
     )
 
 

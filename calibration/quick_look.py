@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
+from calibration.keystone import find_keystone
 from calibration.matches import QUICK, Images, find_matches
 from calibration.rectification import Rectification
 from calibration.row_check import LIMITS
@@ -22,10 +23,12 @@ STRAY_PX = 1.0  # a row that much off the median is no match of the same point
 class QuickLook:
     """The outcome of a quick look. rows_agree: to a quarter of a pixel, and left is left; False also if too little matches to tell.
 
+    keystone: True if there may be one that stands for wrong ranges, which more pairs must tell.
     range_m: (n,) of the points in front of the cameras, along the ray; empty if too little matches to tell.
     """
 
     rows_agree: bool
+    keystone: bool
     range_m: Array
 
 
@@ -35,12 +38,14 @@ def quick_look(rectification: Rectification, images: Images) -> QuickLook:
     step_px = min(QUICK.step_px, math.ceil(math.sqrt(math.prod(pair.image_size) / LEAST_PIXELS)))
     found = find_matches(rectification, *images, replace(QUICK, step_px=step_px))
     if len(found.left) < MIN_MATCHES:
-        return QuickLook(False, np.zeros(0))
+        return QuickLook(False, False, np.zeros(0))
     shift_px, row_px = (found.left - found.right).T
     disparity_px = shift_px - (pair.cx_left_px - pair.cx_right_px)
     agree = np.median(np.abs(row_px)) <= LIMITS.acceptable_px and (disparity_px < BEHIND_PX).mean() <= LIMITS.swapped_fraction
+    centered = (found.left - [pair.cx_left_px, pair.cy_px], found.right - [pair.cx_right_px, pair.cy_px])
+    keystone = find_keystone(*centered, np.zeros(len(row_px), np.int64), pair.focal_px)
     in_front = (np.abs(row_px - np.median(row_px)) < STRAY_PX) & (disparity_px > -BEHIND_PX)
-    return QuickLook(bool(agree), _range_m(pair, found.left[in_front], disparity_px[in_front]))
+    return QuickLook(bool(agree), keystone.is_possible, _range_m(pair, found.left[in_front], disparity_px[in_front]))
 
 
 def _range_m(pair: RectifiedPair, left: Array, disparity_px: Array) -> Array:

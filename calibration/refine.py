@@ -67,8 +67,8 @@ def refine_matches(rig: StereoRig, raw: Sequence[Matches]) -> StereoRig:
             "needed to refine a calibration: give more pairs with texture"
         )
     check = judge_matches(rig, rectified_matches(rig, kept))
-    if check.air_in_water or check.cut_out:
-        raise CalibrationError(f"{check.advice[0]}; refined, the rig would fit rows by a wrong yaw, and ranges would be wrong")
+    if check.air_in_water or check.cut_out or check.keystone.is_lens:
+        raise CalibrationError(f"{check.advice[-1]}; refined, the rig would fit rows by a wrong yaw, and ranges would be wrong")
     fits = [_Fit.of(rig, kept, names) for names in ((), *MODELS)]
     best = min(fits, key=lambda fit: float(fit.squares.mean()))
     chosen = next(fit for fit in fits if fit is best or no_worse(fit.squares, best.squares))
@@ -102,7 +102,8 @@ class _Fit:
     """A model fitted to all pairs, and to all but a part of them in turn.
 
     values: (4,) fitted; partial: (folds, 4) fitted without a part. left_out: (n,) vertical disparities of matches by the fit
-    without their pair, pixels; squares: (pairs,) the square of their median over each pair.
+    without their pair, pixels; squares: (pairs,) their mean loss over each pair, which tells a
+    keystone in the corners as a median does not.
     """
 
     names: tuple[str, ...]
@@ -122,13 +123,18 @@ class _Fit:
             partial.append(without)
             for i in np.flatnonzero(number == fold):
                 rest[i] = _residuals(moved_rig(rig, without), pairs[i])
-        squares = np.array([np.median(np.abs(errors)) ** 2 for errors in rest])
+        squares = np.array([_loss(errors).mean() for errors in rest])
         return cls(names, values, np.array(partial), np.concatenate(rest), squares)
 
     def errors(self) -> list[tuple[str, float]]:
         """Each parameter's name and standard error."""
         errors = jackknife(self.partial)
         return [(name, float(errors[PARAMETERS.index(name)])) for name in self.names]
+
+
+def _loss(errors_px: Array) -> Array:
+    """That of the fit, by which a mismatch counts little."""
+    return np.asarray(2 * (np.sqrt(1 + (errors_px / LIMITS.noise_px) ** 2) - 1))
 
 
 def _solve(rig: StereoRig, pairs: list[Matches], names: tuple[str, ...], start: Array | None = None) -> Array:

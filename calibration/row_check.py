@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from calibration.enlargement import NOT_ENLARGED, Enlargement
+from calibration.keystone import NO_KEYSTONE, Keystone
 from calibration.port import FLAT_PORT
 from calibration.wording import counted
 
@@ -32,6 +33,7 @@ class RowCheck:
     vertical scale (1 = none) and rotation of the right image that explain the most of it; unexplained_px: the median that
     these leave. behind_fraction: of the matches, those with impossible disparity (points behind infinity).
     enlargement: of images cut out of those that were calibrated, and what it leaves.
+    keystone: what a yaw of the right camera would leave in the rows.
     index: the refractive index of a flat port that explains the matches best, 1 = none; index_unexplained_px: what it leaves.
     mistake: what was done wrong with the calibration and explains the rest, where one was looked for and found.
     """
@@ -48,11 +50,12 @@ class RowCheck:
     index_unexplained_px: float
     enlargement: Enlargement = NOT_ENLARGED
     mistake: str = ""
+    keystone: Keystone = NO_KEYSTONE
 
     @property
     def acceptable(self) -> bool:
-        """Tell whether rows agree to a quarter of a pixel and left is left."""
-        return self.row_error_px <= LIMITS.acceptable_px and not self.swapped
+        """True if rows agree to a quarter of a pixel, without a keystone that stands for wrong ranges, and left is left."""
+        return self.row_error_px <= LIMITS.acceptable_px and not (self.swapped or self.keystone.is_found)
 
     @property
     def warning(self) -> str | None:
@@ -60,7 +63,7 @@ class RowCheck:
 
         What makes ranges wrong by its factor is said from where rows are not acceptable on: small images hide it.
         """
-        ranges_wrong = not self.acceptable and (self.air_in_water or self.cut_out)
+        ranges_wrong = not self.acceptable and (self.air_in_water or self.cut_out or self.keystone.is_found)
         if self.row_error_px <= LIMITS.warning_px and not (self.swapped or ranges_wrong):
             return None
         return "; ".join(self.advice)
@@ -77,9 +80,9 @@ class RowCheck:
 
     @property
     def has_moved(self) -> bool:
-        """Tell whether rows disagree as after a movement of a camera, which refinement can find."""
-        drifted = self.row_error_px > LIMITS.acceptable_px and self._is_drift
-        return drifted and not (self.swapped or self.air_in_water or self.cut_out or self.mistake)
+        """True if rows disagree as after a movement of a camera, which refining can find."""
+        drifted = (self.row_error_px > LIMITS.acceptable_px and self._is_drift) or self.keystone.is_found
+        return drifted and not (self.swapped or self.air_in_water or self.cut_out or self.keystone.is_lens or self.mistake)
 
     @property
     def _is_drift(self) -> bool:
@@ -90,12 +93,19 @@ class RowCheck:
         """Tell whether bending the rays as a flat port in water does explains rows that do not agree without it."""
         bent_px = self.index_unexplained_px
         in_water = LIMITS.water_index[0] <= self.index <= LIMITS.water_index[1]
-        return in_water and self._explains(bent_px) and bent_px <= self.enlargement.unexplained_px
+        return in_water and self._explains(bent_px) and bent_px <= min(self.enlargement.unexplained_px, self._turned_px)
 
     @property
     def cut_out(self) -> bool:
-        """Tell whether images cut out of those that were calibrated, and enlarged to their size, explain rows that do not agree."""
-        return self._explains(self.enlargement.unexplained_px) and not self.air_in_water
+        """True if images cut out of those that were calibrated, and enlarged to their size, explain rows that do not agree."""
+        left_px = self.enlargement.unexplained_px
+        return self._explains(left_px) and left_px <= self._turned_px and not self.air_in_water
+
+    @property
+    def _turned_px(self) -> float:
+        """What a likely yaw of the right camera leaves, beside the other movements; infinite where there is none."""
+        likely = self.keystone.is_found and not self.keystone.is_lens
+        return self.keystone.unexplained_px if likely else float("inf")
 
     def _explains(self, left_px: float) -> bool:
         gain_px = self.unexplained_px - left_px
@@ -125,8 +135,10 @@ class RowCheck:
                 f"{1 / factor:.2f} of the true ones; give the whole images, or a calibration of this (or of the stabilized) "
                 f"mode{air}"
             )
-        elif self.row_error_px > LIMITS.acceptable_px:
-            advice.append(self._explanation())
+        else:
+            drifted = self._is_drift or not self.keystone.is_found
+            advice += [self._explanation()] if self.row_error_px > LIMITS.acceptable_px and drifted else []
+            advice += [self.keystone.line] if self.keystone.is_found else []
         return tuple(advice)
 
     def lines(self) -> list[str]:

@@ -45,6 +45,8 @@ def suspicions(rig: StereoRig) -> tuple[str, ...]:
     kept = min(kept_fractions(rig))
     if kept < (LIMITS.kept_fisheye if rig.left.model == "fisheye" else LIMITS.kept_pinhole):
         found.append(f"rectified images keep {kept:.0%} of what the cameras see: check rotation, focal lengths and distortion")
+    if not (rig.left.distortion.any() or rig.right.distortion.any() or rig.is_rectified):
+        found.append("no lens distortion in the calibration, though its cameras are not rectified: was it left out of the file?")
     if rig.rms_px is not None and rig.rms_px > LIMITS.rms_px:
         found.append(f"the calibration's own error is {rig.rms_px:.2f} px, over {LIMITS.rms_px:g} px: calibrate again")
     if rig.medium == "air" and rig.port is None and not rig.is_rectified:

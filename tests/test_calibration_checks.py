@@ -14,8 +14,9 @@ from calibration.checks import RowCheck, judge_matches, suspicions, vertical_dis
 from calibration.enlargement import Enlargement, enlarged
 from calibration.formats import load_rig
 from calibration.matches import Matches, MatchLimits, find_matches
-from calibration.plan import rectified_points
+from calibration.plan import plan_rectification, rectified_points
 from calibration.quick_look import quick_look
+from calibration.refine import moved_rig
 
 REEF = Path(__file__).resolve().parents[1] / "data_samples" / "reef"
 GOOD = [pinhole_rig(), fisheye_rig(), port_rig()]
@@ -73,6 +74,42 @@ def test_camera_turned_since_is_explained() -> None:
     assert check.offset_px == pytest.approx(-0.002 * 1100, abs=0.5)
     assert check.roll_deg == pytest.approx(np.degrees(0.004), abs=0.05)
     assert "a camera has moved since" in check.advice[0]
+
+
+def three(truth: StereoRig, seen_as: StereoRig) -> list[Matches]:
+    return [matches_of(truth, seen_as, seed=seed) for seed in range(3)]
+
+
+@pytest.mark.parametrize("rig", GOOD, ids=["pinhole", "fisheye", "port"])
+def test_a_yaw_is_told_by_the_keystone_with_its_error_of_ranges(rig: StereoRig) -> None:
+    assert not judge_matches(rig, three(rig, rig)).keystone.is_found
+    check = judge_matches(rig, three(moved_rig(rig, np.array([0, 0, 0, 0.006])), rig))
+    found = check.keystone
+    assert found.yaw_rad == pytest.approx(0.006, abs=2 * found.std_rad)
+    assert found.is_found and not found.is_lens and check.has_moved and not check.acceptable
+    assert f"may be off by {100 * found.range_error:+.0f} +- {100 * found.range_std:.0f} %" in (check.warning or "")
+
+
+def test_ranges_are_too_long_after_a_yaw_outward() -> None:
+    rig = pinhole_rig()
+    turned, at = moved_rig(rig, np.array([0, 0, 0, 0.005])), np.array([[600.0, 500.0]])
+    point = rig.left.rays(at) * 2.0
+    seen = judge_matches(rig, three(turned, rig)).keystone
+    left, right = rectified_points(rig, at, turned.right.project(point @ turned.R.T + turned.T_right_left[:3, 3]))
+    pair = plan_rectification(rig).matching_pair
+    too_long = (
+        pair.focal_px * pair.baseline_m / (left - right)[0, 0] / (rig.left.rays(at) @ plan_rectification(rig).R_left.T * 2.0)[0, 2]
+    )
+    assert (too_long - 1) * seen.range_error > 0
+
+
+def test_lenses_without_their_distortion_are_no_camera_that_has_moved() -> None:
+    rig = pinhole_rig()
+    left, right = (replace(camera, distortion=np.zeros(5)) for camera in (rig.left, rig.right))
+    straight = replace(rig, left=left, right=right)
+    check = judge_matches(straight, three(rig, straight))
+    assert not check.acceptable and not check.has_moved and not check.air_in_water
+    assert "no lens distortion" in "; ".join(suspicions(straight))
 
 
 def test_other_zoom_is_a_vertical_scale() -> None:

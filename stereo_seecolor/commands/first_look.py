@@ -22,27 +22,32 @@ def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     """Notes on rows that disagree by over half a pixel, and on features outside the limits of range, from the first usable pair.
 
     A quick check is enough for most dives. A full one, with two more pairs, takes longer than matching a pair and is made only
-    where rows disagree. Raises InputError where no pair can be matched and the likely mistake is known.
+    where rows disagree or may hold a keystone. Raises InputError where no pair can be matched and the likely mistake is known.
     """
     looked_at = spread(pairs, LOOKED_AT)
     with suppress(CalibrationError):  # of pairs that are not as large as calibrated: the run names them
         for pair in looked_at:
             for both in first_images([pair], pipeline.config.input):
                 look = quick_look(pipeline.rectification, both)
-                if look.rows_agree:
-                    limits = range_limits(look.range_m, pipeline.config.matching)
-                    return tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
-                if look.range_m.size:
-                    return _rows_note(pipeline, pairs, pairs[pairs.index(pair) :])
+                if not look.range_m.size:
+                    continue
+                near = pairs[pairs.index(pair) :]
+                if not look.rows_agree:
+                    return _rows_note(pipeline, pairs, near)
+                limits = range_limits(look.range_m, pipeline.config.matching)
+                notes = tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
+                return notes + (_rows_note(pipeline, pairs, near, (DECIDING_PAIRS,)) if look.keystone else ())
     return _rows_note(pipeline, pairs, looked_at)
 
 
-def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair], chosen: Sequence[Pair]) -> tuple[str, ...]:
-    """The full check of rows. pairs: of the whole dive. chosen: pairs to check, the first of them alone if its rows agree."""
+def _rows_note(
+    pipeline: Pipeline, pairs: Sequence[Pair], chosen: Sequence[Pair], counts: Sequence[int] = (1, DECIDING_PAIRS)
+) -> tuple[str, ...]:
+    """The full check of rows. pairs: of the whole dive. chosen: pairs to check, more of ``counts`` where fewer warn."""
     rig, images = pipeline.rig, pipeline.config.input
     check: RowCheck | None = None
     with suppress(CalibrationError):  # too few points to tell
-        for most in (1, DECIDING_PAIRS):
+        for most in counts:
             check = vertical_disparity(rig, first_images(chosen, images, most))
             if check.warning is None:
                 return ()
