@@ -64,6 +64,12 @@ class Noise(NamedTuple):
     darker: float = 0.03
     """Fraction by which backscatter may exceed the darkest quantile: nothing is darker than the backscatter before it."""
 
+    green_over_blue: float = 0.06
+    """1/m, most by which attenuation of green exceeds that of blue. Pure water absorbs 0.036 more at 535 than at 460 nm (Pope, Fry
+    1997), and all else in the sea absorbs blue more. Cameras, and daylight lost on its way down to what lies deeper, add some."""
+    rate: float = 0.01
+    """1/m, standard deviation beyond it."""
+
 
 NOISE = Noise()
 
@@ -149,7 +155,7 @@ def _cost(x: Any, data: Any, prior: Any, weights: Any, noise: Any, renew: bool, 
     signal, and u is one over it: five sums of their products give what a range adds for the water and the range's brightness.
     """
     channels, groups, quantiles = data.light.shape
-    cost = _prior_cost(x, prior, normal)
+    cost = _prior_cost(x, prior, normal) + _rate_cost(x, noise, normal)
     reflectance = np.empty(channels * quantiles)
     for i in range(reflectance.size):
         reflectance[i] = np.exp(x[WATER + i])
@@ -224,6 +230,23 @@ def _prior_cost(x: Any, prior: Any, normal: Any) -> Any:
             normal.matrix[i, j] = prior.precision[i, j]
         cost += 0.5 * pull * away[i]
         normal.slope[i] = pull
+    return cost
+
+
+@compiled
+def _rate_cost(x: Any, noise: Any, normal: Any) -> Any:
+    """Half the squared excess of green's attenuation over blue's, far and near, above what water can have; adds to ``normal``."""
+    cost = 0.0
+    for near in range(2):
+        green, blue = np.exp(x[1] + near * x[4]), np.exp(x[2] + near * x[5])
+        over = (green - blue - noise.green_over_blue) / noise.rate
+        if over > 0.0:
+            cost += 0.5 * over * over
+            at, by = (1, 2, 4, 5), (green / noise.rate, -blue / noise.rate, near * green / noise.rate, -near * blue / noise.rate)
+            for i in range(4):
+                normal.slope[at[i]] += over * by[i]
+                for j in range(i + 1):
+                    normal.matrix[at[i], at[j]] += by[i] * by[j]
     return cost
 
 
