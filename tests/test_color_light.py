@@ -292,6 +292,14 @@ def test_what_the_camera_clipped_stays_clipped() -> None:
     assert (out == 255).all()
 
 
+def test_a_pixel_that_is_clipped_in_one_channel_does_not_change_its_color() -> None:
+    """The others alone would be darkened, and white sand would come out green."""
+    image = np.full((*SIZE[::-1], 3), (200, 255, 230), np.uint8)
+    brighter = replace(some_light(), gains={"a": np.full(3, 2.5)})
+    out = even_light(image, np.full(SIZE[::-1], 2.0, np.float32), brighter.on("a", SIZE), "srgb")
+    np.testing.assert_array_equal(out, image)
+
+
 def crossing(pictures: float, patches: int = 800) -> list[SeenWindow]:
     """Three frames of one spot, over which the reef moves by so many pictures in all; the picture's left side is lit red."""
     rng, found = np.random.default_rng(8), []

@@ -32,7 +32,8 @@ def even_light(image: Image, range_m: Map, light: FrameLight, encoding: InputEnc
     """The image with the light's pattern and the frame's gain and shading divided out, at the same bit depth.
 
     range_m: (H, W) meters; where it is unknown, the pattern at the reference range is used.
-    Values above full scale are clipped, and values that the camera had clipped stay clipped.
+    Values above full scale are clipped. Values that the camera had clipped stay clipped, and the other channels of such a pixel do
+    not get darker: the pixel would change its color.
     """
     out = np.empty_like(image)
     log_range = light.light.log_range(range_m).astype(np.float32)
@@ -70,6 +71,7 @@ def _even(image: Any, log_range: Any, maps: Any, log_gain: Any, log_shading: Any
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
             z = log_range[row, column]
+            is_clipped = max(image[row, column, 0], image[row, column, 1], image[row, column, 2]) >= clipped
             for c in range(3):
                 value = image[row, column, c]
                 pattern = np.float32(0)
@@ -79,4 +81,4 @@ def _even(image: Any, log_range: Any, maps: Any, log_gain: Any, log_shading: Any
                 light = scale.log_light[value] - pattern - log_gain[c] - log_shading[row, column, c]
                 at = np.int64((light - np.float32(DARKEST)) * step + np.float32(0.5))
                 shown = scale.values[min(max(at, 0), last)]
-                out[row, column, c] = max(shown, value) if value >= clipped else shown
+                out[row, column, c] = max(shown, value) if is_clipped else shown
