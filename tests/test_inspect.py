@@ -235,7 +235,9 @@ def test_trajectories_are_named(make_dive, cli) -> None:
     (dive.root / "nav.csv").write_text("name,lat,lon,depth,heading\n0000.png,1,2,3,4\n0002.png,1,2,3,4\n0009.png,1,2,3,4\n")
     (dive.root / "a.tum").write_text("0 1 2 3 0 0 0 1\n1 1 2 3 0 0 0 1\n")
     (dive.root / "notes.txt").write_text("visibility 5 m\n")
+    (dive.root / "usbl.csv").write_text("time,lat,lon,depth\n1,1,2,3\n2,1,2,3\n")
     found = inspect([dive.root])
+    assert [problem for problem in found.problems if "usbl.csv" in problem and "lacks heading" in problem]
     assert [(one.path.name, one.format, one.poses, one.pairs, one.by) for one in found.poses] == [
         ("a.tum", "TUM", 2, 0, "time"),
         ("nav.csv", "table of navigation", 3, 2, "name"),

@@ -90,6 +90,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
     if found:
         _refuse_wrong_sizes(found[0], left, right)
         tested = tested_calibration(found[0], pairing, sample, config)
+    poses, unread = find_poses(places, pairing.pairs, {one.path for one in found})
     problems = (
         *problems_of_images(sides, pairing, _doubtful(sides, tested)),
         *notes,
@@ -97,6 +98,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         *_missing_calibration(places, found, left.size),
         *_problems_of_calibration(found, tested),
         *(f"range: {limit.note}" for limit in tested.limits),
+        *unread,
     )
     return Inspection(
         sides=sides,
@@ -108,7 +110,7 @@ def _of_images(sides: Sides, places: Sequence[Path]) -> Inspection:
         exposure_recorded=_exposure_recorded(sample[0], config),
         calibrations=tuple(one.path for one in found),
         calibration=tested.facts,
-        poses=find_poses(places, pairing.pairs, {one.path for one in found}),
+        poses=poses,
         measured=tested.measured,
         misfits=tested.misfits,
         problems=problems,
@@ -165,6 +167,7 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
     size = _video_size(sides)
     found = find_calibration(places, size)
     paths = tuple(one.path for one in found)
+    poses, unread = find_poses(places, (), paths)
     return Inspection(
         sides=sides,
         left=None,
@@ -175,10 +178,10 @@ def _of_videos(sides: Sides, places: Sequence[Path]) -> Inspection:
         exposure_recorded=False,
         calibrations=paths,
         calibration=None,
-        poses=find_poses(places, (), paths),
+        poses=poses,
         measured=None,
         misfits=(),
-        problems=(*_missing_calibration(places, found, size), *_problems_of_calibration(found, NOTHING_TESTED)),
+        problems=(*_missing_calibration(places, found, size), *_problems_of_calibration(found, NOTHING_TESTED), *unread),
         run_command=command_line(sides, found),
     )
 

@@ -30,14 +30,22 @@ class FoundPoses:
     by: str
 
 
-def find_poses(places: Sequence[Path], pairs: Sequence[Pair], others: Collection[Path]) -> tuple[FoundPoses, ...]:
-    """All trajectories in the places, ordered by path. others: files that are known to be something else."""
-    found = []
+def find_poses(
+    places: Sequence[Path], pairs: Sequence[Pair], others: Collection[Path]
+) -> tuple[tuple[FoundPoses, ...], tuple[str, ...]]:
+    """Find all trajectories in the places, ordered by path, and say why the others of a known format cannot be read.
+
+    others: files that are known to be something else.
+    """
+    found, unread = [], []
     for path in sorted(candidates(places, EXTENSIONS, LARGEST_BYTES) - set(others)):
         with suppress(InputError):
             if (kind := trajectory_format(path)) is not None:
-                found.append(_facts(path, kind, read_trajectory(path), pairs))
-    return tuple(found)
+                try:
+                    found.append(_facts(path, kind, read_trajectory(path), pairs))
+                except InputError as error:
+                    unread.append(f"poses: {error}")
+    return tuple(found), tuple(unread)
 
 
 def _facts(path: Path, kind: str, trajectory: Trajectory, pairs: Sequence[Pair]) -> FoundPoses:
