@@ -270,8 +270,11 @@ def drawn_from_the_prior(rng: np.random.Generator, range_m: NDArray[np.float64])
     logarithms, (5, 3). The quantiles of a range err together.
     """
     mean, precision, _ = whole_prior(range_m.size, CONFIG.robust)
-    x = rng.multivariate_normal(mean, np.linalg.inv(precision))
-    far, near, beta, backscatter, white = np.exp(x[:WATER].reshape(5, 3, 1))
+    while True:
+        x = rng.multivariate_normal(mean, np.linalg.inv(precision))
+        far, near, beta, backscatter, white = np.exp(x[:WATER].reshape(5, 3, 1))
+        if max(far[1] - far[2], (far * near)[1] - (far * near)[2]) < NOISE.green_over_blue:  # others are no water to the fit
+            break
     loss = range_m * far * (1 + (near - 1) * np.exp(-RATE_OF_CHANGE * range_m))
     reflectance, brightness = x[WATER : -range_m.size].reshape(3, 1, -1), x[-range_m.size :, None]
     cast = SCENE.cast * rng.standard_normal((3, 1, 1))
