@@ -124,6 +124,9 @@ def test_a_run_is_compared_with_the_truth_of_its_own_dive_only(small_dive: Path,
     assert [frame.name for frame in report.frames] == NAMES
     assert report.range.coverage > 0.9
 
+    with pytest.raises(InputError, match=r"nowhere: holds no range/\*\.tiff"):
+        evaluate(out, tmp_path / "nowhere")
+
     rig = (small_dive / "cam.yaml").read_text()
     native.write(replace(load_rig(SAMPLES / "cam.yaml"), T_right_left=shifted(1.25)), small_dive / "cam.yaml")
     with pytest.raises(InputError, match=r"made with another calibration .* its baseline_m is .*, not "):

@@ -54,7 +54,8 @@ def _product_line(product: "ProductSummary") -> str:
 
 
 def _totals(summary: "RunSummary") -> str:
-    kept = f", {summary.kept} of them kept from an earlier run" if summary.kept else ""
+    of_them = " of them" if summary.kept <= summary.count("ok") else ""  # after a stop, some are measured but not yet corrected
+    kept = f", {summary.kept}{of_them} kept from an earlier run" if summary.kept else ""
     slowest = next(iter(summary.stage_seconds().items()), None)
     slow = f"; the slowest stage was {slowest[0]} ({slowest[1]:.1f} s of work)" if slowest else ""
     done = f"{'stopped early: ' if summary.stopped else ''}{counted(summary.count('ok'), 'pair')} done{kept}"

@@ -11,7 +11,7 @@ from stereo_seecolor.compute.lazy import Lazy
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.evaluation.others import OtherResults
 from stereo_seecolor.evaluation.spread import ComparedFrame, SpreadReport, measure_spread
-from stereo_seecolor.evaluation.truth import ResultFiles, TruthReport, evaluate_truth
+from stereo_seecolor.evaluation.truth import ResultFiles, TruthReport, evaluate_truth, true_frames
 from stereo_seecolor.run_folder.finished_run import FinishedFrame, FinishedRun, open_run
 from stereo_seecolor.run_folder.survey_frames import SurveyFrames
 
@@ -26,6 +26,7 @@ def evaluate(out: Path, truth: Path) -> TruthReport:
     do not show.
     """
     run = open_run(out)
+    true_frames(truth)  # what is no folder of truth is named as that, and not by what is missing beside it
     if run.geometry is not None:
         _check_geometry(run.geometry, out, truth)
     _check_images(run.frames, out, truth)

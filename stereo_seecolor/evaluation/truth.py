@@ -67,6 +67,14 @@ class TruthReport:
     raw_color: TruthScore
 
 
+def true_frames(truth: Path) -> list[str]:
+    """Names of the frames whose truth the folder holds, sorted. Raises InputError if it holds none."""
+    names = sorted(path.stem for path in (truth / "range").glob("*.tiff"))
+    if not names:
+        raise InputError(f"{truth}: holds no range/*.tiff: give the truth folder of a dive made by 'stereo-seecolor synthesize'")
+    return names
+
+
 def evaluate_truth(results: Mapping[str, ResultFiles], truth: Path) -> TruthReport:
     """Compare results, by frame name, with the truth of a dive (docs/synthetic.md), whose left/ and cam.yaml lie beside ``truth``.
 
@@ -75,9 +83,7 @@ def evaluate_truth(results: Mapping[str, ResultFiles], truth: Path) -> TruthRepo
 
     Raises InputError if ``truth`` is no such folder, holds none of these frames, or a result has another size than its truth.
     """
-    names = sorted(path.stem for path in (truth / "range").glob("*.tiff"))
-    if not names:
-        raise InputError(f"{truth}: holds no range/*.tiff: give the truth folder of a dive made by 'stereo-seecolor synthesize'")
+    names = true_frames(truth)
     if results.keys().isdisjoint(names):
         raise InputError(f"there is no result for any of the {len(names)} frames of {truth}: run the same dive first")
     rectification = Rectification.from_rig(load_rig(truth.parent / "cam.yaml"))
