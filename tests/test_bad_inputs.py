@@ -170,7 +170,7 @@ def test_swapped_folders_of_a_rig_that_needs_rectification(points: bool, cli, tm
         raise CalibrationError("only 12 points were found")
 
     if not points:
-        monkeypatch.setattr(first_look, "quick_look", lambda *_: QuickLook(False, np.zeros(0)))
+        monkeypatch.setattr(first_look, "quick_look", lambda *_: QuickLook(False, False, np.zeros(0)))
         monkeypatch.setattr(first_look, "vertical_disparity", too_few)
     reef = Path(__file__).resolve().parents[1] / "data_samples/reef"
     for side, other in (("left", "right"), ("right", "left")):
