@@ -169,6 +169,18 @@ def test_open_water_is_not_violet_or_pink(water: tuple[float, float, float]) -> 
     assert green >= min(red, blue) - 1  # of 255
 
 
+def test_a_hole_in_a_rare_color_keeps_it() -> None:
+    """A red sponge in a brown reef, with holes in its ranges as matching leaves them."""
+    colors = np.array([0.45, 0.4, 0.35]) * RNG.uniform(0.9, 1.1, (160, 160, 1))
+    colors[60:90, 60:90] = (0.6, 0.15, 0.15)
+    image = np.round(colors * 255).astype(np.uint8)
+    carried = np.zeros((160, 160), bool)
+    carried[70:80, 70:80] = True
+    assert (within_measured(image, carried, ~carried) == image).all()
+    carried[65:85, 65:85] = True
+    assert (within_measured(image, carried, ~carried)[75, 75] < image[75, 75]).any()  # a wide area is limited
+
+
 def test_white_at_a_carried_range_stays_at_full_scale() -> None:
     """Where all that is measured is redder than white, red cannot be raised any more."""
     image = np.round(np.array([0.5, 0.45, 0.4]) * RNG.uniform(0.9, 1.1, (96, 128, 1)) * 255).astype(np.uint8)

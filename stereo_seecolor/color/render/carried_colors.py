@@ -4,11 +4,13 @@ Where the carried range is too large, too much backscatter is taken off, and red
 gain: rims and caves before open water come out red. Open water has no range at all: what it scatters is taken for a surface, cyan,
 blue, violet or pink. So where a range was carried over, no channel exceeds the greater of the other two by more than in nearly all
 that was measured, red falls below the lesser of the other two by no more than there, and green by no more than in half of it.
+Small holes are left as they are: their ranges lie between measured ones, and what is rare in an image, as a red sponge, stays red.
 """
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -32,6 +34,8 @@ class BoundSettings:
     """Least light of the channels that are divided by, linear, as a fraction of full scale: ratios of darker pixels are noise."""
     every_px: int = 8
     """Every so many rows and columns are examined."""
+    hole_px: int = 15
+    """Width of areas, pixels, from which carried colors are limited: matching leaves narrower holes in surfaces that it knows."""
     fewest: int = 100
     """Least measured pixels for which bounds are set."""
 
@@ -55,7 +59,7 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
     bounds = _bounds(image, measured) if carried.any() else None
     if bounds is None:
         return image
-    at = np.flatnonzero(carried)
+    at = np.flatnonzero(_wide(carried))
     full = np.iinfo(image.dtype).max if np.issubdtype(image.dtype, np.integer) else np.inf
     pixels = np.maximum(image.reshape(-1, 3)[at].T.astype(np.float32, order="C"), 0)
     limited = pixels.copy()
@@ -67,6 +71,13 @@ def within_measured(image: NDArray[Any], carried: Mask, measured: Mask) -> NDArr
     out = image.copy()
     out.reshape(-1, 3)[at[changed]] = limited[:, changed].T
     return out
+
+
+def _wide(carried: Mask) -> Mask:
+    """(H, W) True in carried areas at least ``hole_px`` wide, with what joins them within that distance."""
+    core = cv2.morphologyEx(carried.astype(np.uint8), cv2.MORPH_OPEN, np.ones((SETTINGS.hole_px,) * 2, np.uint8))
+    reach = cv2.dilate(core, np.ones((2 * SETTINGS.hole_px + 1,) * 2, np.uint8))
+    return np.asarray(carried & (reach > 0))
 
 
 def _others(c: int) -> list[int]:
