@@ -18,10 +18,10 @@ from color_cases import Case, make_case
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, RunConfig
-from stereo_seecolor.evaluation.baselines import METHODS, expose
-from stereo_seecolor.evaluation.charts import correct_by_all, score_target
-from stereo_seecolor.evaluation.measures import score_neutral, score_truth
-from stereo_seecolor.evaluation.targets import neutral, read_targets, targets_of
+from stereo_seecolor.extras.evaluation.baselines import METHODS, expose
+from stereo_seecolor.extras.evaluation.charts import correct_by_all, score_target
+from stereo_seecolor.extras.evaluation.measures import score_neutral, score_truth
+from stereo_seecolor.extras.evaluation.targets import neutral, read_targets, targets_of
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Water
 
@@ -101,8 +101,8 @@ def reef_cases(
     seed: int, size: tuple[int, int] = (320, 256), altitudes_m: tuple[float, ...] = (1.0, 2.0, 3.0, 4.0)
 ) -> Iterator[Case]:
     """The synthetic reef in three waters from some altitudes."""
-    from stereo_seecolor.synthetic.render import Scene
-    from stereo_seecolor.synthetic.survey import SurveySpec
+    from stereo_seecolor.extras.synthetic.render import Scene
+    from stereo_seecolor.extras.synthetic.survey import SurveySpec
 
     for name, altitude_m in itertools.product(WATERS, altitudes_m):
         scene = Scene.from_spec(
@@ -115,7 +115,7 @@ def reef_cases(
 
 def picture_cases(data: Path) -> Iterator[Case]:
     """Two pictures with their geometry (Middlebury's teddy, OpenCV's aloe) through three waters, at and below the surface."""
-    from stereo_seecolor.synthetic.waters import lit_water
+    from stereo_seecolor.extras.synthetic.waters import lit_water
 
     rng = np.random.default_rng(100)
     for name, disparity, picture in (("teddy", "disparity_x4.pgm", "left.png"), ("aloe", "disparity.png", "left.png")):

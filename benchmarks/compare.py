@@ -30,8 +30,8 @@ SAMPLE = REPOSITORY / "data_samples" / "reef"
 LARGE_PAIRS, LARGE_SIZE = 20, "1280x1024"
 OBLIQUE = """
 from pathlib import Path
-from stereo_seecolor.synthetic import dive
-from stereo_seecolor.synthetic.survey import SurveySpec
+from stereo_seecolor.extras.synthetic import dive
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 dive.synthesize(SurveySpec(pairs=8, lines=1, tilt_deg=55.0), Path({out!r}), lambda *_: None)
 """
 MEASURES = ("color", "match", "run", "rerun", "fuse", "fuse-poses", "oblique", "cold", "help")

@@ -19,8 +19,8 @@ from fleet_kills import Harm, kills
 from fleet_million import growth, million
 from fleet_scheduler import measure_scheduler
 
-from stereo_seecolor.compute.cluster import batches
-from stereo_seecolor.compute.cluster.connect import cluster
+from stereo_seecolor.extras.fleet.cluster import batches
+from stereo_seecolor.extras.fleet.cluster.connect import cluster
 
 
 def overhead(number: int) -> None:

@@ -21,8 +21,8 @@ from threading import Thread
 
 import psutil
 
-from stereo_seecolor.compute.cluster import batches
-from stereo_seecolor.compute.cluster.connect import cluster
+from stereo_seecolor.extras.fleet.cluster import batches
+from stereo_seecolor.extras.fleet.cluster.connect import cluster
 from stereo_seecolor.inputs.pairing import Pair
 
 PORT, LOOK_S = 18786, 0.2

@@ -27,7 +27,7 @@ def write_bag(dive: Path, bag: Path, pairs: int, rate_hz: float, jpeg: bool) -> 
     """Both sides as sensor_msgs/Image (bgr8), or as JPEG in sensor_msgs/CompressedImage; chunks are not compressed."""
     from mcap.writer import CompressionType, Writer
 
-    from stereo_seecolor.export import ros_messages as ros
+    from stereo_seecolor.extras.streams import ros_messages as ros
 
     kind = "CompressedImage" if jpeg else "Image"
     with bag.open("wb") as file:
@@ -53,8 +53,8 @@ def _message(ros: Any, stamp_ns: int, image: np.ndarray, jpeg: bool) -> Any:
 
 def play(dive: Path, bag: Path, keep: str, budget_ms: float) -> None:
     """One rate, in this process; prints JSON."""
-    from stereo_seecolor.commands.live import LiveInputs, LiveOptions, live
     from stereo_seecolor.compute.allocator import keep_freed_memory
+    from stereo_seecolor.extras.streams.live.command import LiveInputs, LiveOptions, live
 
     keep_freed_memory()  # as the command does
     with tempfile.TemporaryDirectory() as folder:
@@ -94,8 +94,8 @@ def main() -> None:
 
 def rendered(folder: Path, size: tuple[int, int]) -> Path:
     """Eight pairs and their calibration."""
-    from stereo_seecolor.synthetic.dive import synthesize
-    from stereo_seecolor.synthetic.survey import SurveySpec
+    from stereo_seecolor.extras.synthetic.dive import synthesize
+    from stereo_seecolor.extras.synthetic.survey import SurveySpec
 
     synthesize(SurveySpec(pairs=RENDERED, lines=1, image_size=tuple(size)), folder)
     return folder

@@ -22,8 +22,11 @@ from scipy.spatial import cKDTree
 from calibration import RectifiedPair
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig, MappingConfig, MatchingConfig
-from stereo_seecolor.evaluation.maps import nearest_distance_m, surface_points, trajectory_error
-from stereo_seecolor.evaluation.measures import angle_deg
+from stereo_seecolor.extras.evaluation.maps import nearest_distance_m, surface_points, trajectory_error
+from stereo_seecolor.extras.evaluation.measures import angle_deg
+from stereo_seecolor.extras.synthetic.reef import CELL_M
+from stereo_seecolor.extras.synthetic.render import Scene
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.ply import read_vertices
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.geometry import rigid_alignment
@@ -32,9 +35,6 @@ from stereo_seecolor.mapping.raster.reef_metrics import measure
 from stereo_seecolor.mapping.survey_map import build_map
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.records import StereoFrame, SurveyFrame, Trajectory
-from stereo_seecolor.synthetic.reef import CELL_M
-from stereo_seecolor.synthetic.render import Scene
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 GRID_M = 0.02
 REACH_M = 0.1

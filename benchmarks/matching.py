@@ -13,10 +13,10 @@ import numpy as np
 
 from calibration import RectifiedPair
 from stereo_seecolor.config import MatchingConfig
+from stereo_seecolor.extras.synthetic.render import Scene
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.matching.matcher import Matcher
 from stereo_seecolor.records import StereoFrame
-from stereo_seecolor.synthetic.render import Scene
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 REPEATS = 5
 TEDDY = Path(__file__).resolve().parents[2] / "shared" / "data" / "teddy"

@@ -20,10 +20,10 @@ from independent_waters import KINDS, seen
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.config import ColorConfig
-from stereo_seecolor.evaluation.measures import angle_deg, clipped
+from stereo_seecolor.extras.evaluation.measures import angle_deg, clipped
+from stereo_seecolor.extras.synthetic.measured_waters import Kind
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.inputs.images import read_range_map
-from stereo_seecolor.synthetic.measured_waters import Kind
 
 OPTICAL_DEPTHS = ((0.25, 0.5), (0.5, 1.0), (1.0, 3.0))
 """Of the weakest channel at the far end."""

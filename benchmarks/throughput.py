@@ -19,8 +19,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from stereo_seecolor.synthetic.dive import synthesize
-from stereo_seecolor.synthetic.survey import SurveySpec
+from stereo_seecolor.extras.synthetic.dive import synthesize
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 
 RENDERED = 6
 

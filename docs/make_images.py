@@ -22,7 +22,7 @@ from rich.text import Text
 
 from calibration import Rectification
 from calibration.formats import load_rig
-from stereo_seecolor.evaluation.baselines import METHODS
+from stereo_seecolor.extras.evaluation.baselines import METHODS
 
 mpl.use("Agg")
 mpl.rcParams |= {"font.size": 9, "axes.titlesize": 9, "savefig.bbox": "tight", "svg.hashsalt": "seecolor", "svg.fonttype": "none"}

@@ -14,11 +14,15 @@ Map = NDArray[np.float32]
 DISPARITY_STD_PX = 0.1
 """Standard error of a disparity, pixels: the median that the matcher states on the sample dive is 0.09."""
 
+_LEAST_QUATERNION = 1e-300
+"""Smaller numbers cannot be divided by."""
+
 
 def pose(R: ArrayLike, position_m: ArrayLike) -> Array:
-    """The rigid transform (4, 4) of a rotation (3, 3) and a position (3,)."""
-    T = np.eye(4)
-    T[:3, :3], T[:3, 3] = R, position_m
+    """The rigid transforms (..., 4, 4) of rotations (..., 3, 3) and positions (..., 3)."""
+    R, position_m = np.asarray(R, np.float64), np.asarray(position_m, np.float64)
+    T = np.zeros((*np.broadcast_shapes(R.shape[:-2], position_m.shape[:-1]), 4, 4))
+    T[..., :3, :3], T[..., :3, 3], T[..., 3, 3] = R, position_m, 1
     return T
 
 
@@ -59,6 +63,19 @@ def quaternion(R: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_matrix(R).as_quat(canonical=True)
+
+
+def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
+    """Convert quaternions (N, 4), x, y, z, w, to rotations (N, 3, 3); they are normalized first, NaN where zero or not finite."""
+    from scipy.spatial.transform import Rotation
+
+    q = np.atleast_2d(np.asarray(quaternion, dtype=np.float64))
+    R = np.full((len(q), 3, 3), np.nan)
+    known = np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) > _LEAST_QUATERNION)
+    if known.any():
+        scaled = q[known] / np.abs(q[known]).max(axis=1, keepdims=True)  # squares of huge numbers would overflow
+        R[known] = Rotation.from_quat(scaled).as_matrix()
+    return R
 
 
 def interpolate(before: Array, after: Array, fraction: float) -> Array:

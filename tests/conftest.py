@@ -25,10 +25,10 @@ from hypothesis import settings
 from calibration import Camera, StereoRig
 from calibration.formats import native
 from stereo_seecolor.cli import main
-from stereo_seecolor.commands import demo
-from stereo_seecolor.commands.demo import DemoResult
+from stereo_seecolor.extras.synthetic import demo
+from stereo_seecolor.extras.synthetic.demo import DemoResult
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 if TYPE_CHECKING:
     from mapping_scene import ReefFrames

@@ -15,6 +15,10 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.compute.names import Names
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import MappingConfig, RunConfig
+from stereo_seecolor.extras.synthetic import survey
+from stereo_seecolor.extras.synthetic.casting import cast, look_up
+from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, build_reef
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.encode import encode_confidence, encode_image, encode_map, encode_mask
 from stereo_seecolor.files.ply import VERTEX
 from stereo_seecolor.files.tum import write_tum
@@ -25,10 +29,6 @@ from stereo_seecolor.run_folder.frames_table import RunSummary
 from stereo_seecolor.run_folder.layout import RIG, product_path
 from stereo_seecolor.run_folder.manifest import StageRecord
 from stereo_seecolor.run_folder.reports import RunDescription, close_run, write_reports
-from stereo_seecolor.synthetic import survey
-from stereo_seecolor.synthetic.casting import cast, look_up
-from stereo_seecolor.synthetic.reef import CELL_M, Reef, build_reef
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 PAIR = RectifiedPair(200.0, 80.0, 80.0, 64.0, 0.1, (160, 128))
 DOWN = np.array([[1.0, 0, 0], [0, -1, 0], [0, 0, -1]])

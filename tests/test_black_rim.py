@@ -5,7 +5,7 @@ import pytest
 
 from stereo_seecolor.color.corrector import Corrector
 from stereo_seecolor.color.table.black_rim import without_rim
-from stereo_seecolor.evaluation.measures import angle_deg
+from stereo_seecolor.extras.evaluation.measures import angle_deg
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 SHAPE = (192, 256)

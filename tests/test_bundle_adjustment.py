@@ -11,6 +11,7 @@ from mapping_scene import ReefFrames
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MappingConfig
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey
@@ -22,7 +23,6 @@ from stereo_seecolor.mapping.track.pose_graph import Prior, solve
 from stereo_seecolor.mapping.track.refinement import RefinementSettings, refined
 from stereo_seecolor.mapping.track.relative_pose import Edge, RelativePose, fit_pose
 from stereo_seecolor.mapping.track.sightings import Relation, Sightings, sightings
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 Array = NDArray[np.float64]
 MOST = 1_000_000

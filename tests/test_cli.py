@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from stereo_seecolor.commands.demo import DemoResult
+from stereo_seecolor.extras.synthetic.demo import DemoResult
 
 
 def test_wrong_usage(cli) -> None:

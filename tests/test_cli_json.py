@@ -16,7 +16,7 @@ from json_shapes import ERROR, SHAPES, mismatch
 from video_writers import write_pair
 
 from stereo_seecolor.cli.app import COMMANDS
-from stereo_seecolor.commands.demo import DemoResult
+from stereo_seecolor.extras.synthetic.demo import DemoResult
 from stereo_seecolor.files.json_values import json_line, plain
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -135,7 +135,7 @@ def test_known_truth(parsed, demo_at_hand: DemoResult, tmp_path) -> None:
 
 
 def test_charts(parsed, tmp_path, monkeypatch) -> None:
-    from stereo_seecolor.evaluation import charts
+    from stereo_seecolor.extras.evaluation import charts
 
     row = charts.ChartRow("a", "chart", "raw", math.nan, 3.0, 2.0, 5.0, 0.0, 9.0, 100)
     report = charts.ChartReport((row,), ("b",), tmp_path / "sheet.png")
@@ -155,7 +155,7 @@ def test_calibrations(parsed, tmp_path) -> None:
 
 
 def test_the_water(parsed, tmp_path, monkeypatch) -> None:
-    from stereo_seecolor.commands import water
+    from stereo_seecolor.extras.evaluation import water
 
     zero = np.zeros(3)
     measured = water.Water(*(zero for _ in range(8)), standard_errors={"y": np.full(3, np.nan)})
@@ -179,7 +179,7 @@ def test_the_viewer(parsed, tmp_path, monkeypatch) -> None:
 
 
 def test_an_export(parsed, tmp_path, monkeypatch) -> None:
-    from stereo_seecolor.commands import export
+    from stereo_seecolor.extras.export import command as export
 
     monkeypatch.setattr(export, "export", lambda out, to, folder: export.ExportResult(to, folder, 3, 4, 5))
     assert parsed("export", "export", tmp_path, "--to", "glb", "--out", tmp_path / "glb")["frames"] == 3

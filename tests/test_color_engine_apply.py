@@ -13,7 +13,7 @@ from stereo_seecolor.color.render.gains import fine_ranges_m
 from stereo_seecolor.color.table.encoding import decode, encode
 from stereo_seecolor.config import ColorConfig
 from stereo_seecolor.errors import ColorError
-from stereo_seecolor.evaluation.measures import angle_deg
+from stereo_seecolor.extras.evaluation.measures import angle_deg
 from stereo_seecolor.records import Water
 
 ENCODINGS = ["srgb", "linear", "as-is"]

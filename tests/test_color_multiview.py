@@ -12,10 +12,10 @@ from calibration.formats import load_rig
 from stereo_seecolor.color.photometry.multiview import fit_sightings
 from stereo_seecolor.color.photometry.sightings import KeyFrame, Sightings, find_sightings
 from stereo_seecolor.errors import ColorError
+from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.records import Water
-from stereo_seecolor.synthetic.waters import WATER_NAMES, WaterName, lit_water
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 RANGES_M = (1.2, 3.2)

@@ -17,7 +17,7 @@ from stereo_seecolor.color.table.measure import measure
 from stereo_seecolor.color.table.moment_table import MomentTable
 from stereo_seecolor.color.table.range_quantiles import FRACTIONS, RangeQuantiles, quantiles_by_range
 from stereo_seecolor.config import ColorConfig, RobustConfig
-from stereo_seecolor.evaluation.measures import score_truth
+from stereo_seecolor.extras.evaluation.measures import score_truth
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.records import Water
 

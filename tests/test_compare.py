@@ -13,29 +13,29 @@ from json_shapes import SHAPES, mismatch
 from mapping_scene import PAIR, ReefFrames, flat_frames, write_map, write_run
 from numpy.typing import NDArray
 
-from stereo_seecolor.commands.compare import Comparison, compare
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.comparing import m3c2
-from stereo_seecolor.comparing.color_change import color_change
-from stereo_seecolor.comparing.difference import Difference, in_spreads, relearned, spread_by
-from stereo_seecolor.comparing.joint_track import joint_track
-from stereo_seecolor.comparing.m3c2 import SurfaceDistances, distances
-from stereo_seecolor.comparing.patches import height_patches, volume_l
-from stereo_seecolor.comparing.registration import Registration
-from stereo_seecolor.comparing.rigid import rigid_fit
-from stereo_seecolor.comparing.surface_fit import surface_fit
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import ComparingError, InputError, OutputError
+from stereo_seecolor.extras.reef.commands.compare import Comparison, compare
+from stereo_seecolor.extras.reef.comparing import m3c2
+from stereo_seecolor.extras.reef.comparing.color_change import color_change
+from stereo_seecolor.extras.reef.comparing.difference import Difference, in_spreads, relearned, spread_by
+from stereo_seecolor.extras.reef.comparing.joint_track import joint_track
+from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
+from stereo_seecolor.extras.reef.comparing.patches import height_patches, volume_l
+from stereo_seecolor.extras.reef.comparing.registration import Registration
+from stereo_seecolor.extras.reef.comparing.rigid import rigid_fit
+from stereo_seecolor.extras.reef.comparing.surface_fit import surface_fit
+from stereo_seecolor.extras.reef.site.mesh import SiteMesh, open_site
+from stereo_seecolor.extras.reef.site.terrain import Terrain
+from stereo_seecolor.extras.synthetic.changes import Change, changed_reef
+from stereo_seecolor.extras.synthetic.reef import Reef
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import inverse, pose, rotation_from_vector, transformed
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.site.mesh import SiteMesh, open_site
-from stereo_seecolor.site.terrain import Terrain
-from stereo_seecolor.synthetic.changes import Change, changed_reef
-from stereo_seecolor.synthetic.reef import Reef
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 Array = NDArray[np.float64]
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from stereo_seecolor.evaluation import baselines
-from stereo_seecolor.evaluation.measures import angle_deg
+from stereo_seecolor.extras.evaluation import baselines
+from stereo_seecolor.extras.evaluation.measures import angle_deg
 
 SHAPE = (60, 80)
 

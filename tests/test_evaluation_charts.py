@@ -8,13 +8,13 @@ import pytest
 
 from stereo_seecolor.cli.console import table
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.evaluation.baselines import OURS
-from stereo_seecolor.evaluation.chart_finder import find_charts
-from stereo_seecolor.evaluation.chart_spread import seen_chart, spread_over_charts
-from stereo_seecolor.evaluation.chart_types import CLASSIC
-from stereo_seecolor.evaluation.charts import ChartReport, correct_by_all, evaluate_charts, score_target
-from stereo_seecolor.evaluation.others import OtherResults
-from stereo_seecolor.evaluation.targets import chart, neutral, read_targets, targets_of
+from stereo_seecolor.extras.evaluation.baselines import OURS
+from stereo_seecolor.extras.evaluation.chart_finder import find_charts
+from stereo_seecolor.extras.evaluation.chart_spread import seen_chart, spread_over_charts
+from stereo_seecolor.extras.evaluation.chart_types import CLASSIC
+from stereo_seecolor.extras.evaluation.charts import ChartReport, correct_by_all, evaluate_charts, score_target
+from stereo_seecolor.extras.evaluation.others import OtherResults
+from stereo_seecolor.extras.evaluation.targets import chart, neutral, read_targets, targets_of
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 CELL, GAP = 44, 8

@@ -4,7 +4,7 @@ from colour.difference.delta_e import delta_E_CIE2000
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stereo_seecolor.evaluation import measures
+from stereo_seecolor.extras.evaluation import measures
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 
 # Sharma, Wu and Dalal 2005, "The CIEDE2000 color-difference formula", five rows of table 1: L1 a1 b1 L2 a2 b2 dE.

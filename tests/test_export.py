@@ -13,13 +13,14 @@ import pytest
 from mapping_scene import PAIR, flat_frames, track, write_map
 from scipy.spatial.transform import Rotation
 
-from stereo_seecolor.commands.export import export
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.export import copc_file, mcap_file, mosaic_tiles
-from stereo_seecolor.export.formats import EXPORT_FORMATS
-from stereo_seecolor.export.posed_run import open_posed_run
-from stereo_seecolor.export.recording import TOPICS
+from stereo_seecolor.extras.export import copc_file, mosaic_tiles
+from stereo_seecolor.extras.export.command import export
+from stereo_seecolor.extras.export.formats import EXPORT_FORMATS
+from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
+from stereo_seecolor.extras.streams import mcap_file
+from stereo_seecolor.extras.streams.recording import TOPICS
 from stereo_seecolor.files.ply import read_triangles, read_vertices
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.trajectories.axes import (
@@ -27,8 +28,8 @@ from stereo_seecolor.inputs.trajectories.axes import (
     geodetic_from_geocentric,
     north_east_from_degrees,
 )
-from stereo_seecolor.metrics.outline_files import read_outlines
 from stereo_seecolor.records import GeoOrigin
+from stereo_seecolor.run_folder.posed_run import open_posed_run
 
 FRAMES = 5
 

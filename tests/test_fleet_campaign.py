@@ -7,13 +7,13 @@ from pathlib import Path
 import pytest
 
 from stereo_seecolor.cli.run_text import run_text
-from stereo_seecolor.commands import campaign as module
-from stereo_seecolor.commands.campaign import CampaignFile, campaign
-from stereo_seecolor.commands.plan import plan
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.fleet import campaign as module
+from stereo_seecolor.extras.fleet.campaign import CampaignFile, campaign
+from stereo_seecolor.extras.fleet.plan import plan
 
 
 def write(file: Path, *dives: str, more: str = "") -> Path:

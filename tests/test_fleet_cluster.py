@@ -15,13 +15,13 @@ from distributed.comm.core import CommClosedError
 from distributed.utils import LoopRunner, sync
 
 from stereo_seecolor.compute import kernel_cache
-from stereo_seecolor.compute.cluster import connect, dask_compute, ticket, worker
-from stereo_seecolor.compute.cluster.batch_jobs import BatchJobs
-from stereo_seecolor.compute.cluster.batches import SETTINGS, Batches
-from stereo_seecolor.compute.cluster.connect import cluster
-from stereo_seecolor.compute.cluster.dask_compute import DaskCompute
-from stereo_seecolor.compute.cluster.ticket import Probe, Ticket, admit
 from stereo_seecolor.errors import ClusterError, OutputError
+from stereo_seecolor.extras.fleet.cluster import connect, dask_compute, ticket, worker
+from stereo_seecolor.extras.fleet.cluster.batch_jobs import BatchJobs
+from stereo_seecolor.extras.fleet.cluster.batches import SETTINGS, Batches
+from stereo_seecolor.extras.fleet.cluster.connect import cluster
+from stereo_seecolor.extras.fleet.cluster.dask_compute import DaskCompute
+from stereo_seecolor.extras.fleet.cluster.ticket import Probe, Ticket, admit
 
 
 def test_batches_take_about_a_minute_and_leave_some_for_all_workers() -> None:
@@ -116,7 +116,7 @@ def test_what_is_wrong_with_a_job_file_is_said(tmp_path: Path) -> None:
 
 
 def test_a_scheduler_that_is_not_there_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("stereo_seecolor.compute.cluster.connect.SCHEDULER_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("stereo_seecolor.extras.fleet.cluster.connect.SCHEDULER_TIMEOUT_S", 0.2)
     with pytest.raises(ClusterError, match=r"tcp://127\.0\.0\.1:1: no scheduler answers"), cluster("tcp://127.0.0.1:1"):
         pass
 

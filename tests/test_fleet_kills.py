@@ -14,10 +14,10 @@ import pytest
 from conftest import contents
 
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.compute.cluster.connect import cluster
 from stereo_seecolor.compute.interface import Item, Result
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.extras.fleet.cluster.connect import cluster
 
 
 def workers() -> list[psutil.Process]:

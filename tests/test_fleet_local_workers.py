@@ -10,7 +10,7 @@ from stereo_seecolor.compute.library_threads import VARIABLES
 
 LEFT_RUNNING = """
 import threading, time
-from stereo_seecolor.compute.cluster import local_workers
+from stereo_seecolor.extras.fleet.cluster import local_workers
 local_workers.LOADED_ONCE = ()
 threading.Thread(target=time.sleep, args=(0.3,)).start()
 local_workers._load()

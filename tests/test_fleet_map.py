@@ -7,12 +7,12 @@ import pytest
 from mapping_scene import CONFIG, ReefFrames, write_run
 
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.compute.cluster import dask_compute
-from stereo_seecolor.compute.cluster.connect import cluster
 from stereo_seecolor.compute.threads import Threads
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.synthetic.survey import SurveySpec
+from stereo_seecolor.extras.fleet.cluster import dask_compute
+from stereo_seecolor.extras.fleet.cluster.connect import cluster
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 
 
 def map_files(out: Path) -> dict[str, bytes]:

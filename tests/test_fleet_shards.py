@@ -8,16 +8,16 @@ from pathlib import Path
 import pytest
 from conftest import contents
 
-from stereo_seecolor.cli.fleet_text import status_text
-from stereo_seecolor.commands.campaign_table import DiveState, save_states
-from stereo_seecolor.commands.merge import merge
-from stereo_seecolor.commands.plan import plan
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.commands.status import status
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.extras.fleet.campaign_table import DiveState, save_states
+from stereo_seecolor.extras.fleet.merge import merge
+from stereo_seecolor.extras.fleet.plan import plan
+from stereo_seecolor.extras.fleet.status import status
+from stereo_seecolor.extras.fleet.text import status_text
 from stereo_seecolor.run_folder import progress_file
 from stereo_seecolor.run_folder.progress_file import Expected, Progress
 

@@ -10,9 +10,9 @@ import pytest
 from conftest import contents
 
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.compute.cluster.connect import cluster
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import ClusterError
+from stereo_seecolor.extras.fleet.cluster.connect import cluster
 
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPT = ROOT.parent / "shared" / "tools" / "slurm-one-node"

@@ -17,13 +17,13 @@ from calibration.formats import load_rig, write_rig
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import SeeColorError
-from stereo_seecolor.inputs.bags.dive import open_dive
+from stereo_seecolor.extras.streams.bags.dive import open_dive
+from stereo_seecolor.extras.streams.videos.motion import video_signals
 from stereo_seecolor.inputs.exposure import ExposureTable
 from stereo_seecolor.inputs.images import read_image, read_range_map
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.inputs.video_file import video_file
 from stereo_seecolor.inputs.video_images import frame_path
-from stereo_seecolor.inputs.video_motion import video_signals
 from stereo_seecolor.inputs.video_streams import sound
 from stereo_seecolor.records import Water
 from stereo_seecolor.run_folder.water_file import read_waters, waters_content

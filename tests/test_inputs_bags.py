@@ -25,12 +25,12 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode
 
 from calibration import CalibrationError
-from stereo_seecolor.commands.bag_info import bag_info
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError, SeeColorError
+from stereo_seecolor.extras.streams.bag_info import bag_info
+from stereo_seecolor.extras.streams.bags.bag import open_bag
+from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.files.tiff import encode_tiff
-from stereo_seecolor.inputs.bags.bag import open_bag
-from stereo_seecolor.inputs.bags.dive import open_dive
 from stereo_seecolor.inputs.images import read_image
 
 FORMATS = (".bag", ".db3", ".mcap")
@@ -427,7 +427,7 @@ def test_damage_anywhere_is_one_line_or_fewer_pairs(suffix, tmp_path) -> None:
 def test_a_missing_library_is_named(tmp_path, monkeypatch) -> None:
     import sys
 
-    from stereo_seecolor.inputs.bags import messages as decoding
+    from stereo_seecolor.extras.streams.bags import messages as decoding
 
     bag = write_bag(tmp_path / "b.mcap", many(1))
     decoding.store.cache_clear()

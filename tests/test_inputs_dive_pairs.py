@@ -12,11 +12,11 @@ from PIL import Image
 from calibration.mistakes import _EXCHANGE
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.live.sources import live_source
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.frames import FrameReader
 from stereo_seecolor.inputs.listing import folders_of, list_images
 from stereo_seecolor.inputs.sides import find_sides
-from stereo_seecolor.live.sources import live_source
 
 RNG = np.random.default_rng(0)
 

@@ -9,15 +9,15 @@ from video_writers import HEIGHT, RATE_HZ, WIDTH, swell, write_pair
 
 from calibration import Camera, StereoRig
 from calibration.formats import write_rig
-from stereo_seecolor.commands.sync import sync
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.inputs.video import Videos
-from stereo_seecolor.inputs.video_choice import choose_frames
-from stereo_seecolor.inputs.video_lags import Lag, straight_lag
-from stereo_seecolor.inputs.video_motion import video_signals
-from stereo_seecolor.inputs.video_rows import row_lag
-from stereo_seecolor.inputs.video_sync import paired
+from stereo_seecolor.extras.streams.sync import sync
+from stereo_seecolor.extras.streams.videos.choice import choose_frames
+from stereo_seecolor.extras.streams.videos.lags import Lag, straight_lag
+from stereo_seecolor.extras.streams.videos.motion import video_signals
+from stereo_seecolor.extras.streams.videos.rows import row_lag
+from stereo_seecolor.extras.streams.videos.synchronization import paired
+from stereo_seecolor.extras.streams.videos.video import Videos
 
 
 def error_s(found, offset_s: float, drift: float) -> float:

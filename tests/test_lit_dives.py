@@ -13,12 +13,12 @@ from conftest import command
 from numpy.typing import NDArray
 
 from stereo_seecolor.color.table.encoding import decoded_values
-from stereo_seecolor.commands.evaluate import evaluate
+from stereo_seecolor.extras.evaluation.evaluate import evaluate
+from stereo_seecolor.extras.synthetic.dive import synthesize
+from stereo_seecolor.extras.synthetic.render import Scene
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.srgb import LUMINANCE, encode_srgb
 from stereo_seecolor.inputs.images import read_image
-from stereo_seecolor.synthetic.dive import synthesize
-from stereo_seecolor.synthetic.render import Scene
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 pytestmark = pytest.mark.slow
 

@@ -21,10 +21,10 @@ import pytest
 
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.errors import DeviceError, InputError
-from stereo_seecolor.live import cameras as live_cameras
-from stereo_seecolor.live.cameras import cameras
-from stereo_seecolor.live.sources import live_source
-from stereo_seecolor.live.streams import Arrived, Stream, StreamPairs
+from stereo_seecolor.extras.streams.live import cameras as live_cameras
+from stereo_seecolor.extras.streams.live.cameras import cameras
+from stereo_seecolor.extras.streams.live.sources import live_source
+from stereo_seecolor.extras.streams.live.streams import Arrived, Stream, StreamPairs
 
 
 @contextmanager
@@ -232,8 +232,8 @@ PUBLISHER = """
 import sys, time
 import cv2, numpy as np
 sys.path.insert(0, sys.argv[1])
-from stereo_seecolor.export import ros_messages as ros
-from stereo_seecolor.live.ros2 import Node
+from stereo_seecolor.extras.export import ros_messages as ros
+from stereo_seecolor.extras.streams.live.ros2 import Node
 node = Node()
 images = {side: cv2.imread(f"{sys.argv[2]}/{folder}/0000.png") for side, folder in (("left", "L"), ("right", "R"))}
 for number in range(3000):
@@ -288,9 +288,9 @@ def test_topics_of_another_process_are_read(published: Path, suffix: str) -> Non
 def test_corrected_pairs_are_published_and_every_message_is_decoded(published: Path, cli, tmp_path: Path) -> None:
     from rosbags.typesys import Stores, get_typestore
 
-    from stereo_seecolor.export.recording import TOPICS
-    from stereo_seecolor.export.ros_messages import type_name
-    from stereo_seecolor.live.ros2 import Node
+    from stereo_seecolor.extras.streams.live.ros2 import Node
+    from stereo_seecolor.extras.streams.recording import TOPICS
+    from stereo_seecolor.extras.streams.ros_messages import type_name
 
     store, node, found = get_typestore(Stores.ROS2_HUMBLE), Node(), {}
     readers = {

@@ -13,10 +13,10 @@ import rasterio
 from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
 
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.markers import open_posed_run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.errors import DeviceError, MappingError
-from stereo_seecolor.export import tiles_3d
+from stereo_seecolor.extras.export import tiles_3d
+from stereo_seecolor.extras.reef.commands.markers import open_posed_run
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.geometry import transformed
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east, geodetic_from_geocentric

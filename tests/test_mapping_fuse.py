@@ -25,6 +25,7 @@ from stereo_seecolor.commands.fuse import fuse
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import MappingConfig, RunConfig
 from stereo_seecolor.errors import FrameError, InputError, MappingError, OutputError
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.files.decode import eight_bit
 from stereo_seecolor.files.srgb import decode_srgb
 from stereo_seecolor.files.tum import write_tum
@@ -39,7 +40,6 @@ from stereo_seecolor.mapping.track.known_steps import STEP
 from stereo_seecolor.records import FrameRow, SurveyFrame
 from stereo_seecolor.run_folder.kept_steps import KeptSteps, frame_mark
 from stereo_seecolor.run_folder.lock import held
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 MAPPING = MappingConfig(voxel_m=0.02, mosaic_m=0.02, dem_m=0.02)
 

@@ -14,6 +14,7 @@ from track_scenes import with_noisy_disparities
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import ConfigError, MappingError
+from stereo_seecolor.extras.synthetic.survey import SurveySpec
 from stereo_seecolor.mapping import limits
 from stereo_seecolor.mapping.component import Component
 from stereo_seecolor.mapping.frame_index import SAMPLING, FrameIndex, Sampling
@@ -27,7 +28,6 @@ from stereo_seecolor.mapping.survey_map import MapSummary, Workspace, build_map
 from stereo_seecolor.mapping.track import loop_closure
 from stereo_seecolor.mapping.voxel_size import with_voxel
 from stereo_seecolor.records import Trajectory
-from stereo_seecolor.synthetic.survey import SurveySpec
 
 
 def build(folder: Path, trajectory: Trajectory | None = None, **settings: Any) -> MapSummary:

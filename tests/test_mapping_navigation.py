@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from stereo_seecolor.cli.contents import map_exit_code
 from stereo_seecolor.config import MappingConfig
 from stereo_seecolor.errors import MappingError
-from stereo_seecolor.evaluation.maps import trajectory_error
+from stereo_seecolor.extras.evaluation.maps import trajectory_error
 from stereo_seecolor.geometry import inverse, pose, quaternion, rotation_from_vector
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Placement, Survey

@@ -11,14 +11,21 @@ import pytest
 from conftest import Cli, Dive
 
 from calibration import RectifiedPair
-from stereo_seecolor.commands.measure import measure, surface_of
 from stereo_seecolor.commands.run import range_maps, run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.measuring.limits import LIMITS
-from stereo_seecolor.measuring.measures import along_surface, planar_area, profile, range_of, straight_length, surface_area
-from stereo_seecolor.measuring.picking import Pick, Surface
-from stereo_seecolor.measuring.terrain import Ground, Spot
+from stereo_seecolor.extras.reef.commands.measure import measure, surface_of
+from stereo_seecolor.extras.reef.measuring.measures import (
+    along_surface,
+    planar_area,
+    profile,
+    range_of,
+    straight_length,
+    surface_area,
+)
+from stereo_seecolor.extras.reef.measuring.picking import Pick, Surface
+from stereo_seecolor.extras.reef.measuring.terrain import Ground, Spot
+from stereo_seecolor.report.measuring_limits import LIMITS
 from stereo_seecolor.report.range_code import std_blocks
 from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
 

@@ -13,19 +13,19 @@ from mapping_scene import flat_frames, write_map
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError, OutputError
-from stereo_seecolor.export.posed_run import PosedRun, open_posed_run
+from stereo_seecolor.extras.reef.metrics.colony import Colony, Measured, measure_outlines
+from stereo_seecolor.extras.reef.metrics.cover import cover
+from stereo_seecolor.extras.reef.metrics.outline_files import read_outlines
+from stereo_seecolor.extras.reef.metrics.outlines import Outline
+from stereo_seecolor.extras.reef.metrics.rdh import mean_height_range, rdh
+from stereo_seecolor.extras.reef.metrics.structure import structure
+from stereo_seecolor.extras.reef.site.mesh import SiteMesh, read_mesh
+from stereo_seecolor.extras.reef.site.terrain import Terrain, grid_of, terrain_of
+from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors, terrain_errors
 from stereo_seecolor.inputs.trajectories.axes import degrees_from_north_east
 from stereo_seecolor.mapping.raster.grid import Grid
-from stereo_seecolor.metrics.colony import Colony, Measured, measure_outlines
-from stereo_seecolor.metrics.cover import cover
-from stereo_seecolor.metrics.outline_files import read_outlines
-from stereo_seecolor.metrics.outlines import Outline
-from stereo_seecolor.metrics.rdh import mean_height_range, rdh
-from stereo_seecolor.metrics.structure import structure
 from stereo_seecolor.records import GeoOrigin
-from stereo_seecolor.site.mesh import SiteMesh, read_mesh
-from stereo_seecolor.site.terrain import Terrain, grid_of, terrain_of
-from stereo_seecolor.site.terrain_errors import TerrainErrors, terrain_errors
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 
 CELL_M = 0.01
 RIM_M = 0.1743
@@ -215,7 +215,7 @@ def test_metrics_of_a_run_with_outlines(fused: Path, tmp_path: Path, cli: Callab
     code, said, _ = cli("metrics", fused, "--polygons", polygons)
     assert "not seen: 2" in said and "coral" in said
     with pytest.raises(OutputError, match="new or an empty folder"):
-        from stereo_seecolor.commands.metrics import metrics
+        from stereo_seecolor.extras.reef.commands.metrics import metrics
 
         metrics(fused, None, tmp_path / "to")
 

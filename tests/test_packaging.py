@@ -66,7 +66,7 @@ def test_wheel_holds_both_packages_whole_and_nothing_else(wheel: Path) -> None:
         license_files = [name for name in archive.namelist() if name.endswith("licenses/LICENSE")]
     sources = {str(path.relative_to(ROOT).as_posix()) for package in PACKAGES for path in (ROOT / package).rglob("*.py")}
     page = {path.relative_to(ROOT).as_posix() for path in (ROOT / "stereo_seecolor/report/static").iterdir()}
-    page.add("stereo_seecolor/live/preview.html")
+    page.add("stereo_seecolor/extras/streams/live/preview.html")
     assert names == sources | page | {f"{package}/py.typed" for package in PACKAGES}
     assert license_files
 

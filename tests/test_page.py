@@ -22,11 +22,11 @@ from stereo_seecolor.commands.run import run
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError, OutputError, SeeColorError
-from stereo_seecolor.evaluation.chart_finder import FoundChart
-from stereo_seecolor.evaluation.chart_types import CLASSIC
-from stereo_seecolor.evaluation.targets import chart
+from stereo_seecolor.extras.evaluation.chart_finder import FoundChart
+from stereo_seecolor.extras.evaluation.chart_search import patch_colors
+from stereo_seecolor.extras.evaluation.chart_types import CLASSIC
+from stereo_seecolor.extras.evaluation.targets import chart
 from stereo_seecolor.records import FrameRow
-from stereo_seecolor.report.chart_search import patch_colors
 from stereo_seecolor.report.frame_files import FrameFiles
 from stereo_seecolor.report.live_page import LivePace
 from stereo_seecolor.report.range_code import CODE, CodedRanges, std_blocks, std_codes, std_from_codes
@@ -354,7 +354,8 @@ def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
 def test_a_chart_is_shown_before_and_after_beside_its_published_colors(out: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     corners = np.array([(30, 30), (120, 30), (120, 90), (30, 90)], float)
     monkeypatch.setattr(
-        "stereo_seecolor.report.chart_search.find_charts", lambda image: (FoundChart(CLASSIC, corners, 0.9, np.ones(24, bool)),)
+        "stereo_seecolor.extras.evaluation.chart_search.find_charts",
+        lambda image: (FoundChart(CLASSIC, corners, 0.9, np.ones(24, bool)),),
     )
     report(out, charts=True)
     kept = json.loads((out / "page/charts.json").read_bytes())["charts"]

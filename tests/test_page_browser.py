@@ -18,12 +18,12 @@ from mapping_scene import CONFIG, PAIR, flat_frame, track, write_run
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 
 from stereo_seecolor.commands.fuse import fuse
-from stereo_seecolor.commands.measure import measure
 from stereo_seecolor.commands.report import report
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.extras.reef.commands.measure import measure
 from stereo_seecolor.files.tum import write_tum
 from stereo_seecolor.report.map_mesh import MeshSizes
 

@@ -10,7 +10,7 @@ import pytest
 from bag_writers import START_NS, camera_infos, dive_messages, name_by_stamps, stamp_of, write_bag
 
 from stereo_seecolor.config import InputConfig
-from stereo_seecolor.inputs.bags.dive import open_dive
+from stereo_seecolor.extras.streams.bags.dive import open_dive
 from stereo_seecolor.inputs.images import read_image
 
 PYTHON = "/usr/bin/python3"

@@ -8,7 +8,7 @@ from conftest import REEF, SampleRun
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
-from stereo_seecolor.evaluation.maps import trajectory_error
+from stereo_seecolor.extras.evaluation.maps import trajectory_error
 from stereo_seecolor.inputs.trajectories import read_trajectory
 from stereo_seecolor.mapping.track.known_steps import STEP, placed_by
 from stereo_seecolor.run_folder.finished_run import open_run

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import pytest
 
-from stereo_seecolor.commands.merge import merge
 from stereo_seecolor.commands.run import run
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.extras.fleet.merge import merge
 from stereo_seecolor.run_folder import layout
 from stereo_seecolor.run_folder.finished_run import open_run
 from stereo_seecolor.run_folder.layout import Shelves, on_shelf, shelf_of

@@ -9,7 +9,7 @@ import pytest
 from calibration import Rectification
 from calibration.formats import load_rig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.evaluation.spread import ComparedFrame, measure_spread
+from stereo_seecolor.extras.evaluation.spread import ComparedFrame, measure_spread
 from stereo_seecolor.files.srgb import decode_srgb, encode_srgb
 from stereo_seecolor.geometry import estimated_range_std_m
 from stereo_seecolor.inputs.images import read_image, read_range_map

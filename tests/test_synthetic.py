@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from calibration.formats import load_rig
 from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.extras.synthetic import casting
+from stereo_seecolor.extras.synthetic.casting import cast
+from stereo_seecolor.extras.synthetic.dive import parse_spec, synthesize
+from stereo_seecolor.extras.synthetic.life import CHART
+from stereo_seecolor.extras.synthetic.lighting import sunlight
+from stereo_seecolor.extras.synthetic.reef import CELL_M, Reef, blocks, build_reef
+from stereo_seecolor.extras.synthetic.render import RenderedPair, Scene
+from stereo_seecolor.extras.synthetic.survey import SurveySpec, track
+from stereo_seecolor.extras.synthetic.waters import WATER_NAMES, WaterName, lit_water
 from stereo_seecolor.inputs.timestamps import timestamp_from_name
 from stereo_seecolor.inputs.trajectories import read_trajectory
-from stereo_seecolor.synthetic import casting
-from stereo_seecolor.synthetic.casting import cast
-from stereo_seecolor.synthetic.dive import parse_spec, synthesize
-from stereo_seecolor.synthetic.life import CHART
-from stereo_seecolor.synthetic.lighting import sunlight
-from stereo_seecolor.synthetic.reef import CELL_M, Reef, blocks, build_reef
-from stereo_seecolor.synthetic.render import RenderedPair, Scene
-from stereo_seecolor.synthetic.survey import SurveySpec, track
-from stereo_seecolor.synthetic.waters import WATER_NAMES, WaterName, lit_water
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 SPEC = SurveySpec(pairs=6, image_size=(320, 256))

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from conftest import SampleRun
 
-from stereo_seecolor.commands.evaluate import evaluate
 from stereo_seecolor.commands.run import run
-from stereo_seecolor.commands.water import measure_water, measure_white
 from stereo_seecolor.config.file import load_config
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.evaluation.evaluate import evaluate
+from stereo_seecolor.extras.evaluation.water import measure_water, measure_white
 
 SAMPLES = Path(__file__).parents[1] / "data_samples" / "reef"
 SIDES = (SAMPLES / "left", SAMPLES / "right", str(SAMPLES / "cam.yaml"))

@@ -10,13 +10,13 @@ from mapping_scene import ReefFrames
 from numpy.typing import NDArray
 
 from calibration import RectifiedPair
+from stereo_seecolor.extras.synthetic.lighting import LAMP_BEAM_EXPONENT, LAMPS_M, lamp_pattern
 from stereo_seecolor.geometry import inverse
 from stereo_seecolor.mapping.frame_index import FrameIndex
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track import odometry
 from stereo_seecolor.mapping.track.relative_pose import Edge
 from stereo_seecolor.records import SurveyFrame, Trajectory
-from stereo_seecolor.synthetic.lighting import LAMP_BEAM_EXPONENT, LAMPS_M, lamp_pattern
 
 Array = NDArray[np.float64]
 

@@ -10,24 +10,18 @@ from typing import Annotated, Any, get_type_hints
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from stereo_seecolor.cli import (
-    dive_commands,
-    fleet_commands,
-    live_command,
-    look_commands,
-    machine_commands,
-    map_commands,
-    reef_commands,
-    rig_commands,
-    score_commands,
-    water_commands,
-)
+from stereo_seecolor.cli import dive_commands, look_commands, machine_commands, map_commands, rig_commands
 from stereo_seecolor.cli.errors import exit_code_of
 from stereo_seecolor.cli.examples import epilog
 from stereo_seecolor.cli.quiet import quiet_libraries
 from stereo_seecolor.cli.report import Report
 from stereo_seecolor.cli.streams import prepare_streams, write_out
 from stereo_seecolor.compute.allocator import keep_freed_memory
+from stereo_seecolor.extras.evaluation import cli as score_commands
+from stereo_seecolor.extras.evaluation import water_cli as water_commands
+from stereo_seecolor.extras.fleet import cli as fleet_commands
+from stereo_seecolor.extras.reef import cli as reef_commands
+from stereo_seecolor.extras.streams import cli as live_command
 
 COMMANDS: dict[str, dict[str, Callable[..., None]]] = {
     "A dive": {

@@ -56,7 +56,7 @@ def run(
             compute = both_steps.enter_context(computing(cluster, report.notice))
             loaded = settings.load(refine)
             if out_mcap:
-                from stereo_seecolor.commands.out_mcap import check_mcap
+                from stereo_seecolor.extras.streams.out_mcap import check_mcap
 
                 check_mcap(out_mcap, execution.overwrite)
             if fuse:
@@ -94,8 +94,8 @@ def check_sources(left: str | Path | None, right: str | Path | None, calib: str 
 
 def _run(left: Path | None, right: Path | None, calib: str | None, bag: Path | None, topics: str) -> "Callable[..., RunSummary]":
     """The function that runs the given dive, called with OUT, settings and options."""
-    from stereo_seecolor.commands.bag_inputs import BagInputs
     from stereo_seecolor.commands.run import run, run_inputs
+    from stereo_seecolor.extras.streams.bag_inputs import BagInputs
 
     if bag:
         return partial(run_inputs, BagInputs(bag, calib or "", topics))
@@ -186,7 +186,7 @@ def _record(out: Path, out_mcap: Path | None) -> str:
     """Write the recording if one was asked for. Returns a line that names it, or ""."""
     if out_mcap is None:
         return ""
-    from stereo_seecolor.commands.out_mcap import write_mcap
+    from stereo_seecolor.extras.streams.out_mcap import write_mcap
 
     return f"{out_mcap}: {write_mcap(out, out_mcap)} frames as ROS 2 messages\n"
 

@@ -12,11 +12,11 @@ from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
 from stereo_seecolor.cli.report import LoggedReport
 
 if TYPE_CHECKING:
-    from stereo_seecolor.commands.bag_info import BagFacts
     from stereo_seecolor.commands.inspect import Inspection
     from stereo_seecolor.commands.inspect_calibration import CalibrationFacts
     from stereo_seecolor.commands.inspect_dive import SampleMeasures
     from stereo_seecolor.commands.inspect_poses import FoundPoses
+    from stereo_seecolor.extras.streams.bag_info import BagFacts
     from stereo_seecolor.inputs.image_facts import ImageFacts
 
 Places = Annotated[
@@ -102,7 +102,7 @@ def _duration(seconds: float) -> str:
 
 def bag_info(bag: BagArgument, topics: opt.Topics = "", *, report: LoggedReport) -> None:
     """List the topics of a ROS bag and the pairs that run would take from it; exit code 3 if there are none."""
-    from stereo_seecolor.commands.bag_info import bag_info as look
+    from stereo_seecolor.extras.streams.bag_info import bag_info as look
 
     with report.working():
         found = look(bag, topics)
@@ -128,7 +128,7 @@ def bag_text(found: "BagFacts") -> str:
 
 def sync(left: LeftVideo, right: RightVideo, calib: Rig = None, *, report: LoggedReport) -> None:
     """Find clock offset and drift between two unsynchronized cameras, from sound, a flash and image motion."""
-    from stereo_seecolor.commands.sync import sync as find
+    from stereo_seecolor.extras.streams.sync import sync as find
 
     with report.working():
         found = find(left, right, calib or "")

@@ -14,7 +14,7 @@ from stereo_seecolor.cli.report import BareReport, Report, computing
 from stereo_seecolor.cli.run_text import map_text, measures_text, page_text, report_text
 
 if TYPE_CHECKING:
-    from stereo_seecolor.commands.export import ExportResult
+    from stereo_seecolor.extras.export.command import ExportResult
 
 
 def fuse(
@@ -59,8 +59,8 @@ def measure(
     report: BareReport,
 ) -> None:
     """Measure points, lengths and areas in the frames of a run; prints a CSV with standard errors."""
-    from stereo_seecolor.commands.length_table import length_table
-    from stereo_seecolor.commands.measure import measure as measure_points
+    from stereo_seecolor.extras.reef.commands.length_table import length_table
+    from stereo_seecolor.extras.reef.commands.measure import measure as measure_points
 
     if lengths:
         table = length_table(out, points)
@@ -94,8 +94,8 @@ def export(
     report: BareReport,
 ) -> None:
     """Write a fused run for another program: COLMAP, Nerfstudio, Metashape, GLB, TagLab and others."""
-    from stereo_seecolor.commands.export import export as write
-    from stereo_seecolor.export.formats import EXPORT_FORMATS
+    from stereo_seecolor.extras.export.command import export as write
+    from stereo_seecolor.extras.export.formats import EXPORT_FORMATS
 
     if listed:
         report.end(

@@ -34,7 +34,7 @@ def computing(cluster: str, notice: Callable[[str], None]) -> "Iterator[Compute 
     if not cluster:
         yield None
         return
-    from stereo_seecolor.compute.cluster.connect import cluster as connected
+    from stereo_seecolor.extras.fleet.cluster.connect import cluster as connected
 
     with connected(cluster, notice) as compute:
         yield compute

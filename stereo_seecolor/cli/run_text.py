@@ -9,7 +9,7 @@ from stereo_seecolor.files.csv_table import csv_text
 from stereo_seecolor.run_folder.layout import MAP_FILES
 
 if TYPE_CHECKING:
-    from stereo_seecolor.commands.measure import Measurement
+    from stereo_seecolor.extras.reef.commands.measure import Measurement
     from stereo_seecolor.mapping.survey_map import MapSummary
     from stereo_seecolor.report.page import PageSummary
     from stereo_seecolor.run_folder.frames_table import ProductSummary, RunSummary

@@ -18,11 +18,11 @@ from calibration.resizing import wrong_size
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.videos.video import Videos
 from stereo_seecolor.inputs.dive_pairs import pair_sides
 from stereo_seecolor.inputs.halves import is_half
 from stereo_seecolor.inputs.images import read_image
 from stereo_seecolor.inputs.pairing import Pair, Pairing
-from stereo_seecolor.inputs.video import Videos
 from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.records import FrameRow, Image, is_monochrome
 

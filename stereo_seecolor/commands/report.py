@@ -33,8 +33,8 @@ def report(out: Path, listener: Listener | None = None, *, brief: bool = False, 
 
 def _look_for_charts(folder: RunFolder, run: FinishedRun, listener: Listener) -> None:
     """Search all frames for color charts, compare views of the same spots, and keep both results for the page."""
-    from stereo_seecolor.commands.evaluate import evaluate_spread  # loads scipy
-    from stereo_seecolor.report.chart_search import find_all
+    from stereo_seecolor.extras.evaluation.chart_search import find_all
+    from stereo_seecolor.extras.evaluation.evaluate import evaluate_spread  # loads scipy
 
     found: list[ShownChart] = []
     listener.begin("charts", len(run.frames))

@@ -6,7 +6,6 @@ from functools import partial
 from pathlib import Path
 
 from calibration.formats import native
-from stereo_seecolor.commands.bag_inputs import BagInputs
 from stereo_seecolor.commands.dive_job import Job, claim, describe
 from stereo_seecolor.commands.first_run import compile_for, load_beside
 from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs
@@ -15,6 +14,7 @@ from stereo_seecolor.compute.shard import WHOLE, Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.passes import Dive
 from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.extras.streams.bag_inputs import BagInputs
 from stereo_seecolor.inputs.pairing import Pairing
 from stereo_seecolor.pipeline import PAIR_BYTES_A_PIXEL
 from stereo_seecolor.records import Water

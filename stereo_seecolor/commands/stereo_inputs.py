@@ -8,11 +8,12 @@ from calibration.checks import suspicions
 from stereo_seecolor.commands.dive_rig import load_rig_for, spread
 from stereo_seecolor.commands.first_look import first_notes
 from stereo_seecolor.commands.refine_dive import DiveRefinement
-from stereo_seecolor.commands.video_pairs import video_pairing
 from stereo_seecolor.compute.shard import Shard
 from stereo_seecolor.config import RunConfig
 from stereo_seecolor.dive.run_options import RunOptions
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.videos.pairs import video_pairing
+from stereo_seecolor.extras.streams.videos.video import Videos
 from stereo_seecolor.files.keys import content_key
 from stereo_seecolor.files.reading import read_bytes, special_kind
 from stereo_seecolor.inputs.compression import compression_notes
@@ -21,7 +22,6 @@ from stereo_seecolor.inputs.linear_look import encoding_notes
 from stereo_seecolor.inputs.listing import folders_of
 from stereo_seecolor.inputs.pairing import Pair, Pairing
 from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts, stored_notes
-from stereo_seecolor.inputs.video import Videos
 from stereo_seecolor.inputs.video_images import is_video
 from stereo_seecolor.pipeline import Pipeline
 from stereo_seecolor.run_folder.claim import Owner

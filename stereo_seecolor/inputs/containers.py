@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from stereo_seecolor.extras.streams.bags.bag import SUFFIXES
 from stereo_seecolor.files.contained import Container, contained, open_containers
-from stereo_seecolor.inputs.bags.bag import SUFFIXES
 from stereo_seecolor.inputs.halves import Halves, is_half
 from stereo_seecolor.inputs.video_images import VideoImages, is_video
 
@@ -24,6 +24,6 @@ def open_around(path: Path) -> None:
 def _container(outer: Path) -> Container:
     if is_video(outer):
         return VideoImages(outer)
-    from stereo_seecolor.inputs.bags.dive import bag_images
+    from stereo_seecolor.extras.streams.bags.dive import bag_images
 
     return bag_images(outer)

@@ -7,7 +7,7 @@ from typing import Literal
 
 from calibration import CalibrationError, StereoRig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.measuring.limits import LIMITS
+from stereo_seecolor.report.measuring_limits import LIMITS
 from stereo_seecolor.report.texts import digits, phrase
 from stereo_seecolor.run_folder.finished_run import FinishedRun
 

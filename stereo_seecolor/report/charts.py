@@ -10,7 +10,7 @@ from stereo_seecolor.run_folder.folder import RunFolder
 from stereo_seecolor.run_folder.layout import PAGE
 
 if TYPE_CHECKING:
-    from stereo_seecolor.evaluation.spread import SpreadReport  # loads much
+    from stereo_seecolor.extras.evaluation.spread import SpreadReport  # loads much
 
 FILE = f"{PAGE}/charts.json"
 

@@ -8,13 +8,13 @@ from itertools import pairwise
 from statistics import median
 
 from stereo_seecolor.errors import ColorError, InputError
-from stereo_seecolor.export.posed_run import PosedRun, open_posed_run
 from stereo_seecolor.records import FrameRow, Water
 from stereo_seecolor.run_folder.finished_map import FinishedMap, open_map
 from stereo_seecolor.run_folder.finished_run import FinishedRun
 from stereo_seecolor.run_folder.frames_csv import read_frames
 from stereo_seecolor.run_folder.frames_table import Problem, problems_of
 from stereo_seecolor.run_folder.layout import FRAMES_TABLE
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
 from stereo_seecolor.run_folder.water_file import read_waters
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.export.posed_run import PosedRun
 from stereo_seecolor.report.map_images import Box, Terrain
 from stereo_seecolor.report.map_mesh import Piece, packed_colors
 from stereo_seecolor.run_folder.layout import page_path
+from stereo_seecolor.run_folder.posed_run import PosedRun
 
 Floats = NDArray[np.float64]
 

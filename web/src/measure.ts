@@ -1,4 +1,4 @@
-// Points, lengths, areas and profiles on a frame's surface, as stereo_seecolor/measuring computes them (a test compares both).
+// Points, lengths, areas and profiles on a frame's surface, as stereo_seecolor/extras/reef/measuring computes them (a test compares both).
 
 import type { Geometry } from "./dive";
 import { STD_BLOCK_PX, type Ranges } from "./ranges";

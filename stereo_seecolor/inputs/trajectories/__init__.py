@@ -8,7 +8,7 @@ import numpy as np
 
 from stereo_seecolor.config import MappingConfig, MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.bags.bag import is_bag
+from stereo_seecolor.extras.streams.bags.bag import is_bag
 from stereo_seecolor.inputs.name_keys import side_of, without_side
 from stereo_seecolor.inputs.trajectories import (
     acfr,
@@ -63,7 +63,7 @@ def read_trajectory(path: Path, mount: MountConfig | None = None) -> Trajectory:
     Raises InputError for a file that cannot be read, is of no known format, or holds no pose.
     """
     if is_bag(path):
-        from stereo_seecolor.inputs.bags.track import read_track
+        from stereo_seecolor.extras.streams.bags.track import read_track
 
         return read_track(path, mount or MountConfig())
     file, columns = column_map.split_spec(path)

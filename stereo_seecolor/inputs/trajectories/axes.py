@@ -4,12 +4,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stereo_seecolor.config import MountConfig
+from stereo_seecolor.geometry import pose
 from stereo_seecolor.records import GeoOrigin
 
 R_ENU_NED = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
-
-_LEAST_QUATERNION = 1e-300
-"""Smaller numbers cannot be divided by."""
 
 _STEPS = 8
 """Of an iteration that gains two digits a step over a few kilometers."""
@@ -26,30 +24,9 @@ def rotation_from_euler(roll: ArrayLike, pitch: ArrayLike, yaw: ArrayLike) -> ND
     return np.asarray(Rotation.from_euler("ZYX", angles).as_matrix())
 
 
-def rotation_from_quaternion(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """Convert quaternions (N, 4), x, y, z, w, to rotations (N, 3, 3); they are normalized first, NaN where zero or not finite."""
-    from scipy.spatial.transform import Rotation  # see geometry.py
-
-    q = np.atleast_2d(np.asarray(quaternion, dtype=np.float64))
-    R = np.full((len(q), 3, 3), np.nan)
-    known = np.isfinite(q).all(axis=1) & (np.abs(q).max(axis=1) > _LEAST_QUATERNION)
-    if known.any():
-        scaled = q[known] / np.abs(q[known]).max(axis=1, keepdims=True)  # squares of huge numbers would overflow
-        R[known] = Rotation.from_quat(scaled).as_matrix()
-    return R
-
-
-def poses(R: NDArray[np.float64], position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Combine rotations (N, 3, 3) and positions (N, 3) to poses (N, 4, 4)."""
-    T = np.tile(np.eye(4), (len(position_m), 1, 1))
-    T[:, :3, :3] = R
-    T[:, :3, 3] = position_m
-    return T
-
-
 def poses_from_ned(R_ned_camera: NDArray[np.float64], position_ned_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Camera poses in north-east-down to camera poses in east-north-up, (N, 4, 4)."""
-    return poses(R_ENU_NED @ R_ned_camera, position_ned_m @ R_ENU_NED.T)
+    return pose(R_ENU_NED @ R_ned_camera, position_ned_m @ R_ENU_NED.T)
 
 
 def mount_rotation(mount: MountConfig) -> NDArray[np.float64]:

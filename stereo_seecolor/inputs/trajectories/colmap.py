@@ -3,7 +3,7 @@
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.inputs.trajectories.axes import poses, rotation_from_quaternion
+from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 from stereo_seecolor.records import Trajectory
 
@@ -30,7 +30,7 @@ def read(lines: Lines, mount: MountConfig) -> Trajectory:
     R_camera_world = rotation_from_quaternion(table[:, [1, 2, 3, 0]])
     R_world_camera = R_camera_world.transpose(0, 2, 1)
     position_m = -np.einsum("nij,nj->ni", R_world_camera, table[:, 4:])
-    T = poses(R_world_camera, position_m)
+    T = pose(R_world_camera, position_m)
     return Trajectory(tuple(names), np.full(len(names), np.nan), T, up="unknown", camera="raw")
 
 

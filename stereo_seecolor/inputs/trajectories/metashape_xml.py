@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
 from stereo_seecolor.errors import InputError
-from stereo_seecolor.inputs.trajectories.axes import east_north_up_axes, geodetic_from_geocentric, poses
+from stereo_seecolor.geometry import pose
+from stereo_seecolor.inputs.trajectories.axes import east_north_up_axes, geodetic_from_geocentric
 from stereo_seecolor.inputs.trajectories.table import Lines
 from stereo_seecolor.records import GeoOrigin, Trajectory
 
@@ -108,4 +109,4 @@ def _east_north_up(T: Array) -> tuple[Array, GeoOrigin]:
     latitude_deg, longitude_deg, height_m = geodetic_from_geocentric(first)
     axes = east_north_up_axes(latitude_deg, longitude_deg)
     position_m = (T[:, :3, 3] - first) @ axes.T + [0, 0, height_m]
-    return poses(axes @ T[:, :3, :3], position_m), GeoOrigin(latitude_deg, longitude_deg)
+    return pose(axes @ T[:, :3, :3], position_m), GeoOrigin(latitude_deg, longitude_deg)

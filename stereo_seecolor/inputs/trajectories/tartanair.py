@@ -3,7 +3,8 @@
 import numpy as np
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.inputs.trajectories.axes import poses_from_ned, rotation_from_quaternion
+from stereo_seecolor.geometry import rotation_from_quaternion
+from stereo_seecolor.inputs.trajectories.axes import poses_from_ned
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 from stereo_seecolor.records import Trajectory
 

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.config import MountConfig
-from stereo_seecolor.inputs.trajectories.axes import poses, rotation_from_quaternion
+from stereo_seecolor.geometry import pose, rotation_from_quaternion
 from stereo_seecolor.inputs.trajectories.table import Lines, is_number
 from stereo_seecolor.inputs.trajectories.times import seconds
 from stereo_seecolor.records import Trajectory
@@ -36,7 +36,7 @@ def trajectory_of(times_s: NDArray[np.float64], values: NDArray[np.float64]) -> 
 
     World z is up unless the first pose is the identity: then the world is the first camera, and up is unknown.
     """
-    T = poses(rotation_from_quaternion(values[:, 3:]), values[:, :3])
+    T = pose(rotation_from_quaternion(values[:, 3:]), values[:, :3])
     starts_at_identity = np.allclose(T[0], np.eye(4), atol=1e-6)
     return Trajectory(("",) * len(T), times_s, T, up="unknown" if starts_at_identity else "z")
 

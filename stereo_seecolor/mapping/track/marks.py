@@ -14,16 +14,16 @@ from numpy.typing import NDArray
 
 from calibration.geometry import RectifiedPair
 from stereo_seecolor.config import MarkersConfig
+from stereo_seecolor.mapping.markers.control_points import FEWEST, read_bars, read_control_points, read_stds
+from stereo_seecolor.mapping.markers.detection import MarkerDetector
+from stereo_seecolor.mapping.markers.marker_map import SETTINGS as MARKER
+from stereo_seecolor.mapping.markers.marker_map import PlacedMarker, ScaleCheck, bar_checks, placed_markers, size_check
+from stereo_seecolor.mapping.markers.placing import PlacedSighting, place
 from stereo_seecolor.mapping.recovered_frames import Frames
 from stereo_seecolor.mapping.survey import Survey
 from stereo_seecolor.mapping.track.image_space import Observed
 from stereo_seecolor.mapping.track.known_points import Known, KnownLength, KnownPlace
 from stereo_seecolor.mapping.track.sightings import Sightings
-from stereo_seecolor.markers.control_points import FEWEST, read_bars, read_control_points, read_stds
-from stereo_seecolor.markers.detection import MarkerDetector
-from stereo_seecolor.markers.marker_map import SETTINGS as MARKER
-from stereo_seecolor.markers.marker_map import PlacedMarker, ScaleCheck, bar_checks, placed_markers, size_check
-from stereo_seecolor.markers.placing import PlacedSighting, place
 from stereo_seecolor.records import SurveyFrame
 
 Array = NDArray[np.float64]

@@ -7,13 +7,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stereo_seecolor.errors import InputError
+from stereo_seecolor.mapping.markers.control_points import ControlFit, control_fit
+from stereo_seecolor.mapping.markers.marker_map import ScaleCheck
 from stereo_seecolor.mapping.survey import Placement
 from stereo_seecolor.mapping.track.marks import PLACES, SETTINGS, Marks
 from stereo_seecolor.mapping.track.odometry import Track
 from stereo_seecolor.mapping.track.pose_graph import Prior
 from stereo_seecolor.mapping.track.refinement import refined
-from stereo_seecolor.markers.control_points import ControlFit, control_fit
-from stereo_seecolor.markers.marker_map import ScaleCheck
 
 Array = NDArray[np.float64]
 

@@ -1,0 +1,87 @@
+"""Scores of a run against truth, of methods on color targets, and of differences between views, as text."""
+
+from typing import TYPE_CHECKING
+
+from stereo_seecolor.cli.console import lines, table
+
+if TYPE_CHECKING:
+    from stereo_seecolor.extras.evaluation.charts import ChartReport
+    from stereo_seecolor.extras.evaluation.spread import SpreadReport
+    from stereo_seecolor.extras.evaluation.truth import TruthReport
+
+
+def truth_text(report: "TruthReport") -> str:
+    """Errors of a run against truth: ranges, and colors beside those of the raw images."""
+    ranges, color, raw = report.range, report.color, report.raw_color
+    measures = (
+        ("mean angle to the true color, degrees", "angle_deg", ".2f"),
+        ("the same after the best gain a channel", "angle_after_gains_deg", ".2f"),
+        ("CIEDE2000, median", "ciede2000", ".2f"),
+        ("red/blue far against near, true = 1", "range_consistency", ".3f"),
+        ("pixels clipped", "clipped_fraction", ".2%"),
+    )
+    return (
+        lines(
+            f"{len(report.frames)} frames against truth, means over frames; no result for {len(report.missing)} frames",
+            f"range: median error {ranges.median_relative_error:.2%} of the range; disparity off by over 1 px "
+            f"{ranges.bad_1_px:.2%}, over 2 px {ranges.bad_2_px:.2%}; measured {ranges.coverage:.1%} of the pixels that "
+            "both cameras see",
+        )
+        + table(
+            ("color", "corrected", "raw image"),
+            [(what, format(getattr(color, name), style), format(getattr(raw, name), style)) for what, name, style in measures],
+        )
+        + lines(
+            f"over {color.pixels:.0f} pixels a frame: those with a measured range and a true color neither clipped nor nearly black"
+        )
+    )
+
+
+def charts_text(report: "ChartReport") -> str:
+    """A table of every method on every target, and the means."""
+    columns = ("frame", "target", "method", "range m", "psi", "psi linear", "CIEDE2000", "clipped", "chroma")
+    rows = []
+    for row in (*report.rows, *report.means()):
+        numbers = [f"{value:.1f}" for value in (row.range_m, row.psi_deg, row.psi_linear_deg, row.ciede2000)]
+        rows.append((row.frame, row.target, row.method, *numbers, f"{row.clipped_fraction:.1%}", f"{row.chroma:.0f}"))
+    without = [f"without a target: {', '.join(report.without_target)}"] if report.without_target else []
+    missing = [
+        f"{method}: has no image of {', '.join(stems)}: its means leave them out" for method, stems in report.missing.items()
+    ]
+    sheet = f"  {report.sheet}: every method on every frame, to look at"
+    return table(columns, rows) + _ranges_text(report) + lines(*without, *missing, sheet)
+
+
+def _ranges_text(report: "ChartReport") -> str:
+    """A table of how much the color of the same patch differs between ranges; "" where it was not measured."""
+    if not report.spreads:
+        return ""
+    columns = ("method", "charts", "range m", "patch angle", "patch luminance")
+    rows = [
+        (
+            row.method,
+            f"{row.charts} {row.chart}",
+            f"{row.nearest_m:.1f}..{row.farthest_m:.1f}",
+            f"{row.angle_deg:.1f}",
+            f"{row.luminance:.2f}",
+        )
+        for row in report.spreads
+    ]
+    return lines("the same patch on charts at several ranges: mean angle, and spread of the logarithm of luminance") + table(
+        columns, rows
+    )
+
+
+def spread_text(report: "SpreadReport") -> str:
+    """A table of how much the same spots differ between frames."""
+    measures = (
+        ("brightness of one spot between views, robust spread", "luminance", ".3f"),
+        ("brightness between frames, rms", "frame_offsets", ".3f"),
+        ("color of one spot between views, degrees", "angle_deg", ".2f"),
+        ("spots neither dark nor clipped", "spots", "d"),
+    )
+    methods = {"corrected": report.corrected, "raw images": report.raw, **report.others}
+    rows = [(what, *(format(getattr(spread, name), style) for spread in methods.values())) for what, name, style in measures]
+    return table(("between frames", *methods), rows) + lines(
+        f"{report.pairs} pairs of frames; brightness as natural logarithm of a ratio"
+    )

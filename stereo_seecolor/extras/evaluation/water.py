@@ -1,0 +1,192 @@
+"""``water``: measure the water of a finished run, for another run with ``--water``: from overlapping frames, or from charts."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.color.photometry.even_light import even_light
+from stereo_seecolor.color.photometry.light_model import Light
+from stereo_seecolor.color.photometry.multiview import fit_sightings, with_white_of
+from stereo_seecolor.color.photometry.sightings import KeyFrame, find_sightings
+from stereo_seecolor.color.render.carried_ranges import carry_ranges
+from stereo_seecolor.commands.raw_images import RawImages
+from stereo_seecolor.compute.lazy import Lazy
+from stereo_seecolor.compute.threads import Threads, cores
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.evaluation.camera_matrix import CameraMatrix, SeenPatches, camera_matrix
+from stereo_seecolor.extras.evaluation.chart_white import SeenWhite, WhiteTrend, believed, seen_whites, survey_white
+from stereo_seecolor.extras.evaluation.targets import read_targets, targets_of
+from stereo_seecolor.inputs.trajectories import rectified_trajectory
+from stereo_seecolor.mapping.frame_index import FrameIndex
+from stereo_seecolor.mapping.track.placement import place
+from stereo_seecolor.records import Water
+from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.layout import MEASURED_WATER
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+from stereo_seecolor.run_folder.water_file import read_waters, waters_content
+from stereo_seecolor.water.model import read_water_document
+
+
+@dataclass(frozen=True)
+class ChartReading:
+    """A chart or white card in a frame.
+
+    range_m: of the target. residual_deg: angle between its white, with the water removed, and the mean white of all targets.
+    ciede2000_before, ciede2000: median error of a chart's patches without and with the color matrix; NaN for a card.
+    """
+
+    frame: str
+    target: str
+    range_m: float
+    residual_deg: float
+    ciede2000_before: float
+    ciede2000: float
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredWater:
+    """A measured water, and the file that ``--water`` of another run takes.
+
+    charts: targets that its white point is from, if any. trend: of their whites over range, where they lie at several ranges.
+    matrix: the camera's color matrix; None with the reason in no_matrix where charts gave none. left_out: "frame: target" of
+    possible white cards that were not used, since there are charts or since their color is unlikely.
+    """
+
+    path: Path
+    water: Water
+    charts: tuple[ChartReading, ...] = ()
+    trend: WhiteTrend | None = None
+    matrix: CameraMatrix | None = None
+    no_matrix: str = ""
+    left_out: tuple[str, ...] = ()
+
+
+def measure_water(out: Path, poses: Path, config: RunConfig | None = None) -> MeasuredWater:
+    """Write OUT/water_measured.json: attenuation and backscatter from spots seen at two ranges, the white point of the run's water.
+
+    out: a run with color.lock=survey. poses: a trajectory of the left camera in any known format.
+    Raises InputError, MappingError, ColorError where the run, the poses or the overlap do not suffice.
+    """
+    run = open_run(out)
+    config = config or run.config
+    frames = SurveyFrames(run)
+    index = FrameIndex.build(frames, frames.geometry)
+    trajectory = rectified_trajectory(poses, config.mapping, frames.T_rectified_left)
+    if trajectory.fixes:
+        raise InputError(f"{poses}: holds positions alone: fuse with them, and give OUT/map/trajectory.tum here")
+    placed = place(index, trajectory, config.mapping)
+    scene = _one_water(run, list(index.names))
+    key_frames = _KeyFrames(run, frames, placed.T_world_camera)
+    sightings = find_sightings(key_frames, frames.geometry, scene.input_encoding)
+    water = with_white_of(fit_sightings(sightings, scene.input_encoding), scene, sightings)
+    with RunFolder.existing(out, (poses,)) as folder:
+        folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
+    return MeasuredWater(out / MEASURED_WATER, water)
+
+
+def measure_white(out: Path, targets: Path | None = None) -> MeasuredWater:
+    """Write OUT/water_measured.json: the run's water with the white point of the charts and white cards that its frames show, and
+    with the camera's color matrix where charts show enough patches.
+
+    out: a run with one water for all frames. targets: JSON of chart corners and polygons (see ``read_targets``), of which only
+    frames that it names count; without it every frame is searched for charts. Raises InputError, also where nothing is found.
+    """
+    run = open_run(out)
+    names = tuple(frame.name for frame in run.frames)
+    scene, given = _one_water(run, list(names)), read_targets(targets) if targets else None
+    search = _TargetSearch(names, SurveyFrames(run), RawImages(run), scene, _light_of(run), given)
+    seen = [white for part in Threads(cores()).each(search, range(len(names))) for white in part]
+    kept = seen if targets else believed(seen, scene)
+    left_out = tuple(f"{one.frame}: {one.target}" for one in seen if one not in kept)
+    if not kept:
+        raise _nothing_seen(out, targets, left_out)
+    white = survey_white(kept)
+    water = white.set_in(scene)
+    charts = white.patches_in(water)
+    matrix = camera_matrix([chart for chart in charts if chart])
+    if isinstance(matrix, CameraMatrix):
+        water = replace(water, matrix=matrix.matrix, matrix_errors=matrix.errors)
+    with RunFolder.existing(out, (targets,) if targets else ()) as folder:
+        folder.dive.write(MEASURED_WATER, waters_content({"survey": water}), made_from=folder.dive.digest("range"))
+    return MeasuredWater(
+        path=out / MEASURED_WATER,
+        water=water,
+        charts=tuple(_reading(*of, water) for of in zip(white.seen, white.residuals_deg, charts, strict=True)),
+        trend=white.trend(),
+        matrix=matrix if isinstance(matrix, CameraMatrix) else None,
+        no_matrix="" if isinstance(matrix, CameraMatrix) else matrix,
+        left_out=left_out,
+    )
+
+
+def _nothing_seen(out: Path, targets: Path | None, left_out: tuple[str, ...]) -> InputError:
+    where = f"{targets}: none of its targets" if targets else f"{out}: no color chart or white card"
+    unlikely = f" ({', '.join(left_out)}: of a color that white hardly has here)" if left_out else ""
+    shown = f"shows grays of known range that are neither clipped nor dark{unlikely}"
+    return InputError(f"{where} {shown}: give corners with --targets")
+
+
+def _reading(seen: SeenWhite, residual_deg: float, chart: SeenPatches | None, water: Water) -> ChartReading:
+    before, after = (chart.ciede2000(matrix) if chart else float("nan") for matrix in (np.eye(3), water.matrix))
+    return ChartReading(seen.frame, seen.target, seen.range_m, residual_deg, before, after)
+
+
+@dataclass(frozen=True, eq=False)
+class _TargetSearch:
+    """Finds the charts and white cards of a frame. targets: given ones, by frame; None where frames are searched for charts."""
+
+    names: tuple[str, ...]
+    frames: SurveyFrames
+    raw: RawImages
+    water: Water
+    light: Light | None
+    targets: Mapping[str, list[dict[str, NDArray[np.float64]]]] | None
+
+    def __call__(self, number: int) -> list[SeenWhite]:
+        name = self.names[number]
+        if self.targets is not None and name not in self.targets:
+            return []
+        image, range_m = self.raw.rectified(name), self.frames[number].range_m
+        found = targets_of(self.targets[name] if self.targets else [], image, range_m)
+        if self.targets is None and any(target.type is None for target in found):
+            range_m = carry_ranges(image, range_m)  # a card is too even to be matched but at its border
+        if self.light and found:
+            light = self.light.on(name, (image.shape[1], image.shape[0]))
+            image = even_light(image, range_m, light, self.water.input_encoding)
+        return list(seen_whites(name, found, image, range_m, self.water))
+
+
+def _one_water(run: FinishedRun, names: list[str]) -> Water:
+    """The water that all frames share. Raises InputError where they have different ones."""
+    waters = read_waters(run.water_file, names)
+    if len({tuple(water.white) for water in waters.values()}) > 1:
+        raise InputError(f"{run.water_file}: holds a water for each frame: run again with --set color.lock=survey")
+    return waters[names[0]]
+
+
+def _light_of(run: FinishedRun) -> Light | None:
+    """The light that was divided out of the run's images before its water was fitted; None where none was."""
+    content = read_water_document(run.water_file).get("light")
+    return Light.from_content(content) if content else None
+
+
+class _KeyFrames(Lazy[KeyFrame]):
+    """The placed frames of a run, uncorrected and rectified, each read when asked for."""
+
+    def __init__(self, run: FinishedRun, frames: SurveyFrames, poses: NDArray[np.float64]) -> None:
+        self._raw, self._frames, self._poses = RawImages(run), frames, poses
+        self._placed = np.flatnonzero(np.isfinite(poses).all(axis=(1, 2)))
+
+    def __len__(self) -> int:
+        return len(self._placed)
+
+    def item(self, number: int) -> KeyFrame:
+        """Read one frame."""
+        placed = int(self._placed[number])
+        frame = self._frames[placed]
+        return KeyFrame(self._raw.rectified(frame.name), frame.range_m, self._poses[placed])

@@ -1,0 +1,22 @@
+"""Cameras and points for KWIVER's tools (TeleSculptor, VIAME): a KRTD file for each image, and the map's cloud as PLY.
+
+A KRTD file holds K (3, 3), R (3, 3) and t (3,) of x = K (R X + t), and the distortion; blank lines between them.
+"""
+
+import shutil
+from pathlib import Path
+
+from stereo_seecolor.extras.export.images import write_images
+from stereo_seecolor.run_folder.layout import CLOUD
+from stereo_seecolor.run_folder.posed_run import PosedRun, spaced
+
+
+def write(posed: PosedRun, folder: Path) -> None:
+    """``images/``, ``krtd/NAME.krtd``, image_list.txt and cloud.ply. Pixel (0, 0) is the center of the top left one."""
+    (folder / "krtd").mkdir()
+    shutil.copyfile(posed.map_folder / CLOUD, folder / "cloud.ply")
+    images = write_images(posed.frames, folder)
+    for image, T in zip(images, posed.T_camera_map, strict=True):
+        parts = (*map(spaced, posed.geometry.P_left), "", *map(spaced, T[:3, :3]), "", spaced(T[:3, 3]), "", "0")
+        (folder / "krtd" / f"{image.stem}.krtd").write_text("\n".join(parts) + "\n", encoding="ascii")
+    (folder / "image_list.txt").write_text("".join(f"images/{image.name}\n" for image in images), encoding="utf-8")

@@ -1,0 +1,108 @@
+"""A TagLab project: orthomosaic and terrain model of one size, and the JSON that names them.
+
+Names and limits are those of TagLab's project files; corals outlined there come back by ``metrics --polygons project.json``.
+"""
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.run_folder.layout import MOSAIC, TERRAIN
+from stereo_seecolor.run_folder.posed_run import PosedRun
+
+MOST_PX = 32767
+"""A side, at most."""
+NO_DATA = -9999.0
+BLOCK_PX = 2048
+
+
+def write(posed: PosedRun, folder: Path) -> None:
+    """``rgb.tif``, ``dem.tif`` and ``project.json``.
+
+    Raises InputError if the map has no orthomosaic or it is too large, DeviceError if the library that reads it is missing.
+    """
+    try:
+        import rasterio
+    except ImportError as error:
+        raise DeviceError('the orthomosaic cannot be read without rasterio: pip install "stereo-seecolor[geo]"') from error
+    paths = [posed.map_folder / name for name in (MOSAIC, TERRAIN)]
+    for path in paths:
+        if not path.is_file():
+            raise InputError(f"{path}: is not there: install the geo extra and fuse again")
+    with rasterio.open(paths[0]) as mosaic, rasterio.open(paths[1]) as terrain:
+        if max(mosaic.width, mosaic.height) > MOST_PX:
+            raise InputError(f"{paths[0]}: has more than {MOST_PX} px a side, TagLab's limit: fuse with a larger mapping.mosaic_m")
+        _write_colors(mosaic, folder / "rgb.tif")
+        _write_heights(terrain, mosaic, folder / "dem.tif")
+        size, mm, on_earth = (mosaic.width, mosaic.height), 1000 * mosaic.res[0], mosaic.crs is not None
+    project = _project(posed, size, mm, "rgb.tif" if on_earth else "")
+    (folder / "project.json").write_text(json.dumps(project, indent=1) + "\n", encoding="utf-8")
+
+
+def _profile(mosaic: Any, count: int, dtype: str, **more: Any) -> dict[str, Any]:
+    return {
+        **{"driver": "GTiff", "count": count, "dtype": dtype, "width": mosaic.width, "height": mosaic.height, "crs": mosaic.crs},
+        **{"transform": mosaic.transform, "tiled": True, "compress": "deflate", "bigtiff": "if_safer", **more},
+    }
+
+
+def _windows(mosaic: Any) -> Iterator[Any]:
+    from rasterio.windows import Window
+
+    for row in range(0, mosaic.height, BLOCK_PX):
+        for column in range(0, mosaic.width, BLOCK_PX):
+            yield Window(column, row, min(BLOCK_PX, mosaic.width - column), min(BLOCK_PX, mosaic.height - row))
+
+
+def _write_colors(mosaic: Any, path: Path) -> None:
+    """Without transparency: TagLab takes RGB."""
+    import rasterio
+
+    with rasterio.open(path, "w", **_profile(mosaic, 3, "uint8", photometric="RGB")) as file:
+        for window in _windows(mosaic):
+            file.write(mosaic.read((1, 2, 3), window=window), window=window)
+
+
+def _write_heights(terrain: Any, mosaic: Any, path: Path) -> None:
+    """The terrain on the orthomosaic's pixels; no NaN, which TagLab does not expect."""
+    import rasterio
+
+    heights: NDArray[np.float32] = terrain.read(1)
+    with rasterio.open(path, "w", **_profile(mosaic, 1, "float32", nodata=NO_DATA)) as file:
+        for window in _windows(mosaic):
+            x = mosaic.bounds.left + (np.arange(window.width) + window.col_off + 0.5) * mosaic.res[0]
+            y = mosaic.bounds.top - (np.arange(window.height) + window.row_off + 0.5) * mosaic.res[1]
+            column, row = np.meshgrid(
+                (x - terrain.bounds.left) / terrain.res[0] - 0.5, (terrain.bounds.top - y) / terrain.res[1] - 0.5
+            )
+            at = column.astype(np.float32), row.astype(np.float32)
+            found = cv2.remap(heights, *at, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=float("nan"))
+            file.write(np.where(np.isfinite(found), found, np.float32(NO_DATA)), 1, window=window)
+
+
+def _project(posed: PosedRun, size: tuple[int, int], mm: float, georeferenced: str) -> dict[str, Any]:
+    name = posed.run.root.resolve().name
+    dates = [*(frame.taken.date().isoformat() for frame in posed.frames if frame.taken), posed.run.made[:10]]
+    image = {
+        "rect": [0.0, 0.0, 0.0, 0.0],
+        "map_px_to_mm_factor": f"{mm:.9g}",
+        "width": size[0],
+        "height": size[1],
+        "annotations": {"regions": [], "points": []},
+        "layers": [],
+        "channels": [{"filename": "rgb.tif", "type": "RGB"}, {"filename": "dem.tif", "type": "DEM"}],
+        "id": name,
+        "name": name,
+        "acquisition_date": dates[0],
+        "georef_filename": georeferenced,
+        "workspace": [],
+        "export_dataset_area": [],
+        "metadata": {},
+    }
+    return {"filename": "project.json", "images": [image], "correspondences": {}, "labels": {}, "metadata": {}}

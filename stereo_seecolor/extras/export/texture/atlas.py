@@ -1,0 +1,107 @@
+"""Pages of texture: charts packed as rectangles, each cut out of its image, row after row."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.extras.export.texture.charts import Charts
+
+MOST_PX = 4096
+"""A side of a page, unless an image is larger: what every browser and phone takes."""
+PAD_PX = 4
+"""Around a chart, in pixels of the page: what smaller copies of a texture mix in."""
+BLOCK_PX = 4
+"""A side of the patch of a triangle that no view shows: it has the colors of its corners."""
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A page of texture.
+
+    size: (width, height). step: pixels of the images to one of the page. charts (n,), and for each the rectangle of its view,
+    source (n, 4) as left, top, width, height, and its place (n, 2) in the page. unseen (m,): triangles without a view, and block
+    (m, 2): their places.
+    """
+
+    size: tuple[int, int]
+    step: int
+    charts: NDArray[np.int64]
+    source: NDArray[np.int64]
+    place: NDArray[np.int64]
+    unseen: NDArray[np.int64]
+    block: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PageMesh:
+    """The triangles of a page. vertex (N,): numbers in the surface. uv (N, 2): from the page's top left corner, 0 to 1.
+
+    triangles (F, 3): into them.
+    """
+
+    vertex: NDArray[np.int64]
+    uv: NDArray[np.float32]
+    triangles: NDArray[np.int64]
+
+
+def pack(charts: Charts, group: int, unseen: NDArray[np.int64], step: int) -> list[Page]:
+    """The pages of a group's charts, and of triangles that no view shows."""
+    own = np.flatnonzero(charts.group == group)
+    source = _sources(charts, own, step)
+    sizes = np.concatenate([source[:, 2:] // step, np.full((len(unseen), 2), BLOCK_PX, np.int64)])
+    pages = []
+    for chosen, places, size in _shelves(sizes):
+        chart, block = chosen < len(own), chosen >= len(own)
+        of_chart = chosen[chart]
+        faces = unseen[chosen[block] - len(own)]
+        pages.append(Page(size, step, own[of_chart], source[of_chart], places[chart], faces, places[block]))
+    return pages
+
+
+def page_mesh(charts: Charts, page: Page, triangles: NDArray[np.int32], of_chart: Sequence[NDArray[np.int64]]) -> PageMesh:
+    """Vertices of a page, with their places in it. triangles: of the surface. of_chart: the triangles of each chart."""
+    faces = np.concatenate([of_chart[chart] for chart in page.charts]) if len(page.charts) else np.zeros(0, np.int64)
+    nodes, inverse = np.unique(charts.node[faces], return_inverse=True)
+    position = np.zeros(len(charts.view), np.int64)
+    position[page.charts] = np.arange(len(page.charts))
+    at = position[charts.chart[nodes]]
+    uv = (charts.pixel[nodes] + 0.5 - page.source[at, :2]) / page.step + page.place[at] if len(nodes) else np.zeros((0, 2))
+    corners = np.array([[0.5, 0.5], [BLOCK_PX - 0.5, 0.5], [0.5, BLOCK_PX - 0.5]])
+    blocks = (page.block[:, None] + corners).reshape(-1, 2)
+    vertex = np.concatenate([charts.vertex[nodes], triangles[page.unseen].ravel()])
+    more = len(nodes) + np.arange(3 * len(page.unseen)).reshape(-1, 3)
+    places = np.asarray(np.concatenate([uv, blocks]) / page.size, np.float32)
+    return PageMesh(vertex, places, np.concatenate([inverse.reshape(-1, 3), more]))
+
+
+def _sources(charts: Charts, own: NDArray[np.int64], step: int) -> NDArray[np.int64]:
+    """(n, 4) rectangles of the views around charts, whole steps with the pad around."""
+    low, high = np.full((len(charts.view), 2), np.inf), np.full((len(charts.view), 2), -np.inf)
+    np.minimum.at(low, charts.chart, charts.pixel)
+    np.maximum.at(high, charts.chart, charts.pixel)
+    start = (np.floor(low[own] / step) - PAD_PX) * step
+    end = (np.ceil((high[own] + 1) / step) + PAD_PX) * step
+    return np.concatenate([start, end - start], axis=1).astype(np.int64)
+
+
+def _shelves(sizes: NDArray[np.int64]) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, int]]]:
+    """Rectangles (width, height) in rows of falling height: which are on a page, their places, and the page's size."""
+    if not len(sizes):
+        return
+    most = max(MOST_PX, int(sizes.max()))
+    width = int(min(most, max(sizes[:, 0].max(), np.ceil(1.1 * np.sqrt(sizes.prod(axis=1).sum())))))
+    order = np.argsort(-sizes[:, 1], kind="stable")
+    places = np.zeros((len(sizes), 2), np.int64)
+    x = y = shelf = begun = 0
+    for number, rectangle in enumerate(order.tolist()):
+        w, h = sizes[rectangle].tolist()
+        if x + w > width:
+            x, y, shelf = 0, y + shelf, 0
+        if y + h > most:
+            yield order[begun:number], places[order[begun:number]], (width, y)
+            x, y, shelf, begun = 0, 0, 0, number
+        places[rectangle] = x, y
+        x, shelf = x + w, max(shelf, h)
+    yield order[begun:], places[order[begun:]], (width, y + shelf)

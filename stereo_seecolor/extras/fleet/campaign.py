@@ -1,0 +1,233 @@
+"""``campaign``: many dives, one after the other; an error in one does not end the others."""
+
+import json
+import logging
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Self
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from calibration import CalibrationError
+from stereo_seecolor.commands.fuse import fuse
+from stereo_seecolor.commands.report import report
+from stereo_seecolor.commands.run import run
+from stereo_seecolor.commands.stereo_inputs import StereoInputs
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.config.file import load_config
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.errors import InputError, SeeColorError
+from stereo_seecolor.extras.fleet.campaign_records import write_records
+from stereo_seecolor.extras.fleet.campaign_table import TABLE, DiveState, State, load_states, save_states
+from stereo_seecolor.extras.fleet.site_water import SiteDive, fit_site
+from stereo_seecolor.files.reading import read_bytes
+from stereo_seecolor.run_folder.frames_table import RunSummary
+
+WATERS = "waters"
+
+log = logging.getLogger(__name__)
+
+
+class DiveEntry(BaseModel):
+    """A dive of a campaign; fields are named as the options of ``run``. Paths are relative to the campaign's file.
+
+    poses, fuse: with either a map is made. site: dives of one site share one water.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: str = Field(pattern=r"^\w[\w.-]*$")
+    left: Path
+    right: Path
+    calib: str
+    poses: Path | None = None
+    fuse: bool = False
+    water: Path | None = None
+    site: str = ""
+    settings: dict[str, Any] = {}
+
+    @model_validator(mode="after")
+    def _one_water(self) -> Self:
+        if self.water and self.site:
+            raise ValueError(f"dive {self.name!r} has a water, and shares that of site {self.site!r}: give one of both")
+        return self
+
+
+class CampaignFile(BaseModel):
+    """The file of a campaign. out: holds a folder for each dive. config, settings: of all dives; a dive's own settings win."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    out: Path
+    config: Path | None = None
+    settings: dict[str, Any] = {}
+    dives: tuple[DiveEntry, ...] = Field(min_length=1)
+
+    @classmethod
+    def read(cls, path: Path) -> "CampaignFile":
+        """Read a YAML file. Raises InputError where it cannot be read or is no campaign."""
+        try:
+            campaign = cls.model_validate(yaml.safe_load(read_bytes(path)))
+        except (yaml.YAMLError, UnicodeDecodeError) as error:
+            raise InputError(f"{path}: is no YAML: {' '.join(str(error).split())}") from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(map(str, first["loc"])) or "the file"
+            raise InputError(f"{path}: {where}: {first['msg']} (docs/fleets.md shows a campaign)") from error
+        names = [dive.name for dive in campaign.dives]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice:
+            raise InputError(f"{path}: two dives are called {twice!r}: give each a name of its own")
+        return campaign
+
+
+@dataclass(frozen=True)
+class CampaignResult:
+    """The outcome of every dive, in the file's order. table: the CSV file with the same."""
+
+    dives: tuple[DiveState, ...]
+    table: Path
+
+    @property
+    def all_done(self) -> bool:
+        """True if every pair of every dive went through."""
+        return all(dive.state == "done" for dive in self.dives)
+
+
+def campaign(file: Path, options: RunOptions | None = None, *, only_failed: bool = False) -> CampaignResult:
+    """Run every dive of a campaign's file; each is resumed where it stopped. only_failed: skip those that are done.
+
+    Raises InputError for a file that cannot be used, OutputError where the table cannot be written.
+    """
+    plan = _Campaign(CampaignFile.read(file), file.parent)
+    options = options or RunOptions()
+    earlier = load_states(plan.root)
+    begun = {dive.name: earlier.get(dive.name) or DiveState(dive.name, "not begun") for dive in plan.dives}
+    states = {**begun, **earlier}
+    save_states(plan.root, states)
+    for state in _states(plan, options, earlier if only_failed else {}):
+        states[state.name] = state
+        save_states(plan.root, states)
+    found = tuple(states[dive.name] for dive in plan.dives)
+    if all(state.state != "stopped" for state in found):
+        write_records(plan.root, {state.name: Path(state.out) for state in found if state.ok})
+    return CampaignResult(found, plan.root / TABLE)
+
+
+@dataclass(frozen=True)
+class _Campaign:
+    """A campaign's file with its paths and settings resolved. folder: of the file, from which its paths start."""
+
+    content: CampaignFile
+    folder: Path
+
+    @property
+    def root(self) -> Path:
+        return self.folder / self.content.out
+
+    @property
+    def dives(self) -> tuple[DiveEntry, ...]:
+        return self.content.dives
+
+    def out(self, dive: DiveEntry) -> Path:
+        return self.root / dive.name
+
+    def inputs(self, dive: DiveEntry) -> StereoInputs:
+        calib = ",".join(str(self.folder / part) for part in dive.calib.split(","))
+        return StereoInputs(self.folder / dive.left, self.folder / dive.right, calib)
+
+    def config(self, dive: DiveEntry) -> RunConfig:
+        """The settings of a dive. Raises ConfigError."""
+        shared, settings = self.content.config, {**self.content.settings, **dive.settings}
+        return load_config(self.folder / shared if shared else None, [f"{key}={_text(settings[key])}" for key in settings])
+
+    def site_water(self, dive: DiveEntry) -> Path:
+        """The file for the water of a dive's site, as this dive's exposure shows it."""
+        return self.root / WATERS / f"{dive.name}.json"
+
+
+def _states(plan: _Campaign, options: RunOptions, known: Mapping[str, DiveState]) -> Iterator[DiveState]:
+    """The outcome of each dive when it has ended, until one is stopped. known: earlier outcomes; dives done then are skipped."""
+    waters = _SiteWaters(plan, options, keep=bool(known))
+    for dive in plan.dives:
+        if dive.name in known and known[dive.name].state == "done":
+            yield known[dive.name]
+            continue
+        if waters.fit_for(dive):
+            yield DiveState(dive.name, "stopped", out=str(plan.out(dive)), error=f"while site {dive.site} was measured")
+            return
+        state = _process(plan, dive, waters.of(dive), options)
+        yield state
+        if state.state == "stopped":
+            return
+
+
+class _SiteWaters:
+    """Fits the water of each site before the first of its dives. keep: waters that are there already are kept."""
+
+    def __init__(self, plan: _Campaign, options: RunOptions, keep: bool) -> None:
+        self._plan, self._options, self._keep = plan, options, keep
+        self._fitted: set[str] = set()
+
+    def of(self, dive: DiveEntry) -> Path | None:
+        """The file of the water that a dive is given: its own, or its site's if that could be fitted; else None."""
+        site_water = self._plan.site_water(dive)
+        if dive.site and site_water.exists():
+            return site_water
+        return self._plan.folder / dive.water if dive.water else None
+
+    def fit_for(self, dive: DiveEntry) -> bool:
+        """Fit the water of the dive's site, unless that was done. True if it was stopped."""
+        if not dive.site or dive.site in self._fitted:
+            return False
+        plan, site = self._plan, [one for one in self._plan.dives if one.site == dive.site]
+        if self._keep and all(plan.site_water(one).exists() for one in site):
+            return False
+        self._fitted.add(dive.site)
+        try:
+            dives = [SiteDive(plan.inputs(one), plan.out(one), plan.config(one), plan.site_water(one)) for one in site]
+            return fit_site(dives, self._options)
+        except KeyboardInterrupt:  # between two passes
+            return True
+        except (SeeColorError, CalibrationError) as error:
+            log.error("site %s: %s", dive.site, error)
+            return False
+
+
+def _process(plan: _Campaign, dive: DiveEntry, water: Path | None, options: RunOptions) -> DiveState:
+    """Run a dive, and make its map where one is asked for; returns the outcome, also of one that failed."""
+    start_s, out = time.monotonic(), plan.out(dive)
+    log.info("%s: begins", dive.name)
+    state, mapped = DiveState(dive.name, "failed", out=str(out)), bool(dive.fuse or dive.poses)
+    try:
+        config = plan.config(dive)
+        page = "none" if mapped else options.page  # the page is written when the map is there
+        inputs = plan.inputs(dive)
+        summary = run(inputs.left, inputs.right, inputs.calib, out, config, replace(options, water=water, page=page))
+        state = replace(state, state=_outcome(summary), ok=summary.count("ok"), failed=summary.count("failed"))
+        if mapped and not summary.stopped:
+            fuse(out, plan.folder / dive.poses if dive.poses else None, config, options.listener, options.cluster)
+            report(out, options.listener, brief=True)
+    except KeyboardInterrupt:  # between two passes, or in the map
+        state = replace(state, state="stopped")
+    except (SeeColorError, CalibrationError) as error:
+        log.error("%s: %s", dive.name, error)
+        state = replace(state, state="failed", error=str(error))
+    except Exception as error:  # a defect of this program must not cost the dives that follow
+        log.exception("%s: failed", dive.name)
+        message = f"{type(error).__name__}: {error} (a defect of this program: the log holds more)"
+        state = replace(state, state="failed", error=message)
+    return replace(state, seconds=round(time.monotonic() - start_s, 3))
+
+
+def _outcome(summary: RunSummary) -> State:
+    if summary.stopped:
+        return "stopped"
+    return "done" if summary.all_done else "some pairs failed"
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

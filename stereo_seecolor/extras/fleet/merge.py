@@ -1,0 +1,98 @@
+"""``merge``: the folders of a dive's shards into one, with one water, one manifest and one frames.csv."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from calibration.formats import load_rig
+from stereo_seecolor.commands.dive_job import claim
+from stereo_seecolor.commands.run import KIND, StereoCommand, color, color_with
+from stereo_seecolor.commands.stereo_inputs import Opened
+from stereo_seecolor.dive.passes import Dive
+from stereo_seecolor.dive.run_options import RunOptions
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.bag_inputs import named_inputs
+from stereo_seecolor.inputs.listing import Unpaired
+from stereo_seecolor.inputs.pairing import Pair, Pairing, in_dive_order
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.records import Water
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.frames_table import RunSummary
+from stereo_seecolor.run_folder.layout import WATER, state
+from stereo_seecolor.run_folder.part import Part
+from stereo_seecolor.run_folder.water_file import waters_content
+
+
+def merge(parts: Sequence[Path], out: Path, options: RunOptions | None = None, *, fit_only: bool = False) -> RunSummary:
+    """Merge the results of runs over parts of a dive into ``out``, as those of one run; correct frames that are not corrected yet.
+
+    Files are hard links in ``out`` where the file system has them, else copies; the parts stay as they are. The water is that of
+    the parts, or fitted to all of them. fit_only: stop when water.json is written.
+    Raises InputError where the parts do not belong together; SeeColorError, CalibrationError as ``run`` does.
+    """
+    options = options or RunOptions()
+    opened_parts = [Part.open(part) for part in parts]
+    opened, inputs = _opened(opened_parts), named_inputs(opened_parts[0].run.inputs)
+    pairs, waters = opened.pairing.pairs, _waters(opened_parts)
+
+    def passes(dive: Dive, folder: RunFolder, pairing: Pairing) -> None:
+        if waters is None and not fit_only:
+            color(dive, folder, pairing, None)
+            return
+        dive.leave_light()
+        known = dive.waters(pairs) if waters is None else {pair.name: waters[pair.name] for pair in pairs if pair.name in waters}
+        if fit_only:
+            folder.dive.write(WATER, waters_content(known))
+        else:
+            color_with(dive, folder, pairing, known)
+
+    with RunFolder(out, claim(inputs.owner(KIND, opened), options, [*inputs.paths, *parts])) as folder:
+        for part in opened_parts:
+            for frame in part.frames():
+                folder.frames.adopt(part.root, frame)
+        command = StereoCommand(inputs, opened.pipeline.config, options, "range" if fit_only else "corrected")
+        with options.compute.sharing(state(folder.root), inputs.paths):
+            return command.conduct(opened, folder, passes)
+
+
+def _opened(parts: Sequence[Part]) -> Opened:
+    """All pairs of the parts and the pipeline of their rig. Raises InputError where settings, rig or version differ."""
+    first = parts[0]
+    for part in parts[1:]:
+        if part.settings != first.settings or part.run.config != first.run.config:
+            raise InputError(
+                f"{part.root}: was made with other settings or another rig than {first.root}: run it again with the same "
+                "--calib and --config"
+            )
+    pipeline = Pipeline(load_rig(str(first.rig)), first.run.config)
+    if pipeline.settings != first.settings:
+        raise InputError(f"{first.root}: was made by another version of the program: run its line again first")
+    unpaired = {row.left: Unpaired(Path(row.left), row.error) for part in parts for row in part.rows if row.status == "unpaired"}
+    return Opened(Pairing(tuple(in_dive_order(_pairs(parts))), tuple(unpaired.values())), pipeline)
+
+
+def _pairs(parts: Sequence[Part]) -> list[Pair]:
+    """Every pair of the parts, once. Raises InputError where two parts have different images of one name."""
+    pairs: dict[str, Pair] = {}
+    seen: dict[str, tuple[Part, tuple[str, str]]] = {}
+    for part in parts:
+        for row in part.rows:
+            if row.status == "failed":
+                pairs.setdefault(row.name, Pair(row.name, Path(row.left), Path(row.right), row.timestamp_s))
+        for frame in part.frames():
+            left, right = frame.inputs["left"], frame.inputs["right"]
+            other, hashes = seen.setdefault(frame.name, (part, (left.sha256, right.sha256)))
+            if hashes != (left.sha256, right.sha256):
+                raise InputError(f"{part.root} and {other.root}: hold two different pairs {frame.name!r}: merge them apart")
+            pairs[frame.name] = Pair(frame.name, Path(left.path), Path(right.path), frame.timestamp_s)
+    return list(pairs.values())
+
+
+def _waters(parts: Sequence[Part]) -> Mapping[str, Water] | None:
+    """The water of each frame that the parts were corrected with; None where none was. Raises InputError where only some were."""
+    waters = {part.root: part.waters() for part in parts}
+    missing = [root for root, found in waters.items() if found is None]
+    if len(missing) == len(parts):
+        return None
+    if missing:
+        raise InputError(f"{missing[0]}: has no water yet, and other parts have: run its line again with the same --water")
+    return {name: water for found in waters.values() for name, water in (found or {}).items()}

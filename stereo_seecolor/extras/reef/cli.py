@@ -1,0 +1,73 @@
+"""Commands that measure on a map: metrics, compare, markers."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from stereo_seecolor.cli import options as opt
+from stereo_seecolor.cli.errors import EXIT_DONE, EXIT_SOME_FAILED
+from stereo_seecolor.cli.report import BareReport
+from stereo_seecolor.extras.reef.text import comparison_text, markers_text, metrics_text
+
+
+def metrics(
+    out: opt.Finished,
+    polygons: Annotated[
+        Path | None, opt.option("--polygons", "FILE", "Outlines of colonies or bottom types: GeoJSON, or a TagLab project.")
+    ] = None,
+    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for CSV tables.")] = None,
+    *,
+    report: BareReport,
+) -> None:
+    """Measure rugosity and structure of a fused run, and colonies and cover by polygons, with standard errors."""
+    from stereo_seecolor.extras.reef.commands.metrics import metrics as measure
+
+    with report.working():
+        result = measure(out, polygons, folder)
+    code = EXIT_SOME_FAILED if result.unseen else EXIT_DONE
+    report.end({"out": out, **vars(result)}, metrics_text(result), code)
+
+
+def compare(
+    first: Annotated[Path, typer.Argument(metavar="FIRST", help="Output folder of a run that was fused.")],
+    second: Annotated[Path, typer.Argument(metavar="SECOND", help="The same of a later dive at the same site.")],
+    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for rasters, table and picture.")] = None,
+    joint: Annotated[
+        bool, opt.flag("--joint", "Also estimate the second track together with the first: second_track.tum, for fuse --poses.")
+    ] = False,
+    *,
+    report: BareReport,
+) -> None:
+    """Find what changed between two fused runs of one site: growth, loss and color, with standard errors."""
+    from stereo_seecolor.extras.reef.commands.compare import compare as compare_runs
+    from stereo_seecolor.extras.reef.comparing.change_files import description
+
+    with report.working():
+        found = compare_runs(first, second, folder, joint)
+    bent = {"pairs": found.joint.pairs, "bent_m": found.joint.bent_m} if found.joint else None
+    content = description(found.change) | {"joint": bent} | {"first": first, "second": second, "patches": found.change.patches}
+    report.end({**content, "files": found.files}, comparison_text(found))
+
+
+def markers(
+    out: opt.Finished,
+    size: Annotated[
+        float | None, opt.option("--size", "METERS", "Edge length of the black square of the markers, in meters.")
+    ] = None,
+    family: Annotated[
+        str, opt.option("--family", "NAME", "Marker family: 36h11 (AprilTag), aruco-4x4, ...; an unknown name lists all.")
+    ] = "36h11",
+    bars: Annotated[Path | None, opt.option("--bars", "FILE", "Scale bars: CSV with first, second, length_m.")] = None,
+    points: Annotated[Path | None, opt.option("--points", "FILE", "Surveyed places: CSV with marker, x_m, y_m, z_m.")] = None,
+    folder: Annotated[Path | None, opt.option("--out", "FOLDER", "A new or empty folder for table and track.")] = None,
+    *,
+    report: BareReport,
+) -> None:
+    """Find markers in a fused run, and check its scale by their size and scale bars, and its place by surveyed markers."""
+    from stereo_seecolor.extras.reef.commands.markers import Known
+    from stereo_seecolor.extras.reef.commands.markers import markers as find
+
+    with report.working() as listener:
+        found = find(out, Known(size, family, bars, points), folder, listener)
+    report.end({"out": out, **vars(found)}, markers_text(found), EXIT_SOME_FAILED if found.wrong else EXIT_DONE)

@@ -1,0 +1,1 @@
+"""What the commands of this extra do, as plain functions."""

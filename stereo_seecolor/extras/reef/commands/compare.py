@@ -1,0 +1,61 @@
+"""``compare``: what changed between two fused runs of one site."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from stereo_seecolor.compute.threads import Threads, cores
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.comparing.change_files import write_change
+from stereo_seecolor.extras.reef.comparing.change_page import write_change_page
+from stereo_seecolor.extras.reef.comparing.joint_track import JointTrack, joint_track
+from stereo_seecolor.extras.reef.comparing.site_change import SiteChange, compare_sites
+from stereo_seecolor.extras.reef.site.mesh import open_site
+from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.files.new_folder import new_folder, refuse_filled
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.mapping.raster.georeference import Georeference
+
+SECOND_TRACK = "second_track.tum"
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The change of a site. files: written to the folder. joint: the second track, solved in one graph with the first, if asked."""
+
+    change: SiteChange
+    files: tuple[Path, ...]
+    joint: JointTrack | None = None
+
+
+def compare(first: Path, second: Path, folder: Path | None = None, joint: bool = False) -> Comparison:
+    """Register the map in ``second`` to that in ``first``, and find where the bottom rose, sank or changed its color.
+
+    folder: new or empty, for page, rasters, table and picture; None writes none. Both runs are left as they are.
+    joint: also solve the second's track in one graph with the first's, to fuse it again with; needs a folder.
+    Raises InputError for a run without a map; ComparingError, with the evidence, if the maps cannot be compared; OutputError;
+    DeviceError if GTSAM is missing for ``joint``.
+    """
+    if folder:
+        refuse_filled(folder)
+    elif joint:
+        raise InputError("--joint: writes the second's track: give --out, a new or empty folder")
+    a, b = open_site(first), open_site(second)
+    change = compare_sites(a, b, max(site.posed.map.cell_m["dem_m"] for site in (a, b)))
+    if folder is None:
+        return Comparison(change, ())
+    track = joint_track(a, b, change.registration, Threads(cores())) if joint else None
+    with new_folder(folder) as building:
+        if track:
+            write_tum(building / SECOND_TRACK, track.trajectory)
+        write_change(building, change, Georeference(a.posed.offset_m, a.posed.origin))
+        shutil.rmtree(building / ".scratch", ignore_errors=True)
+        write_change_page(building, change, *_names(first.resolve(), second.resolve()))
+    return Comparison(change, tuple(sorted(files_below(folder))), track)
+
+
+def _names(first: Path, second: Path) -> tuple[str, str]:
+    """The names of the two runs on the page, with their parent folders' where both are the same."""
+    if first.name != second.name:
+        return first.name, second.name
+    return f"{first.parent.name}/{first.name}", f"{second.parent.name}/{second.name}"

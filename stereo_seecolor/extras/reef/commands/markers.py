@@ -1,0 +1,106 @@
+"""``markers``: tags and scale bars on the bottom, found in a fused run and compared with what is known of them."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from stereo_seecolor.errors import FrameError, InputError
+from stereo_seecolor.extras.reef.metrics.tables import write_tables
+from stereo_seecolor.files.atomic import files_below
+from stereo_seecolor.files.new_folder import new_folder, refuse_filled
+from stereo_seecolor.files.tum import write_tum
+from stereo_seecolor.geometry import pose
+from stereo_seecolor.mapping.markers.control_points import ControlFit, control_fit, read_bars, read_control_points
+from stereo_seecolor.mapping.markers.detection import MarkerDetector
+from stereo_seecolor.mapping.markers.marker_map import PlacedMarker, ScaleCheck, bar_checks, placed_markers, size_check
+from stereo_seecolor.mapping.markers.placing import PlacedSighting, place
+from stereo_seecolor.progress import Listener, Silence
+from stereo_seecolor.records import FrameRow, Trajectory
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
+from stereo_seecolor.run_folder.survey_frames import SurveyFrames
+
+
+@dataclass(frozen=True)
+class Known:
+    """Known lengths and places of markers. edge_m: edge of the black border of each. bars, points: CSV files (docs/markers.md)."""
+
+    edge_m: float | None = None
+    family: str = "36h11"
+    bars: Path | None = None
+    points: Path | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class FoundMarkers:
+    """Markers found in a map. frames: number of frames of the map. markers: those seen in two frames or more.
+
+    size: known against measured edge, of all markers. bars: the same of each scale bar, by its ends. control: fit to the surveyed
+    places. None where nothing is known.
+    """
+
+    frames: int
+    markers: tuple[PlacedMarker, ...]
+    size: ScaleCheck | None
+    bars: dict[str, ScaleCheck]
+    control: ControlFit | None
+    files: tuple[Path, ...] = ()
+
+    @property
+    def wrong(self) -> bool:
+        """Whether a given length cannot be right."""
+        return any(check.wrong for check in (self.size, *self.bars.values()) if check)
+
+
+def markers(out: Path, known: Known, folder: Path | None = None, listener: Listener | None = None) -> FoundMarkers:
+    """Find markers in the corrected frames of the map in ``out``.
+
+    folder: new or empty, for markers.csv and, with control points, trajectory.tum, the track in their coordinates.
+    Raises InputError for a run without a map, or tables that cannot be used; OutputError.
+    """
+    if folder:
+        refuse_filled(folder)
+    detector = MarkerDetector(known.family)
+    bars = read_bars(known.bars) if known.bars else {}
+    points = read_control_points(known.points) if known.points else {}
+    posed = open_posed_run(out)
+    shift = pose(np.eye(3), posed.offset_m)
+    T = {frame.name: shift @ T for frame, T in zip(posed.frames, posed.T_map_camera, strict=True)}
+    found = tuple(placed_markers(_sightings(posed, detector, listener or Silence()), T))
+    if not found:
+        raise InputError(f"{out}: shows no marker of {known.family} in two frames or more: another --family?")
+    checks = {f"{first}-{second}": check for (first, second), check in bar_checks(found, bars).items()}
+    result = FoundMarkers(
+        frames=len(posed.frames),
+        markers=found,
+        size=size_check(found, known.edge_m) if known.edge_m else None,
+        bars=checks,
+        control=control_fit(found, points) if points else None,
+    )
+    return _written(result, T, folder) if folder else result
+
+
+def _sightings(posed: PosedRun, detector: MarkerDetector, listener: Listener) -> list[PlacedSighting]:
+    frames, placed = SurveyFrames(posed.run, posed.map.range_scale), []
+    listener.begin("markers", len(frames))
+    for number in range(len(frames)):
+        try:
+            frame = frames[number]
+        except FrameError:
+            continue
+        found = [place(sighting, frame, posed.geometry) for sighting in detector.find(frame.color)]
+        placed += [each for each in found if each is not None]
+        listener.advance(FrameRow(frame.name))
+    return placed
+
+
+def _written(result: FoundMarkers, T: dict[str, np.ndarray], folder: Path) -> FoundMarkers:
+    rows = [vars(marker) for marker in result.markers]
+    if result.control:
+        rows = [row | {"control_residual_m": result.control.residuals_m.get(row["number"], float("nan"))} for row in rows]
+    with new_folder(folder) as building:
+        write_tables(building, {"markers": rows})
+        if result.control:
+            moved = np.array([result.control.T @ each for each in T.values()])
+            write_tum(building / "trajectory.tum", Trajectory(tuple(T), np.arange(len(T), dtype=float), moved))
+    return replace(result, files=tuple(sorted(files_below(folder))))

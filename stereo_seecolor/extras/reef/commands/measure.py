@@ -1,0 +1,225 @@
+"""``measure``: points, lengths and areas in the frames and on the map of a finished run, from a table of places."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.measuring.measures import (
+    Measured,
+    along_surface,
+    planar_area,
+    range_of,
+    straight_length,
+    surface_area,
+)
+from stereo_seecolor.extras.reef.measuring.picking import Pick, Surface
+from stereo_seecolor.extras.reef.measuring.terrain import Ground, Spot
+from stereo_seecolor.files import csv_table
+from stereo_seecolor.geometry import estimated_range_std_m
+from stereo_seecolor.report.calibration_std import calibration_std
+from stereo_seecolor.report.height_code import height_std_m
+from stereo_seecolor.report.map_images import Terrain
+from stereo_seecolor.report.range_code import std_codes, std_from_codes
+from stereo_seecolor.run_folder.finished_run import FinishedRun, open_run
+from stereo_seecolor.run_folder.layout import MAP, TERRAIN
+
+Kind = Literal["point", "length", "area"]
+LEAST_POINTS: dict[Kind, int] = {"point": 1, "length": 2, "area": 3}
+COLUMNS = ("measure", "frame", "kind", "label")
+FRAME_COLUMNS, MAP_COLUMNS = ("x_px", "y_px"), ("x_m", "y_m")
+CLICK_CELLS = 0.25
+"""Standard error of a click on the map where the table has none, in terrain cells: half a pixel of the mosaic, which is half a
+cell."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """One thing to measure, from a table of places.
+
+    measure: its name in the table. frame: "" for the map. places: (x, y) in pixels of the frame's rectified left image.
+    spots: (x_m, y_m, z_m, click_m) on the map: position and standard error of the click; height and click NaN where not given.
+    """
+
+    measure: str
+    frame: str
+    kind: Kind
+    label: str
+    places: tuple[tuple[float, float], ...]
+    spots: tuple[tuple[float, float, float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """A measurement with standard errors; None where the surface is not known at one of the places.
+
+    value, std: straight length, planar area, or of a point its range (on the map its height); meters or square meters.
+    surface, surface_std: length or area along the surface; None for a point, and where the map does not show it from above.
+    x_m, y_m, z_m: of a point, in the axes of the rectified left camera; on the map, in the map's.
+    """
+
+    measure: str
+    frame: str
+    kind: Kind
+    label: str
+    value: float | None
+    std: float | None
+    surface: float | None = None
+    surface_std: float | None = None
+    x_m: float | None = None
+    y_m: float | None = None
+    z_m: float | None = None
+
+
+def measure(out: Path, points: Path) -> list[Measurement]:
+    """Measure what a table asks for: columns measure, frame, kind (point, length or area), label, x_px, y_px; a row for each place.
+
+    Rows without a frame are on the map, and have x_m, y_m, and z_m unless it is that of the terrain. Rows with the same measure
+    belong together, in their order. The page writes such tables, and gives the same numbers.
+    Raises InputError if the table cannot be used, or the run knows no camera, not the frame, or no map.
+    """
+    run = open_run(out)
+    wanted = read_wanted(points)
+    surfaces: dict[str, Surface] = {}
+    ground = ground_of(run) if any(not each.frame for each in wanted) else None
+    results, calibration = [], calibration_std(run).total
+    for each in wanted:
+        if not each.frame and ground is not None:
+            results.append(measured_on_map(ground, each, calibration))
+            continue
+        if each.frame not in surfaces:
+            surfaces = {each.frame: surface_of(run, each.frame)}  # tables are sorted by frame: one is kept
+        results.append(measured(surfaces[each.frame], each, calibration))
+    return results
+
+
+def surface_of(run: FinishedRun, name: str) -> Surface:
+    """The surface that a frame of a run shows. Raises InputError if the run knows no camera, or not the frame."""
+    if run.geometry is None:
+        raise InputError(f"{run.root}: the run knows no camera (made by correct?): measuring needs the output of run")
+    frame = run.frame(name)
+    range_m = frame.measured_range_m()
+    if "range_std" in frame.products:
+        std_m = np.where(np.isfinite(range_m), frame.read("range_std"), np.float32(np.nan))
+    else:
+        std_m = estimated_range_std_m(range_m, run.geometry)
+    return Surface(run.geometry, range_m, std_from_codes(std_codes(std_m)))  # as the page holds them
+
+
+def ground_of(run: FinishedRun) -> Ground:
+    """The terrain of a run's map. Raises InputError if it has none, or the library that reads it is missing."""
+    path = run.root / MAP / TERRAIN
+    if not path.is_file():
+        raise InputError(f"{run.root}: holds no terrain ({MAP}/{TERRAIN}): make it with stereo-seecolor fuse and the geo extra")
+    terrain = Terrain.open(path)
+    if terrain is None:  # pragma: no cover: where the geo extra is missing
+        raise InputError(f"{path}: needs rasterio to be read: pip install 'stereo-seecolor[geo]'")
+    about = terrain.about
+    heights_m = terrain.heights_m((0, 0, about["width"], about["height"]))
+    std_m = height_std_m(run)
+    return Ground(heights_m, about["west_m"], about["north_m"], about["pixel_m"], std_m if np.isfinite(std_m) else 0.0)
+
+
+def measured_on_map(ground: Ground, wanted: Wanted, calibration: float) -> Measurement:
+    """Measure one thing on the map. calibration: relative standard error of a length by the calibration."""
+    about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
+    spots: list[Spot] = []
+    for x_m, y_m, z_m, click_m in wanted.spots:
+        click_std_m = CLICK_CELLS * ground.cell_m if np.isnan(click_m) else click_m
+        spot = ground.pick(x_m, y_m, None if np.isnan(z_m) else z_m, click_std_m)
+        if spot is None:
+            return Measurement(*about, None, None)
+        spots.append(spot)
+    if wanted.kind == "point":
+        x_m, y_m, z_m = (float(value) for value in spots[0].point_m)
+        return Measurement(*about, z_m, float(np.sqrt(spots[0].covariance[2, 2])), x_m=x_m, y_m=y_m, z_m=z_m)
+    straight = straight_length(spots) if wanted.kind == "length" else planar_area(spots)
+    measurement = Measurement(*about, straight.value, straight.total_std(calibration))
+    on_ground = _on_ground(ground, wanted.kind, spots)
+    if on_ground is None:
+        return measurement
+    return replace(measurement, surface=on_ground.value, surface_std=on_ground.total_std(calibration))
+
+
+def _on_ground(ground: Ground, kind: Kind, spots: Sequence[Spot]) -> Measured | None:
+    if kind == "area":
+        return ground.area(spots)
+    line = ground.along(spots)
+    return straight_length(line) if line else None
+
+
+def measured(surface: Surface, wanted: Wanted, calibration: float) -> Measurement:
+    """Measure one thing in a frame. calibration: relative standard error of a length by the calibration."""
+    about = (wanted.measure, wanted.frame, wanted.kind, wanted.label)
+    picks: list[Pick] = []
+    for x_px, y_px in wanted.places:
+        pick = surface.pick(x_px, y_px)
+        if pick is None:
+            return Measurement(*about, None, None)
+        picks.append(pick)
+    if wanted.kind == "point":
+        x_m, y_m, z_m = (float(value) for value in picks[0].point_m)
+        value = range_of(picks[0])
+        return Measurement(*about, value.value, value.total_std(calibration), x_m=x_m, y_m=y_m, z_m=z_m)
+    if wanted.kind == "length":
+        straight, on_surface = straight_length(picks), straight_length(along_surface(surface, picks))
+    else:
+        straight, on_surface = planar_area(picks), surface_area(surface, picks)[0]
+    on_surface_std = on_surface.total_std(calibration)
+    return Measurement(*about, straight.value, straight.total_std(calibration), on_surface.value, on_surface_std)
+
+
+def read_wanted(path: Path) -> list[Wanted]:
+    """Read a table of places, a CSV; rows with the same measure are one. Raises InputError, naming the line, if it is bad."""
+    names = csv_table.header(path)
+    places = FRAME_COLUMNS if FRAME_COLUMNS[0] in names or MAP_COLUMNS[0] not in names else MAP_COLUMNS
+    found: dict[str, Wanted] = {}
+    for where, row in csv_table.rows(path, (*COLUMNS, *places)):
+        each = _wanted(row, where)
+        earlier = found.get(each.measure)
+        if earlier and (earlier.frame, earlier.kind) != (each.frame, each.kind):
+            raise InputError(f"{where}: measure {each.measure!r} has another frame or kind than before")
+        found[each.measure] = each if earlier is None else _joined(earlier, each)
+    for each in found.values():
+        if len(each.places) + len(each.spots) < LEAST_POINTS[each.kind]:
+            raise InputError(f"{path}: measure {each.measure!r}: {each.kind} needs at least {LEAST_POINTS[each.kind]} places")
+    return list(found.values())
+
+
+def _joined(earlier: Wanted, later: Wanted) -> Wanted:
+    return replace(earlier, places=(*earlier.places, *later.places), spots=(*earlier.spots, *later.spots))
+
+
+def _wanted(row: dict[str, str], where: str) -> Wanted:
+    """One row of the table, as a thing to measure with one place. where: file and line, for errors. Raises InputError."""
+    kind = next((kind for kind in LEAST_POINTS if kind == row["kind"]), None)
+    if kind is None:
+        raise InputError(f"{where}: kind is {row['kind']!r}: give point, length or area")
+    frame = row["frame"] or ""
+    if frame:
+        return Wanted(row["measure"], frame, kind, row["label"] or "", (_numbers(row, FRAME_COLUMNS, where),))
+    x_m, y_m = _numbers(row, MAP_COLUMNS, where)
+    z_m, click_m = (
+        math.nan if (row.get(name) or "nan").lower() == "nan" else _number(row[name], name, where) for name in ("z_m", "click_m")
+    )
+    spot = x_m, y_m, z_m, click_m
+    return Wanted(row["measure"], frame, kind, row["label"] or "", (), (spot,))
+
+
+def _numbers(row: dict[str, str], names: tuple[str, str], where: str) -> tuple[float, float]:
+    x, y = (_number(row.get(name), name, where) for name in names)
+    return x, y
+
+
+def _number(text: str | None, name: str, where: str) -> float:
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{where}: {name} is {text or ''!r}: give a number")
+    return value

@@ -1,0 +1,97 @@
+"""Registration of a second survey of a site to the first, with the evidence; it is refused where the evidence is not enough."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import ComparingError
+from stereo_seecolor.extras.reef.comparing.landmarks import Landmarks, landmarks, matched
+from stereo_seecolor.extras.reef.comparing.rigid import RigidFit, rigid_fit
+from stereo_seecolor.extras.reef.comparing.surface_fit import SurfaceFit, surface_fit
+from stereo_seecolor.extras.reef.site.mesh import Site
+from stereo_seecolor.extras.reef.site.orthophoto import orthophoto
+from stereo_seecolor.extras.reef.site.terrain import grid_of, terrain_of
+from stereo_seecolor.geometry import transformed
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RegistrationSettings:
+    """When a registration is accepted."""
+
+    tolerance_cells: float = 3.0  # matched points that lie nearer agree
+    fewest: int = 12  # matches that agree; wrong matches of a rigid motion with this tolerance reach 4 or 5
+    fraction: float = 0.05  # of the matches; RANSAC finds no motion below
+    apart_cells: float = 5.0  # most that registrations by features and by surfaces may differ
+    stable: float = 0.5  # of the ground over both must fit: what moved cannot be told from what did not otherwise
+
+
+SETTINGS = RegistrationSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """T_a_b: (4, 4) from b's coordinates to a's. covariance: (6, 6) of (turn in rad, shift in m) about center_m.
+
+    matches, agreeing: features, and those that agree on the motion, within feature_rms_m. stable: fraction of the ground over both
+    that fits. spread_m: robust standard deviation of the distances there. apart_m: between features and surfaces.
+    """
+
+    T_a_b: Array
+    covariance: Array
+    center_m: Array
+    matches: int
+    agreeing: int
+    feature_rms_m: float
+    stable: float
+    spread_m: float
+    apart_m: float
+
+    def std_m(self, points_m: Array, slopes: Array) -> Array:
+        """(...,) standard error of the height over a place, through the registration alone, of ground through points (..., 3).
+
+        slopes: (2, ...) its rise to the east and to the north: there a shift sideways is one of height.
+        """
+        arm, (east, north) = points_m - self.center_m, slopes
+        normal = np.stack([-east, -north, np.ones_like(east)], axis=-1)
+        J = np.concatenate([np.cross(arm, normal), normal], axis=-1)
+        return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", J, self.covariance, J)))
+
+
+def register(a: Site, b: Site, cell_m: float) -> Registration:
+    """Place b in a's coordinates. Raises ComparingError, with the evidence, where it cannot be relied on."""
+    found = matched(_landmarks(a, cell_m), _landmarks(b, cell_m))
+    count = len(found[0])
+    coarse = rigid_fit(*found, SETTINGS.tolerance_cells * cell_m)
+    agreeing = int(coarse.inliers.sum()) if coarse else 0
+    needed = max(SETTINGS.fewest, round(SETTINGS.fraction * count))
+    if coarse is None or agreeing < needed:
+        raise ComparingError(
+            f"the surveys cannot be registered: of {count} features that look alike {agreeing} agree on one place (needed: {needed}"
+            "): do they show the same site, in colors that are corrected alike?"
+        )
+    fine = surface_fit(a.mesh, b.mesh, coarse.T, SETTINGS.apart_cells * cell_m)
+    return _checked(coarse, fine, found[0][coarse.inliers], count, cell_m)
+
+
+def _landmarks(site: Site, cell_m: float) -> Landmarks:
+    """What it can be recognized by."""
+    terrain = terrain_of(site.mesh, grid_of(site.mesh, cell_m))
+    return landmarks(orthophoto(site.posed, terrain), terrain)
+
+
+def _checked(coarse: RigidFit, fine: SurfaceFit | None, places: Array, count: int, cell_m: float) -> Registration:
+    """The registration by features and surfaces together, if they agree."""
+    if fine is None:
+        raise ComparingError("the surveys cannot be registered: features agree, but the surfaces do not overlap there")
+    back = transformed(coarse.T @ np.linalg.inv(fine.T), places)
+    apart_m = float(np.sqrt(((back - places) ** 2).sum(axis=1).mean()))
+    if fine.stable < SETTINGS.stable or apart_m > SETTINGS.apart_cells * cell_m:
+        raise ComparingError(
+            f"the surveys cannot be registered: {fine.stable:.0%} of the ground fits (needed: {SETTINGS.stable:.0%}); features "
+            f"and surfaces are {1000 * apart_m:.0f} mm apart (at most {1000 * SETTINGS.apart_cells * cell_m:.0f}): is a map bent?"
+        )
+    agreeing = int(coarse.inliers.sum())
+    return Registration(fine.T, fine.covariance, fine.center_m, count, agreeing, coarse.rms_m, fine.stable, fine.spread_m, apart_m)

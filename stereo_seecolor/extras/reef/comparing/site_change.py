@@ -1,0 +1,147 @@
+"""The change of a site between two surveys."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import ComparingError
+from stereo_seecolor.extras.reef.comparing import m3c2
+from stereo_seecolor.extras.reef.comparing.color_change import ColorChange, color_change
+from stereo_seecolor.extras.reef.comparing.difference import Difference, difference, relearned
+from stereo_seecolor.extras.reef.comparing.m3c2 import SurfaceDistances, distances
+from stereo_seecolor.extras.reef.comparing.patches import Kind, Mask, Patch, color_patches, height_patches, volume_l
+from stereo_seecolor.extras.reef.comparing.registration import Registration, register
+from stereo_seecolor.extras.reef.site.mesh import Site, SiteMesh
+from stereo_seecolor.extras.reef.site.terrain import Terrain, terrain_of
+from stereo_seecolor.extras.reef.site.terrain_errors import TerrainErrors, terrain_errors
+from stereo_seecolor.mapping.raster.grid import Grid
+
+LEAST_OVERLAP_CELLS = 2000
+"""Errors are learned from stable ground: of fewer cells they are not known."""
+
+
+@dataclass(frozen=True, eq=False)
+class SiteChange:
+    """before, after: terrains on the first's grid. masks: (H, W) of each patch. labels: (H, W) its number, 0 none.
+
+    surface: distances along the normals, (H, W) each. growth_l, loss_l: liters of the patches, each with its standard error.
+    """
+
+    registration: Registration
+    before: Terrain
+    after: Terrain
+    difference: Difference
+    color: ColorChange
+    surface: SurfaceDistances
+    patches: tuple[Patch, ...]
+    masks: tuple[Mask, ...]
+    labels: NDArray[np.int32]
+    growth_l: tuple[float, float]
+    loss_l: tuple[float, float]
+
+    @property
+    def overlap_m2(self) -> float:
+        """Ground that both surveys saw."""
+        return float(np.isfinite(self.difference.dz_m).sum()) * self.before.grid.cell_m**2
+
+    @property
+    def beyond_lod(self) -> float:
+        """Fraction of the cells that differ by more than their level of detection; 5 % where nothing changed."""
+        known = np.isfinite(self.difference.dz_m)
+        return float((np.abs(self.difference.dz_m) > self.difference.lod_m)[known].mean())
+
+
+def compare_sites(a: Site, b: Site, cell_m: float) -> SiteChange:
+    """Compare two surveys of a site. Raises ComparingError where they cannot be registered, or hardly overlap; InputError if a run
+    cannot be read.
+    """
+    registration = register(a, b, cell_m)
+    moved = b.mesh.moved(registration.T_a_b)
+    grid = _shared_grid(a.mesh, moved, cell_m)
+    before, after = terrain_of(a.mesh, grid), terrain_of(moved, grid)
+    a_errors = terrain_errors(a.posed, before)
+    b_errors = terrain_errors(b.posed, after, registration.T_a_b)
+    found = difference(before, after, a_errors, b_errors, registration)
+    if np.isfinite(found.dz_m).sum() < LEAST_OVERLAP_CELLS:
+        raise ComparingError("the surveys hardly overlap: errors are learned from ground that both saw, and here is too little")
+    color = color_change(before, after)
+    surface = _surface(a.mesh, moved, before, (a_errors, b_errors), found)
+    masks = height_patches(found, surface, cell_m)
+    found = relearned(found, np.any([mask for _, mask in masks], axis=0) if masks else np.zeros(grid.shape, bool))
+    surface, masks = m3c2.relearned(surface, found.stable), masks + color_patches(color.z, color.change)
+    patches = tuple(_patch(number, region, found, color, grid, a.posed.offset_m) for number, region in enumerate(masks, 1))
+    return SiteChange(
+        registration=registration,
+        before=before,
+        after=after,
+        difference=found,
+        color=color,
+        surface=surface,
+        patches=patches,
+        masks=tuple(mask for _, mask in masks),
+        labels=_labels(grid, masks),
+        growth_l=_total(patches, "growth"),
+        loss_l=_total(patches, "loss"),
+    )
+
+
+def _shared_grid(a: SiteMesh, b: SiteMesh, cell_m: float) -> Grid:
+    """The cells of a's grid over which b lies too."""
+    low = np.maximum(a.points_m.min(axis=0), b.points_m.min(axis=0))
+    high = np.minimum(a.points_m.max(axis=0), b.points_m.max(axis=0))
+    if (high[:2] - low[:2] < 3 * cell_m).any():
+        raise ComparingError("the surveys do not overlap")
+    return Grid.around(low, high, cell_m)
+
+
+def _surface(
+    a: SiteMesh, b: SiteMesh, before: Terrain, errors: tuple[TerrainErrors, TerrainErrors], found: Difference
+) -> SurfaceDistances:
+    """Distances at the cells of the terrain; errors grow as those of the heights do on stable ground."""
+    shape, known = before.grid.shape, np.isfinite(found.dz_m)
+    stds = errors[0].std_m[known], errors[1].std_m[known], found.shared_std_m[known]
+    inflated = (found.inflation * stds[0], found.inflation * stds[1], stds[2])
+    at_cells = distances(a, b, before.points_m[known], inflated, before.grid.cell_m)
+    fields = []
+    for values in (at_cells.distance_m, at_cells.lod_m):
+        field = np.full(shape, np.nan)
+        field[known] = values
+        fields.append(field)
+    return SurfaceDistances(*fields)
+
+
+def _patch(
+    number: int, region: tuple[Kind, Mask], found: Difference, color: ColorChange, grid: Grid, offset_m: NDArray[np.float64]
+) -> Patch:
+    kind, mask = region
+    rows, columns = np.nonzero(mask)
+    dz = found.dz_m[mask & np.isfinite(found.dz_m)]
+    volume, std = volume_l(found, mask, grid.cell_m) if kind in ("growth", "loss") else (float("nan"), float("nan"))
+    lightness, chroma = np.nanmean(color.change[mask], axis=0)
+    return Patch(
+        number=number,
+        kind=kind,
+        x_m=float(grid.west_m + (columns.mean() + 0.5) * grid.cell_m + offset_m[0]),
+        y_m=float(grid.north_m - (rows.mean() + 0.5) * grid.cell_m + offset_m[1]),
+        area_cm2=1e4 * float(mask.sum()) * grid.cell_m**2,
+        mean_m=float(dz.mean()) if len(dz) else float("nan"),
+        most_m=float(dz[np.abs(dz).argmax()]) if len(dz) else float("nan"),
+        volume_l=volume,
+        volume_std_l=std,
+        lightness=float(lightness),
+        chroma=float(chroma),
+    )
+
+
+def _labels(grid: Grid, masks: list[tuple[Kind, Mask]]) -> NDArray[np.int32]:
+    """Changes of color first: where the ground rose or sank too, that is what a cell shows."""
+    labels = np.zeros(grid.shape, np.int32)
+    for number, (_, mask) in reversed(list(enumerate(masks, 1))):
+        labels[mask] = number
+    return labels
+
+
+def _total(patches: tuple[Patch, ...], kind: Kind) -> tuple[float, float]:
+    own = [patch for patch in patches if patch.kind == kind]
+    return sum(patch.volume_l for patch in own), float(np.sqrt(sum(patch.volume_std_l**2 for patch in own)))

@@ -1,0 +1,150 @@
+"""Measures from picked points: length along a line, area inside it, and height profile."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.extras.reef.measuring.picking import Pick, Placed, Surface
+from stereo_seecolor.report.measuring_limits import LIMITS
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A value in meters or square meters, NaN where the surface is unknown.
+
+    std: its standard error by range and click. power: with which power of lengths it grows, and so how much of the calibration's
+    error, which all measures of a dive share, it takes: 1 for a length, 2 for an area, 0 for a height.
+    """
+
+    value: float
+    std: float
+    power: int
+
+    def total_std(self, calibration_std: float) -> float:
+        """Standard error by all together. calibration_std: of a length, relative."""
+        return float(np.hypot(self.std, self.power * calibration_std * self.value))
+
+
+UNKNOWN = Measured(float("nan"), float("nan"), 2)
+
+
+def range_of(pick: Pick) -> Measured:
+    """The distance along the ray, with the error of the click."""
+    ray = pick.point_m / pick.range_m
+    return Measured(pick.range_m, float(np.sqrt(ray @ pick.covariance @ ray)), 1)
+
+
+def straight_length(picks: Sequence[Placed]) -> Measured:
+    """Length of the straight lines through points; each inner point moves both lines that it joins."""
+    points = np.array([pick.point_m for pick in picks])
+    steps = np.diff(points, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    units = np.divide(steps, lengths[:, None], out=np.zeros_like(steps), where=lengths[:, None] > 0)
+    pulls = np.vstack([units, np.zeros((1, 3))]) - np.vstack([np.zeros((1, 3)), units])
+    variance = sum(float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True))
+    length_m = float(lengths.sum())
+    return Measured(length_m, float(np.sqrt(variance)), 1)
+
+
+def along_surface(surface: Surface, picks: Sequence[Pick]) -> list[Pick]:
+    """Points of the surface along the lines between picked ones, far enough apart that noise does not lengthen the way."""
+    line = [picks[0]]
+    for a, b in pairwise(picks):
+        count = max(1, int(np.hypot(b.x_px - a.x_px, b.y_px - a.y_px) / _step_px(surface, a, b)))
+        for i in range(1, count):
+            x_px, y_px = a.x_px + (b.x_px - a.x_px) * i / count, a.y_px + (b.y_px - a.y_px) * i / count
+            if (pick := surface.pick(x_px, y_px)) is not None:
+                line.append(pick)
+        line.append(b)
+    return line
+
+
+def _step_px(surface: Surface, a: Pick, b: Pick) -> float:
+    noise_m = max(a.range_std_m, b.range_std_m)
+    pixel_m = max(min(a.point_m[2], b.point_m[2]) / surface.geometry.focal_px, 1e-9)
+    return max(float(LIMITS.least_step_px), LIMITS.step_stds * noise_m / float(pixel_m))
+
+
+def profile(line: Sequence[Placed], above: Array | None = None) -> tuple[Array, Array]:
+    """Compute distance along the straight line from the first to the last point, and height above it: (N,) each, meters.
+
+    above: (3,) where up is; by default towards the camera.
+    """
+    points = np.array([pick.point_m for pick in line])
+    chord = points[-1] - points[0]
+    length_m = float(np.linalg.norm(chord))
+    along = chord / length_m if length_m > 0 else np.zeros(3)
+    up = -points.mean(axis=0) if above is None else above
+    up = up - (up @ along) * along
+    up /= max(float(np.linalg.norm(up)), 1e-12)
+    offsets = points - points[0]
+    return offsets @ along, offsets @ up
+
+
+def planar_area(picks: Sequence[Placed]) -> Measured:
+    """Area of the polygon through points, seen along its mean normal (Newell's sum of cross products)."""
+    points = np.array([pick.point_m for pick in picks])
+    center = points.mean(axis=0)
+    edges = points - center
+    vector = 0.5 * np.cross(edges, np.roll(edges, -1, axis=0)).sum(axis=0)
+    area_m2 = float(np.linalg.norm(vector))
+    if area_m2 == 0:
+        return Measured(0.0, float("nan"), 2)
+    pulls = 0.5 * np.cross(np.roll(points, -1, axis=0) - np.roll(points, 1, axis=0), vector / area_m2)
+    variance = sum(float(pull @ pick.covariance @ pull) for pull, pick in zip(pulls, picks, strict=True))
+    return Measured(area_m2, float(np.sqrt(variance)), 2)
+
+
+def surface_area(surface: Surface, picks: Sequence[Pick]) -> tuple[Measured, float]:
+    """Area of the surface inside the outline of points, and the fraction of it that is known; what is not, counts as the rest.
+
+    It is the mean area that a pixel sees, at nodes inside the outline, times the outline's area in pixels. The area that a pixel
+    sees is depth^3 |k| / focal^2, where 1 / depth = k . (x / z, y / z, 1) is the fitted plane.
+    """
+    g, step = surface.geometry, LIMITS.area_step_px
+    outline = np.array([(pick.x_px, pick.y_px) for pick in picks])
+    low, high = np.ceil(outline.min(axis=0) / step) * step, outline.max(axis=0)
+    total, known, areas_m2, relative = 0, 0, 0.0, 0.0
+    for y_px in np.arange(low[1], high[1] + 1e-9, step):
+        for x_px in np.arange(low[0], high[0] + 1e-9, step):
+            if inside(outline, x_px, y_px):
+                total += 1
+                pick = surface.pick(x_px, y_px)
+                if pick is not None:
+                    known += 1
+                    areas_m2 += _pixel_area_m2(pick, g.focal_px, g.cx_left_px, g.cy_px)
+                    relative += pick.range_std_m / pick.range_m
+    if known == 0:
+        return UNKNOWN, 0.0
+    area_m2 = areas_m2 / known * polygon_area(outline)
+    planar = planar_area(picks)
+    by_outline = planar.std / planar.value if planar.value > 0 else float("nan")
+    by_range = 2 * relative / known / np.sqrt(max(1.0, known * step**2 / (2 * LIMITS.half_window_px + 1) ** 2))
+    return Measured(area_m2, area_m2 * float(np.hypot(by_outline, by_range)), 2), known / total
+
+
+def _pixel_area_m2(pick: Pick, focal_px: float, cx_px: float, cy_px: float) -> float:
+    depth_m = float(pick.point_m[2])
+    at_center = 1 / depth_m - pick.slope[0] * (pick.x_px - cx_px) - pick.slope[1] * (pick.y_px - cy_px)
+    k = np.array([pick.slope[0] * focal_px, pick.slope[1] * focal_px, at_center])
+    return float(depth_m**3 * np.linalg.norm(k) / focal_px**2)
+
+
+def polygon_area(outline: Array) -> float:
+    """The area of a polygon (N, 2) (shoelace formula)."""
+    x, y = outline.T
+    return float(abs(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2)
+
+
+def inside(outline: Array, x_px: float, y_px: float) -> bool:
+    """Tell whether a place lies inside a polygon (N, 2), by the number of edges to its right."""
+    found = False
+    for (ax, ay), (bx, by) in zip(outline, np.roll(outline, -1, axis=0), strict=True):
+        if (ay > y_px) != (by > y_px) and x_px < (bx - ax) * (y_px - ay) / (by - ay) + ax:
+            found = not found
+    return found

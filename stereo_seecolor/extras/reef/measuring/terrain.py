@@ -1,0 +1,140 @@
+"""Points, lengths and areas on the terrain of a map; web/src/terrain.ts computes the same."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.extras.reef.measuring.measures import Measured, inside, planar_area, polygon_area
+from stereo_seecolor.extras.reef.measuring.picking import Placed
+from stereo_seecolor.records import Map
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TerrainLimits:
+    """Limits and thresholds of measurements on a map."""
+
+    least_cells: int = 2  # of 3x3: an object's edge shows at least that
+    layer_cells: float = 2.0  # step between object and ground, in cells: steeper than 63 degrees
+    layer_stds: float = 6.0  # no step is smaller than the noise
+    step_cells: float = 2.0  # along a line: windows that overlap little
+    step_stds: float = 6.0  # a step along the ground is longer than its noise, which would lengthen it
+    steepest: float = 0.5  # level area of an outline over its own: beyond 60 degrees a view from above shows too little of it
+
+
+TERRAIN = TerrainLimits()
+
+
+@dataclass(frozen=True, eq=False)
+class Spot(Placed):
+    """A point of the map, x east, y north, z up. slope: rise to the east and to the north."""
+
+    slope: tuple[float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A terrain model. heights_m: (H, W), NaN where unknown. west_m, north_m: its upper left corner. std_m: of a height."""
+
+    heights_m: Map
+    west_m: float
+    north_m: float
+    cell_m: float
+    std_m: float
+
+    @property
+    def gap_m(self) -> float:
+        """The difference in height beyond which two points lie on two things."""
+        return max(TERRAIN.layer_cells * self.cell_m, TERRAIN.layer_stds * self.std_m)
+
+    def cell(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Column and row; the center of the first cell is (0, 0)."""
+        return (x_m - self.west_m) / self.cell_m - 0.5, (self.north_m - y_m) / self.cell_m - 0.5
+
+    def center(self, column: float, row: float) -> tuple[float, float]:
+        """x and y of a cell's center."""
+        return self.west_m + (column + 0.5) * self.cell_m, self.north_m - (row + 0.5) * self.cell_m
+
+    def pick(self, x_m: float, y_m: float, z_m: float | None, click_m: float) -> Spot | None:
+        """The ground at a place, or, with a height, the point of that height; None where it is unknown.
+
+        A plane is fitted to the 3x3 cells around. Where they show two layers, as at the edge of a coral, the higher one is taken.
+        """
+        cells = self._cells(x_m, y_m)
+        layer = self._highest(cells) if z_m is None else cells[np.abs(cells[:, 2] - z_m) <= self.gap_m]
+        if len(layer) < TERRAIN.least_cells:
+            return None if z_m is None else self._spot((x_m, y_m, z_m), (0.0, 0.0), click_m)
+        height_m, east, north = _plane(layer)
+        return self._spot((x_m, y_m, height_m if z_m is None else z_m), (east, north), click_m)
+
+    def _cells(self, x_m: float, y_m: float) -> Array:
+        """(N, 3): offsets and heights of the known ones of 3x3 cells."""
+        column, row = (int(np.floor(value + 0.5)) for value in self.cell(x_m, y_m))
+        height, width = self.heights_m.shape
+        found = []
+        for r in range(max(row - 1, 0), min(row + 2, height)):
+            for c in range(max(column - 1, 0), min(column + 2, width)):
+                x, y = self.center(c, r)
+                found.append((x - x_m, y - y_m, float(self.heights_m[r, c])))
+        cells = np.array(found).reshape(-1, 3)
+        known: Array = cells[np.isfinite(cells[:, 2])]
+        return known
+
+    def _highest(self, cells: Array) -> Array:
+        ranked = cells[np.argsort(-cells[:, 2], kind="stable")]
+        cuts = [0, *(np.flatnonzero(-np.diff(ranked[:, 2]) > self.gap_m) + 1), len(ranked)]
+        layers = [ranked[a:b] for a, b in pairwise(cuts)]
+        return next((layer for layer in layers if len(layer) >= TERRAIN.least_cells), cells[:0])
+
+    def _spot(self, point_m: tuple[float, float, float], slope: tuple[float, float], click_m: float) -> Spot:
+        moved = np.array([(1.0, 0.0, slope[0]), (0.0, 1.0, slope[1])])
+        covariance = click_m**2 * moved.T @ moved
+        covariance[2, 2] += self.std_m**2
+        return Spot(np.array(point_m), covariance, slope)
+
+    def along(self, spots: Sequence[Spot]) -> list[Spot] | None:
+        """Points of the ground along the lines between spots; None where a spot does not lie on it, as it is seen from above."""
+        if not all(self._is_on(spot) for spot in spots):
+            return None
+        step_m = max(TERRAIN.step_cells * self.cell_m, TERRAIN.step_stds * self.std_m)
+        line = [spots[0]]
+        for a, b in pairwise(spots):
+            way = b.point_m[:2] - a.point_m[:2]
+            count = max(1, int(np.hypot(*way) / step_m))
+            places = a.point_m[:2] + way * np.arange(1, count)[:, None] / count
+            between = (self.pick(float(x_m), float(y_m), None, 0.0) for x_m, y_m in places)
+            line += [*(spot for spot in between if spot is not None), b]
+        return line
+
+    def _is_on(self, spot: Spot) -> bool:
+        ground = self.pick(float(spot.point_m[0]), float(spot.point_m[1]), None, 0.0)
+        return ground is not None and bool(abs(ground.point_m[2] - spot.point_m[2]) <= self.gap_m)
+
+    def area(self, spots: Sequence[Spot]) -> Measured | None:
+        """Area of the ground inside an outline; None where that stands too steep to be seen from above, or nothing is known."""
+        outline = np.array([self.cell(*spot.point_m[:2]) for spot in spots])
+        level_m2 = polygon_area(outline) * self.cell_m**2
+        planar = planar_area(spots)
+        if not level_m2 >= TERRAIN.steepest * planar.value or not all(self._is_on(spot) for spot in spots):
+            return None
+        low, high = np.ceil(outline.min(axis=0)).astype(int), np.floor(outline.max(axis=0)).astype(int)
+        places = [(c, r) for r in range(low[1], high[1] + 1) for c in range(low[0], high[0] + 1) if inside(outline, c, r)]
+        found = [spot for spot in (self.pick(*self.center(*place), None, 0.0) for place in places) if spot is not None]
+        if not found:
+            return None
+        area_m2 = float(np.mean([np.hypot(1.0, np.hypot(*spot.slope)) for spot in found])) * level_m2
+        return Measured(area_m2, area_m2 * planar.std / planar.value, 2)
+
+
+def _plane(cells: Array) -> tuple[float, float, float]:
+    """Height at the middle, and rise to the east and north, of the plane through cells; their mean, level, where they span none."""
+    A = np.column_stack([np.ones(len(cells)), cells[:, :2]])
+    normal, size = A.T @ A, float((cells[:, :2] ** 2).sum() / len(cells))
+    if len(cells) < 4 or not np.linalg.det(normal) > 1e-3 * len(cells) ** 3 * size**2:
+        return float(cells[:, 2].mean()), 0.0, 0.0
+    height_m, east, north = np.linalg.solve(normal, A.T @ cells[:, 2])
+    return float(height_m), float(east), float(north)

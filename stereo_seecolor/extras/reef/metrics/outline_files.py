@@ -1,0 +1,103 @@
+"""Reading of outlines from files: GeoJSON (QGIS, ArcGIS), and TagLab's project."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.reef.metrics.outlines import Outline, Ring
+from stereo_seecolor.mapping.raster.georeference import crs_wkt
+from stereo_seecolor.run_folder.layout import MOSAIC
+from stereo_seecolor.run_folder.posed_run import PosedRun
+
+LABEL_KEYS = ("label", "class", "class_name", "category", "type", "species", "taxon")
+NAME_KEYS = ("name", "id", "fid")
+DEGREES_NEAR = 0.5
+"""Coordinates within this of the map's place on Earth are longitude and latitude; meters of a map are never so there by chance."""
+
+Turn = Callable[[NDArray[np.float64]], Ring]
+
+
+def read_outlines(path: Path, posed: PosedRun) -> list[Outline]:
+    """The polygons of a file in the map's own coordinates. Raises InputError if it holds none, or cannot be read."""
+    try:
+        content = json.loads(path.read_bytes())
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: is no GeoJSON and no TagLab project: {error}") from error
+    try:
+        if isinstance(content, dict) and "images" in content and "features" not in content:
+            outlines = _taglab(content, posed)
+        else:
+            outlines = _geojson(content, posed)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise InputError(f"{path}: is damaged, or of a form that is not known here: {error!r}") from error
+    if not outlines:
+        raise InputError(f"{path}: holds no polygon: draw them on {MOSAIC} and save as GeoJSON, or give a TagLab project")
+    return outlines
+
+
+_POLYGONS: dict[str, Callable[[Any], list[Any]]] = {"Polygon": lambda rings: [rings], "MultiPolygon": list}
+
+
+def _geojson(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
+    features = content["features"] if content["type"] == "FeatureCollection" else [content]
+    turn = _turn(content, posed)
+    found = []
+    for number, feature in enumerate(features, 1):
+        geometry, properties = feature.get("geometry") or {}, feature.get("properties") or {}
+        parts = _POLYGONS.get(geometry.get("type", ""), lambda coordinates: [])(geometry.get("coordinates"))
+        rings = tuple(turn(np.array(ring, np.float64)[:, :2]) for part in parts for ring in part)
+        if rings:
+            name = _first(properties, NAME_KEYS) or str(feature.get("id", "")) or f"{number}"
+            found.append(Outline(name, _first(properties, LABEL_KEYS), rings))
+    return found
+
+
+def _first(properties: dict[str, Any], keys: tuple[str, ...]) -> str:
+    small = {key.lower(): value for key, value in properties.items()}
+    return next((str(small[key]) for key in keys if small.get(key) not in (None, "")), "")
+
+
+def _turn(content: dict[str, Any], posed: PosedRun) -> Turn:
+    """From the file's coordinates to the map's own: by its crs member, else degrees where they fall on the map, else meters."""
+    named = ((content.get("crs") or {}).get("properties") or {}).get("name")
+    if posed.origin is None:
+        return lambda ring: ring - posed.offset_m[:2]
+    import pyproj
+
+    local = crs_wkt(posed.origin)
+    place = np.array([posed.origin.longitude_deg, posed.origin.latitude_deg])
+
+    def turn(ring: NDArray[np.float64]) -> Ring:
+        degrees = bool((np.abs(ring - place) < DEGREES_NEAR).all())
+        if not named and not degrees:
+            return np.asarray(ring - posed.offset_m[:2])
+        x, y = pyproj.Transformer.from_crs(named or "OGC:CRS84", local, always_xy=True).transform(*ring.T)
+        return np.stack([x, y], axis=-1) - posed.offset_m[:2]
+
+    return turn
+
+
+def _taglab(content: dict[str, Any], posed: PosedRun) -> list[Outline]:
+    """Regions of the image that has the size of the map's orthomosaic; contours are x, y in its pixels."""
+    import rasterio
+
+    with rasterio.open(posed.map_folder / MOSAIC) as file:
+        size, transform = (file.width, file.height), file.transform
+    images = [image for image in content["images"] if (image.get("width"), image.get("height")) == size]
+    if not images:
+        raise ValueError(f"no image of {size[0]} x {size[1]} px, the size of {MOSAIC}")
+
+    def turn(ring: list[Any]) -> Ring:
+        corner, scale = np.array([transform.c, transform.f]), np.array([transform.a, transform.e])  # north is up
+        return np.asarray(corner + scale * (np.array(ring, np.float64)[:, :2] + 0.5) - posed.offset_m[:2])
+
+    regions = [region for image in images for region in image["annotations"]["regions"]]
+    return [
+        Outline(f"{each['id']}", str(each["class name"]), tuple(map(turn, [each["contour"], *each.get("inner contours", [])])))
+        for each in regions
+    ]

@@ -1,0 +1,65 @@
+"""All metrics of a site, and their tables: one CSV each, with standard errors beside the values."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from stereo_seecolor.extras.reef.metrics.colony import Colony
+from stereo_seecolor.extras.reef.metrics.cover import Cover
+from stereo_seecolor.extras.reef.metrics.structure import StructureAtScale
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.csv_table import csv_text
+
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class SiteMetrics:
+    """The metrics of a site.
+
+    structure: at each scale. colonies: each outline that was seen. cover: by label. unseen: outlines of which nothing was seen.
+    height_std_m: median standard error of the terrain. files: what was written.
+    """
+
+    structure: tuple[StructureAtScale, ...]
+    colonies: tuple[Colony, ...]
+    cover: tuple[Cover, ...]
+    unseen: tuple[str, ...]
+    cell_m: float
+    area_m2: float
+    height_std_m: float
+    files: tuple[Path, ...] = ()
+
+
+def tables(result: SiteMetrics) -> dict[str, list[Row]]:
+    """Name of the table -> its rows; those of outlines only where there are outlines."""
+    found = {"structure": [_scale(each) for each in result.structure], "outlines": [_outline(each) for each in result.colonies]}
+    found["cover"] = [asdict(each) for each in result.cover]
+    return {name: rows for name, rows in found.items() if rows}
+
+
+def write_tables(folder: Path, content: dict[str, list[Row]]) -> None:
+    """A CSV for each table; numbers that are not known are empty."""
+    for name, rows in content.items():
+        write_atomic(folder / f"{name}.csv", csv_text(rows[0], (row.values() for row in rows)).encode())
+
+
+def _scale(scale: StructureAtScale) -> Row:
+    return {"edge_m": scale.edge_m, "squares": scale.squares} | _with_errors(
+        asdict(scale.mean), {"std": asdict(scale.standard_error), "between": asdict(scale.between_squares)}
+    )
+
+
+def _outline(colony: Colony) -> Row:
+    head: Row = {"name": colony.name, "label": colony.label}
+    body = _with_errors(asdict(colony.measured), {"std": asdict(colony.standard_error)})
+    return head | body | {"unseen": colony.unseen, "views": colony.views}
+
+
+def _with_errors(values: Row, others: dict[str, Row]) -> Row:
+    """Each value with its columns of errors beside it: rugosity, rugosity_std, ..."""
+    row: Row = {}
+    for name, value in values.items():
+        row[name] = value
+        row |= {f"{name}_{suffix}": columns[name] for suffix, columns in others.items()}
+    return row

@@ -1,0 +1,64 @@
+"""The mesh of a fused run in memory, in coordinates that the caller chooses."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.files.ply import read_triangles, read_vertices
+from stereo_seecolor.geometry import transformed
+from stereo_seecolor.run_folder.layout import MAP, MESH
+from stereo_seecolor.run_folder.posed_run import PosedRun, open_posed_run
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SiteMesh:
+    """points_m, normals: (V, 3) float64, z up, the map's own coordinates. color: (V, 3) uint8. triangles: (T, 3) vertex numbers."""
+
+    points_m: Array
+    normals: Array
+    color: NDArray[np.uint8]
+    triangles: NDArray[np.int32]
+
+    def moved(self, T: Array) -> "SiteMesh":
+        """The mesh through a rigid transform (4, 4)."""
+        return SiteMesh(transformed(T, self.points_m), self.normals @ T[:3, :3].T, self.color, self.triangles)
+
+    @property
+    def triangle_areas_m2(self) -> Array:
+        """The area of each triangle: (T,)."""
+        a, b, c = (self.points_m[self.triangles[:, k]] for k in range(3))
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    @property
+    def triangle_centers_m(self) -> Array:
+        """The center of each triangle: (T, 3)."""
+        return np.asarray(self.points_m[self.triangles].mean(axis=1))
+
+
+def read_mesh(out: Path) -> SiteMesh:
+    """The mesh of the map's main component in OUT/map."""
+    path = out / MAP / MESH
+    vertices = read_vertices(path)
+    points, normals = (np.asarray(vertices[name], np.float64) for name in ("position", "normal"))
+    return SiteMesh(points, normals, np.array(vertices["color"]), np.array(read_triangles(path)["indices"]))
+
+
+@dataclass(frozen=True, eq=False)
+class Site:
+    """A fused run and its mesh, in the map's own coordinates."""
+
+    posed: PosedRun
+    mesh: SiteMesh
+
+
+def open_site(out: Path) -> Site:
+    """A fused run. Raises InputError for one without a map, or with an empty one."""
+    posed, mesh = open_posed_run(out), read_mesh(out)
+    if not len(mesh.triangles):
+        raise InputError(f"{out}: its map is empty: fuse it again with more frames or a larger mapping.voxel_m")
+    return Site(posed, mesh)

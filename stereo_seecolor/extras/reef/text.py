@@ -1,0 +1,126 @@
+"""Metrics, change and markers of a reef, as text."""
+
+from typing import TYPE_CHECKING
+
+from stereo_seecolor.cli.console import lines, table
+
+if TYPE_CHECKING:
+    from stereo_seecolor.extras.reef.commands.compare import Comparison
+    from stereo_seecolor.extras.reef.commands.markers import FoundMarkers
+    from stereo_seecolor.extras.reef.metrics.tables import SiteMetrics
+    from stereo_seecolor.mapping.markers.marker_map import ScaleCheck
+
+
+def metrics_text(result: "SiteMetrics") -> str:
+    """Structure at each scale, then outlines and cover where there are any; each number with its standard error."""
+    head = f"{result.area_m2:.2f} m2 seen, cells of {1000 * result.cell_m:g} mm"
+    parts = [lines(f"{head}, standard error of a height {1000 * result.height_std_m:.1f} mm"), _structure(result)]
+    if result.colonies:
+        parts += [_outlines(result), _cover(result)]
+    parts += [lines(*(f"not seen: {name}" for name in result.unseen)), lines(*(f"  {path}" for path in result.files))]
+    return "\n".join(part for part in parts if part)
+
+
+def comparison_text(found: "Comparison") -> str:
+    """The quality of the registration, total changes, changed patches, files."""
+    change, at = found.change, found.change.registration
+    lod_mm = 1000 * change.difference.median_lod_m
+    fits = f"{at.stable:.0%} of the ground fits, within {1000 * at.spread_m:.1f} mm"
+    beyond = f"level of detection {lod_mm:.1f} mm, {change.beyond_lod:.1%} of it beyond (5 % by chance)"
+    head = [
+        f"registered: {at.agreeing} of {at.matches} features agree, within {1000 * at.feature_rms_m:.1f} mm; {fits}",
+        f"{change.overlap_m2:.2f} m2 in both; {beyond}",
+        "growth {:.3f} +- {:.3f} l".format(*change.growth_l) + ", loss {:.3f} +- {:.3f} l".format(*change.loss_l),
+    ]
+    if found.joint:
+        head.append(
+            f"joint graph: {found.joint.pairs} pairs of frames move the second track by {1000 * found.joint.bent_m:.1f} mm RMS; to "
+            "take that out, fuse it with --poses second_track.tum --set mapping.poses_of=rectified --set mapping.poses=given"
+        )
+    return lines(*head) + "\n" + _patches(found) + "".join(f"  {path}\n" for path in found.files)
+
+
+def _patches(found: "Comparison") -> str:
+    rows = [
+        (
+            f"{patch.number}",
+            patch.kind,
+            f"{patch.x_m:.2f}, {patch.y_m:.2f}",
+            f"{patch.area_cm2:.0f}",
+            f"{1000 * patch.mean_m:+.1f}",
+            f"{patch.volume_l:+.3f} +- {patch.volume_std_l:.3f}" if patch.kind in ("growth", "loss") else "",
+            f"{patch.lightness:+.0f}, {patch.chroma:+.0f}",
+        )
+        for patch in found.change.patches
+    ]
+    return table(("patch", "what", "at m", "cm2", "mm", "liters", "L*, C*"), rows) + "\n" if rows else "no patch of change\n\n"
+
+
+def _structure(result: "SiteMetrics") -> str:
+    """A table with a column for each scale; the standard error in brackets, in units of the last digit."""
+    if not result.structure:
+        return "no square of 0.25 m or more was seen well enough\n"
+    names = tuple(vars(result.structure[0].mean))
+    rows = [("squares", *(f"{each.squares}" for each in result.structure))]
+    rows += [
+        (name, *(_concise(vars(each.mean)[name], vars(each.standard_error)[name]) for each in result.structure)) for name in names
+    ]
+    return table(("in squares of", *(f"{each.edge_m:g} m" for each in result.structure)), rows)
+
+
+def _concise(value: float, error: float) -> str:
+    """A value with its standard error in units of the last digit: 1.398(2) is 1.398 +- 0.002."""
+    return f"{value:.3f}({1000 * error:.0f})"
+
+
+def _outlines(result: "SiteMetrics") -> str:
+    rows = [
+        (
+            each.name,
+            each.label,
+            f"{1e4 * each.measured.planar_m2:.0f}",
+            f"{1e4 * each.measured.surface_m2:.0f} +- {1e4 * each.standard_error.surface_m2:.0f}",
+            f"{100 * each.measured.height_m:.1f} +- {100 * each.standard_error.height_m:.1f}",
+            f"{each.measured.volume_l:.2f} +- {each.standard_error.volume_l:.2f}",
+        )
+        for each in result.colonies
+    ]
+    return table(("outline", "label", "planar cm2", "surface cm2", "height cm", "volume l"), rows)
+
+
+def _cover(result: "SiteMetrics") -> str:
+    rows = [
+        (
+            each.label,
+            f"{each.outlines}",
+            f"{each.surface_m2:.4f} +- {each.surface_std_m2:.4f}",
+            f"{each.of_surface:.1%} +- {each.of_surface_std:.1%}",
+            f"{each.of_planar:.1%}",
+        )
+        for each in result.cover
+    ]
+    return table(("label", "n", "surface m2", "of the surface", "in plan"), rows)
+
+
+def markers_text(found: "FoundMarkers") -> str:
+    """Each marker, then the scale by sizes and bars, then the residuals of surveyed places."""
+    rows = [
+        (
+            f"{each.number}",
+            f"{each.views}",
+            f"{each.x_m:.3f}, {each.y_m:.3f}, {each.z_m:.3f}",
+            f"{1000 * each.residual_m:.1f}",
+            f"{1000 * each.edge_m:.2f} +- {1000 * each.edge_std_m:.2f}",
+        )
+        for each in found.markers
+    ]
+    text = [table(("marker", "frames", "at m", "residual mm", "edge mm"), rows)]
+    checks = ([("edges", found.size)] if found.size else []) + [(f"bar {name}", check) for name, check in found.bars.items()]
+    text += [lines(f"{name}: measured over given {check.ratio:.4f} +- {check.std:.4f}{_doubt(check)}") for name, check in checks]
+    if found.control:
+        text.append(lines(f"surveyed places: {len(found.control.residuals_m)} found, {1000 * found.control.rms_m:.1f} mm RMS"))
+    return "\n".join(text) + "".join(f"  {path}\n" for path in found.files)
+
+
+def _doubt(check: "ScaleCheck") -> str:
+    return ": no rig is so far off: another size than was given?" if check.wrong else ""

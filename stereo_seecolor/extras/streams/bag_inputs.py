@@ -1,0 +1,65 @@
+"""The stereo pairs and the calibration of a ROS bag, and the pipeline for them."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from calibration.checks import suspicions
+from stereo_seecolor.commands.dive_rig import behind_port, load_rig_for
+from stereo_seecolor.commands.stereo_inputs import Opened, StereoInputs, sample, settle_storage
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.extras.streams.bags.dive import open_dive
+from stereo_seecolor.pipeline import Pipeline
+from stereo_seecolor.run_folder.claim import Owner
+from stereo_seecolor.run_folder.folder import RunFolder
+
+
+@dataclass(frozen=True, eq=False)
+class BagInputs:
+    """A bag and its calibration, in place of the two sides of StereoInputs.
+
+    bag: a file, or a folder with the files of one bag. calib: as for load_rig, "" for the bag's own camera_info.
+    topics: ``left=NAME,right=NAME``, "" to find them.
+    """
+
+    bag: Path
+    calib: str | Path = ""
+    topics: str = ""
+
+    @property
+    def names(self) -> dict[str, str]:
+        """For run.json."""
+        return {"bag": str(self.bag), "topics": self.topics, "calib": str(self.calib)}
+
+    @property
+    def paths(self) -> tuple[Path, ...]:
+        """Every file and folder that is read."""
+        return (self.bag, *(Path(part) for part in str(self.calib).split(",") if part))
+
+    def owner(self, kind: str, opened: Opened | None) -> Owner:
+        """The owner of an output folder with results of this bag: recognized by its path, or by the first image's content."""
+        assert opened  # by open_first
+        return Owner(kind, {"bag": str(self.bag.resolve()), "topics": self.topics}, sample(opened.pairing.pairs[0].left))
+
+    def open(self, config: RunConfig) -> Opened:
+        """The pairs of the bag, and the pipeline for their rig. Raises InputError, CalibrationError, DeviceError."""
+        dive = open_dive(self.bag, self.topics, config.input)
+        config, notes = settle_storage(config, dive.pairing.pairs)
+        rig = load_rig_for(self.calib, dive.pairing.pairs, config.input) if self.calib else behind_port(dive.rig(), config.input)
+        notes += tuple(f"calibration: {suspicion}" for suspicion in suspicions(rig))
+        return Opened(dive.pairing.with_notes(notes), Pipeline(rig, config))
+
+    def open_first(self, config: RunConfig) -> Opened:
+        """``open``: a bag is opened before the output folder is touched."""
+        return self.open(config)
+
+    def open_in(self, folder: RunFolder, config: RunConfig) -> Opened:
+        """``open``: the output folder keeps nothing of how a bag was opened."""
+        return self.open(config)
+
+
+def named_inputs(names: Mapping[str, str]) -> StereoInputs | BagInputs:
+    """The inputs that the "inputs" of a run.json name."""
+    if "bag" in names:
+        return BagInputs(Path(names["bag"]), names["calib"], names["topics"])
+    return StereoInputs(Path(names["left"]), Path(names["right"]), names["calib"])

@@ -1,0 +1,225 @@
+"""A bag's files read once: the topics, and the place of each message that matters."""
+
+import os
+import sqlite3
+import struct
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+
+from stereo_seecolor.errors import DeviceError, InputError
+from stereo_seecolor.extras.streams.bags import mcap, ros1, sqlite
+from stereo_seecolor.extras.streams.bags.chunks import ZSTD_MAGIC, decompress
+from stereo_seecolor.extras.streams.bags.source import Channel, Chunk, Cut, FileSource, Message, Place
+from stereo_seecolor.files.names import natural_key
+from stereo_seecolor.files.reading import special_kind
+
+SUFFIXES = frozenset({".bag", ".active", ".db3", ".mcap"})
+"""``.bag.active``: what ROS 1 calls a bag that is being recorded, or was when the power went."""
+
+IMAGE, COMPRESSED, CAMERA_INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo"
+POSES = ("nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped", "geometry_msgs/msg/PoseStamped")
+TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
+STATIC_TRANSFORMS = "/tf_static"
+"""Where the mounts are; /tf, which moves, is counted only."""
+
+FIX, IMU, PRESSURE = "sensor_msgs/msg/NavSatFix", "sensor_msgs/msg/Imu", "sensor_msgs/msg/FluidPressure"
+
+INDEXED = frozenset({IMAGE, COMPRESSED, CAMERA_INFO, *POSES, FIX, IMU, PRESSURE})
+"""Of these each message's place is kept, some hundred bytes; the others are counted."""
+
+THINNED = frozenset({IMU, PRESSURE})
+THINNED_NS = 20_000_000
+"""Of sensors that send hundreds of messages a second one in 20 ms is kept: a vehicle turns little in that time."""
+
+HEAD_BYTES = 32
+CACHED_CHUNKS = 4
+"""Chunks of 1 to 4 MB that are kept decompressed: neighboring messages share them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A message of an indexed topic. stamp_ns: of its header, since 1970; where that is 0, the time at which it was recorded."""
+
+    channel: Channel
+    stamp_ns: int
+    path: Path
+    place: Place
+
+    def payload(self) -> bytes:
+        """The message as it was recorded. Raises InputError if it cannot be read any more, DeviceError without the library."""
+        return payload(self.path, self.place)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag. entries: its messages by their stamps, only where its type is one of INDEXED. count: of all messages."""
+
+    name: str
+    msgtype: str
+    count: int
+    first_ns: int
+    last_ns: int
+    entries: tuple[Entry, ...] = ()
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Messages a second, None for fewer than two."""
+        return (self.count - 1) * 1e9 / (self.last_ns - self.first_ns) if self.last_ns > self.first_ns else None
+
+
+@dataclass(frozen=True)
+class Bag:
+    """A bag. problems: what could not be read, one line each; unstamped: topics whose headers hold no time."""
+
+    path: Path
+    files: tuple[Path, ...]
+    topics: tuple[Topic, ...]
+    problems: tuple[str, ...]
+    unstamped: tuple[str, ...] = ()
+
+    def topic(self, name: str) -> Topic | None:
+        """The topic of that name."""
+        return next((topic for topic in self.topics if topic.name == name), None)
+
+
+@dataclass
+class _Gathered:
+    count: int = 0
+    first_ns: int = 1 << 63
+    last_ns: int = 0
+    kept_ns: int = -THINNED_NS
+    entries: list[Entry] = field(default_factory=list)
+
+
+def is_bag(path: Path) -> bool:
+    """Tell whether a path is a bag's file, or a folder that holds some."""
+    return (path.suffix.lower() in SUFFIXES and not path.is_dir()) or (path.is_dir() and any(_bag_files(path)))
+
+
+def open_bag(path: Path) -> Bag:
+    """Walk a bag: a file (.bag, .bag.active, .db3, .mcap), or a folder with all the files of one that was split.
+
+    Raises InputError if it is missing, no bag, or holds no message that can be read; DeviceError if a library is missing.
+    """
+    files = _files(path)
+    problems: list[str] = []
+    unstamped: Counter[str] = Counter()
+    gathered: dict[tuple[str, str], _Gathered] = {}
+    for file in files:
+        read_problems: list[str] = []
+        for message in _messages(file, read_problems):
+            topic = gathered.setdefault((message.channel.topic, message.channel.msgtype), _Gathered())
+            topic.count += 1
+            topic.first_ns, topic.last_ns = min(topic.first_ns, message.time_ns), max(topic.last_ns, message.time_ns)
+            if message.channel.msgtype in INDEXED or message.channel.topic == STATIC_TRANSFORMS:
+                stamp_ns = _stamp_ns(message, file)
+                if message.channel.msgtype in THINNED and 0 <= stamp_ns - topic.kept_ns < THINNED_NS:
+                    continue
+                topic.kept_ns = stamp_ns
+                unstamped[message.channel.topic] += not stamp_ns
+                topic.entries.append(Entry(message.channel, stamp_ns or message.time_ns, file, message.place))
+        problems += [f"{file}: {problem}" for problem in dict.fromkeys(read_problems)]
+    if not gathered:
+        raise InputError(problems[0] if problems else f"{path}: holds no messages")
+    topics = [_topic(name, msgtype, found) for (name, msgtype), found in sorted(gathered.items())]
+    return Bag(path, tuple(files), tuple(topics), tuple(problems), tuple(sorted(+unstamped)))
+
+
+def _topic(name: str, msgtype: str, found: _Gathered) -> Topic:
+    entries = tuple(sorted(found.entries, key=lambda entry: entry.stamp_ns))
+    return Topic(name, msgtype, found.count, found.first_ns, found.last_ns, entries)
+
+
+def payload(path: Path, place: Place) -> bytes:
+    """A message's bytes. Raises InputError if they cannot be read any more; DeviceError if a library is missing."""
+    try:
+        if path.suffix.lower() == ".db3":
+            content = sqlite.read(path, place.start)
+        elif place.chunk:
+            content = _plain_chunk(path, place.chunk)[place.start : place.start + place.size]
+        else:
+            with FileSource(path) as source:
+                content = source.bytes_at(place.start, place.size)
+        return unzipped(content)
+    except (OSError, Cut, sqlite3.Error, KeyError) as error:
+        raise InputError(f"{path}: a message of it cannot be read: {error}: copy the bag again from the vehicle") from error
+
+
+def unzipped(content: bytes) -> bytes:
+    """A message; some ROS 2 recorders compress each by itself."""
+    if not content.startswith(ZSTD_MAGIC):
+        return content
+    return decompress(content, Chunk(0, len(content), "zstd", 1 << 29))
+
+
+@lru_cache(CACHED_CHUNKS)
+def _plain_chunk(path: Path, chunk: Chunk) -> bytes:
+    with FileSource(path) as source:
+        return decompress(source.bytes_at(chunk.start, chunk.size), chunk)
+
+
+def _messages(path: Path, problems: list[str]) -> Iterator[Message]:
+    """All messages of one file, told by its first bytes and not by its name."""
+    try:
+        if kind := special_kind(path):
+            raise InputError(f"{path}: is {kind}, not a bag")
+        with FileSource(path) as source:
+            begin = source.bytes_at(0, min(source.size, len(sqlite.MAGIC)))
+            if begin.startswith(ros1.MAGIC):
+                yield from ros1.walk(source, problems)
+            elif begin.startswith(mcap.MAGIC):
+                yield from mcap.walk(source, problems)
+            elif begin == sqlite.MAGIC:
+                yield from sqlite.walk(path, problems)
+            else:
+                problems.append("is empty" if not begin else "is no ROS bag: it begins as none of .bag (2.0), .db3, .mcap")
+    except OSError as error:
+        problems.append(f"cannot be read: {error.strerror or error}")
+
+
+def _stamp_ns(message: Message, path: Path) -> int:
+    """The time in a message's header, nanoseconds; 0 where there is none. ROS 1 and CDR have it at the same place."""
+    try:
+        head = message.head(HEAD_BYTES)
+        if head.startswith(ZSTD_MAGIC):
+            head = payload(path, message.place)
+    except (Cut, InputError):
+        return 0
+    big_endian = message.channel.encoding == "cdr" and len(head) > 1 and not head[1] & 1
+    if len(head) < 12:
+        return 0
+    seconds, nanoseconds = struct.unpack_from(">II" if big_endian else "<II", head, 4)
+    return int(seconds * 10**9 + nanoseconds) if nanoseconds < 10**9 else 0
+
+
+def _files(path: Path) -> Sequence[Path]:
+    """The files of a bag, in their order. Raises InputError."""
+    if not path.exists():
+        raise InputError(f"{path}: the bag does not exist")
+    if not path.is_dir():
+        if path.suffix.lower() == ".zstd":
+            raise InputError(f"{path}: is compressed as a whole: unpack it first with zstd -d {path.name}")
+        return [path]
+    found = sorted(_bag_files(path), key=lambda file: natural_key(file.name))
+    if not found:
+        zipped = next(iter(sorted(path.glob("*.zstd"))), None)
+        hint = f"; {zipped.name} is compressed as a whole: unpack it with zstd -d" if zipped else ""
+        raise InputError(f"{path}: holds no bag ({', '.join(sorted(SUFFIXES))}){hint}")
+    return found
+
+
+def _bag_files(folder: Path) -> Iterator[Path]:
+    with os.scandir(folder) as entries:
+        yield from (Path(entry.path) for entry in entries if _is_named_bag(entry.name))
+
+
+def _is_named_bag(name: str) -> bool:
+    return Path(name).suffix.lower() in SUFFIXES and not name.startswith(".")
+
+
+def needs_library() -> DeviceError:
+    """The message where rosbags is missing."""
+    return DeviceError("messages of bags need a library that is missing (rosbags): pip install -c constraints.txt '.[bags]'")

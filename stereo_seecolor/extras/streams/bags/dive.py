@@ -1,0 +1,135 @@
+"""A bag as a dive: its images as files inside it, paired by the stamps of their headers, and its camera_info as the rig."""
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+
+from calibration import StereoRig
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.errors import InputError
+from stereo_seecolor.extras.streams.bags.bag import COMPRESSED, IMAGE, Bag, Entry, Topic, open_bag
+from stereo_seecolor.extras.streams.bags.messages import decode, image_content, image_suffix, rig_of
+from stereo_seecolor.extras.streams.bags.topics import SideTopics, info_topic, parse_topics, side_topics
+from stereo_seecolor.files.contained import Container, open_containers
+from stereo_seecolor.inputs.pairing import Pair, Pairing, pair_files
+
+GAP_INTERVALS = 3.5
+"""Pairs further apart than this many median intervals have a gap between them; one or two lost frames are common."""
+
+
+@dataclass(frozen=True)
+class BagDive:
+    """The dive of a bag. bag: what was read. sides: its two image topics. pairing: its pairs; infos: the camera_info of each side,
+    or None.
+    """
+
+    bag: Bag
+    sides: SideTopics
+    pairing: Pairing
+    infos: tuple[Topic | None, Topic | None]
+
+    def rig(self) -> StereoRig:
+        """The rig that the bag holds. Raises InputError if it holds none, CalibrationError if it is none of a stereo pair."""
+        left, right = self.infos
+        if left is None or right is None:
+            missing = " and ".join(side for side, topic in (("left", left), ("right", right)) if topic is None)
+            raise InputError(f"{self.bag.path}: holds no camera_info of the {missing} camera: give --calib FILE")
+        return rig_of(left.entries[0], right.entries[0])
+
+
+@dataclass(frozen=True)
+class _Images(Container):
+    """The images in one file of a bag, by their names."""
+
+    entries: dict[str, Entry]
+    path: Path
+
+    def read(self, name: str) -> bytes:
+        if name not in self.entries:
+            raise InputError(f"{self.path}: holds no image {name}")
+        return image_content(self.entries[name])
+
+
+def open_dive(path: Path, topics: str, config: InputConfig) -> BagDive:
+    """Walk a bag, find its two cameras (or take ``topics``, ``left=NAME,right=NAME``) and pair their images.
+
+    Raises InputError, DeviceError.
+    """
+    given = parse_topics(topics)
+    bag = open_bag(path)
+    sides = side_topics(bag, given)
+    images: dict[Path, dict[str, Entry]] = defaultdict(dict)
+    lefts, rights = (_files_of(topic, images) for topic in (sides.left, sides.right))
+    open_containers({file: _Images(entries, file) for file, entries in images.items()})
+    untimed = " (headers hold no time; the times of recording are used)" if sides.left.name in bag.unstamped else ""
+    pairing = pair_files(lefts, rights, config, f"{path}: {sides.left.name} and {sides.right.name}{untimed}")
+    infos = info_topic(bag, sides.left), info_topic(bag, sides.right)
+    notes = (*_notes(bag, sides, pairing), *_frame_notes(bag, sides, infos))
+    return BagDive(bag, sides, pairing.with_notes(notes), infos)
+
+
+def bag_images(path: Path) -> Container:
+    """List all images of one file of a bag. Raises InputError, DeviceError."""
+    images: dict[Path, dict[str, Entry]] = defaultdict(dict)
+    for topic in open_bag(path).topics:
+        if topic.msgtype in (IMAGE, COMPRESSED):
+            _files_of(topic, images)
+    return _Images(images[path], path)
+
+
+def _files_of(topic: Topic, images: dict[Path, dict[str, Entry]]) -> list[Path]:
+    """The paths of a topic's images inside the bag's files; of two with one stamp the first."""
+    suffix = image_suffix(topic.entries[0])
+    paths = []
+    for entry in topic.entries:
+        name = f"{topic.name.strip('/')}/{stamp_name(entry.stamp_ns)}{suffix}"
+        if name not in images[entry.path]:
+            images[entry.path][name] = entry
+            paths.append(entry.path / name)
+    return paths
+
+
+def stamp_name(stamp_ns: int) -> str:
+    """Name an image by its stamp: seconds and nanoseconds since 1970, ``1700000000-100000000``."""
+    return f"{stamp_ns // 10**9:010d}-{stamp_ns % 10**9:09d}"
+
+
+def _notes(bag: Bag, sides: SideTopics, pairing: Pairing) -> tuple[str, ...]:
+    notes = [*bag.problems]
+    chosen = (sides.left.name, sides.right.name)
+    notes.append(f"{bag.path}: left is {chosen[0]}, right is {chosen[1]}{' (guessed)' if sides.guessed else ''}")
+    notes += [
+        f"{bag.path}: {name}: headers hold no time; the times of recording are used" for name in bag.unstamped if name in chosen
+    ]
+    for topic in (sides.left, sides.right):
+        if lost := topic.count - len({entry.stamp_ns for entry in topic.entries}):
+            notes.append(f"{bag.path}: {topic.name}: {lost} of {topic.count} messages repeat the stamp of another and are left out")
+    return (*notes, *gap_notes(pairing.pairs, bag.path))
+
+
+def _frame_notes(bag: Bag, sides: SideTopics, infos: tuple[Topic | None, Topic | None]) -> Iterator[str]:
+    """A line for each camera_info whose frame_id differs from that of the images."""
+    for topic, info in zip((sides.left, sides.right), infos, strict=True):
+        with suppress(InputError):  # of a damaged message: its pair says so
+            frames = [decode(found.entries[0]).header.frame_id for found in (topic, info) if found]
+            if len(set(filter(None, frames))) > 1 and info:
+                yield f"{bag.path}: {info.name} is of the frame {frames[1]}, {topic.name} of {frames[0]}: is it of this camera?"
+
+
+def gap_notes(pairs: Sequence[Pair], path: Path) -> tuple[str, ...]:
+    """Summarize the gaps between pairs in one line, with the longest."""
+    times = [pair.timestamp_s for pair in pairs if pair.timestamp_s is not None]
+    intervals = [later - earlier for earlier, later in pairwise(times)]
+    if not intervals:
+        return ()
+    usual = median(intervals)
+    gaps = [(interval, start) for interval, start in zip(intervals, times, strict=False) if interval > GAP_INTERVALS * usual]
+    if not gaps:
+        return ()
+    longest, start = max(gaps)
+    counted = f"{len(gaps)} gaps" if len(gaps) > 1 else "1 gap"
+    return (f"{path}: {counted} between pairs, which are {usual:.3g} s apart; the longest {longest:.3g} s, at {start:.3f}",)

@@ -1,0 +1,131 @@
+"""``live``: correct pairs as they arrive."""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from calibration.formats import load_rig
+from stereo_seecolor.commands.dive_rig import behind_port
+from stereo_seecolor.compute.background import pin
+from stereo_seecolor.compute.threads import limit_cores
+from stereo_seecolor.config import RunConfig
+from stereo_seecolor.extras.streams.bag_inputs import BagInputs
+from stereo_seecolor.extras.streams.live.budget import Budget
+from stereo_seecolor.extras.streams.live.outputs import KeptFiles, published, recorder
+from stereo_seecolor.extras.streams.live.played_bag import PlayedBag
+from stereo_seecolor.extras.streams.live.preview import HOST, Preview, served
+from stereo_seecolor.extras.streams.live.processing import LiveFrame, LiveProcessor, warm_up
+from stereo_seecolor.extras.streams.live.session import LiveCounts, LiveSession, LiveSource
+from stereo_seecolor.extras.streams.live.sources import live_source
+from stereo_seecolor.extras.streams.recording import McapRecording
+from stereo_seecolor.pipeline import Pipeline
+
+
+@dataclass(frozen=True)
+class LiveResult:
+    """Numbers of a live session. done, failed: pairs. dropped: left images skipped for newer ones. reduced: what was left out of
+    the last pair to save time, "" for nothing.
+
+    latency: seconds from arrival of a pair to its corrected image. products: until all its products are written. Both None before
+    the first pair.
+    """
+
+    done: int
+    failed: int
+    dropped: int
+    last_error: str
+    reduced: str
+    latency_median_s: float | None
+    latency_p95_s: float | None
+    products_median_s: float | None
+    products_p95_s: float | None
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """The outputs of a live session, and its limits.
+
+    out: a new or empty folder for the products of every ``every``th pair, None for none. record: a new MCAP file of all pairs.
+    publish: the namespace for ROS 2 topics of all pairs, "" for none. port, host: of the page; port None for no page, 0 for any
+    free port. budget_s: seconds that a pair may take; slower pairs are matched at half the size. cpus: number of processors to
+    use, None for all. pairs: end after this number, None to go on until Ctrl-C. announce: called with the page's address.
+    """
+
+    out: Path | None = None
+    every: int = 1
+    record: Path | None = None
+    publish: str = ""
+    port: int | None = None
+    host: str = HOST
+    budget_s: float | None = None
+    cpus: int | None = None
+    pairs: int | None = None
+    announce: Callable[[str], None] = lambda _: None
+
+
+@dataclass(frozen=True)
+class LiveInputs:
+    """The source of pairs: two sides, or a bag that is played at its own rate. calib: as for load_rig, "" for its camera_info.
+
+    left, right: folders that receive images; or capture devices and network addresses (``0``, ``rtsp://...``), the same twice for
+    a camera that shows both sides; or ROS 2 topics (``ros2:/stereo/left/image_raw``).
+    """
+
+    left: str | Path = ""
+    right: str | Path = ""
+    bag: Path | None = None
+    topics: str = ""
+    calib: str | Path = ""
+
+    def open(self, config: RunConfig, stack: ExitStack) -> tuple[LiveSource, Pipeline]:
+        """Open the source, until ``stack`` closes, and the pipeline. Raises CalibrationError, InputError, DeviceError."""
+        if self.bag is not None:
+            opened = BagInputs(self.bag, self.calib, self.topics).open(config)
+            return PlayedBag(opened.pairing, self.bag, config.input), opened.pipeline
+        pipeline = Pipeline(behind_port(load_rig(self.calib), config.input), config)
+        return live_source(str(self.left), str(self.right), config.input, stack), pipeline
+
+
+def live(inputs: LiveInputs, config: RunConfig | None = None, options: LiveOptions | None = None) -> LiveResult:
+    """Correct the newest pair that has arrived, repeatedly, with the water of the last frames.
+
+    A pair that fails is counted. A source that is not available yet is waited for.
+    Raises CalibrationError for the rig; OutputError if ``out`` or ``record`` is there already or cannot be written, or the port is
+    taken; InputError and DeviceError for a bag, and for cameras and topics that cannot be read here.
+    """
+    config, options = config or RunConfig(), options or LiveOptions()
+    if options.cpus is not None:
+        limit_cores(len(pin(options.cpus)) or options.cpus)
+    counts = LiveCounts()
+    with ExitStack() as stack:
+        source, pipeline = inputs.open(config, stack)
+        made = _made(pipeline, options, counts, stack)
+        warm_up(pipeline)
+        processor = LiveProcessor(pipeline, source.read, Budget(options.budget_s))
+
+        def finish(frame: LiveFrame) -> None:
+            for make in made:
+                make(frame)
+
+        session = LiveSession(source, processor.process, finish, counts)
+        session.run(lambda counts: options.pairs is not None and counts.done >= options.pairs)
+    facts = counts.facts()
+    return LiveResult(**{name: facts[name] for name in LiveResult.__dataclass_fields__})
+
+
+def _made(pipeline: Pipeline, options: LiveOptions, counts: LiveCounts, stack: ExitStack) -> list[Callable[[LiveFrame], None]]:
+    """Functions that make the outputs of a pair, in the order in which they are called."""
+    made: list[Callable[[LiveFrame], None]] = []
+    assert pipeline.geometry is not None
+    if options.out is not None:
+        made.append(KeptFiles(options.out, options.every, pipeline))
+    if options.record is not None:
+        made.append(recorder(stack.enter_context(McapRecording(options.record, pipeline.geometry, "lz4"))))
+    if options.publish:
+        made.append(published(options.publish, pipeline.geometry))
+    if options.port is not None:
+        preview = Preview(counts)
+        made.append(preview.update)
+        options.announce(stack.enter_context(served(preview, options.port, options.host)))
+    return made

@@ -1,0 +1,138 @@
+"""A web page, served by this machine, with the last corrected pair: image, range, water, latency and counts."""
+
+import json
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stereo_seecolor.compute.background import in_background
+from stereo_seecolor.errors import OutputError
+from stereo_seecolor.extras.streams.live.processing import LiveFrame
+from stereo_seecolor.extras.streams.live.session import LiveCounts
+from stereo_seecolor.files.previews import PreviewSize, preview, range_picture
+
+HOST = "127.0.0.1"
+LOCAL = (HOST, "localhost")
+"""Addresses that only this machine can reach, so that the page needs no token."""
+
+TOKEN_BYTES = 16
+HEADERS = (("Cache-Control", "no-store"), ("Referrer-Policy", "no-referrer"), ("X-Content-Type-Options", "nosniff"))
+"""No-referrer keeps the token in the address from other sites."""
+
+SIZE = PreviewSize(960, 85)
+SLOW_CLIENT_S = 5.0
+
+PAGE = Path(__file__).with_name("preview.html")
+
+
+class _Shown:
+    """One pair on the page; its images are encoded when a browser asks for them."""
+
+    def __init__(self, frame: LiveFrame) -> None:
+        self._frame = frame
+
+    @cached_property
+    def ranges(self) -> tuple[NDArray[np.uint8], str]:
+        picture, near_m, far_m = range_picture(self._frame.result.range_map.measured_m)
+        span = f", {near_m:.2f} m (yellow) to {far_m:.2f} m (blue)" if np.isfinite(near_m) else ": unknown everywhere"
+        return picture, span
+
+    def picture(self, name: str) -> bytes | None:
+        if name == "corrected.jpg":
+            return preview(self._frame.result.correction.image, SIZE)
+        return preview(self.ranges[0], SIZE) if name == "range.jpg" else None
+
+    @cached_property
+    def status(self) -> dict[str, Any]:
+        water = {
+            f"water: {name}": ", ".join(f"{v:.3g}" for v in np.ravel(values)) for name, values in _parameters(self._frame).items()
+        }
+        known = np.isfinite(self._frame.result.range_map.measured_m).mean()
+        facts = {"seconds a pair": f"{self._frame.seconds:.2f}", "range known": f"{known:.0%}", **water}
+        return {"name": self._frame.pair.name, "range_span": self.ranges[1], "facts": facts}
+
+
+class Preview:
+    """The content of the page. ``update`` replaces it at once, so that a browser never sees parts of two pairs."""
+
+    def __init__(self, counts: LiveCounts) -> None:
+        self._counts = counts
+        self._shown: _Shown | None = None
+
+    def update(self, frame: LiveFrame) -> None:
+        """Show this pair from now on."""
+        self._shown = _Shown(frame)
+
+    def status(self) -> dict[str, Any]:
+        """The status that the page's script reads."""
+        shown: dict[str, Any] = self._shown.status if self._shown else {"name": "", "facts": {}}
+        counts = self._counts.facts()
+        facts = {name: str(counts[name]) for name in ("done", "failed", "dropped")}
+        for kind in ("median", "p95"):
+            for what in ("latency", "products"):
+                seconds = counts[f"{what}_{kind}_s"]
+                if seconds is not None:
+                    facts[f"{what}, {kind}"] = f"{seconds:.2f} s"
+        notes = {name: counts[name] for name in ("waiting", "last_error", "reduced")}
+        return {**shown, "facts": {**facts, **shown["facts"]}, **notes}
+
+    def content(self, path: str) -> tuple[str, bytes] | None:
+        """(media type, content) of a path that a browser asks for; None for unknown ones."""
+        name = path.split("?")[0].lstrip("/")
+        if name == "":
+            return "text/html; charset=utf-8", PAGE.read_bytes()
+        if name == "status.json":
+            return "application/json", json.dumps(self.status()).encode()
+        picture = self._shown.picture(name) if self._shown else None
+        return ("image/jpeg", picture) if picture else None
+
+
+@contextmanager
+def served(preview: Preview, port: int, host: str = HOST) -> Iterator[str]:
+    """Serve the page while the block runs; yields its URL. port: 0 takes any free port.
+
+    host: an address of this machine that the page is bound to. If other machines can reach it, paths begin with a random token, and
+    all others are refused. Raises OutputError if the port is taken, or the address is not one of this machine.
+    """
+    token = "" if host in LOCAL else f"{secrets.token_urlsafe(TOKEN_BYTES)}/"
+
+    class Handler(BaseHTTPRequestHandler):
+        timeout = SLOW_CLIENT_S
+
+        def do_GET(self) -> None:
+            """Answer a browser."""
+            found = preview.content(self.path[1 + len(token) :]) if self._is_allowed() else None
+            self.send_response(200 if found else 404)
+            media_type, content = found or ("text/plain", b"not here\n")
+            for name, value in (("Content-Type", media_type), ("Content-Length", str(len(content))), *HEADERS):
+                self.send_header(name, value)
+            self.end_headers()
+            self.wfile.write(content)
+
+        def _is_allowed(self) -> bool:
+            """True with the token, or from this machine; other sites must not read the page through a host name of theirs."""
+            if token:
+                return secrets.compare_digest(self.path[: 1 + len(token)].encode(), f"/{token}".encode())
+            return self.headers.get("Host", "").rsplit(":", 1)[0] in LOCAL
+
+        def log_message(self, format: str, *args: Any) -> None:
+            """Requests are not logged."""
+
+    try:
+        server = ThreadingHTTPServer((host, port), Handler)
+    except (OSError, OverflowError) as error:
+        raise OutputError(f"http://{host}:{port}: the page cannot be served there ({error}): choose another --port") from error
+    with server, in_background(server.serve_forever, server.shutdown):
+        yield f"http://{host}:{server.server_address[1]}/{token}"
+
+
+def _parameters(frame: LiveFrame) -> dict[str, Any]:
+    water = frame.result.correction.water
+    return {name: value for name, value in vars(water).items() if isinstance(value, np.ndarray) and value.size == 3}

@@ -1,0 +1,81 @@
+"""Processes one pair at a time, with the water of the last frames."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from stereo_seecolor.color.photometry.survey import SlidingFitter
+from stereo_seecolor.errors import ColorError
+from stereo_seecolor.extras.streams.live.budget import Budget
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.matching.reduced import ReducedMatcher
+from stereo_seecolor.pipeline import Pipeline, correct, ranges_for_color
+from stereo_seecolor.records import FrameResult, Image, RangeMap, StereoFrame, Water
+
+
+@dataclass(frozen=True, eq=False)
+class LiveFrame:
+    """A corrected pair. seconds: that its processing took. reduced: a note where it was matched at reduced size, else ""."""
+
+    pair: Pair
+    result: FrameResult
+    seconds: float
+    reduced: str = ""
+
+
+class LiveProcessor:
+    """Measures each pair, and removes the water that is fitted to the last ``color.sliding_frames`` frames.
+
+    pipeline: used by this processor alone. read: reads the unrectified images of a pair. budget: the time for a pair.
+    """
+
+    def __init__(self, pipeline: Pipeline, read: Callable[[Pair], StereoFrame], budget: Budget | None = None) -> None:
+        self._pipeline, self._read = pipeline, read
+        self._budget = budget or Budget(None)
+        self._fitter = SlidingFitter(pipeline.config.color, pipeline.corrector.fit)
+        self._matchers: dict[int, ReducedMatcher] = {}
+
+    def process(self, pair: Pair) -> LiveFrame:
+        """Process a pair. Raises InputError if it cannot be read; MatchingError, CalibrationError, ColorError as in a run."""
+        began_s, reduced = time.perf_counter(), self._budget.text
+        frame = self._read(pair)
+        result = self._pipeline.process(frame, self._water, self._match)
+        seconds = time.perf_counter() - began_s
+        self._budget.took(seconds)
+        return LiveFrame(pair, result, seconds, reduced)
+
+    def _match(self, frame: StereoFrame) -> RangeMap:
+        shrink = self._budget.shrink
+        if shrink == 1:
+            return self._pipeline.match(frame)
+        if shrink not in self._matchers:
+            geometry, seen = self._pipeline.rectification.matching_pair, self._pipeline.matcher.seen_left
+            self._matchers[shrink] = ReducedMatcher(geometry, self._pipeline.config.matching, seen, shrink)
+        return self._matchers[shrink].match(frame)
+
+    def _water(self, image: Image, range_map: RangeMap) -> Water:
+        """The water with this pair's colors. Of a pair matched at reduced size every second or fourth row and column counts."""
+        every = slice(None, None, self._budget.shrink)
+        pixels: Image = image[every, every].copy()
+        water = self._fitter.water(self._pipeline.corrector.measure(pixels, range_map.measured_m[every, every].copy()))
+        if water is None:
+            raise ColorError("no pixel with a known range yet: there is nothing to fit a water to")
+        return water
+
+
+def warm_up(pipeline: Pipeline) -> None:
+    """Load and compile all code that a pair needs, so that the first pair is not delayed. Raises CalibrationError."""
+    rng = np.random.default_rng(0)
+    width, height = pipeline.rectification.raw_size
+    noise = rng.integers(0, 200, (height, width, 3), np.uint8)
+    rectified = pipeline.rectify(StereoFrame("", noise, noise))
+    unmatched = pipeline.rectification.upright(pipeline.match(rectified).range_m)
+    range_m = rng.uniform(1, 3, unmatched.shape).astype(np.float32)
+    range_m[::8] = np.nan  # some are carried over
+    image = pipeline.rectification.upright(rectified.left)
+    water = SlidingFitter(pipeline.config.color, pipeline.corrector.fit).water(pipeline.corrector.measure(image, range_m))
+    assert water is not None
+    ranges = ranges_for_color(image, RangeMap.of_ranges(range_m, np.isfinite(range_m)), pipeline.config, water, pipeline.seen)
+    correct(pipeline.corrector, pipeline.config, image, ranges, water)

@@ -1,0 +1,150 @@
+"""The loop of a live session: take the newest pair, correct it, count the outcome. An error of a pair does not end it.
+
+Outputs of a corrected pair (files, a recording, a page) are made by another thread, while the next pair is corrected.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+
+from calibration import CalibrationError
+from stereo_seecolor.compute.background import WorkBehind
+from stereo_seecolor.errors import InputError, SeeColorError
+from stereo_seecolor.extras.streams.live.processing import LiveFrame
+from stereo_seecolor.inputs.pairing import Pair
+from stereo_seecolor.records import StereoFrame
+
+POLL_S = 0.004
+"""Seconds between two polls of the source: they add 2 ms to the latency, and take 1 % of a processor."""
+
+SETTLE_S = 2.0
+"""Seconds after which a file that cannot be read counts as failed: until then it may still be being written."""
+
+LATENCIES = 1000
+"""Number of the last pairs whose latencies are kept."""
+
+
+class LiveSource(Protocol):
+    """A source of pairs, of which only the newest is processed. dropped: pairs skipped for newer ones."""
+
+    dropped: int
+
+    @property
+    def waiting(self) -> str:
+        """Names of the sides from which nothing arrives now; "" for none."""
+
+    def newest(self) -> Pair | None:
+        """The newest pair that was not taken; None for none."""
+
+    def read(self, pair: Pair) -> StereoFrame:
+        """The unrectified images of a pair. Raises InputError."""
+
+    def take(self, pair: Pair) -> None:
+        """Mark this pair and all before it as done."""
+
+    @property
+    def ended(self) -> bool:
+        """True when no more pairs will arrive."""
+
+    def latency_s(self, pair: Pair) -> float:
+        """Seconds since the pair arrived."""
+
+
+@dataclass
+class LiveCounts:
+    """Counts and latencies of a live session.
+
+    done, failed: pairs. dropped: pairs skipped. waiting: as of the source. images_s: seconds from the arrival of each of the last
+    pairs to its corrected image; products_s: until all its outputs are written. reduced: a note where pairs are matched at reduced
+    size, else "".
+    """
+
+    done: int = 0
+    failed: int = 0
+    dropped: int = 0
+    waiting: str = ""
+    last_error: str = ""
+    reduced: str = ""
+    images_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
+    products_s: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
+
+    def facts(self) -> dict[str, Any]:
+        """The content for a page or JSON; median and 95th percentile of latencies, None before the first pair."""
+        content = {name: value for name, value in vars(self).items() if not isinstance(value, deque)}
+        for name, seconds in (("latency", self.images_s), ("products", self.products_s)):
+            median_s, p95_s = (float(np.quantile(list(seconds), q)) if seconds else None for q in (0.5, 0.95))
+            content |= {f"{name}_median_s": median_s, f"{name}_p95_s": p95_s}
+        return content
+
+
+@dataclass
+class LiveSession:
+    """A live session. source: of pairs. process: corrects a pair.
+
+    finish: makes the outputs of a corrected pair, in another thread; an error of it ends the session.
+    """
+
+    source: LiveSource
+    process: Callable[[Pair], LiveFrame]
+    finish: Callable[[LiveFrame], None]
+    counts: LiveCounts = field(default_factory=LiveCounts)
+    _behind: WorkBehind = field(default_factory=WorkBehind)
+    _tried: tuple[str, float] = ("", 0.0)
+
+    def run(self, ended: Callable[[LiveCounts], bool]) -> LiveCounts:
+        """Process pairs until ``ended`` returns True, the source ends, or Ctrl-C; returns the counts."""
+        try:
+            while not (ended(self.counts) or self.source.ended):
+                if not self.step():
+                    time.sleep(POLL_S)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self._behind.finish()
+        return self.counts
+
+    def step(self) -> bool:
+        """Process the newest pair; False if there is none, or its files are still being written."""
+        pair = self.source.newest()
+        self.counts.waiting = self.source.waiting
+        if pair is None:
+            return False
+        arrived_s = time.monotonic() - self.source.latency_s(pair)
+        try:
+            frame = self.process(pair)
+        except InputError as error:
+            if self._may_be_growing(pair):
+                return False
+            self._failed(error)
+        except (SeeColorError, CalibrationError) as error:
+            self._failed(error)
+        else:
+            self._corrected(frame, arrived_s)
+        self.source.take(pair)
+        self.counts.dropped = self.source.dropped
+        return True
+
+    def _corrected(self, frame: LiveFrame, arrived_s: float) -> None:
+        self.counts.images_s.append(time.monotonic() - arrived_s)
+        self.counts.done += 1
+        self.counts.reduced = frame.reduced
+
+        def finish() -> None:
+            self.finish(frame)
+            self.counts.products_s.append(time.monotonic() - arrived_s)
+
+        self._behind.put(finish)
+
+    def _failed(self, error: Exception) -> None:
+        self.counts.failed += 1
+        self.counts.last_error = str(error)
+
+    def _may_be_growing(self, pair: Pair) -> bool:
+        now_s = time.monotonic()
+        if self._tried[0] != pair.name:
+            self._tried = (pair.name, now_s)
+        return now_s - self._tried[1] < SETTLE_S

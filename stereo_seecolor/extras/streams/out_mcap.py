@@ -1,0 +1,39 @@
+"""``run --out-mcap``: a finished run as one MCAP file, with or without a map."""
+
+from pathlib import Path
+
+from stereo_seecolor.errors import InputError, OutputError
+from stereo_seecolor.extras.streams.mcap_file import recorded
+from stereo_seecolor.extras.streams.recording import McapRecording
+from stereo_seecolor.files.atomic import atomic_path
+from stereo_seecolor.run_folder.finished_run import open_run
+from stereo_seecolor.run_folder.layout import MAP
+from stereo_seecolor.run_folder.posed_run import open_posed_run
+
+
+def check_mcap(file: Path, overwrite: bool) -> None:
+    """Raise OutputError if ``file`` is there and not to be replaced."""
+    if file.exists() and not overwrite:
+        raise OutputError(f"{file}: is there already: give --overwrite to replace it, or another name")
+
+
+def write_mcap(out: Path, file: Path) -> int:
+    """Record the frames of the run in ``out``, with poses for those in its map. Returns their number.
+
+    The file appears when it is complete.
+
+    Raises InputError if the run holds no frame or knows no camera, OutputError if the file cannot be written, DeviceError if a
+    library is missing.
+    """
+    run = open_run(out)
+    frames = [frame for frame in run.frames if "corrected" in frame.products]
+    if run.geometry is None or not frames:
+        raise InputError(f"{out}: holds no corrected stereo pair to record")
+    placed = {}
+    if (out / MAP).is_dir():
+        posed = open_posed_run(out)
+        placed = {frame.name: T for frame, T in zip(posed.frames, posed.T_map_camera, strict=True)}
+    with atomic_path(file) as temporary, McapRecording(temporary, run.geometry) as recording:
+        for number, frame in enumerate(frames):
+            recording.add(recorded(frame, number, placed.get(frame.name)))
+    return len(frames)

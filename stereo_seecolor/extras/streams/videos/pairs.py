@@ -1,0 +1,46 @@
+"""The frames of two videos that are pairs: an earlier run's choice, or chosen now and kept in OUT.
+
+To choose them, both videos are decoded completely.
+"""
+
+import json
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+
+from calibration import CalibrationError, StereoRig
+from calibration.formats import load_rig, native
+from stereo_seecolor.config import InputConfig
+from stereo_seecolor.extras.streams.videos.choice import FrameChoice
+from stereo_seecolor.extras.streams.videos.video import Videos
+from stereo_seecolor.files.atomic import write_atomic
+from stereo_seecolor.files.keys import content_key
+from stereo_seecolor.inputs.pairing import Pairing
+from stereo_seecolor.run_folder.folder import RunFolder
+from stereo_seecolor.run_folder.layout import video_pairs_file
+from stereo_seecolor.version import __version__
+
+
+def video_pairing(videos: Videos, calib: str | Path, folder: RunFolder, images: InputConfig) -> Pairing:
+    """The pairs of two videos, or of one that shows both sides. Raises InputError, DeviceError, OutputError."""
+    rig: StereoRig | None = None
+    with suppress(CalibrationError):  # said when the frames are opened
+        rig = load_rig(calib)
+    asked = (images.video_every, images.video_overlap, images.video_skip_blurred, images.video_offset_s)
+    key, file = content_key(__version__, videos.key, asked, native.to_bytes(rig) if rig else b""), video_pairs_file(folder.root)
+    choice = _kept(file, key)
+    if choice is None:
+        choice = videos.choice(images, rig)
+        write_atomic(file, json.dumps({"key": key, **asdict(choice)}).encode())
+    return videos.pairing(choice)
+
+
+def _kept(file: Path, key: str) -> FrameChoice | None:
+    """The choice of an earlier run; None where it had other videos or settings, or there is none."""
+    try:
+        content = json.loads(file.read_bytes())
+        if content.pop("key") == key:
+            return FrameChoice(**{name: tuple(values) for name, values in content.items()})
+    except (OSError, ValueError, TypeError, KeyError, AttributeError):
+        pass
+    return None
