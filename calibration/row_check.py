@@ -13,7 +13,6 @@ class RowLimits:
     """Decides what vertical disparity means."""
 
     acceptable_px: float = 0.25  # matching searches one row: the confidence of fine texture falls from here on
-    warning_px: float = 0.5  # half a pixel off, a row matches its neighbor as well as itself
     swapped_fraction: float = 0.8  # points behind infinity; nearly all of a swapped pair, and only mismatches of another
     moved_ratio: float = 0.7  # offset, scale and roll that leave more than this of the disparity do not explain it
     drift_px: float = 20.0  # real rigs drift by a pixel or two; pairs off by one frame had 29 and 58 px
@@ -56,17 +55,6 @@ class RowCheck:
     def acceptable(self) -> bool:
         """True if rows agree to a quarter of a pixel, without a keystone that stands for wrong ranges, and left is left."""
         return self.row_error_px <= LIMITS.acceptable_px and not (self.swapped or self.keystone.is_found)
-
-    @property
-    def warning(self) -> str | None:
-        """The warning that a run over a dive gives before it starts; None where rows agree to half a pixel and left is left.
-
-        What makes ranges wrong by its factor is said from where rows are not acceptable on: small images hide it.
-        """
-        ranges_wrong = not self.acceptable and (self.air_in_water or self.cut_out or self.keystone.is_found)
-        if self.row_error_px <= LIMITS.warning_px and not (self.swapped or ranges_wrong):
-            return None
-        return "; ".join(self.advice)
 
     @property
     def swapped(self) -> bool:

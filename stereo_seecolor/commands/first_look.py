@@ -7,7 +7,7 @@ from calibration import CalibrationError
 from calibration.checks import RowCheck, vertical_disparity
 from calibration.mistakes import likely_mistake, may_be_mistaken
 from calibration.quick_look import quick_look
-from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, first_images, spread
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, first_images, readable, spread
 from stereo_seecolor.commands.range_limits import range_limits
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.neighbors import constant_shift
@@ -15,47 +15,39 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
 
 LOOKED_AT = 4
-"""Pairs, spread over the dive, of which the first with enough matches is checked: a descent may last a quarter of a dive."""
+"""Pairs, spread over the dive, that have a quick look: a descent may last a quarter of a dive, and a camera may be knocked in it."""
 
 
 def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
-    """Notes on rows that disagree by over half a pixel, and on features outside the limits of range, from the first usable pair.
+    """Notes on rows that ``check`` would not accept, and on features outside the limits of range, from pairs spread over the dive.
 
-    A quick check is enough for most dives. A full one, with two more pairs, takes longer than matching a pair and is made only
-    where rows disagree or may hold a keystone. Raises InputError where no pair can be matched and the likely mistake is known.
+    A quick look is enough for most dives. A full check takes longer than matching a pair and is made only where rows of a pair
+    disagree or may hold a keystone. Raises InputError where no pair can be matched and the likely mistake is known.
     """
-    looked_at = spread(pairs, LOOKED_AT)
     with suppress(CalibrationError):  # of pairs that are not as large as calibrated: the run names them
-        for pair in looked_at:
-            for both in first_images([pair], pipeline.config.input):
-                look = quick_look(pipeline.rectification, both)
-                if not look.range_m.size:
-                    continue
-                near = pairs[pairs.index(pair) :]
-                if not look.rows_agree:
-                    return _rows_note(pipeline, pairs, near)
-                limits = range_limits(look.range_m, pipeline.config.matching)
-                notes = tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
-                return notes + (_rows_note(pipeline, pairs, near, (DECIDING_PAIRS,)) if look.keystone else ())
-    return _rows_note(pipeline, pairs, looked_at)
+        seen = readable(spread(pairs, LOOKED_AT), pipeline.config.input)
+        looks = [(pair, quick_look(pipeline.rectification, both)) for pair, both in seen]
+        looks = [(pair, look) for pair, look in looks if look.range_m.size]
+        if looks and all(look.rows_agree for _, look in looks):
+            pair, first = looks[0]
+            limits = range_limits(first.range_m, pipeline.config.matching)
+            notes = tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
+            return notes + (_rows_note(pipeline, pairs) if any(look.keystone for _, look in looks) else ())
+    return _rows_note(pipeline, pairs)
 
 
-def _rows_note(
-    pipeline: Pipeline, pairs: Sequence[Pair], chosen: Sequence[Pair], counts: Sequence[int] = (1, DECIDING_PAIRS)
-) -> tuple[str, ...]:
-    """The full check of rows. pairs: of the whole dive. chosen: pairs to check, more of ``counts`` where fewer warn."""
+def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
+    """What ``check`` says of the rows of pairs spread over the dive."""
     rig, images = pipeline.rig, pipeline.config.input
+    chosen = spread(pairs, LOOKED_AT)
     check: RowCheck | None = None
     with suppress(CalibrationError):  # too few points to tell
-        for most in counts:
-            check = vertical_disparity(rig, first_images(chosen, images, most))
-            if check.warning is None:
-                return ()
+        check = vertical_disparity(rig, first_images(chosen, images, LOOKED_AT))
     if check is None or may_be_mistaken(check):
         if mistake := likely_mistake(rig, first_images(chosen, images)):
             raise InputError(mistake.line)
         if shift := constant_shift(spread(pairs, DECIDING_PAIRS + 2)[1:-1], pairs, pipeline.rectification, images):
             raise InputError(shift)
-    if check is None:
+    if check is None or check.acceptable:
         return ()
-    return (f"calibration: {check.warning}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)
+    return (f"calibration: {'; '.join(check.advice)}" + (" (stereo-seecolor run --refine)" if check.has_moved else ""),)
