@@ -48,12 +48,24 @@ def find_matches(
     rectification: Rectification, left: NDArray[np.generic], right: NDArray[np.generic], limits: MatchLimits = LIMITS
 ) -> Matches:
     """Match a raw pair, (H, W) or (H, W, C), 8 or 16 bit: SIFT both ways, then refined by optical flow there and back."""
-    images = [
-        _clear(apply(to_gray(image))) for apply, image in ((rectification.apply_left, left), (rectification.apply_right, right))
-    ]
-    at_left, at_right = _alike(images, limits)
-    near = np.abs(at_left[:, 1] - at_right[:, 1]) < limits.max_row_fraction * images[0].shape[0]
-    return _refine(images, at_left[near], at_right[near])
+    return match_images(clear(rectification.apply_left(to_gray(left))), clear(rectification.apply_right(to_gray(right))), limits)
+
+
+def match_images(first: NDArray[np.uint8], second: NDArray[np.uint8], limits: MatchLimits = LIMITS) -> Matches:
+    """Match two gray images that ``clear`` made; their points are called left and right."""
+    images = [first, second]
+    at_first, at_second = _alike(images, limits)
+    near = np.abs(at_first[:, 1] - at_second[:, 1]) < limits.max_row_fraction * first.shape[0]
+    return _refine(images, at_first[near], at_second[near])
+
+
+def same_points(points: Array, among: Array, within_px: float) -> NDArray[np.int64]:
+    """(n,) index of the nearest point ``among`` (m, 2) to each of ``points`` (n, 2); -1 where none lies within that distance."""
+    if not len(among):
+        return np.full(len(points), -1)
+    apart = np.hypot(points[:, None, 0] - among[None, :, 0], points[:, None, 1] - among[None, :, 1])
+    nearest = apart.argmin(axis=1)
+    return np.where(apart[np.arange(len(points)), nearest] <= within_px, nearest, -1)
 
 
 def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
@@ -65,7 +77,7 @@ def raw_matches(rig: StereoRig, pairs: Iterable[Images]) -> list[Matches]:
 
 def look_alikes(left: NDArray[np.generic], right: NDArray[np.generic]) -> Matches:
     """Points of the raw images that look alike, good to a pixel, wherever they lie and however they are turned; some are wrong."""
-    at_left, at_right = _alike([_clear(to_gray(image)) for image in (left, right)], LIMITS)
+    at_left, at_right = _alike([clear(to_gray(image)) for image in (left, right)], LIMITS)
     return Matches(at_left.astype(np.float64), at_right.astype(np.float64))
 
 
@@ -74,7 +86,7 @@ def rectified_matches(rig: StereoRig, raw: Sequence[Matches]) -> list[Matches]:
     return [Matches(*rectified_points(rig, matches.left, matches.right)) for matches in raw]
 
 
-def _clear(image: NDArray[np.generic]) -> NDArray[np.uint8]:
+def clear(image: NDArray[np.generic]) -> NDArray[np.uint8]:
     """With its local contrast equalized, so that dim water does not hide features."""
     return np.asarray(cv2.createCLAHE(2.0, (8, 8)).apply(image), np.uint8)
 

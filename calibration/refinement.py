@@ -7,8 +7,8 @@ import numpy as np
 from calibration.wording import counted
 
 UNSEEN = (
-    "not seen by vertical disparity: the length of the baseline, and a focal length wrong in both cameras alike; measure something "
-    "of known length"
+    "not seen by vertical disparity: the length of the baseline, a focal length wrong in both cameras alike, and images shifted "
+    "along the baseline (a principal point): measure something of known length"
 )
 YAW_WARNING = "yaw shifts every disparity by {:+.2f} px, and with it ranges: it is the least certain of these figures"
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from calibration.enlargement import NOT_ENLARGED, Enlargement
 from calibration.keystone import NO_KEYSTONE, Keystone
+from calibration.motion import NO_MOTION, Motion
 from calibration.port import FLAT_PORT
 from calibration.wording import counted
 
@@ -35,6 +36,7 @@ class RowCheck:
     keystone: what a yaw of the right camera would leave in the rows.
     index: the refractive index of a flat port that explains the matches best, 1 = none; index_unexplained_px: what it leaves.
     mistake: what was done wrong with the calibration and explains the rest, where one was looked for and found.
+    motion: between neighboring pairs, which shows what rows do not.
     """
 
     pairs: int
@@ -50,11 +52,13 @@ class RowCheck:
     enlargement: Enlargement = NOT_ENLARGED
     mistake: str = ""
     keystone: Keystone = NO_KEYSTONE
+    motion: Motion = NO_MOTION
 
     @property
     def acceptable(self) -> bool:
-        """True if rows agree to a quarter of a pixel, without a keystone that stands for wrong ranges, and left is left."""
-        return self.row_error_px <= LIMITS.acceptable_px and not (self.swapped or self.keystone.is_found)
+        """True if rows agree to a quarter of a pixel, neither keystone nor motion stands for wrong ranges, and left is left."""
+        ranges_wrong = self.swapped or self.keystone.is_found or self.motion.is_found
+        return self.row_error_px <= LIMITS.acceptable_px and not ranges_wrong
 
     @property
     def swapped(self) -> bool:
@@ -127,6 +131,7 @@ class RowCheck:
             drifted = self._is_drift or not self.keystone.is_found
             advice += [self._explanation()] if self.row_error_px > LIMITS.acceptable_px and drifted else []
             advice += [self.keystone.line] if self.keystone.is_found else []
+        advice += [self.motion.advice] if self.motion.is_found else []
         return tuple(advice)
 
     def lines(self) -> list[str]:
@@ -136,6 +141,7 @@ class RowCheck:
             f"{self.matches} points in {counted(self.pairs, 'pair')}: vertical disparity {self.row_error_px:.2f} px (median); "
             f"offset {self.offset_px:+.2f} px, vertical scale {self.scale - 1:+.3%}, roll {self.roll_deg:+.3f} degrees leave "
             f"{self.unexplained_px:.2f} px",
+            *([] if self.motion is NO_MOTION else [self.motion.line]),
             *self.advice,
             f"the calibration is {verdict} for these images (limit {LIMITS.acceptable_px} px)",
         ]

@@ -11,13 +11,14 @@ from calibration.checks import RowCheck, judge_matches, suspicions
 from calibration.formats import write_rig
 from calibration.matches import Images, Matches, raw_matches, rectified_matches
 from calibration.mistakes import likely_mistake, may_be_mistaken
+from calibration.motion import find_motion
 from calibration.port import FlatPort
 from calibration.port_error import port_error
 from calibration.readings import settle_matches
 from calibration.refine import refine_matches
 from calibration.refinement import Refinement
 from calibration.row_check import LIMITS
-from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, load_unsettled, pairs_of, read_both, spread
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, load_unsettled, neighbors, pairs_of, read_both, spread
 from stereo_seecolor.config import InputConfig
 from stereo_seecolor.files.new_folder import refuse_existing
 from stereo_seecolor.inputs.stored_pixels import as_stored, stored_facts
@@ -51,8 +52,9 @@ class RigFacts:
 class CheckResult:
     """A calibration tested on a dive.
 
-    rows: vertical disparity of rectified pairs. suspicions: doubts about the calibration itself. refined: what has moved since the
-    calibration; refined_file: the refined rig; both None unless asked for.
+    rows: vertical disparity of rectified pairs, and the motion between neighbors, which is that of the refined rig. suspicions:
+    doubts about the calibration itself. refined: what has moved since the calibration; refined_file: the refined rig; both None
+    unless asked for.
     """
 
     rig: RigFacts
@@ -63,8 +65,10 @@ class CheckResult:
 
     @property
     def acceptable(self) -> bool:
-        """True if rows agree, with the refined rig where there is one."""
-        return self.rows.acceptable if self.refined is None else self.refined.after_px <= LIMITS.acceptable_px
+        """True if rows agree, with the refined rig where there is one, and so does the motion between neighboring pairs."""
+        if self.refined is None:
+            return self.rows.acceptable
+        return self.refined.after_px <= LIMITS.acceptable_px and not self.rows.motion.is_found
 
 
 def check(
@@ -95,7 +99,10 @@ def check(
     refined = refine_matches(rig, raw) if refine else None
     if refine and refined:
         write_rig(refined, refine)
-    return CheckResult(rig_facts(rig), rows, suspicions(rig), refined.refinement if refined else None, refine)
+    motion = find_motion(Rectification.from_rig(refined or rig), neighbors(pairs, images))
+    return CheckResult(
+        rig_facts(rig), replace(rows, motion=motion), suspicions(rig), refined.refinement if refined else None, refine
+    )
 
 
 def _judged(rig: StereoRig, raw: list[Matches], images: Iterable[Images]) -> RowCheck:

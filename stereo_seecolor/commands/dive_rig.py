@@ -31,6 +31,11 @@ DECIDING_PAIRS = 3
 REFINING_PAIRS = 8
 """Pairs that a rig is refined with before a run: on a real dive six leave the same 0.11 px as twelve, in half the time."""
 
+COUPLES = 5
+"""Pairs whose motion to a following one tests a calibration: each gives some hundred points."""
+FOLLOWING = (0, 1, 2, 4, 8, 16, 32)
+"""How many pairs later: frames of a video move little from one to the next."""
+
 
 def pairs_of(left: Path, right: Path, images: InputConfig) -> Pairing:
     """The pairs of two sides as ``run`` takes them, of which videos are paired anew each time. Raises InputError, DeviceError."""
@@ -132,6 +137,14 @@ def refined_rig(rig: StereoRig, pairs: Sequence[Pair], images: InputConfig, opti
 def spread(pairs: Sequence[Pair], most: int) -> list[Pair]:
     """At most ``most`` of the pairs, evenly over the dive."""
     return [pairs[i] for i in np.unique(np.linspace(0, len(pairs) - 1, min(most, len(pairs))).round().astype(int))]
+
+
+def neighbors(pairs: Sequence[Pair], images: InputConfig) -> Iterator[Iterator[tuple[Image, Image]]]:
+    """For each of COUPLES pairs, spread over the dive, its images and those of pairs that follow it, for ``find_motion``."""
+    for pair in spread(pairs[:-1], COUPLES):
+        place = pairs.index(pair)
+        near = [pairs[place + step] for step in FOLLOWING if place + step < len(pairs)]
+        yield (both for _, both in readable(near, images))
 
 
 def read_both(pair: Pair, images: InputConfig) -> tuple[Image, Image]:

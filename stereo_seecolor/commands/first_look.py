@@ -2,12 +2,14 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import replace
 
 from calibration import CalibrationError
 from calibration.checks import RowCheck, vertical_disparity
 from calibration.mistakes import likely_mistake, may_be_mistaken
+from calibration.motion import Motion, find_motion
 from calibration.quick_look import quick_look
-from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, first_images, readable, spread
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, first_images, neighbors, readable, spread
 from stereo_seecolor.commands.range_limits import range_limits
 from stereo_seecolor.errors import InputError
 from stereo_seecolor.inputs.neighbors import constant_shift
@@ -15,7 +17,7 @@ from stereo_seecolor.inputs.pairing import Pair
 from stereo_seecolor.pipeline import Pipeline
 
 LOOKED_AT = 4
-"""Pairs, spread over the dive, that have a quick look: a descent may last a quarter of a dive, and a camera may be knocked in it."""
+"""Pairs, spread over the dive, that have a quick look: a descent may last a quarter of a dive, and a camera may be knocked."""
 
 
 def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
@@ -32,8 +34,23 @@ def first_notes(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
             pair, first = looks[0]
             limits = range_limits(first.range_m, pipeline.config.matching)
             notes = tuple(f"range: in pair {pair.name}, {limit.note}" for limit in limits)
-            return notes + (_rows_note(pipeline, pairs) if any(look.keystone for _, look in looks) else ())
+            if not any(look.keystone for _, look in looks):
+                return notes + _motion_note(pipeline, pairs)
+            return notes + _rows_note(pipeline, pairs)
     return _rows_note(pipeline, pairs)
+
+
+def _motion_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
+    """What the motion shows and rows do not; of a refined rig, which rows were made to fit, also that it shows nothing."""
+    motion = _motion(pipeline, pairs)
+    if motion.is_found:
+        return (f"calibration: {motion.advice}",)
+    unseen = pipeline.config.input.refine and not motion.is_known
+    return (f"calibration: {motion.line}",) if unseen else ()
+
+
+def _motion(pipeline: Pipeline, pairs: Sequence[Pair]) -> Motion:
+    return find_motion(pipeline.rectification, neighbors(pairs, pipeline.config.input))
 
 
 def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
@@ -43,6 +60,7 @@ def _rows_note(pipeline: Pipeline, pairs: Sequence[Pair]) -> tuple[str, ...]:
     check: RowCheck | None = None
     with suppress(CalibrationError):  # too few points to tell
         check = vertical_disparity(rig, first_images(chosen, images, LOOKED_AT))
+        check = replace(check, motion=_motion(pipeline, pairs))
     if check is None or may_be_mistaken(check):
         if mistake := likely_mistake(rig, first_images(chosen, images)):
             raise InputError(mistake.line)

@@ -11,10 +11,11 @@ from calibration import CalibrationError, Rectification, StereoRig
 from calibration.checks import RowCheck, suspicions, vertical_disparity
 from calibration.formats.kitti import for_channels
 from calibration.mistakes import Mistake, likely_mistake, may_be_mistaken
+from calibration.motion import NO_MOTION, find_motion
 from calibration.quick_look import quick_look
 from calibration.readings import settle_reading
 from stereo_seecolor.commands.check import RigFacts, rig_facts
-from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS
+from stereo_seecolor.commands.dive_rig import DECIDING_PAIRS, neighbors
 from stereo_seecolor.commands.inspect_dive import Misfit, SampleMeasures, measure, misfits
 from stereo_seecolor.commands.inspect_rig import FoundCalibration
 from stereo_seecolor.commands.range_limits import RangeLimits, range_limits
@@ -78,7 +79,9 @@ def tested_calibration(found: FoundCalibration, pairing: Pairing, sample: Sequen
     with suppress(CalibrationError):
         rows = vertical_disparity(rig, images)
     mistake = likely_mistake(rig, images[:DECIDING_PAIRS]) if rows is None or may_be_mistaken(rows) else None
-    rows = replace(rows, mistake=mistake.line) if rows and mistake else rows
+    if rows:
+        motion = NO_MOTION if mistake else find_motion(Rectification.from_rig(rig), neighbors(pairing.pairs, config.input))
+        rows = replace(rows, mistake=mistake.line if mistake else "", motion=motion)
     limits = _range_limits(rig, images, config)
     x_m, y_m, _ = rig.R.T @ rig.T_right_left[:3, 3]
     vertical = bool(abs(y_m) > abs(x_m))
