@@ -56,7 +56,7 @@ def test_one_lens_and_a_baseline_are_of_rectified_images(tmp_path: Path) -> None
     np.testing.assert_array_equal(found.right.K, [[500, 0, 310.5], [0, 500, 240], [0, 0, 1]])
     assert "the images for rectified" in found.doubts[0]
     (tmp_path / "rig.yaml").write_text("fx: 500\ncx: 310.5\ncy: 240\nbaseline_mm: 63\nk1: -0.2\nk2: 0.1\n")
-    with pytest.raises(CalibrationError, match="no calibration known here"):
+    with pytest.raises(CalibrationError, match="holds one lens"):
         load_rig(tmp_path / "rig.yaml", SIZE)
 
 
@@ -98,8 +98,8 @@ def test_calib_io(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.npy", b"\x93NUMPY\x01\x00", "a single array, or holds Python objects"),
-        ("a.pkl", pickle.dumps({"K1": 1}), "a single array, or holds Python objects"),
+        ("a.npy", b"\x93NUMPY\x01\x00", "is damaged"),
+        ("a.pkl", pickle.dumps({"K1": 1}), "holds Python objects"),
         ("dlt.csv", b"1.5,2e-3\n" * 11, "direct linear transformation"),
         ("left.cameramodel", b"# made by mrcal\n{\n    'lensmodel': 'LENSMODEL_OPENCV5',\n}\n", "a camera of mrcal"),
         ("maps.xml", b"<?xml version='1.0'?>\n<opencv_storage>\n<stereoMapL_x>" + b"1 " * 200_000, "maps that rectify images"),

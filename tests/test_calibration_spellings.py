@@ -134,7 +134,7 @@ def test_a_camera_a_file_and_extrinsics(tmp_path: Path) -> None:
 
 def test_parts_that_make_no_rig_are_named(tmp_path: Path) -> None:
     storage(tmp_path / "M1.xml", M1=RIG.left.K)
-    with pytest.raises(CalibrationError, match=r"found M1.xml \(no calibration\)"):
+    with pytest.raises(CalibrationError, match=r"found M1.xml \(one lens\)"):
         load_rig(tmp_path, SIZE)
 
 

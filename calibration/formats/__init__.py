@@ -1,6 +1,7 @@
 """Calibration formats: ``load_rig`` reads every known one, ``write_rig`` writes some; each format is a module."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -47,7 +48,6 @@ WHOLE_RIG = (
     kitti,
     matlab,
     bouguet,
-    viame,
     zed,
     okvis,
     colmap,
@@ -57,6 +57,10 @@ WHOLE_RIG = (
 )  # these hold a rig in one file
 ONE_CAMERA = {"ROS": ros, "SeaGIS": seagis, "EuRoC": euroc}  # these hold a camera in each of two files
 READERS = (*WHOLE_RIG, *ONE_CAMERA.values(), opencv)
+NO_POSE = (
+    "R and T between them are missing: calibrate the two as a stereo pair, or write R and T into a third file and give a folder "
+    "with all three"
+)
 MAX_AROUND = 3  # mappings around a calibration: /ns, ros__parameters, stereo
 Size = tuple[int, int]
 
@@ -141,6 +145,8 @@ def _documents(path: str | Path) -> list[Section]:
     parts = [whole] if whole.exists() else [Path(part.strip()) for part in str(path).split(",")]
     if len(parts) > 2:
         raise CalibrationError(f"{path}: give one calibration file, or two with a comma between, not {len(parts)}")
+    if all(part.is_dir() for part in parts):  # a folder a camera
+        return [merged([document for part in parts for document in _readable(calibration_files(part))])]
     return [load_document(part) for part in parts]
 
 
@@ -150,11 +156,12 @@ def _parse(documents: list[Section], image_size: Size | None) -> StereoRig:
     if (rig := _of_cameras(documents)) is not None:
         return rig
     first, second = documents
-    both = merged(documents)
-    if colmap.matches(both):
+    if colmap.matches(both := _together(documents)):
         return colmap.parse(both, image_size)
-    if opencv.has_intrinsics(both) and opencv.has_extrinsics(both):
+    if opencv.has_intrinsics(both := merged(documents)) and opencv.has_extrinsics(both):
         return opencv.parse(both, image_size)
+    if all(map(opencv.is_one_lens, documents)):
+        raise CalibrationError(f"holds one lens, and so does {second.where}: {NO_POSE}")
     raise CalibrationError(
         f"is {_kind(first)}, and {second.where} is {_kind(second)}: two files must be the left and right camera_info of ROS, "
         ".cam of SeaGIS or sensor.yaml of EuRoC, or OpenCV's intrinsics and extrinsics"
@@ -191,6 +198,10 @@ def _parse_one(document: Section, image_size: Size | None) -> StereoRig:
     for name, reader in ONE_CAMERA.items():
         if reader.matches(document):
             raise CalibrationError(f"is one camera of a {name} pair: give both files, as left.yaml,right.yaml")
+    if opencv.is_one_lens(document):
+        raise CalibrationError(
+            "holds one lens: give the file of both cameras with R and T between them, or a folder with its parts"
+        )
     if opencv.matches(document):
         return opencv.parse(document, image_size)
     keys = ", ".join(map(repr, list(document.content)[:6]))
@@ -215,9 +226,8 @@ def _of_folder(folder: Path) -> list[Section]:
     euroc_files = [folder / camera / "sensor.yaml" for camera in ("cam0", "cam1")]
     if all(file.is_file() for file in euroc_files):
         return [load_document(file) for file in euroc_files]
-    documents = [document for document in map(_try_load, calibration_files(folder)) if document is not None]
-    parts = merged(documents)
-    if parts.has(colmap.CAMERAS) and any(not d.has(colmap.CAMERAS) and colmap.matches(d) for d in documents):
+    documents = _readable(calibration_files(folder))
+    if colmap.matches(parts := _together(documents)) and parts.has(colmap.CAMERAS) and len(parts.content) > 1:
         return [Section(str(folder), parts.content)]
     documents = [document for document in documents if not okvis.is_lens(document)]  # the configuration names them
     whole = [
@@ -229,10 +239,17 @@ def _of_folder(folder: Path) -> list[Section]:
         cameras = [document for document in documents if reader.matches(document)]
         if not whole and len(cameras) == 2:
             return left_first(cameras, folder)
-    if not whole and not any(map(ros.matches, documents)) and _is_opencv_rig(parts):
-        return [Section(str(folder), parts.content)]
+    if not whole and not any(map(ros.matches, documents)):
+        for files in (documents, [*documents, *_readable(calibration_files(folder, "*/*"))]):
+            if files and _is_opencv_rig(parts := merged(files)):
+                return [Section(str(folder), parts.content)]
     found = ", ".join(f"{Path(d.where).name} ({_kind(d)})" for d in documents)[:300] or "no file that can be read"
     raise CalibrationError(f"{folder}: expected one rig, or the files of one, and found {found}: name the file")
+
+
+def _together(documents: list[Section]) -> Section:
+    """The keys of several files as one's."""
+    return Section(",".join(d.where for d in documents), {key: value for d in documents for key, value in d.content.items()})
 
 
 def _is_opencv_rig(document: Section) -> bool:
@@ -243,18 +260,19 @@ def _kind(document: Section) -> str:
     for reader in READERS:
         if reader.matches(document):
             return f"of {_name(reader)} format"
-    return "no calibration"
+    return "one lens" if opencv.is_one_lens(document) else "no calibration"
 
 
 def _name(reader: object) -> str:
     return str(getattr(reader, "__name__", reader)).rsplit(".", 1)[1]
 
 
-def _try_load(file: Path) -> Section | None:
-    try:
-        return load_document(file)
-    except CalibrationError:
-        return None
+def _readable(files: list[Path]) -> list[Section]:
+    documents = []
+    for file in files:
+        with suppress(CalibrationError):
+            documents.append(load_document(file))
+    return documents
 
 
 def _pair_of_paths(path: Path) -> tuple[Path, Path]:

@@ -1,4 +1,4 @@
-"""Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz, SeaGIS's .cam.
+"""Binary calibration files as keys and values: MATLAB's .mat, NumPy's .npz and .npy, SeaGIS's .cam.
 
 Numbers are read and nothing else: no pickle, no code, nothing larger than a calibration can be.
 """
@@ -16,8 +16,8 @@ from calibration.formats.section import Section
 MAX_BYTES = 8 * 2**20  # MATLAB keeps every reprojection error: 0.1 MB for 50 views of 100 corners
 
 
-PICKLES = (b"\x93NUMPY", b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05", b"(dp0\n")
-"""Begins of NumPy's .npy, which holds one array or any object, and of pickles."""
+PICKLES = (b"\x80\x02", b"\x80\x03", b"\x80\x04", b"\x80\x05", b"(dp0\n")
+"""Begins of pickles."""
 
 
 def is_binary(path: Path) -> bool:
@@ -51,6 +51,8 @@ def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
         return _read_mat5
     if start.startswith(b"PK\x03\x04"):
         return npz.read
+    if start.startswith(b"\x93NUMPY"):
+        return npz.read_one
     if start.startswith(PICKLES):
         return _refuse_pickle
     if start.startswith((b"CAM", b"CBL")) and len(start) > 3 and start[3] < 32:
@@ -59,9 +61,7 @@ def _reader(start: bytes) -> Callable[[bytes], dict[str, Any]] | None:
 
 
 def _refuse_pickle(_: bytes) -> dict[str, Any]:
-    raise CalibrationError(
-        "is a single array, or holds Python objects, which could run code: save K1, D1, K2, D2, R, T by numpy.savez"
-    )
+    raise CalibrationError("holds Python objects, which could run code: save K1, D1, K2, D2, R, T by numpy.savez")
 
 
 def _read_mat5(raw: bytes) -> dict[str, Any]:

@@ -20,6 +20,10 @@ from calibration.transforms import inverse_transform, rigid
 Array = NDArray[np.float64]
 Size = tuple[int, int]
 CAMERAS, RIGS = "cameras.txt of COLMAP", "rigs.txt of COLMAP"  # keys that document.py puts the lines of these files under
+MODEL_SCALE = (
+    "the rig of a COLMAP model has the scale of the model, metric only if that was given one: measure a known length, or give the "
+    "rig that was calibrated"
+)
 MODELS: dict[str, tuple[int, tuple[str, ...], CameraModel]] = {
     "SIMPLE_PINHOLE": (1, (), "pinhole"),
     "PINHOLE": (2, (), "pinhole"),
@@ -59,6 +63,8 @@ def parse(document: Section, image_size: Size | None) -> StereoRig:
         )
     T = poses[1] @ inverse_transform(poses[0])
     T[:3, 3], doubts = to_meters(T[:3, 3], None)
+    if document.has(RIGS):
+        doubts = (f"{MODEL_SCALE}: its baseline of {1000 * np.linalg.norm(T[:3, 3]):.1f} mm is of the model", *doubts[1:])
     with naming(document.where):
         return StereoRig(lenses[0], lenses[1], T, doubts=doubts)
 

@@ -17,6 +17,13 @@ FOREIGN = {
     ),
     "maps that rectify images, without the cameras that they are of": rf"{_FIRST_KEY}\w*[Ss]tereo_?[Mm]ap",
     "coefficients of a direct linear transformation (DLT)": rf"\A({_TWO}\s*?\n){{10}}{_TWO}\s*\Z",
+    "a camera of RealityCapture (XMP)": r"capturingreality\.com",
+    "a project of Meshroom": r"\"intrinsicId\"\s*:",
+    "a reconstruction or rig of OpenSfM": (
+        r"\"projection_type\"\s*:|\A\s*\{\s*\"[^\"]*\"\s*:\s*\{\s*\"(?:rotation|translation)\"\s*:"
+    ),
+    "a lens of Gyroflow": r"\"calibrated_by\"\s*:|\"fisheye_params\"\s*:",
+    "a mission of oplab": r"\A(?:\s|#.*\n|version\s*:.*\n)*(?:origin|mission|vehicle)\s*:[\s\S]*?(?:records_|surge_m|latitude)",
     "a camera of mrcal": r"^\s*[\"']?lensmodel[\"']?\s*:",
 }
 

@@ -22,7 +22,7 @@ DISTORTION_MODELS: dict[str, CameraModel] = {"radtan": "pinhole", "equidistant":
 def matches(document: Section) -> bool:
     """True for a camchain, of any number of cameras."""
     content = document.content.get("cam0")
-    return isinstance(content, dict) and ("intrinsics" in content or "camera_model" in content)
+    return isinstance(content, dict) and ("intrinsics" in content or "camera_model" in content) and "pose" not in content  # TagSLAM
 
 
 def parse(document: Section) -> StereoRig:

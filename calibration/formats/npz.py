@@ -1,4 +1,4 @@
-"""NumPy's .npz: named arrays of numbers. Arrays of Python objects (pickles, which can run code) are never read."""
+"""NumPy's .npz and .npy: arrays of numbers. Arrays of Python objects (pickles, which can run code) are never read."""
 
 import io
 import math
@@ -20,6 +20,9 @@ def read(raw: bytes) -> dict[str, Any]:
     """Name -> array. Raises CalibrationError for what is damaged, too large, or no array of numbers."""
     try:
         with zipfile.ZipFile(io.BytesIO(raw)) as archive:
+            if not any(info.filename.endswith(".npy") for info in archive.infolist()):
+                names = ", ".join(info.filename for info in archive.infolist() if not info.is_dir())
+                raise CalibrationError(f"is an archive ({names[:120]}): unpack it, and give the calibration in it")
             members = [info for info in archive.infolist() if info.filename.endswith(".npy")]
             if len(members) > MAX_ARRAYS:
                 raise CalibrationError(f"holds {len(members)} arrays, which no calibration does")
@@ -30,11 +33,24 @@ def read(raw: bytes) -> dict[str, Any]:
         raise CalibrationError(f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}") from error
 
 
+def read_one(raw: bytes) -> dict[str, Any]:
+    """The array of a .npy, which its file's name names."""
+    try:
+        return {"matrix": _parsed("its array", raw)}
+    except CalibrationError:
+        raise
+    except DAMAGED as error:
+        raise CalibrationError(f"is damaged: {' '.join(str(error).split())[:200] or type(error).__name__}") from error
+
+
 def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
     with archive.open(info) as file:
-        content = file.read(MAX_ARRAY_BYTES + 1)
+        return _parsed(info.filename, file.read(MAX_ARRAY_BYTES + 1))
+
+
+def _parsed(name: str, content: bytes) -> Any:
     if len(content) > MAX_ARRAY_BYTES:
-        raise CalibrationError(f"{info.filename}: holds more than {MAX_ARRAY_BYTES >> 20} MB, which no calibration does")
+        raise CalibrationError(f"{name}: holds more than {MAX_ARRAY_BYTES >> 20} MB, which no calibration does")
     stream = io.BytesIO(content)
     version = np.lib.format.read_magic(stream)
     header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
@@ -42,8 +58,8 @@ def _array(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> Any:
         warnings.simplefilter("ignore", UserWarning)  # files written by Python 2, as VIAME's are, say "3L" for 3
         shape, fortran, dtype = header(stream)
     if dtype.hasobject:
-        raise CalibrationError(f"{info.filename}: holds Python objects instead of numbers, which could run code: save plain arrays")
+        raise CalibrationError(f"{name}: holds Python objects instead of numbers, which could run code: save plain arrays")
     data = content[stream.tell() :]
     if min(shape, default=0) < 0 or math.prod(shape) * dtype.itemsize != len(data):
-        raise CalibrationError(f"{info.filename}: is damaged: {len(data)} bytes for an array of shape {shape}")
+        raise CalibrationError(f"{name}: is damaged: {len(data)} bytes for an array of shape {shape}")
     return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")

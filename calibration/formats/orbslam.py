@@ -13,7 +13,7 @@ Size = tuple[int, int]
 
 def matches(document: Section) -> bool:
     """True for either generation."""
-    return any(document.has(f"{camera}.fx") for camera in ("Camera", "Camera1")) or document.has("LEFT.K", "RIGHT.K")
+    return any(document.has(f"{camera}.fx") for camera in ("Camera", "Camera1")) or document.has("LEFT.K", "LEFT.R", "RIGHT.K")
 
 
 def parse(document: Section) -> StereoRig:

@@ -2,10 +2,12 @@
 
 import configparser
 import re
+import tomllib
 from typing import Any
 
 from calibration.errors import CalibrationError
 from calibration.formats import calib_filter, colmap
+from calibration.formats.leaves import MAX_NUMBERS
 
 LEAST_FOCAL_PX = 10  # tells a projection from a pose, whose numbers are cosines
 OST_KEYS = {
@@ -20,7 +22,7 @@ def read(text: str) -> dict[str, Any] | None:
     """Keys and values of a text in one of these notations; None if it is in none."""
     if re.search(r"^(cam0|\w*IntrinsicMatrix\w*)\s*=\s*\[", text, re.MULTILINE):
         return _parse_lines(re.sub(r"\[[^\]]*\]", lambda matrix: " ".join(matrix[0].split()), text), "=")
-    if re.search(r"^P(_rect_0)?[0-3]:\s*[-+.\d]", text, re.MULTILINE):
+    if re.search(r"^P(_rect_0)?[0-3]:[ \t]*[-+.\d]", text, re.MULTILINE):
         return _parse_lines(text, ":")
     if text.startswith("# oST version"):
         return _parse_ost(text)
@@ -28,12 +30,13 @@ def read(text: str) -> dict[str, Any] | None:
         return {colmap.CAMERAS: _table(text)}
     if re.search(r"^\d+ \d+ CAMERA \d+", text, re.MULTILINE):
         return {colmap.RIGS: _table(text)}
-    if re.search(r"^\[STEREO\]\s*$", text, re.MULTILINE):
-        return _parse_ini(text)
+    if re.search(r"^\[[\w ]+\]\s*$", text, re.MULTILINE):
+        return _parse_toml(text)
     if (numbers := calib_filter.read(text)) is not None:
         return numbers
-    rows = _rows_of_twelve(text)
-    return None if rows is None else {f"P{camera}": row for camera, row in enumerate(rows)}
+    if (rows := _rows_of_twelve(text)) is not None:
+        return {f"P{camera}": row for camera, row in enumerate(rows)}
+    return _matrices(text) or _report(text)
 
 
 def _parse_lines(text: str, mark: str) -> dict[str, Any]:
@@ -47,6 +50,33 @@ def _value(text: str) -> str | list[str]:
     if text[:1] in ("'", '"'):
         return text.strip("'\"")
     return text.strip("[]").replace(";", " ").replace(",", " ").split()
+
+
+def _parse_toml(text: str) -> dict[str, Any]:
+    """TOML, as Anipose and Pose2Sim write it, or an INI file."""
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError:
+        return _parse_ini(text)
+
+
+def _matrices(text: str) -> dict[str, Any] | None:
+    """A matrix alone, as numpy.savetxt writes it, or K, R, t and distortion with blank lines between (KRTD)."""
+    try:
+        blocks = [[float(word) for word in re.split(r"[\s,;]+", block.strip())] for block in re.split(r"\n\s*\n", text.strip())]
+    except ValueError:
+        return None
+    if [len(block) for block in blocks[:3]] == [9, 9, 3]:
+        return dict(zip("KRTD", blocks, strict=False))
+    return {"matrix": blocks[0]} if len(blocks) == 1 and 2 <= len(blocks[0]) <= MAX_NUMBERS else None
+
+
+def _report(text: str) -> dict[str, Any] | None:
+    """A text for people: lines that end with a matrix as NumPy prints it, or stand above one; None without two of them."""
+    found = re.findall(r"^[ \t]*([A-Za-z][^\n:=\[]*?)[ \t]*[:=]?\s*(\[[-+.\deE\s\[\]]*\])\s*$", text, re.MULTILINE)
+    matrices = {name: matrix.replace("[", " ").replace("]", " ").split() for name, matrix in found}
+    matrices = {name: words for name, words in matrices.items() if len(words) > 2}
+    return matrices if len(matrices) > 1 else None
 
 
 def _parse_ini(text: str) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from calibration.files import write_atomic
 from calibration.formats.section import Section, naming
 from calibration.plan import upright_rotations
 from calibration.rig import Camera, CameraModel, StereoRig
+from calibration.transforms import rigid
 from calibration.turns import quarter_turn
 
 DISTORTION_MODELS: dict[str, CameraModel] = {
@@ -72,10 +73,8 @@ def make_camera(
         return Camera(K, distortion, size, model)
 
 
-def rig_from_projections(
-    left: Camera, right: Camera, rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]
-) -> StereoRig:
-    """The exact rig behind two rectifying rotations (3, 3) and projections (3, 4), left first."""
+def transform_of_projections(rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The transform (4, 4) from left to right axes behind two rectifying rotations (3, 3) and projections (3, 4), in their unit."""
     centers = [np.linalg.solve(P[:, :3], P[:, 3]) if P[0, 0] > 0 and P[1, 1] > 0 else None for P in projections]
     if centers[0] is None or centers[1] is None:
         raise CalibrationError("a projection matrix has no focal length: calibrate the two cameras as a stereo pair")
@@ -85,10 +84,14 @@ def rig_from_projections(
             "both projection matrices have P[0, 3] = 0: these are two single-camera calibrations without a baseline; "
             "calibrate the two cameras as a stereo pair"
         )
-    T = np.eye(4)
-    T[:3, :3] = rotations[1].T @ rotations[0]
-    T[:3, 3] = rotations[1].T @ offset
-    return StereoRig(left, right, T)
+    return rigid(rotations[1].T @ rotations[0], rotations[1].T @ offset)
+
+
+def rig_from_projections(
+    left: Camera, right: Camera, rotations: list[NDArray[np.float64]], projections: list[NDArray[np.float64]]
+) -> StereoRig:
+    """The exact rig behind two rectifying rotations (3, 3) and projections (3, 4), left first."""
+    return StereoRig(left, right, transform_of_projections(rotations, projections))
 
 
 def rectified_rig(where: str, projections: list[NDArray[np.float64]], size: tuple[int, int]) -> StereoRig:
